@@ -1,0 +1,56 @@
+# make run and make test do everything a newcomer needs. PYTHON names the interpreter the environment is made with.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+OUT ?= out/hand_downward
+SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find include bindings src -type f -not -name '*.pyc')
+
+.PHONY: build run test validate bench lint format clean sanitize
+
+build: $(VENV)/.built
+
+$(VENV)/.created:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make PYTHON=..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --upgrade pip
+	touch $@
+
+$(VENV)/.built: $(VENV)/.created $(SOURCES)
+	$(BIN)/pip install --quiet .
+	touch $@
+
+# The verdict may be "not acceptable" (exit status 3): the job is done all the same.
+run: build
+	$(BIN)/bumpstop evaluate examples/01_hand_downward.toml --out $(OUT) || [ $$? -eq 3 ]
+
+$(VENV)/.tested: $(VENV)/.built
+	$(BIN)/pip install --quiet '.[test]'
+	touch $@
+
+test: $(VENV)/.tested
+	$(BIN)/python -m pytest
+
+validate: $(VENV)/.tested
+	$(BIN)/python -m validation --out out/validation
+
+bench: $(VENV)/.tested
+	$(BIN)/python -m benchmarks
+
+$(VENV)/.linted: $(VENV)/.built
+	$(BIN)/pip install --quiet '.[lint]'
+	touch $@
+
+lint: $(VENV)/.linted
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy -p bumpstop
+	@if command -v clang-format >/dev/null; then clang-format --dry-run --Werror $$(git ls-files '*.hpp' '*.cpp'); \
+	else echo "clang-format is not installed: C++ layout not checked"; fi
+
+format: $(VENV)/.linted
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	clang-format -i $$(git ls-files '*.hpp' '*.cpp')
+
+clean:
+	rm -rf $(VENV) build out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,435 @@
+// Stopping curves and force laws.
+#include "bumpstop/collision/batch.hpp"
+#include "bumpstop/collision/exact_law.hpp"
+#include "bumpstop/collision/sampled_law.hpp"
+#include "common.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+namespace {
+
+using L = NativeLanes;
+
+// Arm, motion, contact point and reaction: all that a stopping curve depends on but the pose and the
+// velocity.
+struct Setup {
+    Chain chain;
+    MotionSettings motion;
+    ContactGeometry contact;
+    Timing timing;
+    ReactionKind reaction = ReactionKind::reverse;
+};
+
+OffsetLaw offset_law(const std::string& kind, double size) {
+    return {kind == "half_normal" ? OffsetKind::half_normal
+            : kind == "uniform"   ? OffsetKind::uniform
+                                  : OffsetKind::fixed,
+            size};
+}
+
+const char* end_name(PathEnd end) {
+    switch (end) {
+        case PathEnd::joint_limit:
+            return "joint_limit";
+        case PathEnd::singularity:
+            return "singularity";
+        case PathEnd::certain_detection:
+            return "certain_detection";
+        default:
+            return "horizon";
+    }
+}
+
+Vector3 vector3(Vector v) { return {v(0), v(1), v(2)}; }
+
+Setup make_setup(const Chain& chain, int tip_link, Vector tip_point, int task_rows,
+                 const std::vector<int>& free_joints, double damping, double step, int substeps,
+                 Vector acceleration, Vector velocity, Vector lower, Vector upper, int contact_link,
+                 Vector contact_point, std::optional<Vector> normal, int steps, int period, int latency,
+                 bool from_rest, bool reverse) {
+    Setup setup;
+    setup.chain = chain;
+    MotionSettings& motion = setup.motion;
+    motion.tip = link_point(chain, tip_link, vector3(tip_point));
+    motion.task_rows = task_rows;
+    motion.free_count = int(free_joints.size());
+    std::copy(free_joints.begin(), free_joints.end(), motion.free_joint.begin());
+    motion.damping = damping;
+    motion.step = step;
+    motion.substeps = substeps;
+    for (int j = 0; j < chain.dof; ++j) {
+        motion.acceleration_limit[j] = acceleration(j);
+        motion.velocity_limit[j] = velocity(j);
+        motion.lower[j] = lower(j);
+        motion.upper[j] = upper(j);
+    }
+    setup.contact.point = link_point(chain, contact_link, vector3(contact_point));
+    setup.contact.along_motion = !normal.has_value();
+    if (normal) setup.contact.normal = vector3(*normal);
+    setup.timing = {steps, period, latency, from_rest};
+    setup.reaction = reverse ? ReactionKind::reverse : ReactionKind::stop;
+    return setup;
+}
+
+// A stopping curve with the pose it was made for.
+struct Curve {
+    Setup setup;
+    std::vector<double> q;
+    StoppingCurve curve;
+};
+
+nb::dict start_of(const Setup& setup, Vector q, Vector velocity) {
+    ArmState<double> state;
+    for (int j = 0; j < setup.chain.dof; ++j) state.q[j] = q(j);
+    state.refresh_angles(setup.chain);
+    Posture<double> posture;
+    forward_kinematics(setup.chain, state.q, state.angle, posture);
+    const auto rates = resolved_rates(setup.chain, setup.motion, posture,
+                                      Point3<double>{velocity(0), velocity(1), velocity(2)});
+    NewArray<double> qd({std::size_t(setup.chain.dof)}), drift({3});
+    const Point3<double> p = posture.position(setup.contact.point);
+    for (int f = 0; f < setup.motion.free_count; ++f) {
+        const int j = setup.motion.free_joint[f];
+        qd.data[j] = rates.free[f];
+        if (j > setup.contact.point.link) continue;
+        const Point3<double> column = linear_column(setup.chain, posture, p, j);
+        drift.data[0] += column.x * rates.free[f];
+        drift.data[1] += column.y * rates.free[f];
+        drift.data[2] += column.z * rates.free[f];
+    }
+    nb::dict out;
+    out["qd"] = qd.release();
+    out["point_velocity"] = drift.release();
+    out["singular"] = bool(rates.conditioning.singular);
+    out["velocity_limited"] = bool(rates.velocity_limited);
+    return out;
+}
+
+Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector* detector,
+            double stiffness, double largest_offset) {
+    nb::gil_scoped_release unlocked;
+    Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
+    const Point3<double> v{velocity(0), velocity(1), velocity(2)};
+    if (detector != nullptr) {
+        CertainDetection<double> finished(*detector, stiffness, largest_offset);
+        LineTracer<double, CertainDetection<double>>(setup.chain, setup.motion, setup.contact, setup.timing,
+                                                     finished)
+            .trace(result.q.data(), v, &result.curve.path, 1);
+    } else {
+        NeverFinished finished;
+        LineTracer<double, NeverFinished>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
+            .trace(result.q.data(), v, &result.curve.path, 1);
+    }
+    complete_curves<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve,
+                       1, [&](int) { return result.q.data(); });
+    return result;
+}
+
+// Distances after every simulation step of the reactions to `ticks`, each until back behind its `return_to`.
+nb::list reaction_paths(const Curve& self, const std::vector<int>& ticks,
+                        const std::vector<double>& return_to) {
+    std::vector<ReactionJob> jobs;
+    const int known =
+        int(self.curve.path.reaction_state.size() / (2 * std::size_t(self.setup.motion.free_count)));
+    for (std::size_t i = 0; i < ticks.size(); ++i) {
+        if (ticks[i] < known) jobs.push_back({&self.curve.path, int(i), ticks[i], {}});
+    }
+    {
+        nb::gil_scoped_release unlocked;
+        simulate_reactions<L>(
+            self.setup.chain, self.setup.motion, self.setup.contact, self.setup.timing, self.setup.reaction,
+            jobs.data(), int(jobs.size()), false, [&](const ReactionJob&) { return self.q.data(); },
+            [&](const ReactionJob& job) { return return_to[std::size_t(job.curve)]; });
+    }
+    nb::list out;
+    std::size_t next = 0;
+    for (int tick : ticks) {
+        // A reaction that never began leaves the arm where the motion ended.
+        std::vector<double> distance =
+            tick < known ? std::move(jobs[next++].distance) : std::vector<double>{self.curve.path.s.back()};
+        const std::size_t n = distance.size();
+        out.append(array_of(distance, {n}));
+    }
+    return out;
+}
+
+struct Law {
+    ExactLaw law;
+    int dof;
+
+    const LawQuantity& quantity(const std::string& name) const {
+        if (name == "force_at_detection") return law.force_at_detection;
+        if (name == "detection_delay") return law.detection_delay;
+        return law.peak_force;
+    }
+};
+
+nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double stiffness,
+                const std::string& offset_kind, double offset_size, std::uint64_t seed,
+                std::int64_t first_run, std::int64_t runs, bool with_noise, int threads) {
+    const std::size_t n = std::size_t(runs), dof = std::size_t(curve.setup.chain.dof);
+    NewArray<double> offset({n}), noise({with_noise ? n : 0, dof}), residual({with_noise ? n : 0, dof});
+    NewArray<std::int32_t> tick({n});
+    NewArray<std::uint32_t> triggers({n});
+    {
+        nb::gil_scoped_release unlocked;
+        const Sampler<L> sampler(curve.curve, curve.setup.timing, curve.setup.motion, detector, stiffness,
+                                 offset_law(offset_kind, offset_size), seed);
+        // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.
+        constexpr std::int64_t block = 1 << 16;
+        std::atomic<std::int64_t> next{0};
+        auto work = [&] {
+            for (std::int64_t begin = block * next++; begin < runs; begin = block * next++) {
+                SampledRuns out{offset.data.get() + begin, tick.data.get() + begin,
+                                triggers.data.get() + begin};
+                if (with_noise) {
+                    out.noise = noise.data.get() + begin * std::int64_t(dof);
+                    out.residual = residual.data.get() + begin * std::int64_t(dof);
+                }
+                sampler.run(first_run + begin, std::min(block, runs - begin), out);
+            }
+        };
+        std::vector<std::thread> crew;
+        for (int i = 1; i < threads; ++i) crew.emplace_back(work);
+        work();
+        for (std::thread& worker : crew) worker.join();
+    }
+    nb::dict out;
+    out["offset"] = offset.release();
+    out["tick"] = tick.release();
+    out["triggers"] = triggers.release();
+    out["noise"] = noise.release();
+    out["residual"] = residual.release();
+    return out;
+}
+
+nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const ThresholdDetector& detector,
+               double stiffness, const std::string& offset_kind, double offset_size, Vector probability,
+               Vector limit, int threads) {
+    const std::size_t n = q.shape(0), dof = std::size_t(setup.chain.dof);
+    const std::size_t probabilities = probability.shape(0), limits = limit.shape(0);
+    NewArray<double> mean({n}), sd({n}), quantile({n, probabilities}), exceedance({n, limits}),
+        trigger({n, dof});
+    NewArray<double> false_alarm({n}), undetected({n}), no_contact({n});
+    NewArray<std::uint8_t> end({n});
+    {
+        nb::gil_scoped_release unlocked;
+        const BatchProblem problem{&setup.chain,       &setup.motion,
+                                   &setup.contact,     &setup.timing,
+                                   setup.reaction,     &detector,
+                                   stiffness,          offset_law(offset_kind, 0).kind,
+                                   offset_size,        int(n),
+                                   q.data(),           velocity.data(),
+                                   int(probabilities), probability.data(),
+                                   int(limits),        limit.data()};
+        evaluate_batch<L>(
+            problem, threads,
+            {mean.data.get(), sd.data.get(), quantile.data.get(), exceedance.data.get(), trigger.data.get(),
+             false_alarm.data.get(), undetected.data.get(), no_contact.data.get(), end.data.get()});
+    }
+    nb::dict out;
+    out["mean"] = mean.release();
+    out["sd"] = sd.release();
+    out["quantile"] = quantile.release();
+    out["exceedance"] = exceedance.release();
+    out["trigger"] = trigger.release();
+    out["false_alarm"] = false_alarm.release();
+    out["undetected"] = undetected.release();
+    out["no_contact"] = no_contact.release();
+    out["end"] = end.release();
+    return out;
+}
+
+}  // namespace
+
+void bind_collision(nb::module_& module) {
+    // A property's array owns its memory; nanobind would tie it to the object.
+    constexpr auto owned = nb::rv_policy::automatic;
+    nb::class_<Setup>(module, "Setup", "Arm, motion, contact point and reaction.")
+        .def(
+            "__init__",
+            [](Setup* self, const Chain& chain, int tip_link, Vector tip_point, int task_rows,
+               const std::vector<int>& free_joints, double damping, double step, int substeps,
+               Vector acceleration, Vector velocity, Vector lower, Vector upper, int contact_link,
+               Vector contact_point, std::optional<Vector> normal, int steps, int period, int latency,
+               bool from_rest, bool reverse) {
+                new (self)
+                    Setup(make_setup(chain, tip_link, tip_point, task_rows, free_joints, damping, step,
+                                     substeps, acceleration, velocity, lower, upper, contact_link,
+                                     contact_point, normal, steps, period, latency, from_rest, reverse));
+            },
+            nb::kw_only(), nb::arg("chain"), nb::arg("tip_link"), nb::arg("tip_point"), nb::arg("task_rows"),
+            nb::arg("free_joints"), nb::arg("damping"), nb::arg("step"), nb::arg("substeps"),
+            nb::arg("acceleration"), nb::arg("velocity"), nb::arg("lower"), nb::arg("upper"),
+            nb::arg("contact_link"), nb::arg("contact_point"), nb::arg("normal").none(), nb::arg("steps"),
+            nb::arg("period"), nb::arg("latency"), nb::arg("from_rest"), nb::arg("reverse"))
+        .def(
+            "start", &start_of, nb::arg("q"), nb::arg("velocity"),
+            "Joint rates and contact point velocity at the start of the motion, and what is wrong with them.")
+        .def("trace", &trace, nb::arg("q"), nb::arg("velocity"), nb::arg("detector").none(),
+             nb::arg("stiffness"), nb::arg("largest_offset"),
+             "The stopping curve from a pose; with a detector, as far as its law needs it.");
+    nb::class_<ThresholdDetector>(module, "Detector", "Thresholds and white noise per joint.")
+        .def(
+            "__init__",
+            [](ThresholdDetector* self, Vector threshold, Vector sd, Vector mean, double arming_delay) {
+                new (self) ThresholdDetector();
+                for (std::size_t j = 0; j < threshold.shape(0); ++j) {
+                    if (std::isfinite(threshold(j))) self->watch(int(j), threshold(j), sd(j), mean(j));
+                }
+                self->arming_delay = arming_delay;
+            },
+            nb::arg("threshold"), nb::arg("sd"), nb::arg("mean"), nb::arg("arming_delay"))
+        .def(
+            "alarm_probability",
+            [](const ThresholdDetector& self, Vector torque) {
+                const auto chance = any_alarm<double>(self, [&](int w) { return torque(self.joint[w]); });
+                return nb::make_tuple(chance.alarm, chance.silent);
+            },
+            nb::arg("torque"),
+            "Probability that a tick with these noiseless residuals alarms, and its complement.");
+    nb::class_<Curve>(module, "Curve", "A stopping curve.")
+        .def_prop_ro("ticks", [](const Curve& self) { return self.curve.path.ticks; })
+        .def_prop_ro(
+            "distance",
+            [](const Curve& self) { return array_of(self.curve.path.s, {self.curve.path.s.size()}); }, owned)
+        .def_prop_ro(
+            "torque_per_newton",
+            [](const Curve& self) {
+                const LinePath& path = self.curve.path;
+                return array_of(path.torque_per_N, {std::size_t(path.ticks), std::size_t(path.dof)});
+            },
+            owned)
+        .def_prop_ro(
+            "farthest",
+            [](const Curve& self) { return array_of(self.curve.farthest, {self.curve.farthest.size()}); },
+            owned)
+        .def_prop_ro(
+            "reaction_state",
+            [](const Curve& self) {
+                const std::size_t free = std::size_t(self.setup.motion.free_count);
+                const std::size_t n = self.curve.path.reaction_state.size() / (2 * free);
+                return array_of(self.curve.path.reaction_state, {n, 2, free});
+            },
+            owned)
+        .def_prop_ro(
+            "start",
+            [](const Curve& self) {
+                const Vector3& p = self.curve.path.start;
+                return array_of({p[0], p[1], p[2]}, {3});
+            },
+            owned)
+        .def_prop_ro(
+            "normal",
+            [](const Curve& self) {
+                const Vector3& n = self.curve.path.normal;
+                return array_of({n[0], n[1], n[2]}, {3});
+            },
+            owned)
+        .def_prop_ro("approach_speed", [](const Curve& self) { return self.curve.path.approach_speed; })
+        .def_prop_ro("end", [](const Curve& self) { return end_name(self.curve.path.end); })
+        .def_prop_ro("end_joint", [](const Curve& self) { return self.curve.path.end_joint; })
+        .def_prop_ro("velocity_limited", [](const Curve& self) { return self.curve.path.velocity_limited; })
+        .def_prop_ro("reactions_simulated", [](const Curve& self) { return self.curve.reactions_simulated; })
+        .def("reaction_paths", &reaction_paths, nb::arg("ticks"), nb::arg("return_to"))
+        .def(
+            "exact_law",
+            [](const Curve& self, const ThresholdDetector& detector, double stiffness,
+               const std::string& offset_kind, double offset_size, int refinement) {
+                nb::gil_scoped_release unlocked;
+                const LawSettings settings{stiffness, offset_law(offset_kind, offset_size), refinement};
+                return Law{
+                    ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings)
+                        .build(),
+                    self.setup.chain.dof};
+            },
+            nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"),
+            nb::arg("refinement"))
+        .def("sample", &sample, nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"),
+             nb::arg("offset_size"), nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"),
+             nb::arg("with_noise"), nb::arg("threads"));
+    nb::class_<Law>(module, "Law", "An exact law.")
+        .def_prop_ro("false_alarm", [](const Law& self) { return self.law.false_alarm; })
+        .def_prop_ro("harmless", [](const Law& self) { return self.law.harmless; })
+        .def_prop_ro("undetected", [](const Law& self) { return self.law.undetected; })
+        .def_prop_ro("no_contact", [](const Law& self) { return self.law.no_contact; })
+        .def_prop_ro("several", [](const Law& self) { return self.law.several; })
+        .def_prop_ro("interpolated", [](const Law& self) { return self.law.interpolated; })
+        .def_prop_ro(
+            "trigger",
+            [](const Law& self) {
+                const std::size_t n = std::size_t(self.dof);
+                return array_of(std::vector<double>(self.law.trigger, self.law.trigger + n), {n});
+            },
+            owned)
+        .def(
+            "total", [](const Law& self, const std::string& name) { return self.quantity(name).total; },
+            nb::arg("quantity"))
+        .def(
+            "moments",
+            [](const Law& self, const std::string& name) {
+                const Moments m = name == "peak_force" ? peak_force_moments<L>(self.law)
+                                                       : moments<L>(self.law.pieces, self.quantity(name), 0);
+                return nb::make_tuple(m.mean, m.sd);
+            },
+            nb::arg("quantity"), "Mean and sd; of the peak force over all collisions.")
+        .def(
+            "tail",
+            [](const Law& self, const std::string& name, Vector y) {
+                NewArray<double> out({y.shape(0), 2});
+                for (std::size_t i = 0; i < y.shape(0); ++i) {
+                    const TailAt at = tail<L>(self.law.pieces, self.quantity(name), y(i));
+                    out.data[2 * i] = at.probability;
+                    out.data[2 * i + 1] = at.density;
+                }
+                return out.release();
+            },
+            nb::arg("quantity"), nb::arg("y"), "P(quantity > y) and its density at each y >= 0.")
+        .def(
+            "upper_quantile",
+            [](const Law& self, const std::string& name, double allowed, double never) {
+                return upper_quantile<L>(self.law.pieces, self.quantity(name), allowed, never);
+            },
+            nb::arg("quantity"), nb::arg("allowed"), nb::arg("never"))
+        .def_prop_ro("slots_before", [](const Law& self) { return self.law.pieces.slots_before; })
+        .def_prop_ro(
+            "coefficients",
+            [](const Law& self) {
+                const LawPieces& p = self.law.pieces;
+                return array_of(p.coefficient,
+                                {std::size_t(p.slots), std::size_t(p.order), std::size_t(p.panels)});
+            },
+            owned)
+        .def_prop_ro(
+            "panel_mid",
+            [](const Law& self) { return array_of(self.law.pieces.mid, {self.law.pieces.mid.size()}); },
+            owned)
+        .def_prop_ro(
+            "panel_half",
+            [](const Law& self) { return array_of(self.law.pieces.half, {self.law.pieces.half.size()}); },
+            owned)
+        .def_prop_ro(
+            "panel_first_tick",
+            [](const Law& self) {
+                const std::vector<int>& ticks = self.law.pieces.first_tick;
+                NewArray<std::int32_t> out({ticks.size()});
+                std::copy(ticks.begin(), ticks.end(), out.data.get());
+                return out.release();
+            },
+            owned);
+    module.def("batch", &batch, nb::arg("setup"), nb::arg("q"), nb::arg("velocity"), nb::arg("detector"),
+               nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("probability"),
+               nb::arg("limit"), nb::arg("threads"));
+    module.def(
+        "offsets",
+        [](std::uint64_t seed, std::int64_t first_run, std::size_t runs, const std::string& kind,
+           double size) {
+            NewArray<double> out({runs});
+            for (std::size_t i = 0; i < runs; ++i)
+                out.data[i] = draw_offset<double>(offset_law(kind, size), seed, first_run + std::int64_t(i));
+            return out.release();
+        },
+        nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("kind"), nb::arg("size"));
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

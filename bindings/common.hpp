@@ -1,0 +1,56 @@
+// Shapes shared by the binding files.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <memory>
+#include <vector>
+
+#include "bumpstop/math/lanes.hpp"
+
+namespace nb = nanobind;
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+using NativeLanes = Lanes<native_lanes>;
+
+// Arrays come in checked, contiguous and of the right dtype: the Python floor sees to that.
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Tensor = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using Counters = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+// A new numpy array that owns its memory, and a pointer to fill it by.
+template <class Scalar>
+struct NewArray {
+    using Array = nb::ndarray<nb::numpy, Scalar>;
+    std::vector<std::size_t> shape;
+    std::unique_ptr<Scalar[]> data;
+
+    explicit NewArray(std::vector<std::size_t> dimensions) : shape(std::move(dimensions)) {
+        std::size_t size = 1;
+        for (std::size_t n : shape) size *= n;
+        data.reset(new Scalar[size]());
+    }
+    Array release() {
+        Scalar* raw = data.release();
+        nb::capsule owner(raw, [](void* p) noexcept { delete[] static_cast<Scalar*>(p); });
+        return Array(raw, shape.size(), shape.data(), owner);
+    }
+};
+
+inline NewArray<double>::Array array_of(const std::vector<double>& values, std::vector<std::size_t> shape) {
+    NewArray<double> array(std::move(shape));
+    std::copy(values.begin(), values.end(), array.data.get());
+    return array.release();
+}
+
+void bind_math(nb::module_& module);
+void bind_model(nb::module_& module);
+void bind_collision(nb::module_& module);
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,10 @@
+// One extension module per instruction set: the same functions and classes under another name.
+#include "common.hpp"
+
+NB_MODULE(BUMPSTOP_MODULE, module) {
+    module.doc() = "Kernels of bumpstop for one instruction set. Use them through the bumpstop package.";
+    module.attr("lanes") = bumpstop::native_lanes;
+    bumpstop::bind_math(module);
+    bumpstop::bind_model(module);
+    bumpstop::bind_collision(module);
+}

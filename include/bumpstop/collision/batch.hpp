@@ -1,0 +1,135 @@
+// Complete laws of many poses.
+#pragma once
+
+#include <atomic>
+#include <thread>
+
+#include "bumpstop/collision/exact_law.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// What a batch keeps of every law; one entry (or row) a pose.
+struct BatchResult {
+    double* mean;        // peak force [N]
+    double* sd;          // [N]
+    double* quantile;    // [pose][probability]; infinite in the undetected share
+    double* exceedance;  // [pose][limit]: P(peak force > limit), undetected counts as over
+    double* trigger;     // [pose][dof], given detection
+    double* false_alarm;
+    double* undetected;
+    double* no_contact;
+    std::uint8_t* end;  // PathEnd; 255: singular start, nothing computed
+};
+inline constexpr std::uint8_t batch_singular_start = 255;
+
+struct BatchProblem {
+    const Chain* chain;
+    const MotionSettings* motion;
+    const ContactGeometry* contact;
+    const Timing* timing;
+    ReactionKind reaction;
+    const ThresholdDetector* detector;
+    double stiffness;  // N/m
+    OffsetKind offset_kind;
+    double offset_size;  // half-normal: sd in seconds of travel; uniform: upper end likewise; fixed: m
+    int poses;
+    const double* q;         // [pose][dof]
+    const double* velocity;  // [pose][3], m/s
+    int probabilities;
+    const double* probability;
+    int limits;
+    const double* limit;  // N
+};
+
+namespace detail {
+
+template <class L>
+void batch_group(const BatchProblem& problem, int first, const BatchResult& out) {
+    constexpr int lanes = Scalar<L>::lanes;
+    const int count = std::min(lanes, problem.poses - first), dof = problem.chain->dof;
+    L q[max_joints];
+    Point3<L> velocity;
+    for (int lane = 0; lane < lanes; ++lane) {
+        const int pose = first + std::min(lane, count - 1);
+        for (int j = 0; j < dof; ++j) set_lane(q[j], lane, problem.q[std::size_t(pose) * dof + j]);
+        set_lane(velocity.x, lane, problem.velocity[3 * std::size_t(pose)]);
+        set_lane(velocity.y, lane, problem.velocity[3 * std::size_t(pose) + 1]);
+        set_lane(velocity.z, lane, problem.velocity[3 * std::size_t(pose) + 2]);
+    }
+    // The offset's size follows from the approach speed, which is the tool's own speed along its line.
+    L largest;
+    for (int lane = 0; lane < lanes; ++lane) {
+        const double* v = problem.velocity + 3 * std::size_t(first + std::min(lane, count - 1));
+        const double speed = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        const double size = problem.offset_size * (problem.offset_kind == OffsetKind::fixed ? 1.0 : speed);
+        set_lane(largest, lane, OffsetLaw{problem.offset_kind, size}.largest());
+    }
+    StoppingCurve curve[lanes];
+    LinePath path[lanes];
+    CertainDetection<L> finished(*problem.detector, problem.stiffness, largest);
+    LineTracer<L, CertainDetection<L>> tracer(*problem.chain, *problem.motion, *problem.contact,
+                                              *problem.timing, finished);
+    tracer.trace(q, velocity, path, count);
+    for (int lane = 0; lane < count; ++lane) curve[lane].path = std::move(path[lane]);
+    complete_curves<L>(*problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction,
+                       curve, count, [&](int c) { return problem.q + std::size_t(first + c) * dof; });
+    for (int lane = 0; lane < count; ++lane) {
+        const std::size_t pose = std::size_t(first + lane);
+        const LinePath& done = curve[lane].path;
+        out.end[pose] = done.singular_start ? batch_singular_start : std::uint8_t(done.end);
+        const double nan = std::numeric_limits<double>::quiet_NaN();
+        if (done.singular_start) {
+            for (double* value : {out.mean, out.sd, out.false_alarm, out.undetected, out.no_contact})
+                value[pose] = nan;
+            for (int i = 0; i < problem.probabilities; ++i)
+                out.quantile[pose * problem.probabilities + i] = nan;
+            for (int i = 0; i < problem.limits; ++i) out.exceedance[pose * problem.limits + i] = nan;
+            for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = nan;
+            continue;
+        }
+        const double size = problem.offset_kind == OffsetKind::fixed
+                                ? problem.offset_size
+                                : problem.offset_size * done.approach_speed;
+        const LawSettings settings{problem.stiffness, {problem.offset_kind, size}, 1};
+        const ExactLaw law =
+            ExactLawBuilder<L>(curve[lane], *problem.timing, *problem.motion, *problem.detector, settings)
+                .build();
+        const bool endless = law.undetected > 1e-12 && done.end == PathEnd::horizon;
+        const double never = law.undetected;
+        const Moments m = peak_force_moments<L>(law);
+        out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : m.mean;
+        out.sd[pose] = endless ? nan : m.sd;
+        for (int i = 0; i < problem.probabilities; ++i) {
+            out.quantile[pose * problem.probabilities + i] =
+                upper_quantile<L>(law.pieces, law.peak_force, 1 - problem.probability[i], never);
+        }
+        for (int i = 0; i < problem.limits; ++i)
+            out.exceedance[pose * problem.limits + i] =
+                tail<L>(law.pieces, law.peak_force, problem.limit[i]).probability + never;
+        const double detected = 1 - law.undetected - law.no_contact;
+        for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = law.trigger[j] / detected;
+        out.false_alarm[pose] = law.false_alarm;
+        out.undetected[pose] = law.undetected;
+        out.no_contact[pose] = law.no_contact;
+    }
+}
+
+}  // namespace detail
+
+// All poses, in registers of consecutive poses handed to `threads` threads. Which thread takes a register
+// does not touch its numbers.
+template <class L>
+void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult& out) {
+    const int groups = (problem.poses + Scalar<L>::lanes - 1) / Scalar<L>::lanes;
+    std::atomic<int> next{0};
+    auto work = [&] {
+        for (int group = next++; group < groups; group = next++)
+            detail::batch_group<L>(problem, group * Scalar<L>::lanes, out);
+    };
+    std::vector<std::thread> crew;
+    for (int i = 1; i < threads; ++i) crew.emplace_back(work);
+    work();
+    for (std::thread& worker : crew) worker.join();
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

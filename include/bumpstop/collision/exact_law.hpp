@@ -1,0 +1,614 @@
+// The exact law: the distribution over contact offset and white sensor noise, integrated instead of sampled.
+#pragma once
+
+#include "bumpstop/collision/law_pieces.hpp"
+#include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/collision/stopping_curve.hpp"
+#include "bumpstop/detection/threshold.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// Survival below this ends a panel's ticks: nothing that is printed can feel it.
+inline constexpr double negligible_survival = 1e-18;
+
+struct LawSettings {
+    double stiffness = 0;  // N/m
+    OffsetLaw offset;
+    int refinement = 1;  // multiplies the order of the quadrature; 2 shows that 1 is converged
+};
+
+struct ExactLaw {
+    LawPieces pieces;
+    LawQuantity peak_force, force_at_detection, detection_delay;  // of detected collisions [N, N, s]
+    LawQuantity end_force;            // of collisions never detected, at the end [N]
+    double false_alarm = 0;           // detection before contact
+    double harmless = 0;              // of those, and of motions that end before contact: no force at all
+    double undetected = 0;            // contact, and no detection by the end of the motion
+    double no_contact = 0;            // the motion ends before contact, no alarm
+    double several = 0;               // two or more joints over their threshold at the tick of detection
+    double trigger[max_joints] = {};  // joint over its threshold at the tick of detection
+    bool interpolated = false;        // detection probabilities come from a few panels (see D below)
+};
+
+// Tells the tracer when even the farthest body would have been noticed for certain.
+template <class T>
+class CertainDetection {
+  public:
+    CertainDetection(const ThresholdDetector& detector, double stiffness, T largest_offset)
+        : detector_(detector), stiffness_(stiffness), largest_(largest_offset) {}
+    MaskOf<T> operator()(const T& s, const T* torque_per_N) {
+        const T force = maximum(s - largest_, T(0.0)) * stiffness_;
+        if (any(force > T(0.0))) {
+            const auto chance =
+                any_alarm<T>(detector_, [&](int w) { return torque_per_N[detector_.joint[w]] * force; });
+            survival_ *= select(force > T(0.0), chance.silent, T(1.0));
+        }
+        return survival_ < T(negligible_survival * 1e-2);
+    }
+
+  private:
+    const ThresholdDetector& detector_;
+    double stiffness_;
+    T largest_;
+    T survival_ = 1.0;
+};
+
+// Mean and standard deviation of the peak force, counting the force at the end where nothing was detected.
+template <class T>
+Moments peak_force_moments(const ExactLaw& law) {
+    const Moments detected = moments<T>(law.pieces, law.peak_force, law.harmless);
+    const double weight = law.end_force.total / (law.end_force.total + law.peak_force.total + law.harmless);
+    if (!(weight > 0)) return detected;
+    const Moments end = moments<T>(law.pieces, law.end_force, 0);
+    if (!(weight < 1)) return end;
+    const double apart = end.mean - detected.mean;
+    return {detected.mean + weight * apart,
+            std::sqrt((1 - weight) * detected.sd * detected.sd + weight * end.sd * end.sd +
+                      weight * (1 - weight) * apart * apart)};
+}
+
+namespace detail {
+
+// Offsets low..high, whose first tick in contact is `tick`.
+struct Panel {
+    double low, high;
+    int tick;
+};
+
+// What happens in a panel given that nothing alarmed before contact, at the Gauss nodes of every panel of a
+// list. The list is padded to whole registers by repeating its last panel.
+struct Outcomes {
+    int panels = 0;                             // padded
+    std::vector<std::vector<double>> detected;  // [slot after contact][node][panel]: D, detected at that tick
+    std::vector<double> survived;               // [node][panel]: not detected by the end
+    std::vector<double> trigger;                // [watched joint][node][panel]
+    std::vector<double> several;                // [node][panel]
+};
+
+}  // namespace detail
+
+template <class T>
+class ExactLawBuilder {
+  public:
+    ExactLawBuilder(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
+                    const ThresholdDetector& detector, const LawSettings& settings)
+        : curve_(curve), timing_(timing), motion_(motion), detector_(detector), settings_(settings) {}
+
+    ExactLaw build() {
+        place_ticks();
+        choose_order();
+        const std::vector<detail::Panel> panels =
+            settings_.offset.kind == OffsetKind::fixed ? fixed_panel() : cut_panels();
+        detail::Outcomes outcomes = regular_ > 0 ? interpolate(panels) : evaluate(panels);
+        assemble(panels, outcomes);
+        quantities();
+        return std::move(law_);
+    }
+
+  private:
+    static constexpr int lanes = Scalar<T>::lanes;
+    static int padded(int n) { return (n + lanes - 1) / lanes * lanes; }
+
+    double s_tick(int k) const { return curve_.path.at_tick(k, timing_.period); }
+    double tick_time(int k) const { return (double(k) * timing_.period + 1) * motion_.step; }
+    bool armed(int k) const { return tick_time(k) >= detector_.arming_delay - 1e-12; }
+
+    // Contact begins at the first tick whose distance passes the offset, so edges follow the running greatest
+    // distance.
+    void place_ticks() {
+        const int ticks = curve_.path.ticks;
+        edge_.resize(ticks + 1);
+        edge_[0] = 0;
+        armed_before_.resize(ticks + 1);
+        armed_before_[0] = 0;
+        for (int k = 0; k < ticks; ++k) {
+            edge_[k + 1] = std::max(edge_[k], s_tick(k));
+            armed_before_[k + 1] = armed_before_[k] + armed(k);
+        }
+        const AlarmProbability<double> free = any_alarm<double>(detector_, [](int) { return 0.0; });
+        idle_alarm_ = free.alarm;
+        log_idle_silence_ = std::log1p(-free.alarm);
+    }
+
+    // Probability of no alarm in all armed ticks before tick k, without contact.
+    double silence_before(int k) const { return std::exp(armed_before_[k] * log_idle_silence_); }
+
+    // Sensor noise sets the scale on which probabilities change: sharpness is the residual's growth over one
+    // tick of travel in standard deviations of the noise.
+    double sharpness(int k) const {
+        const double* a = &curve_.path.torque_per_N[std::size_t(k) * curve_.path.dof];
+        double most = 0;
+        for (int w = 0; w < detector_.watched; ++w) {
+            most =
+                std::max(most, std::fabs(a[detector_.joint[w]]) * detector_.scale[w] * std::numbers::sqrt2);
+        }
+        return most * settings_.stiffness * (edge_[k + 1] - edge_[k]);
+    }
+
+    void choose_order() {
+        double most = 0;
+        for (int k = 0; k < curve_.path.ticks; ++k) most = std::max(most, sharpness(k));
+        if (settings_.offset.kind == OffsetKind::fixed) {
+            order_ = 1;
+            return;
+        }
+        // A panel of at most six standard deviations is a smooth thing for 10 + 3 x 6 nodes.
+        parts_ = std::max(1, int(std::ceil(most / 6)));
+        split_by_transitions_ = parts_ > 4;
+        const double per_part = split_by_transitions_ ? 4 : most / parts_;
+        order_ = std::min(max_order, int(std::ceil((10 + 3 * per_part) * settings_.refinement)));
+    }
+
+    std::vector<detail::Panel> fixed_panel() const {
+        const double o = settings_.offset.size;
+        const int ticks = curve_.path.ticks;
+        for (int k = 0; k < ticks; ++k) {
+            if (edge_[k + 1] > o) return {{o, o, k}};
+        }
+        return {{o, o, ticks}};
+    }
+
+    // Panels by part, then by tick. The first `regular_` ticks-in-a-row of every part are alike enough to
+    // interpolate.
+    std::vector<detail::Panel> cut_panels() {
+        const double largest = settings_.offset.largest();
+        int last = 0;  // contact ticks are 0..last-1
+        while (last < curve_.path.ticks && edge_[last] < largest) ++last;
+        std::vector<detail::Panel> panels;
+        auto add_part = [&](int k, int part) {
+            const double low = edge_[k], high = std::min(edge_[k + 1], largest);
+            if (!(high > low)) return;
+            const double a = low + (high - low) * part / parts_, b = low + (high - low) * (part + 1) / parts_;
+            panels.push_back({a, b, k});
+        };
+        // Tick 0 comes one step after the start, not a whole period: its panel is of another size. The last
+        // panel may be cut short.
+        const int first_regular = 1, end_regular = last - 1;
+        const bool bent = curve_.path.ticks > 0 && bends();
+        if (!split_by_transitions_ && !bent && detector_.arming_delay <= motion_.step &&
+            end_regular - first_regular > 3 * most_nodes) {
+            regular_ = end_regular - first_regular;
+            for (int part = 0; part < parts_; ++part)
+                for (int k = first_regular; k < end_regular; ++k) add_part(k, part);
+            for (int part = 0; part < parts_; ++part) add_part(0, part);
+            for (int part = 0; part < parts_; ++part) add_part(last - 1, part);
+            return panels;
+        }
+        for (int k = 0; k < last; ++k) cut_one(k, largest, bent, panels);
+        return panels;
+    }
+
+    // Does the distance between two ticks depart from a straight line in time?
+    bool bends() const {
+        const LinePath& path = curve_.path;
+        for (int k = 0; k + 1 < path.ticks; ++k) {
+            const double a = s_tick(k), b = s_tick(k + 1);
+            for (int i = 1; i < timing_.period; ++i) {
+                const double here = path.s[std::size_t(k) * timing_.period + 1 + i];
+                if (std::fabs(here - a - (b - a) * i / timing_.period) > 1e-6 * std::fabs(b - a) + 1e-15)
+                    return true;
+            }
+        }
+        return false;
+    }
+
+    // The panel of tick k on its own: cut at simulation steps where the path bends, and around every offset
+    // at which some joint's residual passes its threshold at some tick, where the noise is narrow.
+    void cut_one(int k, double largest, bool bent, std::vector<detail::Panel>& panels) const {
+        const double low = edge_[k], high = std::min(edge_[k + 1], largest);
+        if (!(high > low)) return;
+        std::vector<double> cuts{low, high};
+        if (bent) {
+            for (int i = 1; i < timing_.period; ++i) {
+                const std::size_t step = std::size_t(k) * timing_.period + 1 - timing_.period + i;
+                if (k > 0) cuts.push_back(curve_.path.s[step]);
+            }
+        }
+        if (split_by_transitions_) {
+            add_transitions(k, low, high, cuts);
+        } else {
+            for (int part = 1; part < parts_; ++part) cuts.push_back(low + (high - low) * part / parts_);
+        }
+        std::sort(cuts.begin(), cuts.end());
+        double from = low;
+        for (double cut : cuts) {
+            if (cut <= from || cut > high) continue;
+            panels.push_back({from, cut, k});
+            from = cut;
+        }
+    }
+
+    void add_transitions(int first, double low, double high, std::vector<double>& cuts) const {
+        const LinePath& path = curve_.path;
+        for (int w = 0; w < detector_.watched; ++w) {
+            for (double side : {-1.0, 1.0}) {
+                bool passed = false;
+                for (int k = first; k < path.ticks && !passed; ++k) {
+                    const double a = path.torque_per_N[std::size_t(k) * path.dof + detector_.joint[w]];
+                    const double force = (side * detector_.threshold[w] - detector_.mean[w]) / a;
+                    if (!(force > 0) || !std::isfinite(force)) continue;
+                    const double at = s_tick(k) - force / settings_.stiffness;
+                    const double width = detector_.sd[w] / (std::fabs(a) * settings_.stiffness);
+                    // Once even the nearest offset is far past its transition, later ticks see none.
+                    passed = at - 12 * width > high;
+                    for (int n = -8; n <= 8; n += 2) {
+                        const double cut = at + n * width;
+                        if (cut > low && cut < high) cuts.push_back(cut);
+                    }
+                }
+            }
+        }
+    }
+
+    // Detection probabilities of the panels, tick by tick, at the Gauss nodes.
+    detail::Outcomes evaluate(const std::vector<detail::Panel>& panels) const {
+        const LinePath& path = curve_.path;
+        const GaussRule rule(order_);
+        const int real = int(panels.size()), n = padded(real);
+        detail::Outcomes out;
+        out.panels = n;
+        const std::size_t block = std::size_t(order_) * n;
+        out.survived.assign(block, 0.0);
+        out.several.assign(block, 0.0);
+        out.trigger.assign(block * detector_.watched, 0.0);
+        for (int first = 0; first < real; first += lanes) {
+            int tick[lanes], most_left = 0;
+            T low, high;
+            for (int lane = 0; lane < lanes; ++lane) {
+                const detail::Panel& panel = panels[std::min(first + lane, real - 1)];
+                tick[lane] = panel.tick;
+                most_left = std::max(most_left, path.ticks - panel.tick);
+                set_lane(low, lane, panel.low);
+                set_lane(high, lane, panel.high);
+            }
+            for (int g = 0; g < order_; ++g) {
+                const std::size_t at = std::size_t(g) * n + first;
+                const T offset = 0.5 * (low + high) + 0.5 * (high - low) * rule.node[g];
+                T survival = 1.0, several = 0.0;
+                T trigger[max_joints];
+                for (int w = 0; w < detector_.watched; ++w) trigger[w] = 0.0;
+                for (int i = 0; i < most_left; ++i) {
+                    T force, watch = 1.0, torque[max_joints];
+                    for (int lane = 0; lane < lanes; ++lane) {
+                        const int k = std::min(tick[lane] + i, path.ticks - 1);
+                        if (tick[lane] + i >= path.ticks || !armed(k)) set_lane(watch, lane, 0.0);
+                        set_lane(force, lane, s_tick(k));
+                        const double* a = &path.torque_per_N[std::size_t(k) * path.dof];
+                        for (int w = 0; w < detector_.watched; ++w)
+                            set_lane(torque[w], lane, a[detector_.joint[w]]);
+                    }
+                    force = maximum(force - offset, T(0.0)) * settings_.stiffness;
+                    T alarm = 0.0, silent = 1.0, one = 0.0, single[max_joints];
+                    for (int w = 0; w < detector_.watched; ++w) {
+                        const AlarmProbability<T> joint = joint_alarm(detector_, w, torque[w] * force);
+                        alarm = alarm + silent * joint.alarm;
+                        one = one * joint.silent + silent * joint.alarm;  // exactly one so far
+                        silent = silent * joint.silent;
+                        single[w] = joint.alarm;
+                    }
+                    const T weight = survival * watch;
+                    for (int w = 0; w < detector_.watched; ++w) trigger[w] += weight * single[w];
+                    several += weight * maximum(alarm - one, T(0.0));
+                    if (std::size_t(i) == out.detected.size()) out.detected.emplace_back(block, 0.0);
+                    store(weight * alarm, &out.detected[i][at]);
+                    survival = select(watch > T(0.0), survival * silent, survival);
+                    if (all(survival < T(negligible_survival))) break;
+                }
+                store(survival, &out.survived[at]);
+                store(several, &out.several[at]);
+                for (int w = 0; w < detector_.watched; ++w) store(trigger[w], &out.trigger[w * block + at]);
+            }
+        }
+        return out;
+    }
+
+    // The outcomes of the regular panels from those of a few of them, the others directly. While the arm
+    // moves steadily the panels differ only by the slow change of the Jacobian, so D at a given node and slot
+    // is smooth in the tick.
+    detail::Outcomes interpolate(const std::vector<detail::Panel>& panels) {
+        const int count = regular_;
+        constexpr int check_count = 2;
+        for (int nodes : {6, 10, most_nodes}) {
+            const Interpolation interpolation(interpolation_nodes(0, count - 1, nodes));
+            const std::vector<int>& node = interpolation.nodes();
+            const int check[check_count] = {(node[0] + node[1]) / 2,
+                                            (node[nodes / 2] + node[nodes / 2 - 1]) / 2};
+            std::vector<detail::Panel> sample;
+            for (int part = 0; part < parts_; ++part) {
+                for (int k : node) sample.push_back(panels[part * count + k]);
+                for (int k : check) sample.push_back(panels[part * count + k]);
+            }
+            const std::size_t irregular = sample.size();
+            sample.insert(sample.end(), panels.begin() + std::ptrdiff_t(parts_) * count, panels.end());
+            const detail::Outcomes known = evaluate(sample);
+
+            const int stride = nodes + check_count;
+            if (!agrees(known, interpolation, check, stride)) continue;
+            law_.interpolated = true;
+            return spread(known, interpolation, stride, int(irregular), int(panels.size()));
+        }
+        return evaluate(panels);
+    }
+
+    // Do interpolated and direct outcomes agree at the check panels?
+    bool agrees(const detail::Outcomes& known, const Interpolation& interpolation, const int* check,
+                int stride) const {
+        std::vector<double> weight(interpolation.size());
+        const int nodes = interpolation.size();
+        for (int c = 0; c < stride - nodes; ++c) {
+            interpolation.weights(check[c], weight.data());
+            for (int part = 0; part < parts_; ++part) {
+                for (int g = 0; g < order_; ++g) {
+                    const std::size_t row = std::size_t(g) * known.panels + std::size_t(part) * stride;
+                    for (int m = 0; m < nodes; ++m) {
+                        if (known.survived[row + m] > negligible_survival) return false;
+                    }
+                    for (const std::vector<double>& slot : known.detected) {
+                        double value = 0;
+                        for (int m = 0; m < nodes; ++m) value += weight[m] * slot[row + m];
+                        if (std::fabs(value - slot[row + nodes + c]) > 1e-12) return false;
+                    }
+                }
+            }
+        }
+        return true;
+    }
+
+    detail::Outcomes spread(const detail::Outcomes& known, const Interpolation& interpolation, int stride,
+                            int irregular, int total) const {
+        const int count = regular_, nodes = interpolation.size(), n = padded(total);
+        // weight[m][k], so that the inner loop runs along the panels.
+        std::vector<double> weight(std::size_t(nodes) * count), at(nodes);
+        for (int k = 0; k < count; ++k) {
+            interpolation.weights(k, at.data());
+            for (int m = 0; m < nodes; ++m) weight[std::size_t(m) * count + k] = at[m];
+        }
+        detail::Outcomes out;
+        out.panels = n;
+        auto spread_block = [&](const double* from, double* to) {
+            for (int g = 0; g < order_; ++g) {
+                const double* source = from + std::size_t(g) * known.panels;
+                double* target = to + std::size_t(g) * n;
+                for (int part = 0; part < parts_; ++part) {
+                    double* run = target + std::size_t(part) * count;
+                    for (int k = 0; k < count; ++k) run[k] = 0;
+                    for (int m = 0; m < nodes; ++m) {
+                        const double value = source[part * stride + m];
+                        const double* w = &weight[std::size_t(m) * count];
+                        for (int k = 0; k < count; ++k) run[k] += w[k] * value;
+                    }
+                }
+                for (int p = parts_ * count; p < total; ++p)
+                    target[p] = source[irregular + p - parts_ * count];
+            }
+        };
+        const std::size_t block = std::size_t(order_) * n, known_block = std::size_t(order_) * known.panels;
+        for (const std::vector<double>& slot : known.detected) {
+            out.detected.emplace_back(block, 0.0);
+            spread_block(slot.data(), out.detected.back().data());
+        }
+        out.survived.assign(block, 0.0);
+        out.several.assign(block, 0.0);
+        out.trigger.assign(block * detector_.watched, 0.0);
+        spread_block(known.survived.data(), out.survived.data());
+        spread_block(known.several.data(), out.several.data());
+        for (int w = 0; w < detector_.watched; ++w)
+            spread_block(&known.trigger[w * known_block], &out.trigger[w * block]);
+        return out;
+    }
+
+    // Joins outcomes, offsets and the silence before contact into the pieces and the probabilities without a
+    // force.
+    void assemble(const std::vector<detail::Panel>& panels, const detail::Outcomes& outcomes) {
+        const LinePath& path = curve_.path;
+        const GaussRule rule(order_);
+        const bool fixed = settings_.offset.kind == OffsetKind::fixed;
+        const int real = int(panels.size()), n = padded(real);
+        LawPieces& pieces = law_.pieces;
+        pieces.panels = n;
+        pieces.order = order_;
+        pieces.mid.assign(n, 0.0);
+        pieces.half.assign(n, 0.0);
+        pieces.first_tick.assign(n, 0);
+        // weight[g][p] dx: probability of the offset and of silence before contact.
+        std::vector<double> weight(std::size_t(order_) * n, 0.0), offset(std::size_t(order_) * n, 0.0);
+        int before = 0;
+        for (int p = 0; p < real; ++p) {
+            const detail::Panel& panel = panels[p];
+            pieces.mid[p] = 0.5 * (panel.low + panel.high);
+            pieces.half[p] = 0.5 * (panel.high - panel.low);
+            pieces.first_tick[p] = panel.tick;
+            const double silence = silence_before(panel.tick);
+            double total = 0;
+            for (int g = 0; g < order_; ++g) {
+                const double o = pieces.mid[p] + pieces.half[p] * rule.node[g];
+                const double density = fixed ? 0.5 : settings_.offset.density(o) * pieces.half[p];
+                offset[std::size_t(g) * n + p] = density;
+                weight[std::size_t(g) * n + p] = density * silence;
+                total += rule.weight[g] * density;
+            }
+            law_.false_alarm += total * -std::expm1(armed_before_[panel.tick] * log_idle_silence_);
+            if (panel.tick == path.ticks) {  // a fixed offset that the motion does not reach
+                law_.no_contact += total * silence;
+                for (int g = 0; g < order_; ++g) weight[std::size_t(g) * n + p] = 0;
+            }
+            int reach = 0;  // ticks before contact whose stopping path still arrives
+            while (reach < panel.tick && curve_.farthest[panel.tick - reach - 1] > panel.low) ++reach;
+            before = std::max(before, reach);
+        }
+        if (!(idle_alarm_ > 0)) before = 0;
+        const double beyond = fixed ? 0 : settings_.offset.probability_beyond(edge_[path.ticks]);
+        law_.false_alarm += beyond * -std::expm1(armed_before_[path.ticks] * log_idle_silence_);
+        law_.no_contact += beyond * silence_before(path.ticks);
+
+        pieces.slots_before = before;
+        pieces.slots = before + int(outcomes.detected.size()) + 1;
+        pieces.coefficient.assign(std::size_t(pieces.slots) * order_ * n, 0.0);
+        for (std::size_t i = 0; i < outcomes.detected.size(); ++i)
+            transform(rule, outcomes.detected[i], weight, pieces.series(before + int(i), 0), n);
+        transform(rule, outcomes.survived, weight, pieces.series(pieces.slots - 1, 0), n);
+        double touching = 0;  // false alarms whose stopping path may arrive
+        for (int slot = 0; slot < before; ++slot) {
+            for (int p = 0; p < real; ++p) {
+                const int k = panels[p].tick + slot - before;
+                if (k < 0 || !armed(k)) continue;
+                const double chance = silence_before(k) * idle_alarm_;
+                double* series = pieces.series(slot, p);
+                for (int l = 0; l < order_; ++l) {
+                    double c = 0;
+                    for (int g = 0; g < order_; ++g)
+                        c += rule.to_legendre[std::size_t(l) * order_ + g] * offset[std::size_t(g) * n + p];
+                    series[std::size_t(l) * n] = c * chance;
+                }
+                touching += 2 * series[0] * 1.0;
+            }
+        }
+        law_.harmless = std::max(0.0, law_.false_alarm - touching) + law_.no_contact;
+        for (int p = 0; p < real; ++p) law_.undetected += 2 * *pieces.series(pieces.slots - 1, p);
+        triggers(rule, outcomes, weight, n);
+    }
+
+    // c_l = sum_g to_legendre[l][g] weight[g] value[g], for all panels.
+    void transform(const GaussRule& rule, const std::vector<double>& value, const std::vector<double>& weight,
+                   double* series, int n) const {
+        for (int p = 0; p < n; p += lanes) {
+            T product[max_order];
+            for (int g = 0; g < order_; ++g) {
+                const std::size_t at = std::size_t(g) * n + p;
+                product[g] = load<T>(&value[at]) * load<T>(&weight[at]);
+            }
+            for (int l = 0; l < order_; ++l) {
+                const double* row = &rule.to_legendre[std::size_t(l) * order_];
+                T even = 0.0, odd = 0.0;
+                for (int g = 0; g + 1 < order_; g += 2) {
+                    even += product[g] * row[g];
+                    odd += product[g + 1] * row[g + 1];
+                }
+                if (order_ % 2 == 1) even += product[order_ - 1] * row[order_ - 1];
+                store(even + odd, series + std::size_t(l) * n + p);
+            }
+        }
+    }
+
+    void triggers(const GaussRule& rule, const detail::Outcomes& outcomes, const std::vector<double>& weight,
+                  int n) {
+        auto integral = [&](const double* value) {
+            double total = 0;
+            for (int g = 0; g < order_; ++g) {
+                double row = 0;
+                for (int p = 0; p < n; ++p)
+                    row += value[std::size_t(g) * n + p] * weight[std::size_t(g) * n + p];
+                total += rule.weight[g] * row;
+            }
+            return total;
+        };
+        law_.several = integral(outcomes.several.data());
+        const std::size_t block = std::size_t(order_) * n;
+        double none = 1, one = 0, alarm = 0;  // idle: no, one, any joint over its threshold
+        for (int w = 0; w < detector_.watched; ++w) {
+            const AlarmProbability<double> joint = joint_alarm(detector_, w, 0.0);
+            one = one * joint.silent + none * joint.alarm;
+            alarm += none * joint.alarm;
+            none *= joint.silent;
+        }
+        for (int w = 0; w < detector_.watched; ++w) {
+            double& total = law_.trigger[detector_.joint[w]];
+            total = integral(&outcomes.trigger[w * block]);
+            // A false alarm is split over the joints as one tick's alarm is.
+            if (alarm > 0) total += law_.false_alarm * joint_alarm(detector_, w, 0.0).alarm / alarm;
+        }
+        if (alarm > 0) law_.several += law_.false_alarm * std::max(0.0, alarm - one) / alarm;
+    }
+
+    void quantities() {
+        const LawPieces& pieces = law_.pieces;
+        const LinePath& path = curve_.path;
+        const double K = settings_.stiffness;
+        const int n = pieces.panels, before = pieces.slots_before, last = pieces.slots - 1;
+        auto prepare = [&](LawQuantity& quantity, int first_slot, int end_slot) {
+            quantity.first_slot = first_slot;
+            quantity.end_slot = end_slot;
+            quantity.centre.assign(std::size_t(end_slot - first_slot) * n, 0.0);
+            quantity.spread.assign(n, 0.0);
+        };
+        prepare(law_.peak_force, 0, last);
+        prepare(law_.end_force, last, pieces.slots);
+        prepare(law_.force_at_detection, before, last);
+        prepare(law_.detection_delay, before, last);
+        const double end = path.ticks > 0 ? path.s[end_step()] : 0;
+        for (int p = 0; p < n; ++p) {
+            const int tick = pieces.first_tick[p];
+            if (tick >= path.ticks) continue;
+            law_.peak_force.spread[p] = law_.force_at_detection.spread[p] = K * pieces.half[p];
+            law_.end_force.spread[p] = K * pieces.half[p];
+            // Time of contact at the panel's ends; between them the path is straight in time.
+            const double early = contact_time(pieces.mid[p] - pieces.half[p], tick);
+            const double late = contact_time(pieces.mid[p] + pieces.half[p], tick);
+            law_.detection_delay.spread[p] = 0.5 * (late - early);
+            for (int slot = 0; slot < last; ++slot) {
+                const int k = tick + slot - before;
+                if (k < 0 || k >= path.ticks) continue;
+                law_.peak_force.centre[std::size_t(slot) * n + p] = K * (curve_.farthest[k] - pieces.mid[p]);
+                if (slot < before) continue;
+                const std::size_t at = std::size_t(slot - before) * n + p;
+                law_.force_at_detection.centre[at] = K * (s_tick(k) - pieces.mid[p]);
+                law_.detection_delay.centre[at] = tick_time(k) - 0.5 * (early + late);
+            }
+            law_.end_force.centre[p] = K * (end - pieces.mid[p]);
+        }
+        summarise(pieces, law_.peak_force);
+        summarise(pieces, law_.end_force);
+        summarise(pieces, law_.force_at_detection);
+        summarise(pieces, law_.detection_delay);
+    }
+
+    // The step in which the undetected motion ends.
+    std::size_t end_step() const { return std::min(curve_.path.s.size() - 1, std::size_t(timing_.steps)); }
+
+    // When the point passes offset o, first in contact at tick k: linear between simulation steps.
+    double contact_time(double o, int k) const {
+        const LinePath& path = curve_.path;
+        const std::size_t last = std::size_t(k) * timing_.period + 1;
+        std::size_t i = k == 0 ? 0 : last - timing_.period;
+        while (i + 1 < last && path.s[i + 1] <= o) ++i;
+        const double step = path.s[i + 1] - path.s[i];
+        const double part = step > 0 ? std::clamp((o - path.s[i]) / step, 0.0, 1.0) : 0.0;
+        return (double(i) + part) * motion_.step;
+    }
+
+    static constexpr int most_nodes = 16;
+
+    const StoppingCurve& curve_;
+    const Timing& timing_;
+    const MotionSettings& motion_;
+    const ThresholdDetector& detector_;
+    const LawSettings& settings_;
+    std::vector<double> edge_;       // panel of tick k: edge_[k]..edge_[k + 1]
+    std::vector<int> armed_before_;  // armed ticks before tick k
+    double idle_alarm_ = 0, log_idle_silence_ = 0;
+    int order_ = 1, parts_ = 1, regular_ = 0;
+    bool split_by_transitions_ = false;
+    ExactLaw law_;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

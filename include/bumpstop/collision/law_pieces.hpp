@@ -1,0 +1,192 @@
+// A distribution made of pieces: offsets in a panel, detection at one tick.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "bumpstop/math/quadrature.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// Over panel p the offset is mid[p] + half[p] x, -1 <= x <= 1. The probability that the offset is there and
+// that the collision ends in slot i has the density sum_l coefficient(i, l, p) P_l(x) in x.
+//
+// Slots are numbered by the tick of detection relative to the first tick in contact: slot i is tick
+// first_tick[p] + i - slots_before. The last slot holds the collisions never detected.
+struct LawPieces {
+    int panels = 0;  // a multiple of the lanes; surplus panels have no probability
+    int order = 0;   // of the Legendre series
+    int slots_before = 0;
+    int slots = 0;
+    std::vector<double> mid, half;  // [m]
+    std::vector<int> first_tick;
+    std::vector<double> coefficient;  // [slot][order][panel]
+
+    const double* series(int slot, int p) const {
+        return &coefficient[(std::size_t(slot) * order) * panels + p];
+    }
+    double* series(int slot, int p) { return &coefficient[(std::size_t(slot) * order) * panels + p]; }
+};
+
+// A quantity that falls linearly with the offset inside a panel: centre[slot][p] - spread[p] x, and nothing
+// below zero. Forces and delays are of this kind.
+struct LawQuantity {
+    int first_slot = 0, end_slot = 0;  // the slots it is defined on
+    std::vector<double> centre;        // [slot - first_slot][panel]
+    std::vector<double> spread;        // [panel]
+    std::vector<double> least, most;   // by slot: of the values in it
+    std::vector<double> mass;          // by slot
+    double total = 0;                  // probability that the quantity exists
+
+    double at(int slot, int p, int panels) const {
+        return centre[std::size_t(slot - first_slot) * panels + p];
+    }
+};
+
+// Fills least, most, mass and total of a quantity whose centre and spread are set.
+inline void summarise(const LawPieces& pieces, LawQuantity& quantity) {
+    const int count = quantity.end_slot - quantity.first_slot;
+    quantity.least.assign(count, std::numeric_limits<double>::infinity());
+    quantity.most.assign(count, -std::numeric_limits<double>::infinity());
+    quantity.mass.assign(count, 0.0);
+    quantity.total = 0;
+    for (int slot = quantity.first_slot; slot < quantity.end_slot; ++slot) {
+        const int i = slot - quantity.first_slot;
+        double mass = 0;
+        for (int p = 0; p < pieces.panels; ++p) {
+            const double here = 2 * *pieces.series(slot, p);
+            if (here == 0) continue;
+            mass += here;
+            const double centre = quantity.at(slot, p, pieces.panels);
+            quantity.least[i] = std::min(quantity.least[i], centre - quantity.spread[p]);
+            quantity.most[i] = std::max(quantity.most[i], centre + quantity.spread[p]);
+        }
+        quantity.mass[i] = mass;
+        quantity.total += mass;
+    }
+}
+
+struct TailAt {
+    double probability;  // that the quantity exceeds y
+    double density;      // minus its derivative
+};
+
+// P(quantity > y) for y >= 0: whole slots where y lies outside their range, cut panels where it lies inside.
+template <class T>
+TailAt tail(const LawPieces& pieces, const LawQuantity& quantity, double y) {
+    TailAt result{0, 0};
+    for (int slot = quantity.first_slot; slot < quantity.end_slot; ++slot) {
+        const int i = slot - quantity.first_slot;
+        if (quantity.mass[i] == 0 || y >= quantity.most[i]) continue;
+        if (y < quantity.least[i]) {
+            result.probability += quantity.mass[i];
+            continue;
+        }
+        const double* centre = &quantity.centre[std::size_t(i) * pieces.panels];
+        T probability = 0.0, density = 0.0;
+        for (int p = 0; p < pieces.panels; p += Scalar<T>::lanes) {
+            // A panel without width (a fixed offset) has all its probability on one side.
+            const T spread = maximum(load<T>(&quantity.spread[p]), T(1e-300));
+            const T cut = (load<T>(centre + p) - y) / spread;
+            const T x = minimum(maximum(cut, T(-1.0)), T(1.0));
+            const double* c = pieces.series(slot, p);
+            const SeriesAt<T> at = legendre_series(
+                pieces.order, x, [&](int l) { return load<T>(c + std::size_t(l) * pieces.panels); });
+            probability += at.integral;
+            density += select((cut > T(-1.0)) & (cut < T(1.0)), at.value / spread, T(0.0));
+        }
+        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
+            result.probability += lane_of(probability, lane);
+            result.density += lane_of(density, lane);
+        }
+    }
+    return result;
+}
+
+struct Moments {
+    double mean, sd;
+};
+
+// Mean and standard deviation over the probability where the quantity exists, plus `extra` probability at
+// value zero.
+template <class T>
+Moments moments(const LawPieces& pieces, const LawQuantity& quantity, double extra) {
+    // Two passes: the second about the mean of the first, so that a narrow law far from zero keeps its
+    // digits.
+    double about = 0, first = 0, second = 0;
+    const double total = quantity.total + extra;
+    for (int pass = 0; pass < 2; ++pass) {
+        first = extra * (0 - about);
+        second = extra * about * about;
+        for (int slot = quantity.first_slot; slot < quantity.end_slot; ++slot) {
+            if (quantity.mass[slot - quantity.first_slot] == 0) continue;
+            for (int p = 0; p < pieces.panels; ++p) {
+                const double* c = pieces.series(slot, p);
+                if (c[0] == 0) continue;
+                const double centre = quantity.at(slot, p, pieces.panels), spread = quantity.spread[p];
+                if (centre < spread) {  // partly below zero, where the value is zero
+                    const double x =
+                        spread > 0 ? std::clamp(centre / spread, -1.0, 1.0) : (centre > 0 ? 1.0 : -1.0);
+                    auto coefficient = [&](int l) { return c[std::size_t(l) * pieces.panels]; };
+                    const double above = legendre_series(pieces.order, x, coefficient).integral;
+                    const double below = 2 * c[0] - above;
+                    first -= below * about;
+                    second += below * about * about;
+                    static const GaussRule rule(max_order / 2 + 2);
+                    for (int g = 0; g < rule.order; ++g) {
+                        const double z = -1 + 0.5 * (x + 1) * (rule.node[g] + 1);
+                        const double weight = 0.5 * (x + 1) * rule.weight[g] *
+                                              legendre_series(pieces.order, z, coefficient).value;
+                        const double value = centre - spread * z - about;
+                        first += weight * value;
+                        second += weight * value * value;
+                    }
+                    continue;
+                }
+                const double shifted = centre - about;
+                const double c0 = c[0];
+                const double c1 = pieces.order > 1 ? c[pieces.panels] : 0;
+                const double c2 = pieces.order > 2 ? c[2 * std::size_t(pieces.panels)] : 0;
+                const double x1 = 2.0 / 3 * c1, x2 = 2.0 / 3 * c0 + 4.0 / 15 * c2;
+                first += shifted * 2 * c0 - spread * x1;
+                second += shifted * shifted * 2 * c0 - 2 * shifted * spread * x1 + spread * spread * x2;
+            }
+        }
+        if (!(total > 0))
+            return {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
+        about += first / total;
+    }
+    const double offset = first / total;  // the second pass's own correction of the mean
+    return {about, std::sqrt(std::max(0.0, second / total - offset * offset))};
+}
+
+// The smallest y with P(quantity > y) <= beyond * scale, to 1e-13 of the largest value. `never` is
+// probability that counts as beyond every y. Infinite where `never` alone is too much.
+template <class T>
+double upper_quantile(const LawPieces& pieces, const LawQuantity& quantity, double allowed, double never) {
+    if (never > allowed) return std::numeric_limits<double>::infinity();
+    double high = 0;
+    for (double most : quantity.most) high = std::max(high, most);
+    double low = 0;
+    if (tail<T>(pieces, quantity, 0.0).probability + never <= allowed) return 0;
+    const double resolution = 1e-13 * high;
+    double y = 0.5 * high;
+    // Newton's step where it stays inside the bracket, halving where it does not.
+    for (int iteration = 0; iteration < 200 && high - low > resolution; ++iteration) {
+        const TailAt at = tail<T>(pieces, quantity, y);
+        const double excess = at.probability + never - allowed;
+        (excess > 0 ? low : high) = y;
+        double next = at.density > 0 ? y + excess / at.density : low;
+        if (std::fabs(next - y) <= resolution) {
+            y = next;
+            break;
+        }
+        if (!(next > low && next < high)) next = 0.5 * (low + high);
+        y = next;
+    }
+    return y;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

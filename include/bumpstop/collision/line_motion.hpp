@@ -1,0 +1,119 @@
+// The resolved-rate controller of an industrial arm that moves a tool along a straight line.
+#pragma once
+
+#include "bumpstop/model/kinematics.hpp"
+#include "bumpstop/model/min_norm.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// Everything about the motion that is the same for every pose.
+struct MotionSettings {
+    LinkPoint tip;      // the point that follows the line
+    int task_rows = 6;  // 6 holds the orientation, 3 is position only
+    int free_count = 0;
+    std::array<int, max_joints> free_joint{};             // joints that may move
+    double damping = 0;                                   // of the least squares; 0 is exact
+    double step = 1e-3;                                   // simulation step [s]
+    int substeps = 5;                                     // controller sub-steps in it
+    std::array<double, max_joints> acceleration_limit{};  // rad/s^2 or m/s^2, by joint
+    std::array<double, max_joints> velocity_limit{};      // rad/s or m/s, by joint; infinite: none
+    std::array<double, max_joints> lower{}, upper{};      // joint limits [rad or m]
+
+    double substep() const { return step / substeps; }
+};
+
+template <class T>
+struct ArmState {
+    T q[max_joints];   // rad or m
+    T qd[max_joints];  // rad/s or m/s; zero for held joints
+    JointAngles<T> angle;
+
+    void refresh_angles(const Chain& chain) {
+        for (int j = 0; j < chain.dof; ++j) angle.set(chain, j, q[j]);
+    }
+};
+
+template <class T>
+struct Rates {
+    T free[max_columns];  // by free joint
+    Conditioning<T> conditioning;
+    MaskOf<T> velocity_limited;
+};
+
+// Joint rates that move the tip with `velocity` (base frame, m/s) and no rotation, scaled down as a whole
+// where one would pass its velocity limit.
+template <class T>
+Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const Posture<T>& posture,
+                        const Point3<T>& velocity) {
+    Rates<T> rates;
+    const Point3<T> tip = posture.position(motion.tip);
+    const int n = motion.free_count;
+    if (motion.task_rows == 6) {
+        T row[6][max_columns];
+        for (int f = 0; f < n; ++f) {
+            const int j = motion.free_joint[f];
+            const Point3<T> linear = linear_column(chain, posture, tip, j);
+            const bool turns = !chain.joint[j].prismatic;
+            row[0][f] = turns ? posture.axis[j].x : T(0.0);
+            row[1][f] = turns ? posture.axis[j].y : T(0.0);
+            row[2][f] = turns ? posture.axis[j].z : T(0.0);
+            row[3][f] = linear.x;
+            row[4][f] = linear.y;
+            row[5][f] = linear.z;
+        }
+        T target[6] = {T(0.0), T(0.0), T(0.0), velocity.x, velocity.y, velocity.z};
+        rates.conditioning = damped_min_norm<6>(row, n, target, motion.damping, rates.free);
+    } else {
+        T row[3][max_columns];
+        for (int f = 0; f < n; ++f) {
+            const Point3<T> linear = linear_column(chain, posture, tip, motion.free_joint[f]);
+            row[0][f] = linear.x;
+            row[1][f] = linear.y;
+            row[2][f] = linear.z;
+        }
+        T target[3] = {velocity.x, velocity.y, velocity.z};
+        rates.conditioning = damped_min_norm<3>(row, n, target, motion.damping, rates.free);
+    }
+    T over = 0.0;
+    for (int f = 0; f < n; ++f) {
+        over = maximum(over, absolute(rates.free[f]) * (1.0 / motion.velocity_limit[motion.free_joint[f]]));
+    }
+    rates.velocity_limited = over > T(1.0);
+    if (any(rates.velocity_limited)) {
+        const T scale = 1.0 / maximum(over, T(1.0));
+        for (int f = 0; f < n; ++f) rates.free[f] *= scale;
+    }
+    return rates;
+}
+
+// One controller sub-step toward `wanted` rates (by free joint): one ratio scales all joint accelerations so
+// that none passes its limit, then the positions follow the new rates. Returns where the wanted rates were
+// reached.
+template <class T>
+MaskOf<T> advance(const Chain& chain, const MotionSettings& motion, const T* wanted, ArmState<T>& state) {
+    const double h = motion.substep();
+    const int n = motion.free_count;
+    T over = 0.0;
+    for (int f = 0; f < n; ++f) {
+        const int j = motion.free_joint[f];
+        over = maximum(over, absolute(wanted[f] - state.qd[j]) * (1.0 / (motion.acceleration_limit[j] * h)));
+    }
+    const auto reached = over <= T(1.0);
+    if (all(reached)) {
+        for (int f = 0; f < n; ++f) state.qd[motion.free_joint[f]] = wanted[f];
+    } else {
+        const T ratio = 1.0 / maximum(over, T(1.0));
+        for (int f = 0; f < n; ++f) {
+            T& qd = state.qd[motion.free_joint[f]];
+            qd = select(reached, wanted[f], qd + ratio * (wanted[f] - qd));
+        }
+    }
+    for (int f = 0; f < n; ++f) {
+        const int j = motion.free_joint[f];
+        state.q[j] += state.qd[j] * h;
+        state.angle.set(chain, j, state.q[j]);
+    }
+    return reached;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,40 @@
+// How far the body is from the arm when the motion begins.
+#pragma once
+
+#include <cmath>
+
+#include "bumpstop/math/lanes.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+enum class OffsetKind { half_normal, uniform, fixed };
+
+// Distribution of the distance o >= 0 along the normal from the contact point's start to the body.
+struct OffsetLaw {
+    OffsetKind kind = OffsetKind::uniform;
+    double size = 0;  // half-normal: its sd; uniform: its upper end; fixed: the distance [m]
+
+    // A half-normal beyond seven sd has 2.6e-12 of its probability; the law is cut there and normalised.
+    static constexpr double reach = 7;
+
+    double largest() const { return kind == OffsetKind::half_normal ? reach * size : size; }
+
+    // Probability per metre, inside [0, largest()]. Not for the fixed law.
+    double density(double o) const {
+        if (kind == OffsetKind::uniform) return 1 / size;
+        const double z = o / size;
+        return std::exp(-0.5 * z * z) * 0.79788456080286535588 /
+               (size * std::erf(reach * 0.70710678118654752440));
+    }
+    double probability_beyond(double o) const {
+        if (o >= largest()) return 0;
+        if (o <= 0) return 1;
+        if (kind == OffsetKind::uniform) return 1 - o / size;
+        if (kind == OffsetKind::fixed) return 1;
+        const double all = std::erf(reach * 0.70710678118654752440);
+        const double beyond = std::erfc(reach * 0.70710678118654752440);
+        return (std::erfc(o / size * 0.70710678118654752440) - beyond) / all;
+    }
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

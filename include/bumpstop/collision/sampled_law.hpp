@@ -1,0 +1,193 @@
+// The sampled law: single collisions with drawn offsets and noise, on a stopping curve already known.
+#pragma once
+
+#include <cstdint>
+
+#include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/collision/stopping_curve.hpp"
+#include "bumpstop/detection/threshold.hpp"
+#include "bumpstop/math/philox.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// The runs' results, one entry a run; noise and residual (run-major, dof wide) may be null.
+struct SampledRuns {
+    double* offset;              // [m]
+    std::int32_t* tick;          // of detection; -1: never
+    std::uint32_t* triggers;     // bit j: joint j over its threshold at that tick
+    double* noise = nullptr;     // at that tick [Nm or N]; zero when never
+    double* residual = nullptr;  // noise and contact torque
+};
+
+// Offset of a run: a half-normal, uniform or fixed distance from its own stream.
+template <class T>
+T draw_offset(const OffsetLaw& law, std::uint64_t seed, IntOf<T> run) {
+    const PhiloxBlock<IntOf<T>> block = noise_block(seed, run, offset_tick, 0);
+    const SignedProbability<T> draw = signed_probability<T>(block, 0);
+    if (law.kind == OffsetKind::fixed) return law.size;
+    // The half-normal is cut where the exact law cuts it; draws are doubles of 2^-54, so none lies beyond but
+    // by 1e-12.
+    if (law.kind == OffsetKind::half_normal)
+        return minimum(normal_upper_quantile(draw.p) * law.size, T(law.largest()));
+    return 2.0 * draw.p * law.size;
+}
+
+// The run number of every lane.
+template <class T>
+IntOf<T> run_lanes(const std::int64_t* run) {
+    if constexpr (Scalar<T>::lanes == 1) {
+        return run[0];
+    } else {
+        IntOf<T> r;
+        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) r.v[lane] = run[lane];
+        return r;
+    }
+}
+
+template <class T>
+class Sampler {
+  public:
+    Sampler(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
+            const ThresholdDetector& detector, double stiffness, const OffsetLaw& offset, std::uint64_t seed)
+        : curve_(curve), detector_(detector), stiffness_(stiffness), offset_(offset), seed_(seed) {
+        const int ticks = curve.path.ticks;
+        s_.resize(ticks);
+        for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, timing.period);
+        while (first_armed_ < ticks &&
+               (double(first_armed_) * timing.period + 1) * motion.step < detector.arming_delay - 1e-12)
+            ++first_armed_;
+        for (int w = 0; w < detector.watched; ++w) {
+            pair_[w] = detector.joint[w] / 2;
+            half_[w] = detector.joint[w] % 2;
+            const double threshold = detector.threshold[w], mean = detector.mean[w],
+                         scale = detector.scale[w];
+            quiet_ = quiet_ && std::fabs(mean) < threshold;
+            upper_[w] = 0.5 * erfc((threshold - mean) * scale);
+            lower_[w] = 0.5 * erfc((threshold + mean) * scale);
+        }
+    }
+
+    // Runs first_run .. first_run + count - 1 into out[0..count).
+    void run(std::int64_t first_run, std::int64_t count, const SampledRuns& out) const {
+        constexpr std::int64_t block = 4096;
+        std::vector<std::int64_t> order;
+        for (std::int64_t begin = 0; begin < count; begin += block) {
+            const std::int64_t end = std::min(count, begin + block);
+            for (std::int64_t i = begin; i < end; i += lanes) {
+                std::int64_t number[lanes];
+                for (int lane = 0; lane < lanes; ++lane)
+                    number[lane] = first_run + std::min(i + lane, end - 1);
+                const T o = draw_offset<T>(offset_, seed_, run_lanes<T>(number));
+                for (int lane = 0; lane < lanes && i + lane < end; ++lane)
+                    out.offset[i + lane] = lane_of(o, lane);
+            }
+            // Runs with like offsets share a register: they touch, and are felt, at about the same tick.
+            order.resize(std::size_t(end - begin));
+            for (std::int64_t i = begin; i < end; ++i) order[std::size_t(i - begin)] = i;
+            std::sort(order.begin(), order.end(), [&](std::int64_t a, std::int64_t b) {
+                return out.offset[a] != out.offset[b] ? out.offset[a] < out.offset[b] : a < b;
+            });
+            for (std::size_t i = 0; i < order.size(); i += lanes) {
+                std::int64_t index[lanes];
+                const int used = int(std::min<std::size_t>(lanes, order.size() - i));
+                for (int lane = 0; lane < lanes; ++lane) index[lane] = order[i + std::min(lane, used - 1)];
+                simulate(first_run, index, used, out);
+            }
+        }
+    }
+
+  private:
+    static constexpr int lanes = Scalar<T>::lanes;
+
+    void simulate(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
+        std::int64_t number[lanes];
+        T offset;
+        bool open[lanes];
+        for (int lane = 0; lane < lanes; ++lane) {
+            number[lane] = first_run + index[lane];
+            set_lane(offset, lane, out.offset[index[lane]]);
+            open[lane] = lane < used;
+            if (!open[lane]) continue;
+            out.tick[index[lane]] = -1;
+            out.triggers[index[lane]] = 0;
+        }
+        const IntOf<T> runs = run_lanes<T>(number);
+        int remaining = used;
+        const int dof = curve_.path.dof;
+        for (int k = first_armed_; k < curve_.path.ticks && remaining > 0; ++k) {
+            const T force = maximum(s_[k] - offset, T(0.0)) * stiffness_;
+            const bool contact = any(force > T(0.0));
+            auto fired = T(0.0) > T(1.0);
+            MaskOf<T> over[max_joints];
+            T noise[max_joints], residual[max_joints];
+            PhiloxBlock<IntOf<T>> block{};
+            int known_pair = -1;
+            for (int w = 0; w < detector_.watched; ++w) {
+                if (pair_[w] != known_pair) {
+                    known_pair = pair_[w];
+                    block = noise_block(seed_, runs, k, known_pair);
+                }
+                const SignedProbability<T> draw = signed_probability<T>(block, half_[w]);
+                if (contact || !quiet_) {
+                    const double a = curve_.path.torque_per_N[std::size_t(k) * dof + detector_.joint[w]];
+                    noise[w] = draw.normal() * detector_.sd[w] + detector_.mean[w];
+                    residual[w] = noise[w] + a * force;
+                    over[w] = absolute(residual[w]) > T(detector_.threshold[w]);
+                } else {
+                    // Without contact the quantile itself is not needed, only on which side of it the draw
+                    // lies.
+                    over[w] = draw.p < select(draw.negative, T(lower_[w]), T(upper_[w]));
+                }
+                fired = fired | over[w];
+            }
+            if (!any(fired)) continue;
+            for (int lane = 0; lane < used; ++lane) {
+                if (!open[lane] || !lane_of(fired, lane)) continue;
+                open[lane] = false;
+                --remaining;
+                const std::int64_t i = index[lane];
+                out.tick[i] = k;
+                for (int w = 0; w < detector_.watched; ++w)
+                    if (lane_of(over[w], lane)) out.triggers[i] |= 1u << detector_.joint[w];
+            }
+        }
+        if (out.noise != nullptr) describe(first_run, index, used, out);
+    }
+
+    // Noise and residual of all joints at the tick of detection, watched or not: zero noise for those not
+    // watched.
+    void describe(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
+        const int dof = curve_.path.dof;
+        for (int lane = 0; lane < used; ++lane) {
+            const std::int64_t i = index[lane];
+            const int k = out.tick[i];
+            double* noise = out.noise + i * dof;
+            double* residual = out.residual + i * dof;
+            for (int j = 0; j < dof; ++j) noise[j] = residual[j] = 0;
+            if (k < 0) continue;
+            const double force = std::max(0.0, s_[k] - out.offset[i]) * stiffness_;
+            for (int w = 0; w < detector_.watched; ++w) {
+                const auto block = noise_block<std::int64_t>(seed_, first_run + i, k, pair_[w]);
+                noise[detector_.joint[w]] =
+                    signed_probability<double>(block, half_[w]).normal() * detector_.sd[w] +
+                    detector_.mean[w];
+            }
+            for (int j = 0; j < dof; ++j)
+                residual[j] = noise[j] + curve_.path.torque_per_N[std::size_t(k) * dof + j] * force;
+        }
+    }
+
+    const StoppingCurve& curve_;
+    const ThresholdDetector& detector_;
+    double stiffness_;
+    OffsetLaw offset_;
+    std::uint64_t seed_;
+    std::vector<double> s_;
+    int first_armed_ = 0;
+    bool quiet_ = true;  // every noise mean lies inside its thresholds
+    int pair_[max_joints] = {}, half_[max_joints] = {};
+    double upper_[max_joints] = {},
+           lower_[max_joints] = {};  // probabilities beyond +- threshold without contact
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,66 @@
+// Per-joint thresholds on a residual with white Gaussian noise.
+#pragma once
+
+#include "bumpstop/math/functions.hpp"
+#include "bumpstop/model/chain.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// A tick alarms when any joint has |residual| > threshold. The residual is estimated minus predicted motor
+// torque, so a force -n F on the arm raises it by (J_v' n) F.
+struct ThresholdDetector {
+    int watched = 0;  // joints with a finite threshold
+    std::array<int, max_joints> joint{};
+    std::array<double, max_joints> threshold{};   // Nm or N, by watched joint
+    std::array<double, max_joints> sd{}, mean{};  // of the noise, by watched joint
+    std::array<double, max_joints> scale{};       // 1 / (sqrt 2 sd), large for no noise
+    double arming_delay = 0;                      // ticks earlier than this never alarm [s]
+
+    void watch(int j, double limit, double noise_sd, double noise_mean) {
+        joint[watched] = j;
+        threshold[watched] = limit;
+        sd[watched] = noise_sd;
+        mean[watched] = noise_mean;
+        // Without noise the error function becomes a step; 1e150 does that and still squares without overflow
+        // after erfc has cut its argument.
+        scale[watched] = noise_sd > 0 ? 0.70710678118654752440 / noise_sd : 1e150;
+        ++watched;
+    }
+};
+
+// Probability that one tick alarms, and its complement, neither by subtraction from one where it is small.
+template <class T>
+struct AlarmProbability {
+    T alarm, silent;
+};
+
+// P(|r| > threshold) of one watched joint for the noiseless residual `r` (without the noise mean).
+template <class T>
+AlarmProbability<T> joint_alarm(const ThresholdDetector& detector, int w, T r) {
+    const double threshold = detector.threshold[w], scale = detector.scale[w];
+    const T centre = absolute(r + detector.mean[w]);
+    const T distance = threshold - centre;
+    const T near = 0.5 * erfc(absolute(distance) * scale);
+    // The far tail is exp(-4 threshold centre scale^2) of the near one or less: below e^-40 it cannot be
+    // seen.
+    T far = 0.0;
+    if (any(centre * (threshold * scale * scale) < T(10.0))) far = 0.5 * erfc((centre + threshold) * scale);
+    const auto inside = distance > T(0.0);
+    const T tails = near + far, body = near - far;
+    return {select(inside, tails, 1.0 - body), select(inside, 1.0 - tails, body)};
+}
+
+// P(any watched joint alarms): q <- q + (1 - q) q_j has no cancellation, and the complements multiply.
+// `torque(w)` gives the noiseless residual of watched joint w.
+template <class T, class Torque>
+AlarmProbability<T> any_alarm(const ThresholdDetector& detector, Torque torque) {
+    AlarmProbability<T> total{T(0.0), T(1.0)};
+    for (int w = 0; w < detector.watched; ++w) {
+        const AlarmProbability<T> one = joint_alarm(detector, w, T(torque(w)));
+        total.alarm = total.alarm + total.silent * one.alarm;
+        total.silent = total.silent * one.silent;
+    }
+    return total;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,131 @@
+// Gauss-Legendre rules, integrals of Legendre series, and barycentric interpolation at chosen nodes.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <utility>
+#include <vector>
+
+#include "bumpstop/math/lanes.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+inline constexpr int max_order = 48;
+
+// The Gauss-Legendre rule of `order` nodes on [-1, 1], and the matrix that turns the values of a function at
+// the nodes into the coefficients c_l of sum_l c_l P_l(x), l < order.
+struct GaussRule {
+    int order = 0;
+    std::array<double, max_order> node{}, weight{};
+    std::vector<double> to_legendre;  // [l * order + g]
+
+    explicit GaussRule(int n) : order(n), to_legendre(std::size_t(n) * n) {
+        for (int i = 0; i < n; ++i) {
+            double x = std::cos(std::numbers::pi * (n - i - 0.25) / (n + 0.5)), slope = 1;
+            for (int iteration = 0; iteration < 100; ++iteration) {
+                double p0 = 1, p1 = x;
+                for (int l = 2; l <= n; ++l) {
+                    const double p2 = ((2 * l - 1) * x * p1 - (l - 1) * p0) / l;
+                    p0 = p1;
+                    p1 = p2;
+                }
+                slope = n == 1 ? 1 : n * (x * p1 - p0) / (x * x - 1);
+                const double step = p1 / slope;
+                x -= step;
+                if (std::fabs(step) < 1e-16) break;
+            }
+            node[i] = n == 1 ? 0 : x;
+            weight[i] = 2 / ((1 - node[i] * node[i]) * slope * slope);
+        }
+        for (int g = 0; g < n; ++g) {
+            double p0 = 1, p1 = node[g];
+            for (int l = 0; l < n; ++l) {
+                to_legendre[std::size_t(l) * n + g] = (2 * l + 1) / 2.0 * weight[g] * p0;
+                const double p2 = ((2 * l + 3) * node[g] * p1 - (l + 1) * p0) / (l + 2);
+                p0 = p1;
+                p1 = p2;
+            }
+        }
+    }
+};
+
+// Value of a Legendre series at x and its integral from -1 to x.
+template <class T>
+struct SeriesAt {
+    T value, integral;
+};
+
+// `coefficient(l)` gives c_l, l < order; -1 <= x <= 1.
+template <class T, class Coefficient>
+SeriesAt<T> legendre_series(int order, T x, Coefficient coefficient) {
+    T below = 1.0, here = x;  // P_l-1 and P_l as l runs
+    const T first = coefficient(0);
+    T value = first, integral = first * (x + 1.0);
+    for (int l = 1; l < order; ++l) {
+        const T above = ((2.0 * l + 1) / (l + 1)) * x * here - (double(l) / (l + 1)) * below;
+        const T c = coefficient(l);
+        value += c * here;
+        integral += c * (above - below) * (1.0 / (2 * l + 1));
+        below = here;
+        here = above;
+    }
+    return {value, integral};
+}
+
+// `count` distinct whole numbers from `first` to `last`, crowded toward both ends like Chebyshev's extrema,
+// which keeps the interpolating polynomial from swinging. Fewer when the range holds fewer.
+inline std::vector<int> interpolation_nodes(int first, int last, int count) {
+    std::vector<int> nodes;
+    const int range = last - first;
+    if (count > range) {
+        for (int k = first; k <= last; ++k) nodes.push_back(k);
+        return nodes;
+    }
+    for (int i = 0; i < count; ++i) {
+        const double place = 0.5 * range * (1 - std::cos(std::numbers::pi * i / (count - 1)));
+        int k = first + int(std::lround(place));
+        if (!nodes.empty() && k <= nodes.back()) k = nodes.back() + 1;
+        nodes.push_back(k);
+    }
+    return nodes;
+}
+
+// The polynomial through values at whole-numbered nodes, in barycentric form.
+class Interpolation {
+  public:
+    explicit Interpolation(std::vector<int> nodes) : node_(std::move(nodes)), barycentric_(node_.size()) {
+        // Distances are measured in quarters of the range, the capacity of the interval, so that no product
+        // overflows.
+        const double unit = node_.size() > 1 ? 4.0 / (node_.back() - node_.front()) : 1.0;
+        for (std::size_t m = 0; m < node_.size(); ++m) {
+            double product = 1;
+            for (std::size_t j = 0; j < node_.size(); ++j) {
+                if (j != m) product *= unit * (node_[m] - node_[j]);
+            }
+            barycentric_[m] = 1 / product;
+        }
+    }
+    const std::vector<int>& nodes() const { return node_; }
+    int size() const { return int(node_.size()); }
+
+    // f(k) = sum_m weights[m] f(node[m]); the weights sum to one.
+    void weights(int k, double* weight) const {
+        double sum = 0;
+        for (int m = 0; m < size(); ++m) {
+            if (k == node_[m]) {
+                for (int j = 0; j < size(); ++j) weight[j] = j == m;
+                return;
+            }
+            weight[m] = barycentric_[m] / (k - node_[m]);
+            sum += weight[m];
+        }
+        for (int m = 0; m < size(); ++m) weight[m] /= sum;
+    }
+
+  private:
+    std::vector<int> node_;
+    std::vector<double> barycentric_;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,105 @@
+// A serial chain as it is given, and as it is computed with.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <span>
+
+#include "bumpstop/math/lanes.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+inline constexpr int max_joints = 16;
+
+using Vector3 = std::array<double, 3>;
+using Matrix3 = std::array<double, 9>;  // row-major
+
+inline Vector3 operator*(const Matrix3& m, const Vector3& v) {
+    return {m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[3] * v[0] + m[4] * v[1] + m[5] * v[2],
+            m[6] * v[0] + m[7] * v[1] + m[8] * v[2]};
+}
+inline Matrix3 operator*(const Matrix3& a, const Matrix3& b) {
+    Matrix3 r{};
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            for (int k = 0; k < 3; ++k) r[3 * i + j] += a[3 * i + k] * b[3 * k + j];
+    return r;
+}
+inline Matrix3 transposed(const Matrix3& m) { return {m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]}; }
+inline Matrix3 rotation_z(double angle) {
+    const double c = std::cos(angle), s = std::sin(angle);
+    return {c, -s, 0, s, c, 0, 0, 0, 1};
+}
+// A rotation that takes z to the given unit vector.
+inline Matrix3 rotation_from_z(const Vector3& axis) {
+    const double horizontal = std::hypot(axis[0], axis[1]);
+    if (horizontal == 0)
+        return axis[2] > 0 ? Matrix3{1, 0, 0, 0, 1, 0, 0, 0, 1} : Matrix3{1, 0, 0, 0, -1, 0, 0, 0, -1};
+    const double cp = axis[0] / horizontal, sp = axis[1] / horizontal;  // turn about y, then about z
+    return {cp * axis[2], -sp, axis[0], sp * axis[2], cp, axis[1], -horizontal, 0, axis[2]};
+}
+
+// One joint and the link it moves, in the manner of URDF: the joint's frame stands at `origin` with
+// `rotation` in the frame of the link before; the link turns about (revolute) or slides along (prismatic) the
+// unit vector `axis`.
+struct JointSpec {
+    bool prismatic = false;
+    Vector3 origin{};  // m
+    Matrix3 rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};
+    Vector3 axis{0, 0, 1};
+};
+
+// The chain with its frames turned so that every joint moves about or along its own z axis and the constant
+// rotation between two joints is one turn about x. Any rotation is Rz(beta) Rx(alpha) Rz(gamma); the turns
+// about z join the joint angles before and after. A joint then costs two plane rotations instead of a product
+// of matrices.
+struct Chain {
+    struct Joint {
+        bool prismatic = false;
+        double cos_alpha = 1, sin_alpha = 0;  // turn about x before the joint
+        double offset = 0;  // added to a revolute joint's angle; a prismatic joint's constant angle [rad]
+        Vector3 displacement{};  // from the frame before to this joint, in the frame before [m]
+        Matrix3 to_link{};       // orientation of the link's own frame in the computing frame after the joint
+    };
+    int dof = 0;
+    std::array<double, 2> base_turn{1, 0};  // cosine and sine of the turn about z that begins the chain
+    std::array<Joint, max_joints> joint{};
+
+    Chain() = default;
+    explicit Chain(std::span<const JointSpec> specs) : dof(int(specs.size())) {
+        Matrix3 frame_to_link{1, 0, 0, 0, 1, 0, 0, 0, 1};  // of the link before, as to_link
+        for (int i = 0; i < dof; ++i) {
+            const JointSpec& spec = specs[i];
+            const Matrix3 align = rotation_from_z(spec.axis);
+            // In the computing frame before, whose closing turn about z is still free.
+            const Matrix3 between = frame_to_link * spec.rotation * align;
+            const double sine = std::hypot(between[2], between[5]);
+            double alpha = std::atan2(sine, between[8]), beta = 0, gamma = 0;
+            if (sine > 1e-12) {
+                beta = std::atan2(between[2], -between[5]);
+                gamma = std::atan2(between[6], between[7]);
+            } else {
+                // The axes are parallel: one turn about z serves for both.
+                alpha = between[8] > 0 ? 0 : alpha;
+                gamma = std::atan2(between[3] * (between[8] > 0 ? 1 : -1), between[0]);
+            }
+            const Matrix3 turn_back = rotation_z(-beta);
+            if (i == 0) {
+                base_turn = {std::cos(beta), std::sin(beta)};
+            } else {
+                joint[i - 1].offset += beta;
+                joint[i - 1].to_link = turn_back * joint[i - 1].to_link;
+            }
+            Joint& j = joint[i];
+            j.prismatic = spec.prismatic;
+            j.cos_alpha = std::cos(alpha);
+            j.sin_alpha = std::sin(alpha);
+            j.offset = gamma;
+            j.displacement = turn_back * (frame_to_link * spec.origin);
+            frame_to_link = transposed(align);
+            j.to_link = frame_to_link;
+        }
+    }
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

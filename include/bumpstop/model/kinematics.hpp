@@ -1,0 +1,101 @@
+// Forward kinematics and the Jacobian at a point of a link, for a double or for lanes of configurations.
+#pragma once
+
+#include "bumpstop/math/functions.hpp"
+#include "bumpstop/model/chain.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+template <class T>
+struct Point3 {
+    T x, y, z;
+
+    friend Point3 operator-(const Point3& a, const Point3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+    friend Point3 operator+(const Point3& a, const Point3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+};
+template <class T>
+T dot(const Point3<T>& a, const Point3<T>& b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+template <class T>
+Point3<T> cross(const Point3<T>& a, const Point3<T>& b) {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+// A point fixed to a link. link -1 is the base; `offset` is given in the computing frame of the link (see
+// Chain).
+struct LinkPoint {
+    int link = -1;
+    Vector3 offset{};
+};
+
+inline LinkPoint link_point(const Chain& chain, int link, const Vector3& in_link_frame) {
+    if (link < 0) return {link, in_link_frame};
+    return {link, chain.joint[link].to_link * in_link_frame};
+}
+
+// Sine and cosine of every joint's angle. Held and prismatic joints keep theirs.
+template <class T>
+struct JointAngles {
+    T sin[max_joints], cos[max_joints];
+
+    void set(const Chain& chain, int j, T q) {
+        const Chain::Joint& joint = chain.joint[j];
+        const SinCos<T> sc = sincos(joint.prismatic ? T(joint.offset) : q + joint.offset);
+        sin[j] = sc.sin;
+        cos[j] = sc.cos;
+    }
+};
+
+// Where every joint axis is, and where the chain ends: all in the base frame.
+template <class T>
+struct Posture {
+    Point3<T> axis[max_joints];    // unit vectors
+    Point3<T> origin[max_joints];  // m; for a prismatic joint, before its travel
+    // Columns x, y, z of the computing frame after each joint and its position.
+    Point3<T> frame_x[max_joints], frame_y[max_joints], frame_position[max_joints];
+
+    Point3<T> position(const LinkPoint& point) const {
+        if (point.link < 0) return {T(point.offset[0]), T(point.offset[1]), T(point.offset[2])};
+        const Point3<T>&x = frame_x[point.link], &y = frame_y[point.link], &z = axis[point.link],
+              &p = frame_position[point.link];
+        const double a = point.offset[0], b = point.offset[1], c = point.offset[2];
+        return {p.x + x.x * a + y.x * b + z.x * c, p.y + x.y * a + y.y * b + z.y * c,
+                p.z + x.z * a + y.z * b + z.z * c};
+    }
+};
+
+template <class T>
+void forward_kinematics(const Chain& chain, const T* q, const JointAngles<T>& angle, Posture<T>& posture) {
+    const T c0 = chain.base_turn[0], s0 = chain.base_turn[1];
+    Point3<T> x{c0, s0, T(0.0)}, y{-s0, c0, T(0.0)}, z{T(0.0), T(0.0), T(1.0)}, p{T(0.0), T(0.0), T(0.0)};
+    for (int i = 0; i < chain.dof; ++i) {
+        const Chain::Joint& joint = chain.joint[i];
+        const Vector3& d = joint.displacement;
+        // Most chains have mostly zeros here; the branches depend on the chain alone and predict perfectly.
+        if (d[0] != 0) p = {p.x + x.x * d[0], p.y + x.y * d[0], p.z + x.z * d[0]};
+        if (d[1] != 0) p = {p.x + y.x * d[1], p.y + y.y * d[1], p.z + y.z * d[1]};
+        if (d[2] != 0) p = {p.x + z.x * d[2], p.y + z.y * d[2], p.z + z.z * d[2]};
+        const double ca = joint.cos_alpha, sa = joint.sin_alpha;
+        const Point3<T> y1{y.x * ca + z.x * sa, y.y * ca + z.y * sa, y.z * ca + z.z * sa};
+        z = {z.x * ca - y.x * sa, z.y * ca - y.y * sa, z.z * ca - y.z * sa};
+        const T c = angle.cos[i], s = angle.sin[i];
+        y = {y1.x * c - x.x * s, y1.y * c - x.y * s, y1.z * c - x.z * s};
+        x = {x.x * c + y1.x * s, x.y * c + y1.y * s, x.z * c + y1.z * s};
+        posture.axis[i] = z;
+        posture.origin[i] = p;
+        if (joint.prismatic) p = {p.x + z.x * q[i], p.y + z.y * q[i], p.z + z.z * q[i]};
+        posture.frame_x[i] = x;
+        posture.frame_y[i] = y;
+        posture.frame_position[i] = p;
+    }
+}
+
+// Column j of the Jacobian's translational rows at point p [m/rad or 1].
+template <class T>
+Point3<T> linear_column(const Chain& chain, const Posture<T>& posture, const Point3<T>& p, int j) {
+    if (chain.joint[j].prismatic) return posture.axis[j];
+    return cross(posture.axis[j], p - posture.origin[j]);
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,88 @@
+// The smallest joint rates that give a wanted velocity.
+#pragma once
+
+#include "bumpstop/model/chain.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+inline constexpr int max_task_rows = 6;
+inline constexpr int max_columns = max_joints + max_task_rows;
+
+// Sum of products as a tree: a chain of dependent additions would set the speed of everything below.
+template <class T>
+T dot_product(const T* a, const T* b, int n) {
+    T sum[3] = {a[0] * b[0], T(0.0), T(0.0)};
+    if (n > 1) sum[1] = a[1] * b[1];
+    if (n > 2) sum[2] = a[2] * b[2];
+    BUMPSTOP_UNROLL
+    for (int j = 3; j < n; ++j) sum[j % 3] += a[j] * b[j];
+    return (sum[0] + sum[1]) + sum[2];
+}
+
+// How far the rows are from dependent, by the sine of the angle between a row and those before it. The sine
+// has no unit, so rotations and translations need no common scale.
+template <class T>
+struct Conditioning {
+    MaskOf<T> singular;  // some sine below 1e-6
+    MaskOf<T> poor;      // some sine below 1e-2
+};
+
+// Solves row[c] . x = target[c], c < Rows, for the x of least norm; `Columns` is the number of columns, or 0
+// to take it from `columns` at run time.
+//
+// The rows are made orthogonal (modified Gram-Schmidt without square roots), so nothing depends on a pivot or
+// on the order of the rows, and square and redundant chains share one text. x is built backward with a
+// correction by what it already contains, which makes the method backward stable: A. Bjorck, "Numerical
+// methods for least squares problems", 1996, section 2.4.4.
+//
+// `row` and `target` are overwritten.
+template <int Rows, int Columns, class T>
+Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x) {
+    const int n = Columns > 0 ? Columns : columns;
+    T inverse[Rows], before[Rows];
+    BUMPSTOP_UNROLL
+    for (int c = 0; c < Rows; ++c) before[c] = dot_product(row[c], row[c], n);
+    T singular_margin = 1.0, poor_margin = 1.0;
+    BUMPSTOP_UNROLL
+    for (int c = 0; c < Rows; ++c) {
+        const T* u = row[c];
+        // A row that vanishes would divide by zero; its rate then stays finite and the caller sees the sine.
+        const T square = c == 0 ? before[0] : dot_product(u, u, n);
+        inverse[c] = 1.0 / maximum(square, T(1e-200));
+        singular_margin = minimum(singular_margin, square - 1e-12 * before[c]);
+        poor_margin = minimum(poor_margin, square - 1e-4 * before[c]);
+        BUMPSTOP_UNROLL
+        for (int d = c + 1; d < Rows; ++d) {
+            const T shared = dot_product(u, row[d], n) * inverse[c];
+            BUMPSTOP_UNROLL
+            for (int j = 0; j < n; ++j) row[d][j] -= shared * u[j];
+            target[d] -= shared * target[c];
+        }
+    }
+    for (int j = 0; j < n; ++j) x[j] = 0.0;
+    BUMPSTOP_UNROLL
+    for (int c = Rows - 1; c >= 0; --c) {
+        const T factor = (target[c] - dot_product(row[c], x, n)) * inverse[c];
+        BUMPSTOP_UNROLL
+        for (int j = 0; j < n; ++j) x[j] += factor * row[c][j];
+    }
+    return {singular_margin <= T(0.0), poor_margin <= T(0.0)};
+}
+
+// The damped least squares x = R' (R R' + damping^2 I)^-1 target is the same problem with `damping` times the
+// unit matrix appended to the rows. `damping` 0 is exact. x must hold columns + Rows entries.
+template <int Rows, class T>
+Conditioning<T> damped_min_norm(T (*row)[max_columns], int columns, T* target, double damping, T* x) {
+    if (damping > 0) {
+        BUMPSTOP_UNROLL
+        for (int c = 0; c < Rows; ++c)
+            for (int i = 0; i < Rows; ++i) row[c][columns + i] = i == c ? damping : 0.0;
+        return min_norm<Rows, 0>(row, columns + Rows, target, x);
+    }
+    // Arms have six or seven joints; for those the loops unroll.
+    if (columns == 6) return min_norm<Rows, 6>(row, columns, target, x);
+    if (columns == 7) return min_norm<Rows, 7>(row, columns, target, x);
+    return min_norm<Rows, 0>(row, columns, target, x);
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,47 @@
+"""The door through which arrays enter: dtype, layout, shape and finiteness are settled here once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def as_float_array(value: Any, field: str, shape: tuple[int | None, ...], *, finite: bool = True) -> FloatArray:
+    """Turn ``value`` into a C-contiguous float64 array of the given shape.
+
+    Strided views, other float or integer dtypes and lists are converted; text, objects, complex numbers and booleans
+    are refused, as converting them would hide a mistake.
+
+    Args:
+        value: anything numpy can read as an array.
+        field: name used in the error.
+        shape: wanted shape; ``None`` accepts any length along that axis.
+        finite: refuse NaN and infinities.
+
+    Raises:
+        InputError: the dtype, the shape or a value cannot be used; names the first offending index.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InputError(field, "rows of different lengths", f"wanted shape {_words(shape)}") from error
+    if array.dtype.kind not in "fiu":
+        raise InputError(field, f"values of type {array.dtype} are not real numbers")
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=False)):
+        raise InputError(field, f"has shape {array.shape}", f"wanted {_words(shape)}")
+    result: FloatArray = np.ascontiguousarray(array, dtype=np.float64)
+    if finite and not np.isfinite(result).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
+        raise InputError(f"{field}{list(index)}", f"is {result[index]}", "wanted a finite number")
+    return result
+
+
+def _words(shape: tuple[int | None, ...]) -> str:
+    names = ["N" if n is None else str(n) for n in shape]
+    return "(" + ", ".join(names) + ("," if len(names) == 1 else "") + ")"

@@ -1,0 +1,66 @@
+"""``bumpstop robots`` and ``bumpstop bodies``: what can be named in a scenario."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def robots() -> None:
+    """List the built-in robots."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from bumpstop.model import Robot
+    from bumpstop.model import robots as names
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("robot", "joints", "span, m", "what it is"):
+        table.add_column(heading, justify="right" if heading in ("joints", "span, m") else "left")
+    for name in names():
+        robot = Robot.load(name)
+        table.add_row(name, str(robot.dof), f"{robot.span:.2f}", f"{robot.title}\nfigures from {robot.source}")
+    Console(highlight=False, markup=False).print(table)
+
+
+def bodies(
+    limits: Annotated[
+        str | None,
+        typer.Option(help="Only this table: a built-in name or a path.", show_default="all built-in"),
+    ] = None,
+) -> None:
+    """List body regions with their limits, stiffness and where the figures come from."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from bumpstop.contact import LimitTable, builtin_tables
+
+    console = Console(highlight=False, markup=False)
+    for name in [limits] if limits is not None else builtin_tables():
+        table = LimitTable.load(name)
+        rows = Table(box=None, pad_edge=False, title=f"{table.name}: {table.title}", title_justify="left")
+        for heading in ("body", "clamped N", "N/cm2", "free N", "N/cm2", "N/mm", "kg", "status"):
+            rows.add_column(heading, justify="left" if heading in ("body", "status") else "right")
+        for region in table.regions:
+            clamped = table.contact_limits(region.name, "clamped")
+            free = table.contact_limits(region.name, "free")
+            rows.add_row(
+                region.name,
+                f"{clamped.force_N:g}",
+                _figure(clamped.pressure_N_cm2),
+                f"{free.force_N:g}" if free.permitted else "none",
+                _figure(free.pressure_N_cm2) if free.permitted else "none",
+                f"{region.spring_N_mm:g}",
+                _figure(region.effective_mass_kg),
+                region.status,
+            )
+        console.print(rows)
+        console.print(f"Source: {table.source}. Status: {table.status}.")
+        if table.note:
+            console.print(table.note)
+        console.print("'none': contact of this kind is not permitted there.\n")
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:g}"

@@ -1,0 +1,75 @@
+"""The ``bumpstop`` command."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+
+from bumpstop.cli import evaluate, listings
+from bumpstop.errors import BumpstopError
+
+app = typer.Typer(
+    name="bumpstop",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="How hard will it hit before it stops?",
+)
+app.command("evaluate")(evaluate.command)
+app.command("robots")(listings.robots)
+app.command("bodies")(listings.bodies)
+
+# Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 2 bad input, 1 our fault.
+BAD_INPUT = 2
+OWN_FAULT = 1
+# Newer typer carries its own copy of click, so click's name for this cannot be relied on.
+_USAGE_ERROR: Any = typer.BadParameter.__base__
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        import bumpstop
+
+        typer.echo(f"bumpstop {bumpstop.__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Tell how hard an industrial arm hits before it stops. An engineering tool, not a certified safety function."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; the last line on stderr of a failure is ``error: ...``."""
+    status = 0
+    try:
+        result = app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
+        status = result if isinstance(result, int) else 0
+    except BumpstopError as error:
+        status = _fail(str(error), BAD_INPUT)
+    except _USAGE_ERROR as error:
+        status = _fail(error.format_message(), BAD_INPUT)
+    except (typer.Abort, KeyboardInterrupt):
+        status = _fail("interrupted", OWN_FAULT)
+    except BrokenPipeError:
+        # The reader of our output has gone; there is nobody left to tell.
+        sys.stderr.close()
+        status = OWN_FAULT
+    except Exception as error:
+        status = _fail(f"internal fault ({type(error).__name__}: {error}); please report it", OWN_FAULT)
+    sys.exit(status)
+
+
+def _fail(message: str, status: int) -> int:
+    sys.stdout.flush()
+    print("error: " + " ".join(message.split()), file=sys.stderr)
+    return status

@@ -1,0 +1,74 @@
+"""What ``bumpstop evaluate`` prints for a person."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bumpstop.collision import Distribution, ForceLaw
+
+
+def print_summary(law: ForceLaw, report: Path | None) -> None:
+    """Print verdict, figures and notes; ``report`` is the page that was written, if any."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console(highlight=False, markup=False)
+    verdict = law.verdict
+    word, style = {
+        True: ("ACCEPTABLE", "bold black on bright_cyan"),
+        False: ("NOT ACCEPTABLE", "bold white on red"),
+        None: ("NO LIMITS TO JUDGE BY", "bold"),
+    }[verdict.acceptable]
+    robot, limits = law.problem.robot, law.problem.limits
+    body = f"{limits.label} ({limits.table})" if limits else f"a spring of {law.problem.stiffness:g} N/m"
+    speed = math.hypot(*law.scenario.motion.velocity_mm_s)
+    console.print(f"{robot.title or robot.name} at {speed:g} mm/s against {body}", style="bold")
+    console.print(Text(f" {word} ", style=style), verdict.reason)
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for heading in ("mean", "sd", "p50", "p95", "p99", "p99.9", "limit", "P(over)"):
+        table.add_column(heading, justify="right")
+    contact_time = law.contact_time
+    rows: list[tuple[str, Distribution | None, float, float | None, float | None]] = [
+        ("peak force, N", law.peak_force, 1, limits.force_N if limits else None, verdict.p_over_force),
+        ("pressure, N/cm2", law.pressure, 1, limits.pressure_N_cm2 if limits else None, verdict.p_over_pressure),
+        ("compression, mm", law.compression, 1, None, None),
+        ("felt at force, N", law.force_at_detection, 1, None, None),
+        ("felt after, ms", law.detection_delay, 1e3, None, None),
+        ("contact lasts, ms", contact_time, 1e3, None, None),
+    ]
+    for name, quantity, factor, limit, over in rows:
+        if quantity is None:
+            continue
+        figures = quantity.scaled(factor).to_json()
+        cells = ["no bound" if value is None else f"{value:.4g}" for value in figures.values()]
+        table.add_row(name, *cells, "" if limit is None else f"{limit:g}", "" if over is None else _probability(over))
+    console.print(table)
+
+    felt = [
+        f"{j} ({100 * p:.3g} %)"
+        for j, p in sorted(enumerate(law.trigger_joint_probability, start=1), key=lambda item: -item[1])
+        if p >= 0.0005
+    ]
+    console.print("felt by joint " + ", ".join(felt) if felt else "felt by no joint", end="")
+    console.print(
+        f"; false alarm before contact {_probability(law.false_alarm_probability)}; "
+        f"never detected {_probability(law.undetected_probability)}"
+    )
+    kind = "exact law" if law.kind == "exact" else f"sampled law, {law.samples} runs, seed {law.seed}"
+    console.print(f"{kind}; {law.notes[-1][0].lower()}{law.notes[-1][1:]}", style="dim")
+    if report is not None:
+        # Not wrapped, so that it can be copied or clicked.
+        console.print(f"report: {report}", soft_wrap=True)
+
+
+def _probability(p: float) -> str:
+    if p == 0 or p >= 0.001:
+        return f"{p:.4f}"
+    return f"{p:.1e}" if p > 1e-12 else "< 1e-12"

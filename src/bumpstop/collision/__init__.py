@@ -1,0 +1,24 @@
+"""Collisions: scenario, stopping curve, force law, verdict."""
+
+from bumpstop.collision.batch import BatchLaws, evaluate_batch
+from bumpstop.collision.distribution import Distribution
+from bumpstop.collision.law import ForceLaw, StoppingCurve, evaluate, exact_law, sampled_law, stopping_curve
+from bumpstop.collision.problem import Problem
+from bumpstop.collision.scenario import Scenario, load_scenario
+from bumpstop.collision.verdict import Verdict
+
+__all__ = [
+    "BatchLaws",
+    "Distribution",
+    "ForceLaw",
+    "Problem",
+    "Scenario",
+    "StoppingCurve",
+    "Verdict",
+    "evaluate",
+    "evaluate_batch",
+    "exact_law",
+    "load_scenario",
+    "sampled_law",
+    "stopping_curve",
+]

@@ -1,0 +1,117 @@
+"""Complete exact laws of many poses at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.collision.problem import Problem
+from bumpstop.errors import InputError
+from bumpstop.kernels import core
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario import Scenario
+
+# The kernels' reasons for the end of a path, by number; 255 is a singular start.
+_ENDS = {0: "horizon", 1: "joint_limit", 2: "singularity", 3: "certain_detection", 255: "singular_start"}
+
+
+@dataclass(frozen=True, eq=False)
+class BatchLaws:
+    """What is kept of the law of every pose; NaN where the start is singular.
+
+    Attributes:
+        mean, sd: of the peak force (N,) [N]; the mean is infinite where it has no bound.
+        quantile: (N, probabilities) of the peak force [N]; infinite in the undetected share.
+        exceedance: (N, limits) P(peak force > limit); undetected counts as over.
+        trigger_joint_probability: (N, dof), given detection.
+        false_alarm_probability, undetected_probability, no_contact_probability: (N,).
+        end: (N,) why the path ends, as :attr:`StoppingCurve.end`, or ``"singular_start"``.
+    """
+
+    mean: FloatArray
+    sd: FloatArray
+    quantile: FloatArray
+    exceedance: FloatArray
+    trigger_joint_probability: FloatArray
+    false_alarm_probability: FloatArray
+    undetected_probability: FloatArray
+    no_contact_probability: FloatArray
+    end: npt.NDArray[np.str_]
+
+
+def evaluate_batch(
+    scenario: Scenario,
+    q: npt.ArrayLike,
+    velocity: npt.ArrayLike,
+    *,
+    probabilities: npt.ArrayLike = (0.5, 0.95, 0.99, 0.999),
+    limits_N: npt.ArrayLike = (),
+    threads: int = 1,
+) -> BatchLaws:
+    """Work out the exact laws of many poses and velocities; all else is as in ``scenario``.
+
+    Args:
+        scenario: its pose and velocity are replaced.
+        q: joint positions (N, dof) [rad or m]. Poses beyond the joint limits are refused.
+        velocity: of the tip, base frame (N, 3) [m/s].
+        probabilities: of the quantiles to return.
+        limits_N: peak forces whose exceedance to return [N].
+        threads: the result is the same whatever their number.
+
+    Raises:
+        InputError: a shape or value cannot be used; names the first pose.
+    """
+    problem = Problem.from_scenario(scenario)
+    robot = problem.robot
+    poses = as_float_array(q, "q", (None, robot.dof))
+    velocities = as_float_array(velocity, "velocity", (len(poses), 3))
+    quantiles = as_float_array(probabilities, "probabilities", (None,))
+    limits = as_float_array(np.asarray(limits_N, dtype=np.float64), "limits_N", (None,))
+    if threads < 1:
+        raise InputError("threads", f"{threads} is too few", "wanted at least 1")
+    if ((quantiles <= 0) | (quantiles >= 1)).any():
+        raise InputError("probabilities", "are not all between 0 and 1")
+    outside = (poses < robot.lower) | (poses > robot.upper)
+    if outside.any():
+        row, joint = (int(i) for i in np.argwhere(outside)[0])
+        raise InputError(f"q[{row}]", f"joint {joint + 1} at {poses[row, joint]:g} is outside its limits")
+    still = ~velocities.any(axis=1)
+    if still.any():
+        raise InputError(f"velocity[{int(np.flatnonzero(still)[0])}]", "is zero", "wanted a motion")
+    if scenario.contact.link is not None or any(scenario.contact.point_m) or scenario.contact.normal is not None:
+        raise InputError("contact.link", "batches are computed for contact at the tip along the motion only")
+    contact = scenario.contact
+    size = {
+        "half_normal": contact.offset_sd_s,
+        "uniform": problem.period_steps * scenario.simulation.step_s,
+        "fixed": (contact.offset_mm or 0.0) / 1e3,
+    }[contact.offset_law]
+    out = core.batch(
+        problem.setup,
+        poses,
+        velocities,
+        problem.detector,
+        problem.stiffness,
+        contact.offset_law,
+        size,
+        quantiles,
+        limits,
+        threads,
+    )
+    names = np.array([_ENDS.get(i, "") for i in range(256)])
+    return BatchLaws(
+        mean=out["mean"],
+        sd=out["sd"],
+        quantile=out["quantile"],
+        exceedance=out["exceedance"],
+        trigger_joint_probability=out["trigger"],
+        false_alarm_probability=out["false_alarm"],
+        undetected_probability=out["undetected"],
+        no_contact_probability=out["no_contact"],
+        end=names[out["end"]],
+    )

@@ -1,0 +1,220 @@
+"""Distributions: what is known of one random quantity of a collision."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+# The quantiles every output gives, by the name it gives them.
+QUANTILES = {"p50": 0.5, "p95": 0.95, "p99": 0.99, "p999": 0.999}
+
+# Probability below which a share of undetected collisions is rounding, not a statement.
+NEGLIGIBLE = 1e-12
+
+
+class Distribution(ABC):
+    """A quantity that is zero or positive, in the unit its owner states.
+
+    Some probability may lie at infinity: a collision never detected has no bound on its force.
+    """
+
+    @property
+    @abstractmethod
+    def mean(self) -> float:
+        """Expected value; infinite where some probability lies at infinity, NaN where the quantity never exists."""
+
+    @property
+    @abstractmethod
+    def sd(self) -> float:
+        """Standard deviation; NaN where the mean is not finite."""
+
+    @abstractmethod
+    def exceedance(self, x: float) -> float:
+        """P(quantity > x)."""
+
+    @abstractmethod
+    def quantile(self, p: float) -> float:
+        """The smallest x with P(quantity > x) <= 1 - p, 0 < p < 1; infinite in the share at infinity."""
+
+    def density(self, x: Sequence[float] | FloatArray) -> FloatArray:
+        """Probability per unit in the bins between consecutive ``x``, shape (len(x) - 1,)."""
+        edges = as_float_array(x, "x", (None,))
+        tail = np.array([self.exceedance(float(edge)) for edge in edges])
+        return -np.diff(tail) / np.diff(edges)
+
+    @abstractmethod
+    def scaled(self, factor: float) -> Distribution:
+        """The same quantity in another unit: every value times ``factor`` > 0."""
+
+    def to_json(self) -> dict[str, float | None]:
+        """Mean, sd and the quantiles of :data:`QUANTILES`; None where a figure is not finite."""
+        figures = {"mean": self.mean, "sd": self.sd} | {name: self.quantile(p) for name, p in QUANTILES.items()}
+        return {name: value if math.isfinite(value) else None for name, value in figures.items()}
+
+
+def _check_probability(p: float) -> None:
+    if not 0 < p < 1:
+        raise InputError("p", f"{p} is not a probability", "wanted 0 < p < 1")
+
+
+@dataclass(frozen=True, eq=False)
+class ExactDistribution(Distribution):
+    """A quantity of the exact law.
+
+    Attributes:
+        law: the kernels' law.
+        name: ``"peak_force"``, ``"force_at_detection"`` or ``"detection_delay"``.
+        scale: factor from the kernels' N or s to this quantity's unit.
+        condition: probability of what the distribution is conditioned on.
+        undetected: probability of never detecting, part of ``condition``; it counts as beyond every value.
+        bounded: the undetected collisions end with a known force, so that there is a mean.
+    """
+
+    law: Any
+    name: str
+    scale: float = 1.0
+    condition: float = 1.0
+    undetected: float = 0.0
+    bounded: bool = True
+
+    @cached_property
+    def _moments(self) -> tuple[float, float]:
+        if not self.condition > 0:
+            return math.nan, math.nan
+        if not self.bounded and self.undetected > NEGLIGIBLE:
+            return math.inf, math.nan
+        mean, sd = self.law.moments(self.name)
+        return float(mean) * self.scale, float(sd) * self.scale
+
+    @property
+    def mean(self) -> float:  # noqa: D102
+        return self._moments[0]
+
+    @property
+    def sd(self) -> float:  # noqa: D102
+        return self._moments[1]
+
+    def exceedance(self, x: float) -> float:  # noqa: D102
+        if not self.condition > 0:
+            return math.nan
+        if x < 0:
+            return 1.0
+        tail = self.law.tail(self.name, np.array([x / self.scale]))[0, 0] + self.undetected
+        return float(min(1.0, tail / self.condition))
+
+    def quantile(self, p: float) -> float:  # noqa: D102
+        _check_probability(p)
+        if not self.condition > 0:
+            return math.nan
+        return float(self.law.upper_quantile(self.name, (1 - p) * self.condition, self.undetected)) * self.scale
+
+    def density(self, x: Sequence[float] | FloatArray) -> FloatArray:  # noqa: D102
+        edges = as_float_array(x, "x", (None,))
+        tail = self.law.tail(self.name, np.maximum(edges, 0.0) / self.scale)[:, 0]
+        return np.asarray(-np.diff(tail) / np.diff(edges) / self.condition)
+
+    def scaled(self, factor: float) -> ExactDistribution:  # noqa: D102
+        return replace(self, scale=self.scale * factor)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledDistribution(Distribution):
+    """Values of independent runs.
+
+    Attributes:
+        values: (runs,), each as it enters the mean; infinite where a run has no bound.
+        undetected: (runs,) runs that count as beyond every value in quantiles and exceedances; None: none do.
+    """
+
+    values: FloatArray
+    undetected: npt.NDArray[np.bool_] | None = None
+
+    @cached_property
+    def _sorted(self) -> FloatArray:
+        ranked = self.values if self.undetected is None else np.where(self.undetected, math.inf, self.values)
+        return np.sort(ranked)
+
+    @property
+    def mean(self) -> float:  # noqa: D102
+        return float(self.values.mean()) if self.values.size else math.nan
+
+    @property
+    def sd(self) -> float:  # noqa: D102
+        return float(self.values.std()) if math.isfinite(self.mean) else math.nan
+
+    def exceedance(self, x: float) -> float:  # noqa: D102
+        above = self.values.size - np.searchsorted(self._sorted, x, side="right")
+        return float(above / self.values.size) if self.values.size else math.nan
+
+    def quantile(self, p: float) -> float:  # noqa: D102
+        _check_probability(p)
+        if not self.values.size:
+            return math.nan
+        # The value with at most a share 1 - p above it. Rounding must not turn 0.95 x 100 into 96.
+        rank = math.ceil(p * self.values.size - 1e-9) - 1
+        return float(self._sorted[max(rank, 0)])
+
+    def scaled(self, factor: float) -> SampledDistribution:  # noqa: D102
+        return replace(self, values=self.values * factor)
+
+
+@dataclass(frozen=True, eq=False)
+class CellDistribution(Distribution):
+    """Probability spread evenly over cells: for quantities that bend inside the exact law's pieces.
+
+    Attributes:
+        low, high: ends of the cells (cells,).
+        mass: their probabilities (cells,), normalised to one on use.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    mass: FloatArray
+
+    @cached_property
+    def _total(self) -> float:
+        return float(self.mass.sum())
+
+    @property
+    def mean(self) -> float:  # noqa: D102
+        return float((self.mass * (self.low + self.high)).sum() / 2 / self._total) if self._total > 0 else math.nan
+
+    @property
+    def sd(self) -> float:  # noqa: D102
+        if not self._total > 0:
+            return math.nan
+        centre = (self.low + self.high) / 2 - self.mean
+        variance = self.mass @ (centre**2 + (self.high - self.low) ** 2 / 12) / self._total
+        return math.sqrt(max(0.0, float(variance)))
+
+    def exceedance(self, x: float) -> float:  # noqa: D102
+        width = np.maximum(self.high - self.low, 1e-300)
+        share = np.clip((self.high - x) / width, 0.0, 1.0)
+        return float(self.mass @ share / self._total) if self._total > 0 else math.nan
+
+    def quantile(self, p: float) -> float:  # noqa: D102
+        _check_probability(p)
+        if not self._total > 0:
+            return math.nan
+        low, high = float(self.low.min()), float(self.high.max())
+        while high - low > 1e-12 * max(1e-9, high):
+            middle = (low + high) / 2
+            if middle in (low, high):
+                break
+            low, high = (middle, high) if self.exceedance(middle) > 1 - p else (low, middle)
+        return high
+
+    def scaled(self, factor: float) -> CellDistribution:  # noqa: D102
+        return replace(self, low=self.low * factor, high=self.high * factor)

@@ -1,0 +1,351 @@
+"""Force laws: the whole distribution of one collision, exact or sampled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision.contact_time import contact_times, exact_contact_time, sampled_contact_time
+from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, ExactDistribution, SampledDistribution
+from bumpstop.collision.problem import Problem
+from bumpstop.collision.verdict import Verdict, judge
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class StoppingCurve:
+    """Where the contact point is at every feedback tick, and the farthest it still gets if the arm reacts there.
+
+    Attributes:
+        kernel: the kernels' curve.
+        tick_time: (ticks,) [s] after the start of the motion.
+        tick_distance: s(k), (ticks,) distance along the contact normal [m].
+        farthest: s_stop(k), (ticks,) [m].
+        torque_per_newton: a(k) = J_v' n, (ticks, dof): residual per newton of contact force [Nm/N or 1].
+        distance: (steps + 1,) distance after every simulation step [m]; entry 0 is the start.
+        start, normal: contact point at the start [m] and contact normal, base frame (3,).
+        approach_speed: of the contact point along the normal at full speed [m/s].
+        end: why the curve ends: ``"horizon"``, ``"joint_limit"``, ``"singularity"`` or ``"certain_detection"``.
+        end_joint: the joint at its limit, from 1, or None.
+    """
+
+    kernel: Any
+    tick_time: FloatArray
+    tick_distance: FloatArray
+    farthest: FloatArray
+    torque_per_newton: FloatArray
+    distance: FloatArray
+    start: FloatArray
+    normal: FloatArray
+    approach_speed: float
+    end: Literal["horizon", "joint_limit", "singularity", "certain_detection"]
+    end_joint: int | None
+
+    @property
+    def ticks(self) -> int:
+        """Number of feedback ticks."""
+        return int(self.tick_time.size)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceLaw:
+    """The distribution of one collision over contact offset and sensor noise.
+
+    Attributes:
+        problem: the checked scenario.
+        curve: its stopping curve.
+        kind: ``"exact"`` or ``"sampled"``; ``samples`` and ``seed`` belong to the latter.
+        peak_force: [N]; a collision never detected counts as the force at the motion's end, and as unbounded where
+            only the simulated time ended the motion.
+        force_at_detection: [N], given a detection after contact.
+        detection_delay: from contact to the tick that detects it [s], given the same.
+        trigger_joint_probability: (dof,) joint over its threshold at the tick of detection, given detection. Sums to
+            more than 1 where joints fire together.
+        several_joints_probability: two or more joints at that tick, given detection.
+        false_alarm_probability: detection before contact.
+        undetected_probability: contact, but no detection by the end of the motion.
+        no_contact_probability: neither contact nor alarm by the end of the motion.
+        runs: of the sampled law: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and residual.
+    """
+
+    problem: Problem
+    curve: StoppingCurve
+    kind: Literal["exact", "sampled"]
+    peak_force: Distribution
+    force_at_detection: Distribution
+    detection_delay: Distribution
+    trigger_joint_probability: FloatArray
+    several_joints_probability: float
+    false_alarm_probability: float
+    undetected_probability: float
+    no_contact_probability: float
+    samples: int | None = None
+    seed: int | None = None
+    runs: dict[str, npt.NDArray[Any]] | None = None
+    kernel: Any = None
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario as given."""
+        return self.problem.scenario
+
+    @property
+    def pressure(self) -> Distribution:
+        """Peak pressure [N/cm2]: peak factor times peak force over contact area."""
+        contact = self.scenario.contact
+        return self.peak_force.scaled(contact.peak_factor / contact.area_cm2)
+
+    @property
+    def compression(self) -> Distribution:
+        """Deepest compression of the body [mm]: peak force over stiffness."""
+        return self.peak_force.scaled(1e3 / self.problem.stiffness)
+
+    @cached_property
+    def contact_time(self) -> Distribution | None:
+        """From contact until the reversing arm has let go [s], given that; None where the arm stops in contact."""
+        if self.scenario.reaction.kind == "stop":
+            return None
+        if self.kind == "exact":
+            return exact_contact_time(self.problem, self.curve.kernel, self.kernel)
+        assert self.runs is not None
+        times = sampled_contact_time(self.problem, self.curve.kernel, self.runs["tick"], self.runs["offset"])
+        return SampledDistribution(times[np.isfinite(times)])
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Judged by the limits of the body region, or with ``acceptable`` None where only a stiffness was given."""
+        return judge(
+            self.peak_force,
+            self.pressure,
+            self.problem.limits,
+            self.false_alarm_probability,
+            self.undetected_probability,
+            self.scenario.verdict,
+        )
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed, and what was cut short."""
+        return tuple(_notes(self))
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""
+        contact_time = self.contact_time
+        result: dict[str, Any] = {
+            "peak_force_N": self.peak_force.to_json(),
+            "pressure_N_cm2": self.pressure.to_json(),
+            "compression_mm": self.compression.to_json(),
+            "force_at_detection_N": self.force_at_detection.to_json(),
+            "detection_delay_s": self.detection_delay.to_json(),
+            "contact_time_s": None if contact_time is None else contact_time.to_json(),
+            "trigger_joint_probability": [_finite(p) for p in self.trigger_joint_probability],
+            "several_joints_probability": _finite(self.several_joints_probability),
+            "false_alarm_probability": self.false_alarm_probability,
+            "undetected_probability": self.undetected_probability,
+            "no_contact_probability": self.no_contact_probability,
+            "law": self.kind,
+        }
+        if self.kind == "sampled":
+            result |= {"samples": self.samples, "seed": self.seed}
+        return result | {"verdict": self.verdict.to_json(), "notes": list(self.notes)}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
+    """Trace the motion of a problem and the reaction to every feedback tick.
+
+    Args:
+        problem: a checked scenario.
+        whole: trace to the end of the motion. By default the curve ends where even the farthest body would have been
+            noticed for certain, which is all that a law needs.
+    """
+    kernel = problem.setup.trace(
+        problem.q,
+        problem.velocity,
+        None if whole else problem.detector,
+        problem.stiffness,
+        problem.largest_offset,
+    )
+    period, step = problem.period_steps, problem.scenario.simulation.step_s
+    distance = kernel.distance
+    index = np.arange(kernel.ticks) * period + 1
+    return StoppingCurve(
+        kernel=kernel,
+        tick_time=index * step,
+        tick_distance=distance[index],
+        farthest=kernel.farthest,
+        torque_per_newton=kernel.torque_per_newton,
+        distance=distance,
+        start=kernel.start,
+        normal=kernel.normal,
+        approach_speed=kernel.approach_speed,
+        end=kernel.end,
+        end_joint=kernel.end_joint + 1 if kernel.end == "joint_limit" else None,
+    )
+
+
+def evaluate(
+    scenario: Scenario, *, samples: int | None = None, seed: int = 0, threads: int = 1, refinement: int = 1
+) -> ForceLaw:
+    """Work out the whole distribution of a collision.
+
+    Args:
+        scenario: what happens.
+        samples: None for the exact law; else the number of runs of the sampled law.
+        seed: of the sampled law, 0 to 2^64 - 1. The same seed gives the same runs, whatever the threads.
+        threads: for the sampled law.
+        refinement: multiplies the order of the exact law's quadrature. 2 shows that 1 is converged.
+
+    Raises:
+        InputError: the scenario cannot be computed.
+    """
+    problem = Problem.from_scenario(scenario)
+    curve = stopping_curve(problem)
+    if samples is None:
+        return exact_law(problem, curve, refinement=refinement)
+    return sampled_law(problem, curve, samples=samples, seed=seed, threads=threads)
+
+
+def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) -> ForceLaw:
+    """Integrate over contact offset and white noise on a stopping curve of this problem's pose, motion and reaction."""
+    law = curve.kernel.exact_law(
+        problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size, refinement
+    )
+    undetected = max(0.0, law.undetected)
+    after_contact = law.total("force_at_detection")
+    detected = after_contact + law.false_alarm
+    with np.errstate(invalid="ignore"):
+        triggers = np.asarray(law.trigger) / (detected if detected > 0 else math.nan)
+    return ForceLaw(
+        problem=problem,
+        curve=curve,
+        kind="exact",
+        peak_force=ExactDistribution(law, "peak_force", undetected=undetected, bounded=curve.end != "horizon"),
+        force_at_detection=ExactDistribution(law, "force_at_detection", condition=after_contact),
+        detection_delay=ExactDistribution(law, "detection_delay", condition=after_contact),
+        trigger_joint_probability=triggers,
+        several_joints_probability=law.several / detected if detected > 0 else math.nan,
+        false_alarm_probability=law.false_alarm,
+        undetected_probability=undetected,
+        no_contact_probability=max(0.0, law.no_contact),
+        kernel=law,
+    )
+
+
+def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1) -> ForceLaw:
+    """Draw single collisions on a stopping curve of this problem's pose, motion and reaction."""
+    if samples < 1:
+        raise InputError("samples", f"{samples} is too few", "wanted at least 1")
+    if not 0 <= seed < 2**64:
+        raise InputError("seed", f"{seed} is out of range", "valid: 0 to 2^64 - 1")
+    runs = curve.kernel.sample(
+        problem.detector,
+        problem.stiffness,
+        problem.offset_kind,
+        problem.offset_size,
+        seed,
+        0,
+        samples,
+        True,
+        threads,
+    )
+    offset, tick = runs["offset"], runs["tick"]
+    detected = tick >= 0
+    at = np.where(detected, tick, 0)
+    K, step = problem.stiffness, problem.scenario.simulation.step_s
+    peak = K * np.maximum(0.0, curve.farthest[at] - offset)
+    touches = offset < np.maximum.accumulate(curve.distance)[-1]
+    end = K * np.maximum(0.0, curve.distance[min(curve.distance.size - 1, _horizon(problem))] - offset)
+    unbounded = curve.end == "horizon"
+    peak = np.where(detected, peak, np.where(touches & unbounded, math.inf, end))
+    force = K * np.maximum(0.0, curve.tick_distance[at] - offset)
+    felt = detected & (force > 0)
+    delay = curve.tick_time[at] - contact_times(curve.distance, offset, step)
+    dof = problem.robot.dof
+    fired = (runs["triggers"][:, None] >> np.arange(dof, dtype=np.uint32)) & 1
+    some = detected.any()
+    return ForceLaw(
+        problem=problem,
+        curve=curve,
+        kind="sampled",
+        peak_force=SampledDistribution(peak, undetected=~detected & touches),
+        force_at_detection=SampledDistribution(force[felt]),
+        detection_delay=SampledDistribution(delay[felt]),
+        trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(dof, math.nan),
+        several_joints_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
+        false_alarm_probability=float((detected & ~felt).mean()),
+        undetected_probability=float((~detected & touches).mean()),
+        no_contact_probability=float((~detected & ~touches).mean()),
+        samples=samples,
+        seed=seed,
+        runs=runs | {"peak_force": peak, "force_at_detection": force},
+    )
+
+
+def _horizon(problem: Problem) -> int:
+    return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
+
+
+def _notes(law: ForceLaw) -> list[str]:
+    problem, curve = law.problem, law.curve
+    scenario, limits = problem.scenario, problem.limits
+    notes = list(problem.notes)
+    contact, detector = scenario.contact, scenario.detector
+    notes.append(
+        "The arm is position-driven: contact does not slow it, and the body is clamped behind a linear spring of "
+        f"{problem.stiffness:g} N/m."
+    )
+    notes.append("Noise is Gaussian and white: independent from tick to tick and joint to joint.")
+    if contact.offset_law == "half_normal":
+        notes.append(
+            f"The body is a half-normal distance away, sd {problem.offset_size * 1e3:.4g} mm "
+            f"({contact.offset_sd_s:g} s of travel)."
+        )
+    elif contact.offset_law == "uniform":
+        notes.append(
+            f"The body is 0 to {problem.offset_size * 1e3:.4g} mm away, evenly: one feedback period of travel."
+        )
+    if contact.peak_factor == 1 and limits is not None:
+        notes.append("Pressure is taken as even over the contact area (peak factor 1).")
+    if limits is not None:
+        notes.append(
+            f"Limits: {limits.table}, {limits.label}; force: {limits.force_source} (status: {limits.force_status})."
+        )
+    ends = {
+        "joint_limit": f"The motion ends after {_end_time(law):.3g} s: joint {curve.end_joint} reaches its limit.",
+        "singularity": f"The motion ends after {_end_time(law):.3g} s near a singularity.",
+    }
+    if curve.end in ends:
+        notes.append(ends[curve.end])
+    if curve.kernel.velocity_limited:
+        notes.append("A joint-velocity limit slows the motion below the speed asked for.")
+    if curve.end == "horizon" and law.undetected_probability > NEGLIGIBLE:
+        notes.append(
+            f"Some collisions are not detected within {scenario.motion.duration_s:g} s; their force has no bound and "
+            "the mean is not given."
+        )
+    if law.no_contact_probability > NEGLIGIBLE:
+        notes.append(f"In {law.no_contact_probability:.2g} of cases the motion ends before contact.")
+    unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
+    if unwatched:
+        notes.append(f"Not watched: joint {', '.join(unwatched)}.")
+    if detector.arming_delay_s > 0:
+        notes.append(f"The detector is blind for the first {detector.arming_delay_s:g} s.")
+    notes.append("This is an engineering estimate, not a certified safety function.")
+    return notes
+
+
+def _end_time(law: ForceLaw) -> float:
+    return float((law.curve.distance.size - 1) * law.scenario.simulation.step_s)

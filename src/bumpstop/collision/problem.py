@@ -1,0 +1,282 @@
+"""A scenario made ready to compute: robot found, lengths and limits checked, everything in SI."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.contact import ContactLimits, LimitTable
+from bumpstop.errors import InputError
+from bumpstop.kernels import core
+from bumpstop.model import Robot
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario import Scenario
+
+# A day of ticks at a kilohertz would exhaust memory long before anything is learned from it.
+_MOST_STEPS = 2_000_000
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A checked scenario in the kernels' terms.
+
+    Attributes:
+        scenario: as given.
+        robot: the arm.
+        limits: of the body region hit, or None where only a stiffness was given.
+        stiffness: of the body [N/m].
+        q: start pose (dof,) [rad or m].
+        velocity: of the tip, base frame (3,) [m/s].
+        thresholds, noise_sd, noise_mean: per joint (dof,) [Nm or N].
+        period_steps, latency_steps: in simulation steps.
+        notes: what was assumed while reading the scenario.
+    """
+
+    scenario: Scenario
+    robot: Robot
+    limits: ContactLimits | None
+    stiffness: float
+    q: FloatArray
+    velocity: FloatArray
+    thresholds: FloatArray
+    noise_sd: FloatArray
+    noise_mean: FloatArray
+    joint_acceleration: FloatArray
+    period_steps: int
+    latency_steps: int
+    notes: tuple[str, ...]
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario) -> Problem:
+        """Check a scenario against its robot and its limit table.
+
+        Raises:
+            InputError: a length, a joint number, the pose or the start of the motion cannot be used.
+        """
+        notes: list[str] = []
+        robot = _robot(scenario)
+        contact, detector, reaction = scenario.contact, scenario.detector, scenario.reaction
+        limits = None
+        if contact.body is not None:
+            table = LimitTable.load(contact.limits, relative_to=scenario.folder)
+            limits = table.contact_limits(contact.body, contact.kind, contact.pressure_area)
+            if "area_cm2" not in contact.model_fields_set:
+                notes.append("Contact area not given: 1 cm2 assumed.")
+        stiffness = contact.stiffness_N_m
+        if stiffness is None:
+            assert limits is not None
+            stiffness = limits.stiffness_N_m
+        step = scenario.simulation.step_s
+        latency = math.ceil(reaction.latency_s / step - 1e-9)
+        if abs(latency * step - reaction.latency_s) > 1e-9 * step:
+            notes.append(f"Reaction latency rounded up to {latency * step * 1e3:g} ms, whole simulation steps.")
+        problem = cls(
+            scenario=scenario,
+            robot=robot,
+            limits=limits,
+            stiffness=stiffness,
+            q=_pose(scenario, robot),
+            velocity=np.array(scenario.motion.velocity),
+            thresholds=_per_joint(detector.thresholds_Nm, robot, "detector.thresholds_Nm", each=True),
+            noise_sd=_per_joint(detector.noise_sd_Nm, robot, "detector.noise_sd_Nm"),
+            noise_mean=_per_joint(detector.noise_mean_Nm, robot, "detector.noise_mean_Nm"),
+            joint_acceleration=_per_joint(
+                reaction.joint_acceleration_rad_s2, robot, "reaction.joint_acceleration_rad_s2"
+            ),
+            period_steps=_period_steps(detector.feedback_period_s, step),
+            latency_steps=latency,
+            notes=tuple(notes),
+        )
+        problem._check_motion()
+        return problem
+
+    @cached_property
+    def held(self) -> list[int]:
+        """Held joints, numbered from 0."""
+        held = self.scenario.motion.held_joints
+        for number in held:
+            if not 1 <= number <= self.robot.dof:
+                raise InputError(
+                    "motion.held_joints", f"{number} is no joint of {self.robot.name}", self._joint_range()
+                )
+        if len(set(held)) != len(held):
+            raise InputError("motion.held_joints", f"{held} names a joint twice")
+        return [number - 1 for number in held]
+
+    def _joint_range(self) -> str:
+        return f"valid: 1 to {self.robot.dof}"
+
+    @cached_property
+    def setup(self) -> Any:
+        """Arm, motion, contact point and reaction for the kernels."""
+        scenario, robot = self.scenario, self.robot
+        motion, contact, step = scenario.motion, scenario.contact, scenario.simulation.step_s
+        free = [j for j in range(robot.dof) if j not in self.held]
+        rows = 6 if motion.task == "pose" else 3
+        if len(free) < rows:
+            if not free:
+                raise InputError("motion.held_joints", "hold every joint", "at least one must move")
+            valid = 'wanted task = "position"' if len(free) >= 3 else "fewer joints held"
+            raise InputError("motion.task", f"{motion.task!r} needs {rows} free joints, {len(free)} are free", valid)
+        tip_link, tip_point = robot.frame(None)
+        try:
+            link, point = robot.frame(contact.link, contact.point_m)
+        except InputError as error:
+            raise InputError(f"contact.{error.field}", error.problem, error.valid) from None
+        steps = round(motion.duration_s / step)
+        if not 1 <= steps <= _MOST_STEPS:
+            raise InputError(
+                "motion.duration_s",
+                f"{motion.duration_s} is {motion.duration_s / step:.3g} simulation steps",
+                f"wanted 1 to {_MOST_STEPS}",
+            )
+        normal = None
+        if contact.normal is not None:
+            normal = np.array(contact.normal) / np.linalg.norm(contact.normal)
+        return core.Setup(
+            chain=robot.chain,
+            tip_link=tip_link,
+            tip_point=tip_point,
+            task_rows=rows,
+            free_joints=free,
+            damping=motion.damping,
+            step=step,
+            substeps=scenario.simulation.substeps,
+            acceleration=self.joint_acceleration,
+            velocity=np.where(np.isfinite(robot.velocity), robot.velocity, 1e300),
+            lower=robot.lower,
+            upper=robot.upper,
+            contact_link=link,
+            contact_point=point,
+            normal=normal,
+            steps=steps,
+            period=self.period_steps,
+            latency=self.latency_steps,
+            from_rest=motion.start == "rest",
+            reverse=scenario.reaction.kind == "reverse",
+        )
+
+    @cached_property
+    def detector(self) -> Any:
+        """Thresholds and noise for the kernels."""
+        return core.Detector(
+            threshold=self.thresholds,
+            sd=self.noise_sd,
+            mean=self.noise_mean,
+            arming_delay=self.scenario.detector.arming_delay_s,
+        )
+
+    @cached_property
+    def start(self) -> dict[str, Any]:
+        """Joint rates (``qd``, rad/s or m/s) and velocity of the contact point [m/s] at the start of the motion."""
+        result: dict[str, Any] = self.setup.start(self.q, self.velocity)
+        return result
+
+    @cached_property
+    def approach_speed(self) -> float:
+        """Speed of the contact point along the contact normal at the start of the motion [m/s]."""
+        velocity = self.start["point_velocity"]
+        normal = self.scenario.contact.normal
+        if normal is None:
+            return float(np.linalg.norm(velocity))
+        return float(np.array(normal) @ velocity / np.linalg.norm(normal))
+
+    @property
+    def offset_kind(self) -> str:
+        """``"half_normal"``, ``"uniform"`` or ``"fixed"``."""
+        return self.scenario.contact.offset_law
+
+    @property
+    def offset_size(self) -> float:
+        """Half-normal: sd; uniform: upper end; fixed: the offset itself [m]."""
+        contact = self.scenario.contact
+        if contact.offset_law == "half_normal":
+            return contact.offset_sd_s * self.approach_speed
+        if contact.offset_law == "uniform":
+            return self.period_steps * self.scenario.simulation.step_s * self.approach_speed
+        assert contact.offset_mm is not None
+        return contact.offset_mm / 1e3
+
+    @property
+    def largest_offset(self) -> float:
+        """Offset beyond which the law has no probability [m]."""
+        return 7.0 * self.offset_size if self.offset_kind == "half_normal" else self.offset_size
+
+    def _check_motion(self) -> None:
+        start = self.start
+        if start["singular"] and self.scenario.motion.damping == 0:
+            raise InputError(
+                "pose_deg" if self.scenario.pose_deg is not None else "pose_rad",
+                "is singular: no finite joint rates move the tip as motion.velocity_mm_s asks",
+                "give another pose, or motion.damping",
+            )
+        if not self.approach_speed > 1e-9:
+            where = self.scenario.contact.link or self.robot.tip_name
+            raise InputError(
+                "contact.normal" if self.scenario.contact.normal is not None else "contact.link",
+                f"the contact point on {where} does not move toward the body "
+                f"({self.approach_speed * 1e3:.3g} mm/s along the normal)",
+                "give a point that moves, and a normal that points the way it goes",
+            )
+
+
+def _robot(scenario: Scenario) -> Robot:
+    if Path(scenario.robot).suffix or "/" in scenario.robot:
+        raise InputError(
+            "robot",
+            f"{scenario.robot!r}: robot files are not available in this version",
+            "give a built-in name",
+        )
+    return Robot.load(scenario.robot)
+
+
+def _pose(scenario: Scenario, robot: Robot) -> FloatArray:
+    in_degrees = scenario.pose_deg is not None
+    field = "pose_deg" if in_degrees else "pose_rad"
+    values = scenario.pose_deg if scenario.pose_deg is not None else scenario.pose_rad
+    assert values is not None
+    if len(values) != robot.dof:
+        raise InputError(field, f"has {len(values)} values", f"{robot.name} has {robot.dof} joints")
+    q = np.array(values, dtype=np.float64)
+    turns = np.array([joint.kind == "revolute" for joint in robot.joints])
+    if in_degrees:
+        q[turns] = np.radians(q[turns])
+    for j, joint in enumerate(robot.joints):
+        if not joint.lower <= q[j] <= joint.upper:
+            low, high = joint.lower, joint.upper
+            unit = "rad" if turns[j] else "m"
+            if in_degrees and turns[j]:
+                low, high, unit = math.degrees(low), math.degrees(high), "deg"
+            raise InputError(
+                field,
+                f"joint {j + 1} at {values[j]:g} is outside its limits",
+                f"valid: {low:g} to {high:g} {unit}",
+            )
+    return q
+
+
+def _per_joint(value: float | list[float], robot: Robot, field: str, *, each: bool = False) -> FloatArray:
+    if not isinstance(value, list):
+        return np.full(robot.dof, float(value))
+    if len(value) != robot.dof:
+        other = "" if each else ", or one number for all"
+        raise InputError(field, f"has {len(value)} values", f"{robot.name} has {robot.dof} joints: one for each{other}")
+    return np.array(value, dtype=np.float64)
+
+
+def _period_steps(period: float, step: float) -> int:
+    steps = round(period / step)
+    if steps < 1 or abs(steps * step - period) > 1e-6 * step:
+        raise InputError(
+            "detector.feedback_period_s",
+            f"{period:g} is not a whole number of simulation steps",
+            f"wanted a multiple of simulation.step_s = {step:g}",
+        )
+    return steps

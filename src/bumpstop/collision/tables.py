@@ -1,0 +1,111 @@
+"""Laws as tables."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.collision.law import ForceLaw
+
+
+def law_table(law: ForceLaw) -> pl.DataFrame:
+    """The law as a table.
+
+    Of the exact law: one row per probability with the quantile of every quantity. Of the sampled law: one row per run
+    with what the source's simulator kept of it (its appendix), units in the names; joints are numbered from 1.
+    """
+    return _quantile_table(law) if law.kind == "exact" else _run_table(law)
+
+
+def _quantile_table(law: ForceLaw) -> pl.DataFrame:
+    import polars as pl
+
+    p = np.concatenate([np.arange(1, 100) / 100, [0.995, 0.999, 0.9995, 0.9999]])
+    columns = {"probability": p}
+    for name, quantity in (
+        ("peak_force_N", law.peak_force),
+        ("force_at_detection_N", law.force_at_detection),
+        ("detection_delay_s", law.detection_delay),
+        ("contact_time_s", law.contact_time),
+    ):
+        if quantity is not None:
+            columns[name] = np.array([quantity.quantile(float(x)) for x in p])
+    factor = law.scenario.contact.peak_factor / law.scenario.contact.area_cm2
+    columns["pressure_N_cm2"] = columns["peak_force_N"] * factor
+    columns["compression_mm"] = columns["peak_force_N"] / law.problem.stiffness * 1e3
+    return pl.DataFrame(columns)
+
+
+def _run_table(law: ForceLaw) -> pl.DataFrame:
+    import polars as pl
+
+    assert law.runs is not None
+    problem, curve, runs = law.problem, law.curve, law.runs
+    scenario, robot = law.scenario, law.problem.robot
+    offset, tick = runs["offset"], runs["tick"]
+    n = tick.size
+    detected = tick >= 0
+    at = np.where(detected, tick, 0)
+    peak = runs["peak_force"]
+    nothing = np.full(n, np.nan)
+    columns: dict[str, np.ndarray] = {
+        "run": np.arange(n),
+        "offset_m": offset,
+        "detected": detected,
+        "detection_tick": tick,
+        "detection_time_s": np.where(detected, curve.tick_time[at], nothing),
+        "false_alarm": detected & ~(runs["force_at_detection"] > 0),
+        "force_at_detection_N": np.where(detected, runs["force_at_detection"], nothing),
+        "peak_force_N": peak,
+        "pressure_N_cm2": peak * scenario.contact.peak_factor / scenario.contact.area_cm2,
+        "compression_mm": peak / problem.stiffness * 1e3,
+    }
+    for axis, component in zip("xyz", curve.normal, strict=True):
+        # A run without bound has none along an axis the normal has no part in either.
+        share = abs(component)
+        columns[f"peak_force_{axis}_N"] = peak * share if share > 0 else np.zeros(n)
+        columns[f"contact_{axis}_m"] = curve.start["xyz".index(axis)] + offset * component
+    for j in range(robot.dof):
+        columns[f"triggered_{j + 1}"] = (runs["triggers"] >> np.uint32(j)) & np.uint32(1) == 1
+        columns[f"residual_at_detection_{j + 1}_Nm"] = np.where(detected, runs["residual"][:, j], nothing)
+        columns[f"noise_at_detection_{j + 1}_Nm"] = np.where(detected, runs["noise"][:, j], nothing)
+    singular, condition = _singular_values(law, at)
+    columns["condition_number_at_detection"] = np.where(detected, condition, nothing)
+    for i in range(singular.shape[1]):
+        columns[f"singular_value_at_detection_{i + 1}"] = np.where(detected, singular[:, i], nothing)
+    constants: dict[str, float] = {
+        "step_s": scenario.simulation.step_s,
+        "feedback_period_s": scenario.detector.feedback_period_s,
+        "stiffness_N_m": problem.stiffness,
+    }
+    for axis, v in zip("xyz", problem.velocity, strict=True):
+        constants[f"velocity_{axis}_m_s"] = float(v)
+    for j in range(robot.dof):
+        constants[f"q_start_{j + 1}"] = float(problem.q[j])
+        constants[f"joint_acceleration_{j + 1}"] = float(problem.joint_acceleration[j])
+        constants[f"threshold_{j + 1}_Nm"] = float(problem.thresholds[j])
+        constants[f"noise_mean_{j + 1}_Nm"] = float(problem.noise_mean[j])
+        constants[f"noise_sd_{j + 1}_Nm"] = float(problem.noise_sd[j])
+    table = pl.DataFrame(columns)
+    return table.with_columns(pl.lit(value).alias(name) for name, value in constants.items())
+
+
+def _singular_values(law: ForceLaw, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """Singular values of the six-row tip Jacobian (runs, min(6, dof)) and their ratio at a tick of every run.
+
+    As in the source, rotational and translational rows are mixed: the figures depend on the unit of length.
+    """
+    problem, curve = law.problem, law.curve
+    states = curve.kernel.reaction_state
+    q = np.tile(problem.q, (max(1, curve.ticks), 1))
+    free = [j for j in range(problem.robot.dof) if j not in problem.held]
+    q[: len(states), free] = states[:, 0]
+    values = np.linalg.svd(problem.robot.jacobian(q), compute_uv=False)
+    with np.errstate(divide="ignore"):
+        return values[tick], (values[:, 0] / values[:, -1])[tick]

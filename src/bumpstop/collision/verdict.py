@@ -1,0 +1,146 @@
+"""Verdicts: a force law against the limits of the body it hits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bumpstop.collision.distribution import Distribution
+    from bumpstop.collision.scenario import VerdictSettings
+    from bumpstop.contact import ContactLimits
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Whether a collision stays under the limits often enough.
+
+    Attributes:
+        limits: what it is judged by, or None where no body was named.
+        p_over_force, p_over_pressure: probability that the peak passes its limit; collisions never detected count
+            as over. None where there is no limit.
+        false_alarm_probability, risk, max_false_alarm: as found, and as accepted.
+        reason: one sentence.
+    """
+
+    limits: ContactLimits | None
+    p_over_force: float | None
+    p_over_pressure: float | None
+    false_alarm_probability: float
+    risk: float
+    max_false_alarm: float
+    reason: str
+
+    @property
+    def false_alarm_ok(self) -> bool:
+        """Alarms before contact are no more probable than accepted."""
+        return self.false_alarm_probability <= self.max_false_alarm
+
+    @property
+    def acceptable(self) -> bool | None:
+        """Force, pressure and false alarms are all within what is accepted; None without limits."""
+        if self.p_over_force is None:
+            return None
+        over = max(self.p_over_force, self.p_over_pressure or 0.0)
+        return over <= self.risk and self.false_alarm_ok
+
+    def to_json(self) -> dict[str, Any]:
+        """The ``verdict`` object of ``bumpstop evaluate --json``."""
+        limits = self.limits
+        result: dict[str, Any] = {
+            "acceptable": self.acceptable,
+            "reason": self.reason,
+            "limit_force_N": limits.force_N if limits else None,
+            "limit_pressure_N_cm2": limits.pressure_N_cm2 if limits else None,
+            "p_over_force": self.p_over_force,
+            "p_over_pressure": self.p_over_pressure,
+            "false_alarm_ok": self.false_alarm_ok,
+            "risk": self.risk,
+            "max_false_alarm": self.max_false_alarm,
+        }
+        if limits:
+            result |= {
+                "limit_table": limits.table,
+                "limit_kind": "quasi_static" if limits.kind == "clamped" else "transient",
+                "limit_force_source": limits.force_source,
+                "limit_force_status": limits.force_status,
+                "limit_pressure_area": limits.pressure_area,
+                "limit_pressure_source": limits.pressure_source,
+                "limit_pressure_status": limits.pressure_status,
+            }
+        return result
+
+
+def judge(
+    peak_force: Distribution,
+    pressure: Distribution | None,
+    limits: ContactLimits | None,
+    false_alarm_probability: float,
+    undetected_probability: float,
+    settings: VerdictSettings,
+) -> Verdict:
+    """Judge peak force [N] and pressure [N/cm2] by limits."""
+    p_force = p_pressure = None
+    if limits is not None:
+        p_force = peak_force.exceedance(limits.force_N)
+        if limits.pressure_N_cm2 is not None and pressure is not None:
+            p_pressure = pressure.exceedance(limits.pressure_N_cm2)
+    reason = _reason(limits, p_force, p_pressure, false_alarm_probability, undetected_probability, settings)
+    return Verdict(
+        limits=limits,
+        p_over_force=p_force,
+        p_over_pressure=p_pressure,
+        false_alarm_probability=false_alarm_probability,
+        risk=settings.risk,
+        max_false_alarm=settings.max_false_alarm,
+        reason=reason,
+    )
+
+
+def _reason(
+    limits: ContactLimits | None,
+    p_force: float | None,
+    p_pressure: float | None,
+    false_alarm: float,
+    undetected: float,
+    settings: VerdictSettings,
+) -> str:
+    if limits is None or p_force is None:
+        return "No body region is named, so there is no limit to judge by."
+    if not limits.permitted:
+        return limits.reason
+    faults = []
+    if p_force > settings.risk:
+        faults.append(f"the peak force passes {limits.force_N:g} N with probability {_percent(p_force)}")
+    if p_pressure is not None and p_pressure > settings.risk:
+        faults.append(f"the pressure passes {limits.pressure_N_cm2:g} N/cm2 with probability {_percent(p_pressure)}")
+    accepted = f", more than the accepted {_percent(settings.risk)}" if faults else ""
+    if undetected > settings.risk:
+        faults.append(f"{_percent(undetected)} of collisions are never detected")
+    if false_alarm > settings.max_false_alarm:
+        faults.append(
+            f"a false alarm comes before contact with probability {_percent(false_alarm)} (accepted: "
+            f"{_percent(settings.max_false_alarm)})"
+        )
+    if faults:
+        sentence = " and ".join(faults[:2]) + accepted
+        if len(faults) > 2:
+            sentence += "; also " + " and ".join(faults[2:])
+        return sentence[0].upper() + sentence[1:] + "."
+    worst = max(p_force, p_pressure or 0.0)
+    what = "Peak force or pressure passes" if p_pressure is not None else "The peak force passes"
+    return (
+        f"{what} the limits for {limits.label} with probability {_percent(worst)}, "
+        f"within the accepted {_percent(settings.risk)}."
+    )
+
+
+def _percent(p: float) -> str:
+    if p == 0:
+        return "0 %"
+    if p < 1e-6:
+        return "less than 0.0001 %"
+    if p > 1 - 1e-6:
+        return "over 99.9999 %" if p < 1 else "100 %"
+    # Never round a probability up to certainty.
+    return f"{100 * p:.2g} %" if p < 0.1 else f"{min(100 * p, 99.99):.4g} %"

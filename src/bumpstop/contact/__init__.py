@@ -1,0 +1,26 @@
+"""What a body may take: regions, limit tables, and the force and pressure of clamped contact.
+
+"The source" whose equations and figures are cited here is K. Schroeder, Requirements for Effective Collision
+Detection on Industrial Serial Manipulators, The University of Texas at Austin, 2013.
+"""
+
+from bumpstop.contact.clamped import clamped_force, pressure_N_cm2
+from bumpstop.contact.limits import (
+    ContactKind,
+    ContactLimits,
+    LimitTable,
+    PressureArea,
+    Region,
+    builtin_tables,
+)
+
+__all__ = [
+    "ContactKind",
+    "ContactLimits",
+    "LimitTable",
+    "PressureArea",
+    "Region",
+    "builtin_tables",
+    "clamped_force",
+    "pressure_N_cm2",
+]

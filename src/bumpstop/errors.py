@@ -1,0 +1,43 @@
+"""The errors bumpstop raises on purpose, and the near matches they offer."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class BumpstopError(Exception):
+    """Root of every error bumpstop raises on purpose."""
+
+
+class InputError(BumpstopError, ValueError):
+    """Something the user gave cannot be used; the message says what, and what would be valid.
+
+    Attributes:
+        field: dotted name of what is wrong (``motion.velocity_mm_s``), or a path.
+        problem: the value and why it cannot be used.
+        valid: what would have been accepted; may be empty when the problem says it all.
+    """
+
+    def __init__(self, field: str, problem: str, valid: str = "") -> None:
+        self.field = field
+        self.problem = problem
+        self.valid = valid
+        super().__init__(f"{field}: {problem}" + (f"; {valid}" if valid else ""))
+
+
+def near_matches(name: str, known: Iterable[str]) -> str:
+    """Say which known names are close to ``name``, and list them all when none is.
+
+    Args:
+        name: what the user wrote.
+        known: the names that exist.
+
+    Returns:
+        ``"did you mean 'a' or 'b'?"``, or ``"valid: a, b, c"``.
+    """
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    if close:
+        return "did you mean " + " or ".join(repr(match) for match in close) + "?"
+    return "valid: " + ", ".join(names)

@@ -1,0 +1,35 @@
+"""The slow twin: a literal, step-by-step simulator of collisions, to test the fast library against."""
+
+from .twin import (
+    MAX_JOINTS,
+    Joint,
+    TwinRuns,
+    TwinSettings,
+    TwinTrace,
+    build,
+    forward_kinematics,
+    half_normal_offsets,
+    jacobian,
+    pseudo_inverse,
+    simulate,
+    simulate_seeded,
+    tick_count,
+    trace,
+)
+
+__all__ = [
+    "MAX_JOINTS",
+    "Joint",
+    "TwinRuns",
+    "TwinSettings",
+    "TwinTrace",
+    "build",
+    "forward_kinematics",
+    "half_normal_offsets",
+    "jacobian",
+    "pseudo_inverse",
+    "simulate",
+    "simulate_seeded",
+    "tick_count",
+    "trace",
+]

@@ -1,0 +1,588 @@
+"""Python side of the slow twin: compiles twin.cpp on first use and calls it through ctypes.
+
+Units are SI (m, rad, s, N, Nm); for a prismatic joint read m for rad and N for Nm. Joints and links are
+counted from zero, and link j is the one that joint j moves. Nothing here imports the library under test.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import math
+import os
+import shlex
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+MAX_JOINTS = 16
+SOURCE = Path(__file__).with_name("twin.cpp")
+
+# No fused multiply-adds: where the compiler may contract a * b + c, results differ from machine to machine.
+DEFAULT_FLAGS = (
+    "-O2",
+    "-std=c++20",
+    "-shared",
+    "-fPIC",
+    "-ffp-contract=off",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+)
+
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+# --- What a run is made of ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint of a serial chain, described as in a URDF."""
+
+    kind: Literal["revolute", "prismatic"]
+    origin_m: Sequence[float]  # in the frame of the link before it
+    axis: Sequence[float]  # in the joint's own frame; any length
+    origin_rotation: npt.ArrayLike = IDENTITY  # 3 x 3, from the joint's frame to that of the link before it
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinSettings:
+    """Arm, motion, contact, detector and reaction of a simulated collision.
+
+    A value that belongs to each joint may be one number for all of them.
+    """
+
+    # Arm
+    joints: Sequence[Joint]
+    tip_m: Sequence[float] = (0.0, 0.0, 0.0)  # in the last link's frame
+    held_joints: Sequence[int] = ()  # these do not move
+
+    # Motion
+    start_position: Sequence[float]
+    velocity_m_s: Sequence[float]  # of the tip
+    task: Literal["pose", "position"] = "pose"  # hold the tip's orientation, or let it go
+    start: Literal["moving", "rest"] = "moving"
+    duration_s: float = 5.0  # a run without detection ends here
+    singular_tolerance: float = 1e-7  # singular values below this share of the largest are dropped
+    damping: float = 0.0  # lambda of the damped pseudo-inverse (then nothing is dropped); 0 is exact
+    max_speed: float | Sequence[float] = math.inf
+
+    # Contact
+    stiffness_N_m: float = 75_000.0
+    contact_link: int | None = None  # None: the tip
+    contact_point_m: Sequence[float] = (0.0, 0.0, 0.0)  # in that link's frame
+    normal: Sequence[float] | None = None  # None: the direction the contact point moves in at the start
+    per_axis_walls: bool = False  # three walls across x, y, z instead of one plane
+    mirrored_walls: bool = True  # ... each of which is also felt, mirrored, behind the start, as in the source
+
+    # Detector
+    thresholds_Nm: float | Sequence[float]  # inf: that joint is not watched
+    period_steps: int = 4  # simulation steps between two feedback ticks
+    arming_delay_s: float = 0.0  # ticks before this time are not checked
+    noise_sd_Nm: float | Sequence[float] = 0.0  # for simulate_seeded only
+    noise_mean_Nm: float | Sequence[float] = 0.0  # for simulate_seeded only
+
+    # Reaction and simulation
+    reaction: Literal["reverse", "stop"] = "reverse"
+    max_acceleration: float | Sequence[float]
+    latency_steps: int = 0  # 0: the reaction begins in the step after the one of the detection
+    run_length_slip: bool = False  # the source's signed joint speed in the time simulated after detection
+    run_until_free: bool = False  # go on until a reversing arm has left the contact; changes contact_end_s only
+    release_limit_s: float = 5.0  # ... but no longer than this
+    step_s: float = 0.001
+    substeps: int = 5  # controller sub-steps in a simulation step
+
+
+@dataclass(frozen=True)
+class TwinRuns:
+    """What came out of each run. Maxima are taken from the step of detection on, as in the source.
+
+    Values that do not exist (a detection time without detection) are NaN, the tick is -1.
+    """
+
+    detected: npt.NDArray[np.bool_]
+    false_alarm: npt.NDArray[np.bool_]  # detected while the contact force was zero
+    detection_tick: npt.NDArray[np.int32]
+    trigger_mask: npt.NDArray[np.uint32]  # bit j: joint j over its threshold at that tick
+    detection_time_s: Floats
+    end_time_s: Floats
+    force_at_detection_N: Floats
+    force_at_end_N: Floats
+    max_force_N: Floats
+    max_force_axis_N: Floats  # (runs, 3)
+    max_compression_m: Floats
+    max_deflection_m: Floats  # the source's: distance to the surface, on whichever side of it
+    max_deflection_axis_m: Floats  # (runs, 3)
+    max_travel_m: Floats  # along the normal, from the start
+    contact_start_s: Floats  # interpolated between steps
+    contact_end_s: Floats
+    residual_at_detection_Nm: Floats  # (runs, joints)
+    noise_at_detection_Nm: Floats  # (runs, joints)
+
+    def __len__(self) -> int:
+        return len(self.detected)
+
+    @property
+    def contact_duration_s(self) -> Floats:
+        return self.contact_end_s - self.contact_start_s
+
+    def triggered(self, joint: int) -> npt.NDArray[np.bool_]:
+        """Whether a joint was over its threshold at the tick of detection."""
+        over: npt.NDArray[np.bool_] = (self.trigger_mask & np.uint32(1 << joint)) != 0
+        return over
+
+
+@dataclass(frozen=True)
+class TwinTrace:
+    """One run, one row per simulation step. `run` is what `simulate` would have said about it."""
+
+    time_s: Floats
+    position: Floats  # (steps, joints)
+    velocity: Floats  # (steps, joints)
+    point_m: Floats  # (steps, 3), the contact point
+    travel_m: Floats  # s, along the normal from the start
+    force_N: Floats
+    contact_torque_Nm: Floats  # (steps, joints), the residual without noise
+    residual_Nm: Floats  # (steps, joints), NaN between ticks and where the noise given has ended
+    start_point_m: Floats
+    normal: Floats
+    run: TwinRuns
+
+
+# --- The same in C++ ----------------------------------------------------------------------------------------
+
+_Int = ctypes.c_int32
+_Real = ctypes.c_double
+_IntPerJoint = _Int * MAX_JOINTS
+_RealPerJoint = _Real * MAX_JOINTS
+
+
+class _Problem(ctypes.Structure):
+    """Field by field the `Problem` of twin.cpp."""
+
+    _fields_ = (
+        ("joint_count", _Int),
+        ("kind", _IntPerJoint),
+        ("held", _IntPerJoint),
+        ("origin_xyz", (_Real * 3) * MAX_JOINTS),
+        ("origin_rotation", (_Real * 9) * MAX_JOINTS),
+        ("axis", (_Real * 3) * MAX_JOINTS),
+        ("tip", _Real * 3),
+        ("task", _Int),
+        ("start_at_rest", _Int),
+        ("start_position", _RealPerJoint),
+        ("velocity", _Real * 3),
+        ("duration", _Real),
+        ("singular_tolerance", _Real),
+        ("damping", _Real),
+        ("max_speed", _RealPerJoint),
+        ("max_acceleration", _RealPerJoint),
+        ("contact_at_tip", _Int),
+        ("contact_link", _Int),
+        ("contact_point", _Real * 3),
+        ("normal_given", _Int),
+        ("normal", _Real * 3),
+        ("stiffness", _Real),
+        ("per_axis_walls", _Int),
+        ("mirrored_walls", _Int),
+        ("period_steps", _Int),
+        ("threshold", _RealPerJoint),
+        ("arming_delay", _Real),
+        ("noise_mean", _RealPerJoint),
+        ("noise_sd", _RealPerJoint),
+        ("reaction", _Int),
+        ("latency_steps", _Int),
+        ("run_length_slip", _Int),
+        ("run_until_free", _Int),
+        ("release_limit", _Real),
+        ("step", _Real),
+        ("substeps", _Int),
+    )
+
+
+# Field by field the `Run` of twin.cpp.
+_RUN = np.dtype(
+    [
+        ("detected", np.int32),
+        ("false_alarm", np.int32),
+        ("detection_tick", np.int32),
+        ("trigger_mask", np.uint32),
+        ("detection_time_s", np.float64),
+        ("end_time_s", np.float64),
+        ("force_at_detection_N", np.float64),
+        ("force_at_end_N", np.float64),
+        ("max_force_N", np.float64),
+        ("max_force_axis_N", np.float64, 3),
+        ("max_compression_m", np.float64),
+        ("max_deflection_m", np.float64),
+        ("max_deflection_axis_m", np.float64, 3),
+        ("max_travel_m", np.float64),
+        ("contact_start_s", np.float64),
+        ("contact_end_s", np.float64),
+        ("residual_at_detection_Nm", np.float64, MAX_JOINTS),
+        ("noise_at_detection_Nm", np.float64, MAX_JOINTS),
+    ],
+    align=True,
+)
+
+# The fields of TwinTrace that C++ fills, in the order of `TraceArrays` in twin.cpp.
+_TRACE_FIELDS = (
+    "time_s",
+    "position",
+    "velocity",
+    "point_m",
+    "travel_m",
+    "force_N",
+    "contact_torque_Nm",
+    "residual_Nm",
+)
+
+
+def build(compiler: str | None = None, flags: Sequence[str] | None = None, cache_dir: str | Path | None = None) -> Path:
+    """Compile twin.cpp, unless this was done before, and return the path of the shared object.
+
+    Args:
+        compiler: a command, default `$CXX` or else `c++`.
+        flags: replace the default flags.
+        cache_dir: where shared objects are kept, default a folder of this user's below the system's temporary
+            one. A file's name holds a digest of source, compiler and flags, so variants live side by side.
+    """
+    command = shlex.split(compiler or os.environ.get("CXX") or "c++")
+    options = list(DEFAULT_FLAGS if flags is None else flags)
+    folder = Path(cache_dir or Path(tempfile.gettempdir()) / f"bumpstop-twin-{os.getuid()}")
+    digest = hashlib.sha256(SOURCE.read_bytes() + "\0".join([*command, *options]).encode()).hexdigest()
+    library = folder / f"twin-{digest[:16]}.so"
+    if library.exists():
+        return library
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    # Under a name of its own first, so that tests running side by side never load half a file.
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        unfinished = Path(scratch) / library.name
+        done = subprocess.run(
+            [*command, *options, "-o", str(unfinished), str(SOURCE)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            raise RuntimeError(f"{shlex.join(command)} could not compile {SOURCE.name}:\n{done.stderr}")
+        unfinished.replace(library)
+    return library
+
+
+@functools.cache
+def _library() -> ctypes.CDLL:
+    library = ctypes.CDLL(str(build()))
+    for function in ("twin_problem_size", "twin_run_size", "twin_tick_count"):
+        getattr(library, function).restype = ctypes.c_int64
+    for function in ("twin_simulate", "twin_simulate_seeded", "twin_trace"):
+        getattr(library, function).restype = ctypes.c_int32
+    for function in ("twin_forward_kinematics", "twin_jacobian", "twin_pseudo_inverse"):
+        getattr(library, function).restype = None
+    if library.twin_problem_size() != ctypes.sizeof(_Problem) or library.twin_run_size() != _RUN.itemsize:
+        raise RuntimeError("twin.py and twin.cpp disagree about the layout of Problem or Run")
+    return library
+
+
+# --- Calling it ---------------------------------------------------------------------------------------------
+
+
+def simulate(settings: TwinSettings, offsets: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> TwinRuns:
+    """Simulate one run per offset, with the detector noise given.
+
+    Args:
+        settings: what to simulate.
+        offsets: m, how far from its start the contact point meets the surface: (runs,), or (runs, 3) for
+            per-axis walls; inf for no contact.
+        noise: Nm, what is added to the residual: (runs, ticks, joints) with `tick_count(settings)` ticks or
+            more. None is no noise.
+    """
+    problem = _problem(settings)
+    joints = len(settings.joints)
+    ticks = tick_count(settings)
+    rows = _offset_rows(settings, offsets)
+    if noise is None:
+        noise = np.zeros((len(rows), ticks, joints))
+    drawn = np.ascontiguousarray(noise, dtype=np.float64)
+    if drawn.ndim != 3 or drawn.shape[0] != len(rows) or drawn.shape[2] != joints:
+        raise ValueError(f"noise has shape {drawn.shape}, should be ({len(rows)}, ticks, {joints})")
+    if drawn.shape[1] < ticks:
+        raise ValueError(f"noise has {drawn.shape[1]} ticks, the run {ticks}")
+    results = np.zeros(len(rows), dtype=_RUN)
+    status = _library().twin_simulate(
+        ctypes.byref(problem),
+        ctypes.c_int64(len(rows)),
+        _pointer(rows),
+        _pointer(drawn),
+        ctypes.c_int64(drawn.shape[1]),
+        _pointer(results),
+    )
+    _check(status)
+    return _runs(results, joints)
+
+
+def simulate_seeded(settings: TwinSettings, offsets: npt.ArrayLike, seed: int) -> TwinRuns:
+    """As `simulate`, with independent Gaussian noise from a generator of each run's own.
+
+    Mean and standard deviation are those of the settings. Run r depends on (seed, r) and its offset only.
+    """
+    problem = _problem(settings)
+    rows = _offset_rows(settings, offsets)
+    results = np.zeros(len(rows), dtype=_RUN)
+    status = _library().twin_simulate_seeded(
+        ctypes.byref(problem),
+        ctypes.c_int64(len(rows)),
+        _pointer(rows),
+        ctypes.c_uint64(seed),
+        _pointer(results),
+    )
+    _check(status)
+    return _runs(results, len(settings.joints))
+
+
+def trace(settings: TwinSettings, offset: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> TwinTrace:
+    """One run, step by step.
+
+    Args:
+        settings: what to simulate.
+        offset: m, a number, or three for per-axis walls; inf for no contact.
+        noise: Nm, (ticks, joints). None is no noise. Fewer ticks than the run has are allowed: from then on
+            nothing is detected.
+    """
+    problem = _problem(settings)
+    joints = len(settings.joints)
+    row = _offset_rows(settings, np.asarray(offset, dtype=np.float64)[np.newaxis])
+    after_detection_s = 10.0  # far more than anything but run_until_free takes
+    capacity = math.ceil((settings.duration_s + after_detection_s + settings.release_limit_s) / settings.step_s)
+    if noise is None:
+        noise = np.zeros((capacity // settings.period_steps + 1, joints))
+    drawn = np.ascontiguousarray(noise, dtype=np.float64)
+    if drawn.ndim != 2 or drawn.shape[1] != joints:
+        raise ValueError(f"noise has shape {drawn.shape}, should be (ticks, {joints})")
+
+    widths = dict.fromkeys(("position", "velocity", "contact_torque_Nm", "residual_Nm"), (joints,))
+    widths["point_m"] = (3,)
+    result = np.zeros(1, dtype=_RUN)
+    start_point, normal = np.zeros(3), np.zeros(3)
+    while True:
+        arrays = {name: np.zeros((capacity, *widths.get(name, ()))) for name in _TRACE_FIELDS}
+        pointers = (ctypes.c_void_p * len(_TRACE_FIELDS))(*(a.ctypes.data for a in arrays.values()))
+        steps = ctypes.c_int64()
+        status = _library().twin_trace(
+            ctypes.byref(problem),
+            _pointer(row),
+            _pointer(drawn),
+            ctypes.c_int64(len(drawn)),
+            ctypes.c_int64(capacity),
+            ctypes.byref(pointers),
+            _pointer(result),
+            ctypes.byref(steps),
+            _pointer(start_point),
+            _pointer(normal),
+        )
+        _check(status)
+        if steps.value <= capacity:
+            break
+        capacity = steps.value
+    recorded = {name: array[: steps.value].copy() for name, array in arrays.items()}
+    return TwinTrace(**recorded, start_point_m=start_point, normal=normal, run=_runs(result, joints))
+
+
+def tick_count(settings: TwinSettings) -> int:
+    """Number of feedback ticks in a run without detection."""
+    return int(_library().twin_tick_count(ctypes.byref(_problem(settings))))
+
+
+def half_normal_offsets(settings: TwinSettings, runs: int, rng: np.random.Generator, sd_s: float = 0.1) -> Floats:
+    """Offsets as the source draws them: |N(0, sd_s x speed)|; for per-axis walls each axis's own speed."""
+    velocity = np.asarray(settings.velocity_m_s, dtype=np.float64)
+    if settings.per_axis_walls:
+        return np.abs(rng.normal(size=(runs, 3))) * sd_s * np.abs(velocity)
+    return np.abs(rng.normal(size=runs)) * sd_s * float(np.linalg.norm(velocity))
+
+
+def forward_kinematics(
+    settings: TwinSettings,
+    position: npt.ArrayLike,
+    link: int | None = None,
+    point_m: Sequence[float] = (0.0, 0.0, 0.0),
+) -> tuple[Floats, Floats]:
+    """Rotation (3, 3) of a link and place (3,) of a point given in its frame; by default of the tip."""
+    problem, q, link, point = _kinematics_arguments(settings, position, link, point_m)
+    rotation, place = np.zeros((3, 3)), np.zeros(3)
+    _library().twin_forward_kinematics(
+        ctypes.byref(problem), _pointer(q), _Int(link), _pointer(point), _pointer(rotation), _pointer(place)
+    )
+    return rotation, place
+
+
+def jacobian(
+    settings: TwinSettings,
+    position: npt.ArrayLike,
+    link: int | None = None,
+    point_m: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Floats:
+    """Geometric Jacobian (6, joints), linear rows first, of a point in a link's frame; default: the tip."""
+    problem, q, link, point = _kinematics_arguments(settings, position, link, point_m)
+    result = np.zeros((6, len(settings.joints)))
+    _library().twin_jacobian(ctypes.byref(problem), _pointer(q), _Int(link), _pointer(point), _pointer(result))
+    return result
+
+
+def pseudo_inverse(matrix: npt.ArrayLike, tolerance: float = 1e-7, damping: float = 0.0) -> Floats:
+    """Moore-Penrose inverse; with damping A^T (A A^T + damping^2 I)^-1 instead."""
+    a = np.ascontiguousarray(matrix, dtype=np.float64)
+    if a.ndim != 2 or max(a.shape) > MAX_JOINTS:
+        raise ValueError(f"matrix has shape {a.shape}, should have two dimensions of at most {MAX_JOINTS}")
+    result = np.zeros(a.shape[::-1])
+    _library().twin_pseudo_inverse(
+        _pointer(a), _Int(a.shape[0]), _Int(a.shape[1]), _Real(tolerance), _Real(damping), _pointer(result)
+    )
+    return result
+
+
+# --- Helpers ------------------------------------------------------------------------------------------------
+
+
+def _problem(settings: TwinSettings) -> _Problem:
+    """The settings as C++ wants them; refuses what would make it read past its arrays or make no sense."""
+    s = settings
+    joints = len(s.joints)
+    if not 1 <= joints <= MAX_JOINTS:
+        raise ValueError(f"{joints} joints, should be 1 to {MAX_JOINTS}")
+    for name in ("stiffness_N_m", "step_s", "duration_s"):
+        if not getattr(s, name) > 0:
+            raise ValueError(f"{name} is {getattr(s, name)}, should be positive")
+    if s.substeps < 1 or s.period_steps < 1 or s.latency_steps < 0:
+        raise ValueError("substeps and period_steps should be 1 or more, latency_steps 0 or more")
+    if any(not 0 <= j < joints for j in s.held_joints) or len(set(s.held_joints)) >= joints:
+        raise ValueError(f"held_joints is {s.held_joints}: joints are 0 to {joints - 1}, one must be free")
+    at_tip = s.contact_link is None
+    if s.per_axis_walls and (not at_tip or s.normal is not None):
+        raise ValueError("per_axis_walls stand across the tip's velocity: no contact_link, no normal")
+
+    p = _Problem()
+    p.joint_count = joints
+    for j, joint in enumerate(s.joints):
+        p.kind[j] = ("revolute", "prismatic").index(joint.kind)
+        p.held[j] = j in s.held_joints
+        p.origin_xyz[j][:] = _values("origin_m", joint.origin_m, 3)
+        p.origin_rotation[j][:] = _values("origin_rotation", np.ravel(joint.origin_rotation), 9)
+        p.axis[j][:] = _unit("axis", joint.axis)
+    p.tip[:] = _values("tip_m", s.tip_m, 3)
+
+    p.task = ("pose", "position").index(s.task)
+    p.start_at_rest = ("moving", "rest").index(s.start)
+    p.start_position[:joints] = _values("start_position", s.start_position, joints)
+    p.velocity[:] = _values("velocity_m_s", s.velocity_m_s, 3)
+    p.duration = s.duration_s
+    p.singular_tolerance = s.singular_tolerance
+    p.damping = s.damping
+    p.max_speed[:joints] = _per_joint("max_speed", s.max_speed, joints)
+    p.max_acceleration[:joints] = _per_joint("max_acceleration", s.max_acceleration, joints)
+    if min(p.max_speed[:joints]) <= 0 or min(p.max_acceleration[:joints]) <= 0:
+        raise ValueError("max_speed and max_acceleration should be positive")
+
+    p.contact_at_tip = at_tip
+    link, point = _contact_place(s, s.contact_link, s.contact_point_m)
+    p.contact_link = link
+    p.contact_point[:] = point
+    p.normal_given = s.normal is not None
+    p.normal[:] = (0.0, 0.0, 0.0) if s.normal is None else _unit("normal", s.normal)
+    p.stiffness = s.stiffness_N_m
+    p.per_axis_walls = s.per_axis_walls
+    p.mirrored_walls = s.mirrored_walls
+
+    p.period_steps = s.period_steps
+    p.threshold[:joints] = _per_joint("thresholds_Nm", s.thresholds_Nm, joints)
+    p.arming_delay = s.arming_delay_s
+    p.noise_mean[:joints] = _per_joint("noise_mean_Nm", s.noise_mean_Nm, joints)
+    p.noise_sd[:joints] = _per_joint("noise_sd_Nm", s.noise_sd_Nm, joints)
+
+    p.reaction = ("reverse", "stop").index(s.reaction)
+    p.latency_steps = s.latency_steps
+    p.run_length_slip = s.run_length_slip
+    p.run_until_free = s.run_until_free
+    p.release_limit = s.release_limit_s
+    p.step = s.step_s
+    p.substeps = s.substeps
+    return p
+
+
+def _contact_place(settings: TwinSettings, link: int | None, point_m: Sequence[float]) -> tuple[int, list[float]]:
+    """Link and point in its frame; without a link the tip's."""
+    joints = len(settings.joints)
+    if link is None:
+        return joints - 1, _values("tip_m", settings.tip_m, 3)
+    if not 0 <= link < joints:
+        raise ValueError(f"link {link}, should be 0 to {joints - 1}")
+    return link, _values("point_m", point_m, 3)
+
+
+def _kinematics_arguments(
+    settings: TwinSettings, position: npt.ArrayLike, link: int | None, point_m: Sequence[float]
+) -> tuple[_Problem, Floats, int, Floats]:
+    q = np.array(_values("position", position, len(settings.joints)))
+    link, point = _contact_place(settings, link, point_m)
+    return _problem(settings), q, link, np.array(point)
+
+
+def _values(name: str, values: npt.ArrayLike, count: int) -> list[float]:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != (count,):
+        raise ValueError(f"{name} has shape {array.shape}, should be ({count},)")
+    return [float(v) for v in array]
+
+
+def _per_joint(name: str, values: npt.ArrayLike, joints: int) -> list[float]:
+    return _values(name, np.full(joints, values) if np.ndim(values) == 0 else values, joints)
+
+
+def _unit(name: str, values: npt.ArrayLike) -> list[float]:
+    vector = np.array(_values(name, values, 3))
+    length = float(np.linalg.norm(vector))
+    if not length > 0:
+        raise ValueError(f"{name} should not be zero")
+    return [float(v) for v in vector / length]
+
+
+def _offset_rows(settings: TwinSettings, offsets: npt.ArrayLike) -> Floats:
+    """Offsets as (runs, 3): C++ reads one or three of each row."""
+    array = np.asarray(offsets, dtype=np.float64)
+    if array.ndim == 1 and not settings.per_axis_walls:
+        return np.repeat(array[:, np.newaxis], 3, axis=1)
+    if array.ndim == 2 and array.shape[1] == 3 and settings.per_axis_walls:
+        return np.ascontiguousarray(array)
+    expected = "(runs, 3)" if settings.per_axis_walls else "(runs,)"
+    raise ValueError(f"offsets have shape {array.shape}, should be {expected}")
+
+
+def _pointer(array: npt.NDArray[Any]) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def _check(status: int) -> None:
+    if status:
+        raise ValueError("the contact point does not move at the start: give a normal")
+
+
+def _runs(results: npt.NDArray[np.void], joints: int) -> TwinRuns:
+    columns: dict[str, npt.NDArray[Any]] = {}
+    for field in fields(TwinRuns):
+        column = results[field.name]
+        if field.name in ("detected", "false_alarm"):
+            column = column.astype(bool)
+        elif field.name.endswith("_at_detection_Nm"):
+            column = column[:, :joints]
+        columns[field.name] = np.ascontiguousarray(column)
+    return TwinRuns(**columns)
