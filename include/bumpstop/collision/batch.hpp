@@ -43,14 +43,43 @@ struct BatchProblem {
 
 namespace detail {
 
+// How hard the start of a pose works its joints: the largest rate in units of its limit. Poses near a
+// singularity cannot leap, and their register waits for the slowest lane, so like goes with like.
 template <class L>
-void batch_group(const BatchProblem& problem, int first, const BatchResult& out) {
+std::vector<int> order_of_work(const BatchProblem& problem) {
+    const int dof = problem.chain->dof;
+    std::vector<double> effort(std::size_t(problem.poses));
+    for (int pose = 0; pose < problem.poses; ++pose) {
+        ArmState<double> state;
+        for (int j = 0; j < dof; ++j) state.q[j] = problem.q[std::size_t(pose) * dof + j];
+        state.refresh_angles(*problem.chain);
+        Posture<double> posture;
+        forward_kinematics(*problem.chain, state.q, state.angle, posture);
+        const double* v = problem.velocity + 3 * std::size_t(pose);
+        const Rates<double> rates =
+            resolved_rates(*problem.chain, *problem.motion, posture, Point3<double>{v[0], v[1], v[2]});
+        double most = 0;
+        for (int f = 0; f < problem.motion->free_count; ++f)
+            most = std::max(most, std::fabs(rates.free[f]) /
+                                      problem.motion->acceleration_limit[problem.motion->free_joint[f]]);
+        effort[std::size_t(pose)] = most;
+    }
+    std::vector<int> order(effort.size());
+    for (std::size_t i = 0; i < order.size(); ++i) order[i] = int(i);
+    // Hard ones first, so that no thread is left with one at the end.
+    std::stable_sort(order.begin(), order.end(),
+                     [&](int a, int b) { return effort[std::size_t(a)] > effort[std::size_t(b)]; });
+    return order;
+}
+
+template <class L>
+void batch_group(const BatchProblem& problem, const int* pose_of_lane, int count, const BatchResult& out) {
     constexpr int lanes = Scalar<L>::lanes;
-    const int count = std::min(lanes, problem.poses - first), dof = problem.chain->dof;
+    const int dof = problem.chain->dof;
     L q[max_joints];
     Point3<L> velocity;
     for (int lane = 0; lane < lanes; ++lane) {
-        const int pose = first + std::min(lane, count - 1);
+        const int pose = pose_of_lane[std::min(lane, count - 1)];
         for (int j = 0; j < dof; ++j) set_lane(q[j], lane, problem.q[std::size_t(pose) * dof + j]);
         set_lane(velocity.x, lane, problem.velocity[3 * std::size_t(pose)]);
         set_lane(velocity.y, lane, problem.velocity[3 * std::size_t(pose) + 1]);
@@ -59,7 +88,7 @@ void batch_group(const BatchProblem& problem, int first, const BatchResult& out)
     // The offset's size follows from the approach speed, which is the tool's own speed along its line.
     L largest;
     for (int lane = 0; lane < lanes; ++lane) {
-        const double* v = problem.velocity + 3 * std::size_t(first + std::min(lane, count - 1));
+        const double* v = problem.velocity + 3 * std::size_t(pose_of_lane[std::min(lane, count - 1)]);
         const double speed = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
         const double size = problem.offset_size * (problem.offset_kind == OffsetKind::fixed ? 1.0 : speed);
         set_lane(largest, lane, OffsetLaw{problem.offset_kind, size}.largest());
@@ -72,9 +101,9 @@ void batch_group(const BatchProblem& problem, int first, const BatchResult& out)
     tracer.trace(q, velocity, path, count);
     for (int lane = 0; lane < count; ++lane) curve[lane].path = std::move(path[lane]);
     complete_curves<L>(*problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction,
-                       curve, count, [&](int c) { return problem.q + std::size_t(first + c) * dof; });
+                       curve, count, [&](int c) { return problem.q + std::size_t(pose_of_lane[c]) * dof; });
     for (int lane = 0; lane < count; ++lane) {
-        const std::size_t pose = std::size_t(first + lane);
+        const std::size_t pose = std::size_t(pose_of_lane[lane]);
         const LinePath& done = curve[lane].path;
         out.end[pose] = done.singular_start ? batch_singular_start : std::uint8_t(done.end);
         const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -90,7 +119,7 @@ void batch_group(const BatchProblem& problem, int first, const BatchResult& out)
         const double size = problem.offset_kind == OffsetKind::fixed
                                 ? problem.offset_size
                                 : problem.offset_size * done.approach_speed;
-        const LawSettings settings{problem.stiffness, {problem.offset_kind, size}, 1};
+        const LawSettings settings{problem.stiffness, {problem.offset_kind, size}, 1, false};
         const ExactLaw law =
             ExactLawBuilder<L>(curve[lane], *problem.timing, *problem.motion, *problem.detector, settings)
                 .build();
@@ -116,15 +145,17 @@ void batch_group(const BatchProblem& problem, int first, const BatchResult& out)
 
 }  // namespace detail
 
-// All poses, in registers of consecutive poses handed to `threads` threads. Which thread takes a register
-// does not touch its numbers.
+// All poses, in registers handed to `threads` threads. Which thread takes a register does not touch its
+// numbers.
 template <class L>
 void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult& out) {
-    const int groups = (problem.poses + Scalar<L>::lanes - 1) / Scalar<L>::lanes;
+    constexpr int lanes = Scalar<L>::lanes;
+    const std::vector<int> order = detail::order_of_work<L>(problem);
     std::atomic<int> next{0};
     auto work = [&] {
-        for (int group = next++; group < groups; group = next++)
-            detail::batch_group<L>(problem, group * Scalar<L>::lanes, out);
+        for (int first = lanes * next++; first < problem.poses; first = lanes * next++)
+            detail::batch_group<L>(problem, &order[std::size_t(first)],
+                                   std::min(lanes, problem.poses - first), out);
     };
     std::vector<std::thread> crew;
     for (int i = 1; i < threads; ++i) crew.emplace_back(work);

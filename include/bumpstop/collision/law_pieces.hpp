@@ -102,12 +102,39 @@ TailAt tail(const LawPieces& pieces, const LawQuantity& quantity, double y) {
             result.density += lane_of(density, lane);
         }
     }
+    // Cancellation inside the series leaves 1e-12 or so of either sign where there is nothing.
+    result.probability = std::max(0.0, result.probability);
+    result.density = std::max(0.0, result.density);
     return result;
 }
 
 struct Moments {
     double mean, sd;
 };
+
+// First and second moment, about `about`, of panels in which the quantity passes zero: below it the value is
+// zero.
+template <class T>
+struct CutMoments {
+    T first, second;
+};
+template <class T, class Coefficient>
+CutMoments<T> cut_moments(const GaussRule& rule, int order, Coefficient coefficient, T centre, T spread,
+                          double about) {
+    // Above zero is the part left of x; a panel without width lies on one side as a whole.
+    const T x = minimum(maximum(centre / maximum(spread, T(1e-300)), T(-1.0)), T(1.0));
+    const T below = 2.0 * coefficient(0) - legendre_series(order, x, coefficient).integral;
+    CutMoments<T> sum{-about * below, about * about * below};
+    const T half = 0.5 * (x + 1.0);
+    for (int g = 0; g < rule.order; ++g) {
+        const T z = half * (rule.node[g] + 1) - 1.0;
+        const T weight = half * rule.weight[g] * legendre_series(order, z, coefficient).value;
+        const T value = centre - spread * z - about;
+        sum.first += weight * value;
+        sum.second += weight * value * value;
+    }
+    return sum;
+}
 
 // Mean and standard deviation over the probability where the quantity exists, plus `extra` probability at
 // value zero.
@@ -116,46 +143,45 @@ Moments moments(const LawPieces& pieces, const LawQuantity& quantity, double ext
     // Two passes: the second about the mean of the first, so that a narrow law far from zero keeps its
     // digits.
     double about = 0, first = 0, second = 0;
+    const GaussRule& rule = gauss_rule((pieces.order + 4) / 2);  // exact for the series times a square
     const double total = quantity.total + extra;
+    if (!(total > 0))
+        return {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
     for (int pass = 0; pass < 2; ++pass) {
-        first = extra * (0 - about);
+        first = -extra * about;
         second = extra * about * about;
         for (int slot = quantity.first_slot; slot < quantity.end_slot; ++slot) {
             if (quantity.mass[slot - quantity.first_slot] == 0) continue;
-            for (int p = 0; p < pieces.panels; ++p) {
-                const double* c = pieces.series(slot, p);
-                if (c[0] == 0) continue;
-                const double centre = quantity.at(slot, p, pieces.panels), spread = quantity.spread[p];
-                if (centre < spread) {  // partly below zero, where the value is zero
-                    const double x =
-                        spread > 0 ? std::clamp(centre / spread, -1.0, 1.0) : (centre > 0 ? 1.0 : -1.0);
-                    auto coefficient = [&](int l) { return c[std::size_t(l) * pieces.panels]; };
-                    const double above = legendre_series(pieces.order, x, coefficient).integral;
-                    const double below = 2 * c[0] - above;
-                    first -= below * about;
-                    second += below * about * about;
-                    static const GaussRule rule(max_order / 2 + 2);
-                    for (int g = 0; g < rule.order; ++g) {
-                        const double z = -1 + 0.5 * (x + 1) * (rule.node[g] + 1);
-                        const double weight = 0.5 * (x + 1) * rule.weight[g] *
-                                              legendre_series(pieces.order, z, coefficient).value;
-                        const double value = centre - spread * z - about;
-                        first += weight * value;
-                        second += weight * value * value;
-                    }
-                    continue;
-                }
-                const double shifted = centre - about;
-                const double c0 = c[0];
-                const double c1 = pieces.order > 1 ? c[pieces.panels] : 0;
-                const double c2 = pieces.order > 2 ? c[2 * std::size_t(pieces.panels)] : 0;
-                const double x1 = 2.0 / 3 * c1, x2 = 2.0 / 3 * c0 + 4.0 / 15 * c2;
-                first += shifted * 2 * c0 - spread * x1;
-                second += shifted * shifted * 2 * c0 - 2 * shifted * spread * x1 + spread * spread * x2;
+            const double* series = pieces.series(slot, 0);
+            const double* centres = &quantity.centre[std::size_t(slot - quantity.first_slot) * pieces.panels];
+            T sum1 = 0.0, sum2 = 0.0;
+            for (int p = 0; p < pieces.panels; p += Scalar<T>::lanes) {
+                const T centre = load<T>(centres + p), spread = load<T>(&quantity.spread[p]);
+                const auto whole = centre >= spread;
+                const T c0 = select(whole, load<T>(series + p), T(0.0));
+                const T c1 =
+                    pieces.order > 1 ? select(whole, load<T>(series + pieces.panels + p), T(0.0)) : T(0.0);
+                const T c2 = pieces.order > 2
+                                 ? select(whole, load<T>(series + 2 * std::size_t(pieces.panels) + p), T(0.0))
+                                 : T(0.0);
+                const T shifted = centre - about;
+                const T x1 = (2.0 / 3) * spread * c1;
+                sum1 += 2.0 * shifted * c0 - x1;
+                sum2 += 2.0 * shifted * (shifted * c0 - x1) +
+                        spread * spread * ((2.0 / 3) * c0 + (4.0 / 15) * c2);
+                if (all(whole)) continue;
+                const CutMoments<T> cut = cut_moments(
+                    rule, pieces.order,
+                    [&](int l) { return load<T>(series + std::size_t(l) * pieces.panels + p); }, centre,
+                    spread, about);
+                sum1 += select(whole, T(0.0), cut.first);
+                sum2 += select(whole, T(0.0), cut.second);
+            }
+            for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
+                first += lane_of(sum1, lane);
+                second += lane_of(sum2, lane);
             }
         }
-        if (!(total > 0))
-            return {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
         about += first / total;
     }
     const double offset = first / total;  // the second pass's own correction of the mean

@@ -16,9 +16,10 @@ inline constexpr int leap_order = 6;
 // integral replaced by the very sum the controller forms, so the leap lands where the sub-steps would, not
 // where the ideal motion would.
 struct LeapWeights {
-    double sum[leap_order];      // of the rates, newest first: positions gained, in units of the sub-step
-    double predict[leap_order];  // the rates at the end of the stretch, extrapolated
-    double last[leap_order];     // the rates of the last sub-step before the newest of six
+    double sum[leap_order];          // of the rates, newest first: positions gained, in units of the sub-step
+    double predict[leap_order];      // the rates at the end of the stretch, extrapolated
+    double last[leap_order];         // the rates of the last sub-step before the newest of six
+    double sum_of_sums[leap_order];  // as `sum`, summed once more: positions from changes of rates
 
     explicit LeapWeights(int sub_steps) {
         // Lagrange's polynomials for the nodes 0, -1, ..., -5 in units of the stretch.
@@ -31,14 +32,19 @@ struct LeapWeights {
         };
         for (int j = 0; j < leap_order; ++j) {
             sum[j] = 0;
-            for (int m = 0; m < sub_steps; ++m) sum[j] += lagrange(j, double(m) / sub_steps);
+            sum_of_sums[j] = 0;
+            for (int m = 0; m < sub_steps; ++m) {
+                const double value = lagrange(j, double(m) / sub_steps);
+                sum[j] += value;
+                sum_of_sums[j] += (sub_steps - m) * value;
+            }
             predict[j] = lagrange(j, 1);
             last[j] = lagrange(j, -1.0 / sub_steps);
         }
     }
 };
 
-// The rates at the beginnings of the last stretches, newest first.
+// Rates, or their changes, at the beginnings of the last stretches, newest first.
 template <class T>
 struct RateHistory {
     int known = 0;
@@ -61,5 +67,8 @@ struct RateHistory {
 // Over a thousand leaps of 4 ms at 1 rad/s the positions then stay within 1e-10 rad of those of the
 // sub-steps.
 inline constexpr double leap_tolerance = 1e-11;
+// The same for the changes of the rates while the arm brakes, where the error has no time to grow: over 0.1 s
+// at 5 rad/s^2 the positions stay within 1e-11 rad.
+inline constexpr double braking_leap_tolerance = 1e-9;
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

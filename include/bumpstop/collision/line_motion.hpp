@@ -86,31 +86,36 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
     return rates;
 }
 
-// One controller sub-step toward `wanted` rates (by free joint): one ratio scales all joint accelerations so
-// that none passes its limit, then the positions follow the new rates. Returns where the wanted rates were
-// reached.
+// How the rates change in one controller sub-step toward `wanted` (by free joint): one ratio scales all joint
+// accelerations so that none passes its limit. Returns where the wanted rates are reached.
 template <class T>
-MaskOf<T> advance(const Chain& chain, const MotionSettings& motion, const T* wanted, ArmState<T>& state) {
+MaskOf<T> limited_change(const MotionSettings& motion, const T* wanted, const ArmState<T>& state, T* change) {
     const double h = motion.substep();
     const int n = motion.free_count;
     T over = 0.0;
     for (int f = 0; f < n; ++f) {
         const int j = motion.free_joint[f];
-        over = maximum(over, absolute(wanted[f] - state.qd[j]) * (1.0 / (motion.acceleration_limit[j] * h)));
+        change[f] = wanted[f] - state.qd[j];
+        over = maximum(over, absolute(change[f]) * (1.0 / (motion.acceleration_limit[j] * h)));
     }
     const auto reached = over <= T(1.0);
-    if (all(reached)) {
-        for (int f = 0; f < n; ++f) state.qd[motion.free_joint[f]] = wanted[f];
-    } else {
+    if (!all(reached)) {
         const T ratio = 1.0 / maximum(over, T(1.0));
-        for (int f = 0; f < n; ++f) {
-            T& qd = state.qd[motion.free_joint[f]];
-            qd = select(reached, wanted[f], qd + ratio * (wanted[f] - qd));
-        }
+        for (int f = 0; f < n; ++f) change[f] *= ratio;
     }
-    for (int f = 0; f < n; ++f) {
+    return reached;
+}
+
+// One controller sub-step: the rates change, then the positions follow the new rates.
+template <class T>
+MaskOf<T> advance(const Chain& chain, const MotionSettings& motion, const T* wanted, ArmState<T>& state) {
+    T change[max_joints];
+    const auto reached = limited_change(motion, wanted, state, change);
+    for (int f = 0; f < motion.free_count; ++f) {
         const int j = motion.free_joint[f];
-        state.q[j] += state.qd[j] * h;
+        // Rates that are reached are taken over, so that no rounding keeps them apart.
+        state.qd[j] = select(reached, wanted[f], state.qd[j] + change[f]);
+        state.q[j] += state.qd[j] * motion.substep();
         state.angle.set(chain, j, state.q[j]);
     }
     return reached;

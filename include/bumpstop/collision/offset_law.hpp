@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "bumpstop/math/lanes.hpp"
+#include "bumpstop/math/functions.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -20,11 +20,12 @@ struct OffsetLaw {
     double largest() const { return kind == OffsetKind::half_normal ? reach * size : size; }
 
     // Probability per metre, inside [0, largest()]. Not for the fixed law.
-    double density(double o) const {
+    template <class T>
+    T density(T o) const {
         if (kind == OffsetKind::uniform) return 1 / size;
-        const double z = o / size;
-        return std::exp(-0.5 * z * z) * 0.79788456080286535588 /
-               (size * std::erf(reach * 0.70710678118654752440));
+        const T z = o * (1 / size);
+        const double normalised = 0.79788456080286535588 / (size * std::erf(reach * 0.70710678118654752440));
+        return exp_negative(T(0.5 * z * z), T(0.0)) * normalised;
     }
     double probability_beyond(double o) const {
         if (o >= largest()) return 0;

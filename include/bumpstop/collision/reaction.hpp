@@ -21,8 +21,113 @@ struct ReactionJob {
 // near: where `only_peak` is set and none is, it is enough that the point has begun to retreat. No arm needs
 // this many steps; one that cannot reverse near a singularity must not run for ever.
 inline constexpr int longest_reaction_steps = 20000;
-// Neighbouring ticks reach their farthest point a step or two apart and are compared at equal steps.
+// The steps about the farthest point tell where between two steps it lies.
 inline constexpr int steps_past_peak = 3;
+
+// Arms that brake, one in each lane. While the same joint limits the deceleration the changes of the rates
+// are smooth, and a whole simulation step is one leap (see leap.hpp); where they are not, the controller's
+// sub-steps are taken.
+template <class T>
+class BrakingArm {
+  public:
+    BrakingArm(const Chain& chain, const MotionSettings& motion)
+        : chain_(chain), motion_(motion), weights_(motion.substeps) {}
+
+    ArmState<T> state;
+    Point3<T> target;       // velocity the reaction asks for; zero: stop
+    bool stopping = false;  // the target is zero in all lanes, so no rates need resolving
+    MaskOf<T> reached;      // the rates asked for were reached in the last step
+    MaskOf<T> poor;         // a singularity was near in it
+    Posture<T> posture;     // after it
+
+    void begin() {
+        state.refresh_angles(chain_);
+        forward_kinematics(chain_, state.q, state.angle, posture);
+        history_.known = 0;
+        look();
+    }
+
+    // One simulation step. `alive[lane]`: the lane still matters.
+    void step(const bool* alive) {
+        poor = wanted_.conditioning.poor;
+        if (history_.known == leap_order && leap(alive)) return;
+        reached = reached_now_;
+        for (int sub = 0; sub < motion_.substeps; ++sub) {
+            if (sub > 0) look();
+            reached = advance(chain_, motion_, wanted_.free, state);
+            poor = poor | wanted_.conditioning.poor;
+            if (any(reached)) history_.known = 0;
+            forward_kinematics(chain_, state.q, state.angle, posture);
+        }
+        look();
+        remember();
+    }
+
+  private:
+    static constexpr int lanes = Scalar<T>::lanes;
+
+    // Wanted rates and their limited change where the arm is.
+    void look() {
+        if (stopping) {
+            for (int f = 0; f < motion_.free_count; ++f) wanted_.free[f] = 0.0;
+            wanted_.conditioning = {T(0.0) > T(1.0), T(0.0) > T(1.0)};
+        } else {
+            wanted_ = resolved_rates(chain_, motion_, posture, target);
+        }
+        reached_now_ = limited_change(motion_, wanted_.free, state, change_);
+    }
+
+    void remember() {
+        if (any(reached_now_)) history_.known = 0;
+        history_.push(change_, motion_.free_count);
+    }
+
+    bool leap(const bool* alive) {
+        const ArmState<T> before = state;
+        const Posture<T> posture_before = posture;
+        const Rates<T> wanted_before = wanted_;
+        const MaskOf<T> reached_before = reached_now_;
+        T change_before[max_joints];
+        const double h = motion_.substep();
+        for (int f = 0; f < motion_.free_count; ++f) {
+            const int j = motion_.free_joint[f];
+            change_before[f] = change_[f];
+            state.q[j] +=
+                h * (double(motion_.substeps) * state.qd[j] + history_.combine(weights_.sum_of_sums, f));
+            state.qd[j] += history_.combine(weights_.sum, f);
+            state.angle.set(chain_, j, state.q[j]);
+        }
+        forward_kinematics(chain_, state.q, state.angle, posture);
+        look();
+        T difference = 0.0, largest = 0.0;
+        for (int f = 0; f < motion_.free_count; ++f) {
+            difference = maximum(difference, absolute(change_[f] - history_.combine(weights_.predict, f)));
+            largest = maximum(largest, absolute(change_[f]));
+        }
+        const auto lands = difference <= braking_leap_tolerance * largest;
+        for (int lane = 0; lane < lanes; ++lane) {
+            if (!alive[lane] || (lane_of(lands, lane) && !lane_of(reached_now_, lane))) continue;
+            state = before;
+            posture = posture_before;
+            wanted_ = wanted_before;
+            reached_now_ = reached_before;
+            for (int f = 0; f < motion_.free_count; ++f) change_[f] = change_before[f];
+            history_.known = 0;
+            return false;
+        }
+        reached = T(0.0) > T(1.0);
+        history_.push(change_, motion_.free_count);
+        return true;
+    }
+
+    const Chain& chain_;
+    const MotionSettings& motion_;
+    const LeapWeights weights_;
+    Rates<T> wanted_;
+    T change_[max_joints];  // of the rates in the next sub-step
+    MaskOf<T> reached_now_;
+    RateHistory<T> history_;
+};
 
 // Packs the jobs into lanes. `pose_of(job)` gives the joint positions its path started in: held joints keep
 // theirs.
@@ -32,10 +137,12 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                         PoseOf pose_of, ReturnTo return_to) {
     constexpr int lanes = Scalar<T>::lanes;
     const int n = motion.free_count;
+    BrakingArm<T> arm(chain, motion);
+    arm.stopping = kind == ReactionKind::stop;
+    const double sign = arm.stopping ? 0 : -1;
     for (int first = 0; first < count; first += lanes) {
         const int used = count - first < lanes ? count - first : lanes;
-        ArmState<T> state;
-        Point3<T> velocity, normal, start;
+        Point3<T> normal, start;
         double turning_point[lanes], last[lanes];
         int retreating[lanes] = {};  // steps since the farthest point
         bool alive[lanes];
@@ -46,17 +153,16 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             const double* q = pose_of(job);
             const double* rs = &path.reaction_state[std::size_t(job.tick) * 2 * n];
             for (int j = 0; j < chain.dof; ++j) {
-                set_lane(state.q[j], lane, q[j]);
-                set_lane(state.qd[j], lane, 0.0);
+                set_lane(arm.state.q[j], lane, q[j]);
+                set_lane(arm.state.qd[j], lane, 0.0);
             }
             for (int f = 0; f < n; ++f) {
-                set_lane(state.q[motion.free_joint[f]], lane, rs[f]);
-                set_lane(state.qd[motion.free_joint[f]], lane, rs[n + f]);
+                set_lane(arm.state.q[motion.free_joint[f]], lane, rs[f]);
+                set_lane(arm.state.qd[motion.free_joint[f]], lane, rs[n + f]);
             }
-            const double sign = kind == ReactionKind::reverse ? -1 : 0;
-            set_lane(velocity.x, lane, sign * path.velocity[0]);
-            set_lane(velocity.y, lane, sign * path.velocity[1]);
-            set_lane(velocity.z, lane, sign * path.velocity[2]);
+            set_lane(arm.target.x, lane, sign * path.velocity[0]);
+            set_lane(arm.target.y, lane, sign * path.velocity[1]);
+            set_lane(arm.target.z, lane, sign * path.velocity[2]);
             set_lane(normal.x, lane, path.normal[0]);
             set_lane(normal.y, lane, path.normal[1]);
             set_lane(normal.z, lane, path.normal[2]);
@@ -69,35 +175,20 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             last[lane] = path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency];
             job.distance.assign(1, last[lane]);
         }
-        state.refresh_angles(chain);
-        Posture<T> posture;
-        forward_kinematics(chain, state.q, state.angle, posture);
+        arm.begin();
         bool running = true;
         for (int i = 0; running && i < longest_reaction_steps; ++i) {
-            auto reached = T(0.0) < T(1.0);
-            auto poor = T(0.0) > T(1.0);
-            for (int sub = 0; sub < motion.substeps; ++sub) {
-                if (kind == ReactionKind::stop) {
-                    const T zero[max_joints] = {};
-                    reached = advance(chain, motion, zero, state);
-                } else {
-                    if (sub > 0) forward_kinematics(chain, state.q, state.angle, posture);
-                    const Rates<T> rates = resolved_rates(chain, motion, posture, velocity);
-                    reached = advance(chain, motion, rates.free, state);
-                    poor = poor | rates.conditioning.poor;
-                }
-            }
-            forward_kinematics(chain, state.q, state.angle, posture);
-            const T s = dot(posture.position(contact.point) - start, normal);
+            arm.step(alive);
+            const T s = dot(arm.posture.position(contact.point) - start, normal);
             running = false;
             for (int lane = 0; lane < used; ++lane) {
                 if (!alive[lane]) continue;
                 const double here = lane_of(s, lane);
                 jobs[first + lane].distance.push_back(here);
                 retreating[lane] = here < last[lane] ? retreating[lane] + 1 : 0;
-                const bool back = here <= turning_point[lane] || (only_peak && !lane_of(poor, lane));
-                const bool done = kind == ReactionKind::stop ? lane_of(reached, lane)
-                                                             : retreating[lane] >= steps_past_peak && back;
+                const bool back = here <= turning_point[lane] || (only_peak && !lane_of(arm.poor, lane));
+                const bool done =
+                    arm.stopping ? lane_of(arm.reached, lane) : retreating[lane] >= steps_past_peak && back;
                 if (done) alive[lane] = false;
                 last[lane] = here;
                 running = running || alive[lane];

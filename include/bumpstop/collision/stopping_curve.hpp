@@ -18,68 +18,88 @@ struct StoppingCurve {
 
 // Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is what a force law
 // can feel.
-inline constexpr double farthest_tolerance = 1e-11;
+inline constexpr double farthest_tolerance = 5e-10;
 
 namespace detail {
 
-// Distance still travelled after the reaction began, and in which step it is greatest.
-struct Overrun {
-    int argmax = 0;
-    double most = 0;
-};
-inline Overrun overrun(const std::vector<double>& distance) {
-    Overrun best;
-    for (std::size_t i = 0; i < distance.size(); ++i) {
-        if (distance[i] - distance[0] > best.most) best = {int(i), distance[i] - distance[0]};
-    }
-    return best;
+// Distance still travelled after the reaction began: the greatest at a simulation step.
+inline double overrun(const std::vector<double>& distance) {
+    return *std::max_element(distance.begin(), distance.end()) - distance[0];
 }
 
-// The farthest travel of one pose from reactions simulated at a few ticks. For a fixed number of steps after
-// its beginning the reaction's travel is smooth in the tick; its greatest value over the steps is not, so the
-// steps are interpolated and the greatest is taken afterwards.
+// The overrun near its greatest value as a cubic in time, about the top: top + bend/2 d^2 + skew/6 d^3, where
+// d is the time since `time`, both in simulation steps.
+struct Summit {
+    double time, top, bend, skew;
+
+    // The greatest value at a whole step.
+    double at_steps() const {
+        const double below = std::max(0.0, std::floor(time));
+        double most = 0;
+        for (double step : {below, below + 1}) {
+            const double d = step - time;
+            most = std::max(most, top + d * d * (bend / 2 + d * skew / 6));
+        }
+        return most;
+    }
+};
+
+// The summit of a reaction's travel, from the four steps about it; NaN where there is none, because the
+// travel has no interior maximum.
+inline Summit summit(const std::vector<double>& distance) {
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const int n = int(distance.size());
+    const int peak = int(std::max_element(distance.begin(), distance.end()) - distance.begin());
+    if (peak == 0 || peak + 1 >= n || n < 4) return {nan, nan, nan, nan};
+    const int first = std::min(std::max(0, peak - 1), n - 4);
+    // Newton's form on the steps first .. first + 3, then powers of x = time - first.
+    double y[4];
+    for (int i = 0; i < 4; ++i) y[i] = distance[first + i] - distance[0];
+    const double d1 = y[1] - y[0], d2 = (y[2] - 2 * y[1] + y[0]) / 2,
+                 d3 = (y[3] - 3 * y[2] + 3 * y[1] - y[0]) / 6;
+    const double c1 = d1 - d2 + 2 * d3, c2 = d2 - 3 * d3, c3 = d3;
+    double x = peak - first;
+    for (int i = 0; i < 20; ++i) {
+        const double step = (c1 + x * (2 * c2 + 3 * c3 * x)) / (2 * c2 + 6 * c3 * x);
+        x -= step;
+        if (std::fabs(step) < 1e-14) break;
+    }
+    return {first + x, y[0] + x * (c1 + x * (c2 + x * c3)), 2 * c2 + 6 * c3 * x, 6 * c3};
+}
+
+// The overrun at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps
+// is not smooth in the tick, as the steps fall differently about the summit; the summit is.
 class OverrunInterpolation {
   public:
     OverrunInterpolation(Interpolation interpolation, const ReactionJob* jobs)
-        : interpolation_(std::move(interpolation)), jobs_(jobs), shortest_(longest_reaction_steps + 1) {
-        for (int m = 0; m < interpolation_.size(); ++m) {
-            best_.push_back(overrun(jobs_[m].distance));
-            shortest_ = std::min(shortest_, int(jobs_[m].distance.size()));
-        }
+        : interpolation_(std::move(interpolation)) {
+        for (int m = 0; m < interpolation_.size(); ++m) summit_.push_back(summit(jobs[m].distance));
     }
-    // Distance travelled after the reaction to tick k began; NaN where the simulated steps do not reach.
     double at(int k) const {
-        const std::vector<int>& node = interpolation_.nodes();
-        int m = 0;
-        while (m + 2 < interpolation_.size() && node[m + 1] <= k) ++m;
-        const int next = std::min(m + 1, interpolation_.size() - 1);
-        const int low = std::max(0, std::min(best_[m].argmax, best_[next].argmax) - 1);
-        const int high = std::max(best_[m].argmax, best_[next].argmax) + 1;
-        if (high >= shortest_) return std::numeric_limits<double>::quiet_NaN();
         double weight[16];
         interpolation_.weights(k, weight);
-        double most = 0;
-        for (int i = low; i <= high; ++i) {
-            double travelled = 0;
-            for (int j = 0; j < interpolation_.size(); ++j) {
-                travelled += weight[j] * (jobs_[j].distance[i] - jobs_[j].distance[0]);
-            }
-            most = std::max(most, travelled);
+        Summit sum{0, 0, 0, 0};
+        for (int m = 0; m < interpolation_.size(); ++m) {
+            sum.time += weight[m] * summit_[m].time;
+            sum.top += weight[m] * summit_[m].top;
+            sum.bend += weight[m] * summit_[m].bend;
+            sum.skew += weight[m] * summit_[m].skew;
         }
-        return most;
+        return sum.time >= 0 ? sum.at_steps() : std::numeric_limits<double>::quiet_NaN();
     }
 
   private:
     Interpolation interpolation_;
-    const ReactionJob* jobs_;
-    std::vector<Overrun> best_;
-    int shortest_;
+    std::vector<Summit> summit_;
 };
 
 // Ticks of one curve whose overrun is found together.
 struct Stretch {
     int curve, first, last;
-    std::size_t job = 0;  // the first of its jobs
+    bool crosses_kink = false;  // not to be interpolated
+    std::size_t job = 0;        // the first of its jobs
+
+    int ticks() const { return last - first + 1; }
 };
 
 // The joint that limits the deceleration at a tick: the one farthest from standstill in units of its own
@@ -114,7 +134,7 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
             int(stop_time / (2 * timing.period * motion.step)) + 2 + timing.latency / timing.period;
         const int begin = std::max(first, k - crossing), end = std::min(known - 1, k + 1);
         if (begin > first) stretches.push_back({curve, first, begin - 1});
-        if (end >= begin) stretches.push_back({curve, begin, end});
+        if (end >= begin) stretches.push_back({curve, begin, end, true});
         first = end + 1;
         k = end;
     }
@@ -151,8 +171,8 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         for (detail::Stretch& stretch : pending) {
             stretch.job = jobs.size();
             const int curve = stretch.curve;
-            const bool every_tick = stretch.last - stretch.first < nodes + checks;
-            const int wanted = every_tick ? stretch.last - stretch.first + 1 : nodes;
+            const bool every_tick = stretch.crosses_kink || stretch.ticks() <= nodes + checks;
+            const int wanted = every_tick ? stretch.ticks() : nodes;
             const std::vector<int> tick = interpolation_nodes(stretch.first, stretch.last, wanted);
             for (int k : tick) jobs.push_back({&curves[curve].path, curve, k, {}});
             for (int i = 0; !every_tick && i < checks; ++i) {
@@ -175,12 +195,11 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
                 const double before = *std::max_element(from, from + timing.latency + 1);
                 return std::max(before, from[timing.latency] + travelled);
             };
-            const int length = stretch.last - stretch.first + 1;
-            if (length <= nodes + checks) {
-                curve.reactions_simulated += length;
-                for (int i = 0; i < length; ++i)
+            if (stretch.crosses_kink || stretch.ticks() <= nodes + checks) {
+                curve.reactions_simulated += stretch.ticks();
+                for (int i = 0; i < stretch.ticks(); ++i)
                     curve.farthest[stretch.first + i] =
-                        place(stretch.first + i, detail::overrun(own[i].distance).most);
+                        place(stretch.first + i, detail::overrun(own[i].distance));
                 continue;
             }
             curve.reactions_simulated += nodes + checks;
@@ -189,7 +208,7 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
             bool smooth = true;
             for (int i = 0; i < checks; ++i) {
                 const ReactionJob& check = own[nodes + i];
-                const double difference = overrun.at(check.tick) - detail::overrun(check.distance).most;
+                const double difference = overrun.at(check.tick) - detail::overrun(check.distance);
                 smooth = smooth && std::fabs(difference) <= farthest_tolerance;
             }
             for (int k = stretch.first; smooth && k <= stretch.last; ++k) {

@@ -10,18 +10,26 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 // Adding 1.5 * 2^52 rounds to the nearest integer and leaves that integer in the low bits of the mantissa.
 inline constexpr double rounding_shift = 6755399441055744.0;
 
-// c[0] + c[1] x + ... + c[n-1] x^(n-1). Even and odd powers run as two chains: half the latency.
+// c[0] + c[1] x + ... + c[n-1] x^(n-1). The powers run as two or four chains, whose latencies overlap.
 template <class T, int n>
 T polynomial(const double (&c)[n], T x) {
-    static_assert(n >= 3);
+    static_assert(n >= 4);
+    constexpr int chains = n >= 12 ? 4 : 2;
     const T square = x * x;
-    T even = c[(n - 1) % 2 == 0 ? n - 1 : n - 2];
-    T odd = c[(n - 1) % 2 == 1 ? n - 1 : n - 2];
-    constexpr int top_even = (n - 1) % 2 == 0 ? n - 1 : n - 2;
-    constexpr int top_odd = (n - 1) % 2 == 1 ? n - 1 : n - 2;
-    for (int i = top_even - 2; i >= 0; i -= 2) even = even * square + c[i];
-    for (int i = top_odd - 2; i >= 1; i -= 2) odd = odd * square + c[i];
-    return odd * x + even;
+    const T stride = chains == 4 ? square * square : square;
+    T sum[chains];
+    BUMPSTOP_UNROLL
+    for (int chain = 0; chain < chains; ++chain) {
+        constexpr int rows = (n + chains - 1) / chains;
+        const int top =
+            (rows - 1) * chains + chain < n ? (rows - 1) * chains + chain : (rows - 2) * chains + chain;
+        T value = c[top];
+        BUMPSTOP_UNROLL
+        for (int i = top - chains; i >= 0; i -= chains) value = value * stride + c[i];
+        sum[chain] = value;
+    }
+    if constexpr (chains == 2) return sum[1] * x + sum[0];
+    return (sum[3] * x + sum[2]) * square + (sum[1] * x + sum[0]);
 }
 
 template <class T>
@@ -67,11 +75,11 @@ SinCos<T> sincos(T x) {
     return {real_of(bits_of(a) ^ sine_sign), real_of(bits_of(b) ^ cosine_sign)};
 }
 
-// exp(-(a + b)) for a + b in [0, 745]; zero beyond 708. `a` must be short (its product with nothing is
-// rounded), so that a large exponent loses no digits: erfc passes a square of few bits and a small remainder.
+// exp(-(a + b)) for a + b in [0, 745]; zero beyond 708. The rounding of `a` is the error of the exponent:
+// erfc passes a square of few bits, which is exact, and a small remainder.
 template <class T>
 T exp_negative(T a, T b) {
-    constexpr double ln2_high = 0x1.62e42fefap-1, ln2_low = 0x1.cf79abc9e3b39p-38;
+    constexpr double ln2_high = 0x1.62e42fefap-1, ln2_low = 0x1.cf79abc9e3b3ap-40;
     const T total = a + b;
     const T shifted = rounding_shift - total * 1.4426950408889634074;
     const T n = shifted - rounding_shift;
@@ -128,7 +136,7 @@ T logarithm(T x) {
                             2.0 / 13, 2.0 / 15, 2.0 / 17, 2.0 / 19, 2.0 / 21};
     const T half_square = 0.5 * f * f;
     const T series = s * (half_square + z * polynomial(c, z));
-    constexpr double ln2_high = 0x1.62e42fefap-1, ln2_low = 0x1.cf79abc9e3b39p-38;
+    constexpr double ln2_high = 0x1.62e42fefap-1, ln2_low = 0x1.cf79abc9e3b3ap-40;
     return e * ln2_high - ((half_square - (series + e * ln2_low)) - f);
 }
 

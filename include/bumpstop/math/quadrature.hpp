@@ -50,6 +50,29 @@ struct GaussRule {
     }
 };
 
+// The rule of n nodes, 1 <= n <= max_order, made once.
+inline const GaussRule& gauss_rule(int n) {
+    static const std::vector<GaussRule> rules = [] {
+        std::vector<GaussRule> made;
+        for (int order = 1; order <= max_order; ++order) made.emplace_back(order);
+        return made;
+    }();
+    return rules[std::size_t(n - 1)];
+}
+
+// Factors of the recurrence P_l+1 = rise[l] x P_l - fall[l] P_l-1, and 1 / (2l + 1).
+struct LegendreFactors {
+    std::array<double, max_order + 1> rise{}, fall{}, inverse{};
+    constexpr LegendreFactors() {
+        for (int l = 0; l <= max_order; ++l) {
+            rise[l] = (2.0 * l + 1) / (l + 1);
+            fall[l] = double(l) / (l + 1);
+            inverse[l] = 1.0 / (2 * l + 1);
+        }
+    }
+};
+inline constexpr LegendreFactors legendre_factors;
+
 // Value of a Legendre series at x and its integral from -1 to x.
 template <class T>
 struct SeriesAt {
@@ -63,10 +86,10 @@ SeriesAt<T> legendre_series(int order, T x, Coefficient coefficient) {
     const T first = coefficient(0);
     T value = first, integral = first * (x + 1.0);
     for (int l = 1; l < order; ++l) {
-        const T above = ((2.0 * l + 1) / (l + 1)) * x * here - (double(l) / (l + 1)) * below;
+        const T above = legendre_factors.rise[l] * x * here - legendre_factors.fall[l] * below;
         const T c = coefficient(l);
         value += c * here;
-        integral += c * (above - below) * (1.0 / (2 * l + 1));
+        integral += c * (above - below) * legendre_factors.inverse[l];
         below = here;
         here = above;
     }
