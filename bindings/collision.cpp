@@ -275,6 +275,8 @@ void bind_collision(nb::module_& module) {
             [](ThresholdDetector* self, Vector threshold, Vector sd, Vector mean, double arming_delay) {
                 new (self) ThresholdDetector();
                 for (std::size_t j = 0; j < threshold.shape(0); ++j) {
+                    self->noise_sd[j] = sd(j);
+                    self->noise_mean[j] = mean(j);
                     if (std::isfinite(threshold(j))) self->watch(int(j), threshold(j), sd(j), mean(j));
                 }
                 self->arming_delay = arming_delay;
@@ -345,6 +347,19 @@ void bind_collision(nb::module_& module) {
             },
             nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"),
             nb::arg("refinement"))
+        .def(
+            "tail_directly",
+            [](const Curve& self, const ThresholdDetector& detector, double stiffness,
+               const std::string& offset_kind, double offset_size, double force) {
+                nb::gil_scoped_release unlocked;
+                const LawSettings settings{stiffness, offset_law(offset_kind, offset_size), 1, false};
+                return ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector,
+                                          settings)
+                    .tail_directly(force);
+            },
+            nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"),
+            nb::arg("force"),
+            "P(peak force > force) of detected collisions, with all its digits however small.")
         .def("sample", &sample, nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"),
              nb::arg("offset_size"), nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"),
              nb::arg("with_noise"), nb::arg("threads"));

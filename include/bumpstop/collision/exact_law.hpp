@@ -109,6 +109,60 @@ class ExactLawBuilder {
         return std::move(law_);
     }
 
+    // P(peak force > force) of detected collisions by itself: nothing is interpolated and only positive terms
+    // are added, so a probability of 1e-30 has as many digits as one of 0.3.
+    double tail_directly(double force) {
+        place_ticks();
+        choose_order();
+        const int ticks = curve_.path.ticks;
+        const bool fixed = settings_.offset.kind == OffsetKind::fixed;
+        const double depth = force / settings_.stiffness;
+        // Detection at tick k passes the force where the offset is below farthest - depth: cut every panel
+        // there.
+        std::vector<detail::Panel> panels;
+        if (fixed) {
+            panels = fixed_panel();
+        } else {
+            for (const detail::Panel& panel : plain_panels()) {
+                std::vector<double> cuts{panel.high};
+                for (int k = 0; k < ticks; ++k) {
+                    const double cut = curve_.farthest[k] - depth;
+                    if (cut > panel.low && cut < panel.high) cuts.push_back(cut);
+                }
+                std::sort(cuts.begin(), cuts.end());
+                double low = panel.low;
+                for (double high : cuts) {
+                    if (high > low) panels.push_back({low, high, panel.tick});
+                    low = high;
+                }
+            }
+        }
+        if (panels.empty()) return 0;
+        const GaussRule& rule = gauss_rule(order_);
+        const detail::Outcomes outcomes = evaluate(panels);
+        double total = 0;
+        for (std::size_t p = 0; p < panels.size(); ++p) {
+            const detail::Panel& panel = panels[p];
+            const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
+            for (int k = 0; k < ticks; ++k) {
+                if (!(curve_.farthest[k] - depth >= (fixed ? mid * (1 + 1e-15) : panel.high))) continue;
+                const int slot = k - panel.tick;
+                if (slot >= int(outcomes.detected.size()) || (slot < 0 && !armed(k))) continue;
+                for (int g = 0; g < order_; ++g) {
+                    const double density =
+                        fixed ? 0.5 : settings_.offset.density(mid + half * rule.node[g]) * half;
+                    const double chance =
+                        slot < 0
+                            ? silence_before(k) * idle_alarm_
+                            : silence_before(panel.tick) *
+                                  outcomes.detected[std::size_t(slot)][std::size_t(g) * outcomes.panels + p];
+                    total += rule.weight[g] * density * chance;
+                }
+            }
+        }
+        return total;
+    }
+
   private:
     static constexpr int lanes = Scalar<T>::lanes;
     static int padded(int n) { return (n + lanes - 1) / lanes * lanes; }
@@ -121,7 +175,7 @@ class ExactLawBuilder {
     // distance.
     void place_ticks() {
         const int ticks = curve_.path.ticks;
-        edge_.resize(ticks + 1);
+        edge_.resize(ticks + 2);
         edge_[0] = 0;
         armed_before_.resize(ticks + 1);
         armed_before_[0] = 0;
@@ -129,6 +183,10 @@ class ExactLawBuilder {
             edge_[k + 1] = std::max(edge_[k], s_tick(k));
             armed_before_[k + 1] = armed_before_[k] + armed(k);
         }
+        // Contact between the last tick and the end of the motion is contact all the same.
+        const auto& s = curve_.path.s;
+        const auto end = s.begin() + std::ptrdiff_t(end_step()) + 1;
+        edge_[ticks + 1] = std::max(edge_[ticks], *std::max_element(s.begin(), end));
         const AlarmProbability<double> free = any_alarm<double>(detector_, [](int) { return 0.0; });
         idle_alarm_ = free.alarm;
         log_idle_silence_ = std::log1p(-free.alarm);
@@ -167,18 +225,19 @@ class ExactLawBuilder {
     std::vector<detail::Panel> fixed_panel() const {
         const double o = settings_.offset.size;
         const int ticks = curve_.path.ticks;
-        for (int k = 0; k < ticks; ++k) {
+        for (int k = 0; k <= ticks; ++k) {
             if (edge_[k + 1] > o) return {{o, o, k}};
         }
-        return {{o, o, ticks}};
+        return {};
     }
 
     // Panels by part, then by tick. The first `regular_` ticks-in-a-row of every part are alike enough to
     // interpolate.
     std::vector<detail::Panel> cut_panels() {
         const double largest = settings_.offset.largest();
+        const int ticks = curve_.path.ticks;
         int last = 0;  // contact ticks are 0..last-1
-        while (last < curve_.path.ticks && edge_[last] < largest) ++last;
+        while (last < ticks && edge_[last] < largest) ++last;
         std::vector<detail::Panel> panels;
         auto add_part = [&](int k, int part) {
             const double low = edge_[k], high = std::min(edge_[k + 1], largest);
@@ -199,9 +258,21 @@ class ExactLawBuilder {
                 for (int k = first_regular; k < end_regular; ++k) add_part(k, part);
             for (int part = 0; part < parts_; ++part) add_part(0, part);
             for (int part = 0; part < parts_; ++part) add_part(last - 1, part);
+            if (edge_.back() > edge_[ticks] && edge_[ticks] < largest)
+                panels.push_back({edge_[ticks], std::min(edge_.back(), largest), ticks});
             return panels;
         }
         for (int k = 0; k < last; ++k) cut_one(k, largest, bent, panels);
+        if (edge_.back() > edge_[ticks] && edge_[ticks] < largest)
+            panels.push_back({edge_[ticks], std::min(edge_.back(), largest), ticks});
+        return panels;
+    }
+
+    // Every tick's panel by itself, as far as the offsets go.
+    std::vector<detail::Panel> plain_panels() const {
+        const double largest = settings_.offset.largest();
+        std::vector<detail::Panel> panels;
+        for (int k = 0; k < curve_.path.ticks && edge_[k] < largest; ++k) cut_one(k, largest, false, panels);
         return panels;
     }
 
@@ -471,16 +542,12 @@ class ExactLawBuilder {
                 total += rule.weight[g] * offset[at];
             }
             law_.false_alarm += total * -std::expm1(armed_before_[panel.tick] * log_idle_silence_);
-            if (panel.tick == path.ticks) {  // a fixed offset that the motion does not reach
-                law_.no_contact += total * silence;
-                for (int g = 0; g < order_; ++g) weight[std::size_t(g) * n + p] = 0;
-            }
             int reach = 0;  // ticks before contact whose stopping path still arrives
             while (reach < panel.tick && curve_.farthest[panel.tick - reach - 1] > panel.low) ++reach;
             before = std::max(before, reach);
         }
         if (!(idle_alarm_ > 0)) before = 0;
-        const double beyond = fixed ? 0 : settings_.offset.probability_beyond(edge_[path.ticks]);
+        const double beyond = fixed ? double(real == 0) : settings_.offset.probability_beyond(edge_.back());
         law_.false_alarm += beyond * -std::expm1(armed_before_[path.ticks] * log_idle_silence_);
         law_.no_contact += beyond * silence_before(path.ticks);
 
@@ -597,10 +664,11 @@ class ExactLawBuilder {
         const double end = path.ticks > 0 ? path.s[end_step()] : 0;
         for (int p = 0; p < n; ++p) {
             const int tick = pieces.first_tick[p];
-            if (tick >= path.ticks) continue;
             law_.peak_force.spread[p] = law_.force_at_detection.spread[p] = K * pieces.half[p];
             law_.end_force.spread[p] = K * pieces.half[p];
-            // Time of contact at the panel's ends; between them the path is straight in time.
+            law_.end_force.centre[p] = K * (end - pieces.mid[p]);
+            // False alarms whose stopping path arrives are possible even where contact comes after the last
+            // tick. Time of contact at the panel's ends; between them the path is straight in time.
             const double early = contact_time(pieces.mid[p] - pieces.half[p], tick);
             const double late = contact_time(pieces.mid[p] + pieces.half[p], tick);
             law_.detection_delay.spread[p] = 0.5 * (late - early);
@@ -613,7 +681,6 @@ class ExactLawBuilder {
                 law_.force_at_detection.centre[at] = K * (s_tick(k) - pieces.mid[p]);
                 law_.detection_delay.centre[at] = tick_time(k) - 0.5 * (early + late);
             }
-            law_.end_force.centre[p] = K * (end - pieces.mid[p]);
         }
         summarise(pieces, law_.peak_force);
         summarise(pieces, law_.end_force);
@@ -627,9 +694,10 @@ class ExactLawBuilder {
     // When the point passes offset o, first in contact at tick k: linear between simulation steps.
     double contact_time(double o, int k) const {
         const LinePath& path = curve_.path;
-        const std::size_t last = std::size_t(k) * timing_.period + 1;
-        std::size_t i = k == 0 ? 0 : last - timing_.period;
+        const std::size_t last = std::min(std::size_t(k) * timing_.period + 1, path.s.size() - 1);
+        std::size_t i = k == 0 ? 0 : std::size_t(k - 1) * timing_.period + 1;
         while (i + 1 < last && path.s[i + 1] <= o) ++i;
+        if (i >= last) return double(i) * motion_.step;
         const double step = path.s[i + 1] - path.s[i];
         const double part = step > 0 ? std::clamp((o - path.s[i]) / step, 0.0, 1.0) : 0.0;
         return (double(i) + part) * motion_.step;

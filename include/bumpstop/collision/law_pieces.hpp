@@ -204,12 +204,12 @@ double upper_quantile(const LawPieces& pieces, const LawQuantity& quantity, doub
         const TailAt at = tail<T>(pieces, quantity, y);
         const double excess = at.probability + never - allowed;
         (excess > 0 ? low : high) = y;
-        double next = at.density > 0 ? y + excess / at.density : low;
-        if (std::fabs(next - y) <= resolution) {
-            y = next;
-            break;
+        double next = 0.5 * (low + high);
+        if (at.density > 0) {
+            const double newton = y + excess / at.density;
+            if (std::fabs(newton - y) <= resolution) return newton;
+            if (newton > low && newton < high) next = newton;
         }
-        if (!(next > low && next < high)) next = 0.5 * (low + high);
         y = next;
     }
     return y;

@@ -154,8 +154,7 @@ class Sampler {
         if (out.noise != nullptr) describe(first_run, index, used, out);
     }
 
-    // Noise and residual of all joints at the tick of detection, watched or not: zero noise for those not
-    // watched.
+    // Noise and residual of all joints at the tick of detection, watched or not.
     void describe(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
         const int dof = curve_.path.dof;
         for (int lane = 0; lane < used; ++lane) {
@@ -166,11 +165,10 @@ class Sampler {
             for (int j = 0; j < dof; ++j) noise[j] = residual[j] = 0;
             if (k < 0) continue;
             const double force = std::max(0.0, s_[k] - out.offset[i]) * stiffness_;
-            for (int w = 0; w < detector_.watched; ++w) {
-                const auto block = noise_block<std::int64_t>(seed_, first_run + i, k, pair_[w]);
-                noise[detector_.joint[w]] =
-                    signed_probability<double>(block, half_[w]).normal() * detector_.sd[w] +
-                    detector_.mean[w];
+            for (int j = 0; j < dof; ++j) {
+                const auto block = noise_block<std::int64_t>(seed_, first_run + i, k, j / 2);
+                noise[j] = signed_probability<double>(block, j % 2).normal() * detector_.noise_sd[j] +
+                           detector_.noise_mean[j];
             }
             for (int j = 0; j < dof; ++j)
                 residual[j] = noise[j] + curve_.path.torque_per_N[std::size_t(k) * dof + j] * force;

@@ -11,10 +11,11 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 struct ThresholdDetector {
     int watched = 0;  // joints with a finite threshold
     std::array<int, max_joints> joint{};
-    std::array<double, max_joints> threshold{};   // Nm or N, by watched joint
-    std::array<double, max_joints> sd{}, mean{};  // of the noise, by watched joint
-    std::array<double, max_joints> scale{};       // 1 / (sqrt 2 sd), large for no noise
-    double arming_delay = 0;                      // ticks earlier than this never alarm [s]
+    std::array<double, max_joints> threshold{};               // Nm or N, by watched joint
+    std::array<double, max_joints> sd{}, mean{};              // of the noise, by watched joint
+    std::array<double, max_joints> scale{};                   // 1 / (sqrt 2 sd), large for no noise
+    std::array<double, max_joints> noise_sd{}, noise_mean{};  // by joint, watched or not
+    double arming_delay = 0;                                  // ticks earlier than this never alarm [s]
 
     void watch(int j, double limit, double noise_sd, double noise_mean) {
         joint[watched] = j;

@@ -12,12 +12,14 @@ from bumpstop.collision.distribution import CellDistribution
 if TYPE_CHECKING:
     from bumpstop.collision.problem import Problem
 
-# Cells per panel: inside a panel the time of release bends a little with the offset.
-_CELLS = 8
+# Cells per panel, and nodes for the moments: inside a panel the time of release bends a little with the offset.
+_CELLS = 16
+_UNIT_NODES, _UNIT_WEIGHTS = (a / 2 for a in np.polynomial.legendre.leggauss(12))
+_UNIT_NODES = _UNIT_NODES + 0.5
 
 
-class ReleaseTimes:
-    """When the contact force is gone after a reaction that reverses, by tick of detection and offset."""
+class ContactSpans:
+    """How long the contact lasts when the arm reverses, by tick of detection and offset."""
 
     def __init__(self, problem: Problem, curve: Any, ticks: np.ndarray, least_offset: np.ndarray) -> None:
         """Simulate the reactions to ``ticks`` until the point is back behind the ``least_offset`` [m] of each."""
@@ -26,15 +28,16 @@ class ReleaseTimes:
         paths = curve.reaction_paths([int(k) for k in ticks], [float(o) for o in least_offset])
         self._path = {int(k): path for k, path in zip(ticks, paths, strict=True)}
         self._distance = curve.distance
-        self._period = problem.period_steps
+
+    def farthest(self, tick: int) -> float:
+        """Greatest distance [m] of the case that is detected at a tick."""
+        return float(max(self._path[tick].max(), self._distance[: self._begin[tick]].max()))
 
     def at(self, tick: int, offset: FloatArray) -> FloatArray:
-        """Times [s] at which the distance falls below each offset for good; NaN where it never does."""
-        begin = self._begin[tick]
-        # From the tick on: what is left of the line, then the reaction.
-        line = self._distance[tick * self._period + 1 : begin]
-        path = np.concatenate([line, self._path[tick]])
-        first = begin - line.size
+        """Times [s] from the first touch until the distance is below each offset for good; NaN without contact."""
+        # The whole path of this case: the line up to the reaction, then the reaction.
+        path = np.concatenate([self._distance[: self._begin[tick]], self._path[tick]])
+        touch = contact_times(path, offset, self._step)
         # Release is the last time the path is above the offset: search the falling envelope from the end.
         envelope = np.maximum.accumulate(path[::-1])[::-1]
         index = np.searchsorted(-envelope, -offset, side="left")  # first step at or below the offset, for good
@@ -42,11 +45,11 @@ class ReleaseTimes:
         last = np.clip(index, 1, path.size - 1)
         drop = path[last - 1] - path[last]
         part = np.where(drop > 0, (path[last - 1] - offset) / np.where(drop > 0, drop, 1.0), 0.0)
-        return np.where(inside, (first + last - 1 + part) * self._step, np.nan)
+        return np.where(inside, (last - 1 + part) * self._step - touch, np.nan)
 
 
 def contact_times(distance: FloatArray, offset: FloatArray, step: float) -> FloatArray:
-    """Times [s] at which the undisturbed path first passes each offset, linear between steps; NaN beyond its end."""
+    """Times [s] at which a path first passes each offset, linear between steps; NaN beyond its end."""
     reach = np.maximum.accumulate(distance)
     index = np.searchsorted(reach, offset, side="right")
     inside = index < reach.size
@@ -61,34 +64,43 @@ def exact_contact_time(problem: Problem, curve: Any, law: Any) -> CellDistributi
     coefficients = law.coefficients
     mid, half, first_tick = law.panel_mid, law.panel_half, law.panel_first_tick
     slots, order, _ = coefficients.shape
-    edges = np.linspace(-1.0, 1.0, _CELLS + 1)
-    inside = _cell_integrals(order, edges)  # (cells, order)
-    cells: dict[int, list[tuple[int, int]]] = {}
+    pieces: dict[int, list[tuple[int, int]]] = {}
     for slot in range(slots - 1):
         for panel in np.flatnonzero(coefficients[slot, 0] > 1e-15):
             tick = int(first_tick[panel]) + slot - law.slots_before
             if 0 <= tick < curve.ticks:
-                cells.setdefault(tick, []).append((slot, int(panel)))
-    ticks = np.array(sorted(cells), dtype=np.int64)
-    if not ticks.size:
-        empty = np.zeros(0)
-        return CellDistribution(empty, empty, empty)
-    least = np.array([min(mid[p] - half[p] for _, p in cells[int(k)]) for k in ticks])
-    release = ReleaseTimes(problem, curve, ticks, least)
-    low, high, mass = [], [], []
+                pieces.setdefault(tick, []).append((slot, int(panel)))
+    ticks = np.array(sorted(pieces), dtype=np.int64)
+    parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
+    if ticks.size:
+        least = np.array([min(mid[p] - half[p] for _, p in pieces[int(k)]) for k in ticks])
+        spans = ContactSpans(problem, curve, ticks, least)
     for k in ticks:
-        slot, panel = np.array(cells[int(k)]).T
-        offset = mid[panel, None] + half[panel, None] * edges
-        touch = contact_times(curve.distance, offset.ravel(), problem.scenario.simulation.step_s).reshape(offset.shape)
-        # Reactions to a false alarm touch later, on their own stopping path: no time of touch on the line.
-        duration = release.at(int(k), offset.ravel()).reshape(offset.shape) - touch
-        weight = np.einsum("cl,pl->pc", inside, coefficients[slot, :, panel])
-        ends = np.stack([duration[:, :-1], duration[:, 1:]])
-        known = np.isfinite(ends).all(axis=0) & (ends.min(axis=0) >= 0)
-        low.append(ends.min(axis=0)[known])
-        high.append(ends.max(axis=0)[known])
-        mass.append(weight[known])
-    return CellDistribution(np.concatenate(low), np.concatenate(high), np.concatenate(mass))
+        slot, panel = np.array(pieces[int(k)]).T
+        # Where a stopping path barely arrives, its contact grows from nothing like a square root: the panel ends at the
+        # farthest point, and places crowd there.
+        top = np.clip((spans.farthest(int(k)) - mid[panel]) / np.maximum(half[panel], 1e-300), -1.0, 1.0)
+        grazing = slot < law.slots_before
+        top = np.where(grazing, top, 1.0)[:, None]
+        power = np.where(grazing, 2.0, 1.0)[:, None]
+        width = top + 1.0
+        edge = top - width * np.linspace(1.0, 0.0, _CELLS + 1) ** power
+        node = top - width * _UNIT_NODES**power
+        series = coefficients[slot, :, panel]
+        below = np.einsum("pel,pl->pe", _antiderivatives(edge, order), series)
+        density = np.einsum("pnl,pl->pn", np.polynomial.legendre.legvander(node, order - 1), series)
+        ends = _durations(spans, int(k), mid[panel], half[panel], edge)
+        value = _durations(spans, int(k), mid[panel], half[panel], node)
+        low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
+        known, lasts = np.isfinite(low) & np.isfinite(high), np.isfinite(value)
+        mass, value_mass = np.diff(below, axis=1), density * width * power * _UNIT_NODES ** (power - 1) * _UNIT_WEIGHTS
+        parts.append((low[known], high[known], mass[known], value[lasts], value_mass[lasts]))
+    return CellDistribution(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def _durations(spans: ContactSpans, tick: int, mid: FloatArray, half: FloatArray, x: FloatArray) -> FloatArray:
+    offset = mid[:, None] + half[:, None] * x
+    return spans.at(tick, offset.ravel()).reshape(offset.shape)
 
 
 def sampled_contact_time(problem: Problem, curve: Any, tick: np.ndarray, offset: FloatArray) -> FloatArray:
@@ -100,19 +112,17 @@ def sampled_contact_time(problem: Problem, curve: Any, tick: np.ndarray, offset:
         return result
     groups = {int(k): np.flatnonzero(tick == k) for k in ticks}
     least = np.array([offset[groups[int(k)]].min() for k in ticks])
-    release = ReleaseTimes(problem, curve, ticks, least)
-    touch = contact_times(curve.distance, offset, problem.scenario.simulation.step_s)
+    spans = ContactSpans(problem, curve, ticks, least)
     for k, runs in groups.items():
-        duration = release.at(k, offset[runs]) - touch[runs]
-        result[runs] = np.where(duration > 0, duration, np.nan)
+        result[runs] = spans.at(k, offset[runs])
     return result
 
 
-def _cell_integrals(order: int, edges: FloatArray) -> FloatArray:
-    """Integral of every Legendre polynomial below ``order`` over every cell, (cells, order)."""
-    values = np.polynomial.legendre.legvander(edges, order)
-    antiderivative = np.empty((edges.size, order))
-    antiderivative[:, 0] = edges
+def _antiderivatives(x: FloatArray, order: int) -> FloatArray:
+    """Antiderivative of every Legendre polynomial below ``order`` at x, (..., order)."""
+    values = np.polynomial.legendre.legvander(x, order)
+    result = np.empty((*x.shape, order))
+    result[..., 0] = x
     for degree in range(1, order):
-        antiderivative[:, degree] = (values[:, degree + 1] - values[:, degree - 1]) / (2 * degree + 1)
-    return np.diff(antiderivative, axis=0)
+        result[..., degree] = (values[..., degree + 1] - values[..., degree - 1]) / (2 * degree + 1)
+    return result

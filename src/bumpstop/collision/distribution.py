@@ -15,11 +15,13 @@ from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 # The quantiles every output gives, by the name it gives them.
 QUANTILES = {"p50": 0.5, "p95": 0.95, "p99": 0.99, "p999": 0.999}
 
+# Probability below which a tail is worked out by itself.
+FAR = 1e-6
 # Probability below which a share of undetected collisions is rounding, not a statement.
 NEGLIGIBLE = 1e-12
 
@@ -80,6 +82,8 @@ class ExactDistribution(Distribution):
         condition: probability of what the distribution is conditioned on.
         undetected: probability of never detecting, part of ``condition``; it counts as beyond every value.
         bounded: the undetected collisions end with a known force, so that there is a mean.
+        far_tail: the law's tail at a value of the kernels, worked out by itself; used where the tail is so small that
+            interpolation would have spent its digits.
     """
 
     law: Any
@@ -88,6 +92,7 @@ class ExactDistribution(Distribution):
     condition: float = 1.0
     undetected: float = 0.0
     bounded: bool = True
+    far_tail: Callable[[float], float] | None = None
 
     @cached_property
     def _moments(self) -> tuple[float, float]:
@@ -111,8 +116,10 @@ class ExactDistribution(Distribution):
             return math.nan
         if x < 0:
             return 1.0
-        tail = self.law.tail(self.name, np.array([x / self.scale]))[0, 0] + self.undetected
-        return float(min(1.0, tail / self.condition))
+        tail = self.law.tail(self.name, np.array([x / self.scale]))[0, 0]
+        if tail < FAR and self.far_tail is not None:
+            tail = self.far_tail(x / self.scale)
+        return float(min(1.0, (tail + self.undetected) / self.condition))
 
     def quantile(self, p: float) -> float:  # noqa: D102
         _check_probability(p)
@@ -177,44 +184,58 @@ class CellDistribution(Distribution):
     Attributes:
         low, high: ends of the cells (cells,).
         mass: their probabilities (cells,), normalised to one on use.
+        node, node_mass: values and probabilities (nodes,) of a quadrature for the moments, which are finer than cells.
     """
 
     low: FloatArray
     high: FloatArray
     mass: FloatArray
+    node: FloatArray
+    node_mass: FloatArray
 
     @cached_property
     def _total(self) -> float:
         return float(self.mass.sum())
 
+    @cached_property
+    def _moments(self) -> tuple[float, float]:
+        if not self._total > 0:
+            return math.nan, math.nan
+        weight = self.node_mass / self.node_mass.sum()
+        mean = float(weight @ self.node)
+        return mean, math.sqrt(max(0.0, float(weight @ (self.node - mean) ** 2)))
+
     @property
     def mean(self) -> float:  # noqa: D102
-        return float((self.mass * (self.low + self.high)).sum() / 2 / self._total) if self._total > 0 else math.nan
+        return self._moments[0]
 
     @property
     def sd(self) -> float:  # noqa: D102
-        if not self._total > 0:
-            return math.nan
-        centre = (self.low + self.high) / 2 - self.mean
-        variance = self.mass @ (centre**2 + (self.high - self.low) ** 2 / 12) / self._total
-        return math.sqrt(max(0.0, float(variance)))
+        return self._moments[1]
+
+    @cached_property
+    def _tail(self) -> tuple[FloatArray, FloatArray]:
+        """P(quantity > x) at every end of a cell, x ascending; straight between them."""
+        width = np.maximum(self.high - self.low, 1e-12)
+        ends = np.concatenate([self.low, self.low + width])
+        slope = np.concatenate([self.mass / width, -self.mass / width])
+        order = np.argsort(ends, kind="stable")
+        x = ends[order]
+        density = np.cumsum(slope[order])[:-1]
+        below = np.concatenate([[0.0], np.cumsum(density * np.diff(x))])
+        return x, np.clip(1 - below / self._total, 0.0, 1.0)
 
     def exceedance(self, x: float) -> float:  # noqa: D102
-        width = np.maximum(self.high - self.low, 1e-300)
-        share = np.clip((self.high - x) / width, 0.0, 1.0)
-        return float(self.mass @ share / self._total) if self._total > 0 else math.nan
+        if not self._total > 0:
+            return math.nan
+        return float(np.interp(x, *self._tail))
 
     def quantile(self, p: float) -> float:  # noqa: D102
         _check_probability(p)
         if not self._total > 0:
             return math.nan
-        low, high = float(self.low.min()), float(self.high.max())
-        while high - low > 1e-12 * max(1e-9, high):
-            middle = (low + high) / 2
-            if middle in (low, high):
-                break
-            low, high = (middle, high) if self.exceedance(middle) > 1 - p else (low, middle)
-        return high
+        x, tail = self._tail
+        return float(np.interp(p, 1 - tail, x))
 
     def scaled(self, factor: float) -> CellDistribution:  # noqa: D102
-        return replace(self, low=self.low * factor, high=self.high * factor)
+        return replace(self, low=self.low * factor, high=self.high * factor, node=self.node * factor)

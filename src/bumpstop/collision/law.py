@@ -220,9 +220,8 @@ def evaluate(
 
 def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) -> ForceLaw:
     """Integrate over contact offset and white noise on a stopping curve of this problem's pose, motion and reaction."""
-    law = curve.kernel.exact_law(
-        problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size, refinement
-    )
+    question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
+    law = curve.kernel.exact_law(*question, refinement)
     undetected = max(0.0, law.undetected)
     after_contact = law.total("force_at_detection")
     detected = after_contact + law.false_alarm
@@ -232,7 +231,13 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
         problem=problem,
         curve=curve,
         kind="exact",
-        peak_force=ExactDistribution(law, "peak_force", undetected=undetected, bounded=curve.end != "horizon"),
+        peak_force=ExactDistribution(
+            law,
+            "peak_force",
+            undetected=undetected,
+            bounded=curve.end != "horizon",
+            far_tail=lambda force: float(curve.kernel.tail_directly(*question, force)),
+        ),
         force_at_detection=ExactDistribution(law, "force_at_detection", condition=after_contact),
         detection_delay=ExactDistribution(law, "detection_delay", condition=after_contact),
         trigger_joint_probability=triggers,

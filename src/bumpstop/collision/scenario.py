@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import math
+import re
+import reprlib
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,11 +14,29 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from bumpstop.errors import InputError, near_matches
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+def _between(low: float, high: float) -> Any:
+    return Field(ge=low, le=high, allow_inf_nan=False)
+
+
+# Every number has a range: wide enough for any arm and any unit slip, narrow enough that no product of them overflows
+# or vanishes and no simulation takes for ever.
 Probability = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
-Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+JointPosition = Annotated[float, _between(-1e6, 1e6)]
+Velocity = Annotated[list[Annotated[float, _between(-1e5, 1e5)]], Field(min_length=3, max_length=3)]
+Point = Annotated[list[Annotated[float, _between(-100, 100)]], Field(min_length=3, max_length=3)]
+Direction = Annotated[list[Annotated[float, _between(-1e6, 1e6)]], Field(min_length=3, max_length=3)]
+NoiseSd = Annotated[float, _between(0, 1e6)]
+NoiseMean = Annotated[float, _between(-1e6, 1e6)]
+JointAcceleration = Annotated[float, _between(1e-2, 1e5)]
+_LEAST_SPEED_MM_S = 1e-3
+_LEAST_THRESHOLD_NM, _LARGEST_THRESHOLD_NM = 1e-6, 1e9
+# Beyond this it is no scenario, but perhaps a recording or a device that never ends.
+_MOST_BYTES = 1_000_000
+
+# The table that ``settings.toml`` has more than a scenario.
+MADE_BY = "made_by"
+
 # Values that later versions of the format know and this one does not compute.
 _NOT_YET = {
     ("contact", "kind"): {"free"},
@@ -35,12 +55,12 @@ class Motion(_Table):
     """A straight line of the tip at constant speed, base frame."""
 
     kind: Literal["line"] = "line"
-    velocity_mm_s: Vector
+    velocity_mm_s: Velocity
     start: Literal["moving", "rest"] = "moving"
-    duration_s: Positive = 5.0
+    duration_s: Annotated[float, _between(1e-5, 1e5)] = 5.0
     task: Literal["pose", "position"] = "pose"
     held_joints: list[int] = []
-    damping: NotNegative = 0.0
+    damping: Annotated[float, _between(0, 10)] = 0.0
 
     @property
     def velocity(self) -> tuple[float, float, float]:
@@ -51,7 +71,19 @@ class Motion(_Table):
     @model_validator(mode="after")
     def _moves(self) -> Motion:
         if not any(self.velocity_mm_s):
-            raise ValueError("motion.velocity_mm_s|is zero|an arm that does not move hits nothing: give a direction")
+            raise InputError(
+                "motion.velocity_mm_s", "is zero", "an arm that does not move hits nothing: give a direction"
+            )
+        speed = math.hypot(*self.velocity_mm_s)
+        if speed < _LEAST_SPEED_MM_S:
+            raise InputError(
+                "motion.velocity_mm_s", f"is {speed:g} mm/s in all", f"wanted at least {_LEAST_SPEED_MM_S:g}"
+            )
+        named: set[int] = set()
+        for number in self.held_joints:
+            if number in named:
+                raise InputError("motion.held_joints", f"joint {as_written(number)} is named twice", "name each once")
+            named.add(number)
         return self
 
 
@@ -61,30 +93,35 @@ class Contact(_Table):
     body: str | None = None
     limits: str = "bgia2011"
     kind: Literal["clamped"] = "clamped"
-    area_cm2: Positive = 1.0
-    stiffness_N_m: Positive | None = None
+    area_cm2: Annotated[float, _between(1e-4, 1e4)] = 1.0
+    stiffness_N_m: Annotated[float, _between(1e-3, 1e9)] | None = None
     pressure_area: str | None = None
-    peak_factor: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 1.0
+    peak_factor: Annotated[float, _between(1, 1e3)] = 1.0
     link: str | None = None
-    point_m: Vector = [0.0, 0.0, 0.0]
-    normal: Vector | None = None
+    point_m: Point = [0.0, 0.0, 0.0]
+    normal: Direction | None = None
     arm: Literal["position_driven"] = "position_driven"
     offset_law: Literal["half_normal", "uniform", "fixed"] = "uniform"
-    offset_sd_s: Positive = 0.1
-    offset_mm: NotNegative | None = None
+    offset_sd_s: Annotated[float, _between(1e-6, 1e4)] = 0.1
+    offset_mm: Annotated[float, _between(0, 1e6)] | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> Contact:
         if self.body is None and self.stiffness_N_m is None:
-            raise ValueError("contact.body|is missing|name a body region, or give contact.stiffness_N_m without one")
-        if self.normal is not None and not any(self.normal):
-            raise ValueError("contact.normal|is zero|wanted a direction")
+            raise InputError(
+                "contact.body", "is missing", "name a body region, or give contact.stiffness_N_m without one"
+            )
+        if self.normal is not None and math.hypot(*self.normal) < 1e-6:
+            raise InputError(
+                "contact.normal", f"{as_written(self.normal)} is no direction", "wanted a vector of any length"
+            )
         if self.offset_law == "fixed" and self.offset_mm is None:
-            raise ValueError('contact.offset_mm|is missing|offset_law = "fixed" needs it')
+            raise InputError("contact.offset_mm", "is missing", 'offset_law = "fixed" needs it')
         if self.offset_law != "fixed" and self.offset_mm is not None:
-            raise ValueError(
-                f"contact.offset_mm|has no meaning with offset_law = {self.offset_law!r}|"
-                'valid with offset_law = "fixed"'
+            raise InputError(
+                "contact.offset_mm",
+                f'has no meaning with offset_law = "{self.offset_law}"',
+                'leave it out, or give offset_law = "fixed"',
             )
         return self
 
@@ -93,19 +130,21 @@ class Detector(_Table):
     """Thresholds and noise of the residual (estimated minus predicted motor torque), per joint."""
 
     thresholds_Nm: list[float]
-    noise_sd_Nm: NotNegative | list[NotNegative]
-    noise_mean_Nm: Finite | list[Finite] = 0.0
-    feedback_period_s: Positive = 0.004
+    noise_sd_Nm: NoiseSd | list[NoiseSd]
+    noise_mean_Nm: NoiseMean | list[NoiseMean] = 0.0
+    feedback_period_s: Annotated[float, _between(1e-5, 1)] = 0.004
     residual: Literal["direct"] = "direct"
-    arming_delay_s: NotNegative = 0.0
+    arming_delay_s: Annotated[float, _between(0, 1e5)] = 0.0
 
     @model_validator(mode="after")
     def _thresholds(self) -> Detector:
         for j, threshold in enumerate(self.thresholds_Nm, start=1):
-            if math.isnan(threshold) or threshold <= 0:
-                raise ValueError(
-                    f"detector.thresholds_Nm|joint {j} is {threshold}|wanted a positive number, or inf to leave the "
-                    "joint unwatched"
+            if not (_LEAST_THRESHOLD_NM <= threshold <= _LARGEST_THRESHOLD_NM or threshold == math.inf):
+                raise InputError(
+                    f"detector.thresholds_Nm[{j}]",
+                    f"{threshold:g} cannot be used",
+                    f"wanted a number from {_short(_LEAST_THRESHOLD_NM)} to {_short(_LARGEST_THRESHOLD_NM)}, or inf to "
+                    "leave the joint unwatched",
                 )
         return self
 
@@ -114,14 +153,14 @@ class Reaction(_Table):
     """What the arm does after detection."""
 
     kind: Literal["reverse", "stop"] = "reverse"
-    joint_acceleration_rad_s2: Positive | list[Positive]
-    latency_s: NotNegative = 0.0
+    joint_acceleration_rad_s2: JointAcceleration | list[JointAcceleration]
+    latency_s: Annotated[float, _between(0, 10)] = 0.0
 
 
 class Simulation(_Table):
     """Time steps of the simulated controller."""
 
-    step_s: Positive = 0.001
+    step_s: Annotated[float, _between(1e-5, 0.1)] = 0.001
     substeps: Annotated[int, Field(ge=1, le=1000)] = 5
 
 
@@ -141,8 +180,8 @@ class Scenario(_Table):
     """
 
     robot: str
-    pose_deg: list[Finite] | None = None
-    pose_rad: list[Finite] | None = None
+    pose_deg: list[JointPosition] | None = None
+    pose_rad: list[JointPosition] | None = None
     motion: Motion
     contact: Contact
     detector: Detector
@@ -155,7 +194,7 @@ class Scenario(_Table):
     def _one_pose(self) -> Scenario:
         if (self.pose_deg is None) == (self.pose_rad is None):
             problem = "is missing" if self.pose_deg is None else "and pose_rad are both given"
-            raise ValueError(f"pose_deg|{problem}|give pose_deg or pose_rad, one of them")
+            raise InputError("pose_deg", problem, "give pose_deg or pose_rad, one of them")
         return self
 
     @classmethod
@@ -163,17 +202,26 @@ class Scenario(_Table):
         """Check a scenario given as nested dictionaries.
 
         Args:
-            data: the tables and keys of the scenario file.
+            data: the tables and keys of the scenario file. The table ``made_by`` of a ``settings.toml`` is not read.
             folder: where relative paths in it start.
 
         Raises:
             InputError: a key is unknown, missing or has a value that cannot be used.
         """
-        _refuse_later_keys(data)
+        if not isinstance(data, Mapping):
+            raise InputError(
+                "scenario", f"{as_written(data)} cannot be used", "wanted a dictionary of its tables and keys"
+            )
+        tables = {key: dict(value) if isinstance(value, Mapping) else value for key, value in data.items()}
+        if isinstance(tables.get(MADE_BY), dict):
+            del tables[MADE_BY]
+        if "folder" in tables:
+            raise _unknown_key(("folder",))
+        _refuse_later_keys(tables)
         try:
-            return cls.model_validate({**data, "folder": Path(folder)})
+            return cls.model_validate({**tables, "folder": Path(folder)})
         except ValidationError as error:
-            raise _explain(error, data) from None
+            raise _explain(error) from None
 
     def with_values(self, changes: dict[str, Any]) -> Scenario:
         """A copy with some keys changed.
@@ -187,8 +235,11 @@ class Scenario(_Table):
         return Scenario.from_dict(data, self.folder)
 
     def to_dict(self) -> dict[str, Any]:
-        """The scenario as nested dictionaries, without keys that are not set."""
-        return self.model_dump(exclude_none=True, mode="python")
+        """The scenario as nested dictionaries: defaults are spelt out, but a contact area that was assumed is not."""
+        data = self.model_dump(exclude_none=True, mode="python")
+        if "area_cm2" not in self.contact.model_fields_set:
+            del data["contact"]["area_cm2"]
+        return data
 
 
 def set_key(data: dict[str, Any], key: str, value: Any) -> None:
@@ -198,7 +249,7 @@ def set_key(data: dict[str, Any], key: str, value: Any) -> None:
     for table in tables:
         here = here.setdefault(table, {})
         if not isinstance(here, dict):
-            raise InputError(key, f"{table!r} is not a table")
+            raise InputError(key, f"{table!r} is not a table", "a key is written as table.key or as key alone")
     if not tables and last in ("pose_deg", "pose_rad"):
         data.pop("pose_rad" if last == "pose_deg" else "pose_deg", None)
     here[last] = value
@@ -215,19 +266,75 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
         InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
     """
     path = Path(path)
+    wanted = "wanted a scenario file"
     try:
-        text = path.read_bytes().decode("utf-8")
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES + 1)
     except OSError as error:
-        raise InputError(str(path), f"cannot be read ({error.strerror})", "wanted a scenario file") from None
+        raise InputError(str(path), f"cannot be read ({error.strerror})", wanted) from None
+    except ValueError as error:  # a NUL character in the path
+        raise InputError(str(path), f"cannot be read ({error})", wanted) from None
+    if len(content) > _MOST_BYTES:
+        raise InputError(str(path), f"is longer than {_MOST_BYTES} bytes", wanted)
+    try:
+        # Editors on Windows begin UTF-8 files with a mark that TOML does not know.
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(str(path), f"is not UTF-8 text (byte {error.start})", "wanted a scenario file") from None
+        raise InputError(
+            str(path), f"is not UTF-8 text (byte {error.start + 1})", f"{wanted}, saved as UTF-8"
+        ) from None
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(str(path), f"is not valid TOML: {error}") from None
+    except (ValueError, RecursionError) as error:  # bad TOML, a number of thousands of digits, thousands of brackets
+        problem = "is nested too deeply" if isinstance(error, RecursionError) else f"is not valid TOML: {error}"
+        raise InputError(str(path), problem, wanted) from None
     for key, value in (changes or {}).items():
         set_key(data, key, value)
     return Scenario.from_dict(data, path.parent)
+
+
+class _AsWritten(reprlib.Repr):
+    """Values as a scenario file spells them, cut where they are long."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxlist, self.maxstring = 3, 16, 60
+
+    def repr_bool(self, value: bool, level: int) -> str:
+        return "true" if value else "false"
+
+    def repr_int(self, value: int, level: int) -> str:
+        return str(value) if abs(value) < 10**40 else "a number of more than 40 digits"
+
+    def repr_dict(self, value: dict[Any, Any], level: int) -> str:
+        return "a table"
+
+    def repr_instance(self, value: Any, level: int) -> str:
+        # Dates and times; whatever else a program may pass is named by its type alone.
+        return value.isoformat() if hasattr(value, "isoformat") else f"a {type(value).__name__}"
+
+
+as_written = _AsWritten().repr
+
+
+def _short(number: float) -> str:
+    """Without the zeros and pluses of ``1e+06``."""
+    return re.sub(r"e([+-])0*", lambda match: "e" + match[1].strip("+"), f"{number:g}")
+
+
+def _unknown_key(path: tuple[Any, ...]) -> InputError:
+    *tables, key = path
+    model: Any = Scenario
+    for table in tables:
+        model = model.model_fields[table].annotation
+    names = [name for name in model.model_fields if name != "folder"]
+    return InputError(
+        ".".join(_key_as_written(part) for part in path), "is not a key of a scenario", near_matches(str(key), names)
+    )
+
+
+def _key_as_written(key: Any) -> str:
+    return key if isinstance(key, str) and re.fullmatch("[A-Za-z0-9_-]{1,60}", key) else as_written(key)
 
 
 def _refuse_later_keys(data: dict[str, Any]) -> None:
@@ -235,7 +342,9 @@ def _refuse_later_keys(data: dict[str, Any]) -> None:
     for (table, key), values in _NOT_YET.items():
         here = data.get(table)
         if isinstance(here, dict) and isinstance(here.get(key), str) and here[key] in values:
-            raise InputError(f"{table}.{key}", f"{here[key]!r} is not available in this version")
+            raise InputError(
+                f"{table}.{key}", f"{here[key]!r} is not available in this version", f"valid: {_words((table, key))}"
+            )
     for table, key, idle in (
         ("", "base", None),
         ("", "tip", None),
@@ -246,73 +355,87 @@ def _refuse_later_keys(data: dict[str, Any]) -> None:
     ):
         here = data.get(table) if table else data
         if isinstance(here, dict) and key in here:
-            if idle is not None and here[key] == idle:
+            if idle is not None and here[key] == idle and not isinstance(here[key], bool):
                 del here[key]
                 continue
-            raise InputError(f"{table}.{key}" if table else key, "is not available in this version")
+            raise InputError(
+                f"{table}.{key}" if table else key, "is not available in this version", "leave the key out"
+            )
 
 
-def _explain(error: ValidationError, data: dict[str, Any]) -> InputError:
+def _explain(error: ValidationError) -> InputError:
     """Turn pydantic's first complaint into one sentence with the field, the value and what would be valid."""
     details = error.errors()
-    # An unknown key often explains a missing one.
-    first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])
-    places = [str(part) for part in first["loc"] if not _is_union_branch(part)]
-    field = ".".join(part for part in places if not part.isdigit())
-    index = next((int(part) for part in places if part.isdigit()), None)
-    value = first.get("input")
-    kind = first["type"]
-    if kind == "value_error":
-        field, problem, valid = str(first["ctx"]["error"]).split("|")
-        return InputError(field, problem, valid)
-    if kind == "extra_forbidden":
-        return InputError(field, "is not a key of a scenario", near_matches(places[-1], _known_keys(places[:-1])))
-    if kind == "missing":
-        below = data
-        for part in places[:-1]:
-            below = below.get(part, {})
-        table = Scenario.model_fields[places[0]].annotation if len(places) == 1 else None
-        what = "table is missing" if isinstance(table, type) and issubclass(table, _Table) else "is missing"
-        near = difflib.get_close_matches(places[-1], [str(key) for key in below], n=1)
-        return InputError(field, what, f"did you mean it by {near[0]!r}?" if near else "")
+    for detail in details:
+        # An unknown key often explains a missing one.
+        if detail["type"] in ("extra_forbidden", "invalid_key"):
+            return _unknown_key(detail["loc"])
+    path, index = _place(details[0]["loc"])
+    first = details[0]
+    # Of a key that takes a number or a list, the complaint about an item of the list says most.
+    for detail in details:
+        if index is None and _place(detail["loc"])[0] == path and _place(detail["loc"])[1] is not None:
+            first, index = detail, _place(detail["loc"])[1]
+    if first["type"] == "value_error":
+        cause: InputError = first["ctx"]["error"]
+        return InputError(cause.field, cause.problem, cause.valid)
+    field = ".".join(path)
+    if first["type"] == "missing":
+        table = len(path) == 1 and _is_table(path[0])
+        return InputError(field, "table is missing" if table else "is missing", f"wanted {_words(path)}")
     if index is not None:
         field = f"{field}[{index + 1}]"
-    return InputError(field, f"{value!r} cannot be used", _wanted(first))
-
-
-def _is_union_branch(part: int | str) -> bool:
-    """Pydantic names the branches of ``number | list`` in the location; a person did not write them."""
-    return isinstance(part, str) and (
-        part.startswith(("list[", "constrained-", "nullable")) or part in ("float", "int")
+    return InputError(
+        field, f"{as_written(first['input'])} cannot be used", f"wanted {_words(path, item=index is not None)}"
     )
 
 
-def _known_keys(places: list[str]) -> list[str]:
+def _place(location: tuple[int | str, ...]) -> tuple[tuple[str, ...], int | None]:
+    """Dotted key and index in its list. Behind the key pydantic also names the branches of ``number | list``."""
+    depth = 2 if len(location) > 1 and _is_table(str(location[0])) else 1
+    index = next((part for part in location[depth:] if isinstance(part, int)), None)
+    return tuple(str(part) for part in location[:depth]), index
+
+
+def _is_table(key: str) -> bool:
+    annotation = Scenario.model_fields[key].annotation
+    return isinstance(annotation, type) and issubclass(annotation, _Table)
+
+
+def _words(path: tuple[str, ...], *, item: bool = False) -> str:
+    """What may stand at a key, or in its list, in words."""
     model: Any = Scenario
-    for place in places:
-        model = model.model_fields[place].annotation
-    return [name for name in model.model_fields if name != "folder"]
+    for table in path[:-1]:
+        model = model.model_fields[table].annotation
+    if len(path) == 1 and _is_table(path[0]):
+        return f"a table: [{path[0]}]"
+    schema = model.model_json_schema()["properties"][path[-1]]
+    if item:
+        schema = next(branch["items"] for branch in schema.get("anyOf", [schema]) if "items" in branch)
+    return _schema_words(schema)
 
 
-def _wanted(detail: Any) -> str:
-    context = detail.get("ctx", {})
-    kind = detail["type"]
-    words = {
-        "greater_than": "wanted more than {gt}",
-        "greater_than_equal": "wanted at least {ge}",
-        "less_than": "wanted less than {lt}",
-        "less_than_equal": "wanted at most {le}",
-        "finite_number": "wanted a finite number",
-        "float_type": "wanted a number",
-        "int_type": "wanted a whole number",
-        "string_type": "wanted text",
-        "list_type": "wanted a list",
-        "literal_error": "valid: {expected}",
-        "too_short": "wanted {min_length} values, found {actual_length}",
-        "too_long": "wanted {max_length} values, found {actual_length}",
-        "model_type": "wanted a table",
-        "model_attributes_type": "wanted a table",
-    }
-    if kind in words:
-        return words[kind].format(**context)
-    return str(detail["msg"])
+def _schema_words(schema: dict[str, Any]) -> str:
+    if "anyOf" in schema:
+        branches = [branch for branch in schema["anyOf"] if branch["type"] != "null"]
+        if len(branches) > 1:
+            return f"{_schema_words(branches[0])}, or a list of one per joint"
+        return _schema_words(branches[0])
+    choices = schema.get("enum", [schema["const"]] if "const" in schema else [])
+    if choices:
+        return " or ".join(repr(choice) for choice in choices)
+    if schema["type"] == "string":
+        return "a text"
+    if schema["type"] == "array":
+        items = _schema_words(schema["items"])
+        if "minItems" in schema:
+            return f"a list of {schema['minItems']} {items.removeprefix('a ').replace('number', 'numbers', 1)}"
+        if schema["items"]["type"] == "integer":
+            return f"a list of {items.removeprefix('a ').replace('number', 'numbers', 1)}"
+        return f"a list of {items.removeprefix('a ').replace('number', 'numbers', 1)}, one per joint"
+    words = "a whole number" if schema["type"] == "integer" else "a number"
+    if "exclusiveMinimum" in schema:
+        return f"{words} above {_short(schema['exclusiveMinimum'])} and below {_short(schema['exclusiveMaximum'])}"
+    if "minimum" in schema:
+        return f"{words} from {_short(schema['minimum'])} to {_short(schema['maximum'])}"
+    return words

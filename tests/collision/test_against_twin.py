@@ -1,0 +1,83 @@
+"""Both laws against the slow twin, which simulates every collision step by step with code of its own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from collision.cases import VARIED, control_group, twin_of
+from twin import half_normal_offsets, simulate, simulate_seeded, trace
+
+import bumpstop as bs
+from bumpstop.kernels import core
+
+# The twin takes a fraction of a second a hundred runs; what needs 10^6 runs is in the validation.
+RUNS = 40
+
+
+@pytest.mark.parametrize("name", list(VARIED))
+def test_run_by_run(name: str) -> None:
+    """With the same offsets and the same noise every single collision comes out the same."""
+    scenario = VARIED[name]
+    problem = bs.Problem.from_scenario(scenario)
+    settings = twin_of(scenario)
+    law = bs.evaluate(scenario, samples=RUNS, seed=5)
+    assert law.runs is not None
+    offset, tick = law.runs["offset"], law.runs["tick"]
+    # Enough for the slowest detection; the twin's horizon is cut to it, to spare the noise of ticks nobody reaches.
+    ticks = int(tick.max()) + 2
+    settings = replace(settings, duration_s=ticks * settings.period_steps * settings.step_s)
+    noise = core.standard_noise(5, 0, RUNS, ticks, problem.robot.dof) * problem.noise_sd + problem.noise_mean
+    detected = tick >= 0
+    runs = simulate(settings, offset[detected], noise[detected])
+    np.testing.assert_array_equal(runs.detection_tick, tick[detected])
+    np.testing.assert_array_equal(runs.trigger_mask, law.runs["triggers"][detected])
+    np.testing.assert_allclose(runs.noise_at_detection_Nm, law.runs["noise"][detected], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(runs.residual_at_detection_Nm, law.runs["residual"][detected], rtol=1e-8, atol=1e-6)
+    # 1e-9 m of the stopping curve, as newtons of this body.
+    tolerance = 1e-9 * problem.stiffness
+    np.testing.assert_allclose(runs.max_force_N, law.runs["peak_force"][detected], atol=tolerance)
+    np.testing.assert_allclose(runs.force_at_detection_N, law.runs["force_at_detection"][detected], atol=tolerance)
+
+
+@pytest.mark.parametrize("name", list(VARIED))
+def test_path_and_torques(name: str) -> None:
+    """Leaps of many sub-steps land where the sub-steps do."""
+    scenario = VARIED[name]
+    curve = bs.stopping_curve(bs.Problem.from_scenario(scenario))
+    settings = twin_of(scenario, thresholds_Nm=np.full(len(twin_of(scenario).thresholds_Nm), math.inf))
+    steps = curve.distance.size - 1
+    path = trace(replace(settings, duration_s=steps * settings.step_s), math.inf)
+    # The twin's first entry is the end of its first step or the start: align by length.
+    travel = np.asarray(path.travel_m)
+    ours = curve.distance[1:] if travel.size == steps else curve.distance[: travel.size]
+    np.testing.assert_allclose(ours, travel, atol=1e-9)
+    np.testing.assert_allclose(curve.normal, path.normal, atol=1e-12)
+
+
+def test_statistics_of_noise_drawn_by_the_twin_itself() -> None:
+    scenario = control_group(motion__velocity_mm_s=[0, 0, -75])
+    rng = np.random.default_rng(8)
+    settings = twin_of(scenario, noise_sd_Nm=bs.Problem.from_scenario(scenario).noise_sd)
+    runs = simulate_seeded(settings, half_normal_offsets(settings, 400, rng), seed=3)
+    law = bs.evaluate(scenario)
+    assert runs.max_force_N.mean() == pytest.approx(law.peak_force.mean, abs=4 * law.peak_force.sd / math.sqrt(400))
+
+
+def test_one_plane_is_the_walls_where_the_motion_is_along_an_axis_and_differs_where_it_is_oblique() -> None:
+    """The source's three walls bend the force of an oblique motion; one plane is the physical model."""
+    for velocity, same in (([0, 0, -50], True), ([40, 0, -50], False)):
+        scenario = control_group(motion__velocity_mm_s=velocity, detector__noise_sd_Nm=0.0)
+        settings = twin_of(scenario)
+        plane = simulate(settings, np.array([2e-3]), None)
+        direction = np.abs(np.array(velocity)) / np.linalg.norm(velocity)
+        # A wall across every axis, where the plane's contact point lies; none across an axis without motion.
+        walls = np.where(direction > 0, 2e-3 * direction, 1.0)[None]
+        literal = simulate(replace(settings, per_axis_walls=True), walls, None)
+        ours = bs.evaluate(
+            scenario.with_values({"contact.offset_law": "fixed", "contact.offset_mm": 2.0})
+        ).peak_force.quantile(0.5)
+        assert plane.max_force_N[0] == pytest.approx(ours, rel=1e-6)
+        assert (literal.max_force_N[0] == pytest.approx(ours, rel=1e-6)) == same

@@ -1,0 +1,79 @@
+"""The exact law against the sampled law, where nothing but the method differs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from collision.cases import VARIED
+
+import bumpstop as bs
+
+RUNS = 200_000
+
+
+@pytest.mark.parametrize("name", list(VARIED))
+def test_within_four_standard_errors(name: str) -> None:
+    compare(VARIED[name], RUNS, seed=11)
+
+
+def compare(scenario: bs.Scenario, runs: int, seed: int) -> dict[str, float]:
+    """Assert that both laws agree; returns the differences in standard errors."""
+    exact = bs.evaluate(scenario)
+    drawn = bs.evaluate(scenario, samples=runs, seed=seed, threads=2)
+    scores: dict[str, float] = {}
+
+    def check_probability(what: str, p: float, share: float, n: float) -> None:
+        if math.isnan(p) and math.isnan(share):
+            return
+        # One run more or less is always allowed: the normal approximation ends there.
+        error = math.sqrt(max(p * (1 - p), 1 / n) / n)
+        scores[what] = (share - p) / error
+        assert abs(share - p) < 4 * error, (what, p, share)
+
+    def check_moments(what: str, ours: bs.Distribution, theirs: bs.Distribution, n: float) -> None:
+        if not n or not math.isfinite(theirs.mean):
+            assert not math.isfinite(ours.mean) or n < 50
+            return
+        error = max(theirs.sd / math.sqrt(n), 1e-12)
+        scores[what] = (theirs.mean - ours.mean) / error
+        assert abs(theirs.mean - ours.mean) < 4 * error + 1e-9 * abs(ours.mean), what
+        if n > 1000 and theirs.sd > 1e-9:
+            values = getattr(theirs, "values")  # noqa: B009
+            fourth = np.mean((values - theirs.mean) ** 4) / theirs.sd**4
+            spread = theirs.sd * math.sqrt((fourth - 1) / n) / 2
+            assert abs(theirs.sd - ours.sd) < 4 * spread + 1e-9 * ours.sd, what
+            for p in (0.05, 0.5, 0.95, 0.99):
+                x = ours.quantile(p)
+                if math.isfinite(x):
+                    # The share of runs above our quantile, but for atoms, which have probability of their own.
+                    check_probability(f"{what} above q{p}", ours.exceedance(x * (1 + 1e-9)), theirs.exceedance(x * (1 + 1e-9)), n)
+
+    detected = runs * (1 - drawn.undetected_probability - drawn.no_contact_probability)
+    felt = runs * (1 - drawn.undetected_probability - drawn.no_contact_probability - drawn.false_alarm_probability)
+    check_probability("false alarm", exact.false_alarm_probability, drawn.false_alarm_probability, runs)
+    check_probability("undetected", exact.undetected_probability, drawn.undetected_probability, runs)
+    check_probability("no contact", exact.no_contact_probability, drawn.no_contact_probability, runs)
+    check_probability("several", exact.several_joints_probability, drawn.several_joints_probability, detected)
+    for j, (p, share) in enumerate(
+        zip(exact.trigger_joint_probability, drawn.trigger_joint_probability, strict=True), start=1
+    ):
+        check_probability(f"joint {j}", p, share, detected)
+    check_moments("peak force", exact.peak_force, drawn.peak_force, runs)
+    check_moments("force at detection", exact.force_at_detection, drawn.force_at_detection, felt)
+    check_moments("delay", exact.detection_delay, drawn.detection_delay, felt)
+    if exact.contact_time is not None and drawn.contact_time is not None:
+        check_moments("contact time", exact.contact_time, drawn.contact_time, felt)
+    return scores
+
+
+def test_ten_scenarios_reach_what_they_claim() -> None:
+    laws = {name: bs.evaluate(scenario) for name, scenario in VARIED.items()}
+    assert laws["noisy detector, false alarms"].false_alarm_probability > 0.05
+    assert laws["undetected at a joint limit"].undetected_probability > 0.01
+    assert laws["undetected at a joint limit"].curve.end == "joint_limit"
+    assert laws["lateral, two joints feel it"].several_joints_probability > 0.1
+    assert laws["seven free joints, elbow of the arm hit"].trigger_joint_probability[4:].max() < 1e-3
+    triggers = {int(np.argmax(law.trigger_joint_probability)) for law in laws.values()}
+    assert len(triggers) >= 3
