@@ -37,7 +37,12 @@ def near_matches(name: str, known: Iterable[str]) -> str:
         ``"did you mean 'a' or 'b'?"``, or ``"valid: a, b, c"``.
     """
     names = list(known)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    spelling = {known_name.casefold(): known_name for known_name in names}
+    wanted = name.casefold()
+    close = difflib.get_close_matches(wanted, spelling, n=3, cutoff=0.6)
+    if not close and len(wanted) >= 3:
+        close = [candidate for candidate in spelling if wanted in candidate][:3]
+    close = [spelling[match] for match in close]
     if close:
         return "did you mean " + " or ".join(repr(match) for match in close) + "?"
     return "valid: " + ", ".join(names)

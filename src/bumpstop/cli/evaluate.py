@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +14,21 @@ import typer
 from bumpstop.errors import InputError
 
 NOT_ACCEPTABLE = 3
+MOST_SAMPLES = 100_000_000
+MOST_THREADS = 256
+
+
+def _whole(low: int, high: int) -> Callable[[str | int], int]:
+    """Reads a whole number; typer's own messages leave out what was written."""
+
+    def read(written: str | int) -> int:
+        text = str(written)  # defaults come here too
+        # The length first: thousands of digits are refused by int itself.
+        if not re.fullmatch(r"[+-]?[0-9]{1,30}", text) or not low <= int(text) <= high:
+            raise typer.BadParameter(f"{text!r} cannot be used; wanted a whole number from {low} to {high}")
+        return int(text)
+
+    return read
 
 
 def command(
@@ -21,10 +38,20 @@ def command(
         Path | None, typer.Option(help="Write report.html, figures, law.parquet and settings.toml there.")
     ] = None,
     sampled: Annotated[
-        int | None, typer.Option(min=1, help="Draw this many collisions instead of the exact law.")
+        int | None,
+        typer.Option(
+            parser=_whole(1, MOST_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of the exact law."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, max=2**64 - 1, help="Seed of the sampled law.")] = 0,
-    threads: Annotated[int, typer.Option(min=1, help="Threads of the sampled law; they do not change it.")] = 1,
+    seed: Annotated[
+        int, typer.Option(parser=_whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled law.")
+    ] = 0,
+    threads: Annotated[
+        int,
+        typer.Option(
+            parser=_whole(1, MOST_THREADS), metavar="NUMBER", help="Threads of the sampled law; they do not change it."
+        ),
+    ] = 1,
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
@@ -36,12 +63,13 @@ def command(
     """
     from bumpstop.collision import evaluate, load_scenario
 
-    law = evaluate(
-        load_scenario(scenario, dict(_change(text) for text in changes or [])),
-        samples=sampled,
-        seed=seed,
-        threads=threads,
-    )
+    checked = load_scenario(scenario, dict(_change(text) for text in changes or []))
+    try:
+        law = evaluate(checked, samples=sampled, seed=seed, threads=threads)
+    except MemoryError:
+        if sampled is None:
+            raise
+        raise InputError("--sampled", f"{sampled} collisions need more memory than there is", "give fewer") from None
     report = None
     if out is not None:
         from bumpstop.cli.output import write_outputs
@@ -59,10 +87,12 @@ def command(
 def _change(text: str) -> tuple[str, Any]:
     """``key=value`` with a TOML value, else a bare string."""
     key, equals, value = text.partition("=")
-    key = key.strip()
-    if not equals or not key or not all(key.split(".")):
-        raise InputError("--set", f"{text!r} is not KEY=VALUE", "for example --set contact.area_cm2=2")
+    key = re.sub(r"\s*\.\s*", ".", key.strip())
+    if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
+        raise InputError("--set", f"{text[:200]!r} is not KEY=VALUE", "for example --set contact.area_cm2=2")
     try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        parsed = tomllib.loads(f"value = {value}")
+    except (ValueError, RecursionError):  # bad TOML, a number of thousands of digits, thousands of brackets
         return key, value.strip()
+    # More than one line may hold more than one value.
+    return key, parsed["value"] if len(parsed) == 1 else value.strip()

@@ -35,10 +35,15 @@ def bodies(
     from rich.table import Table
 
     from bumpstop.contact import LimitTable, builtin_tables
+    from bumpstop.errors import InputError
 
     console = Console(highlight=False, markup=False)
     for name in [limits] if limits is not None else builtin_tables():
-        table = LimitTable.load(name)
+        try:
+            table = LimitTable.load(name)
+        except InputError as error:
+            field = "--limits" if error.field == "contact.limits" else error.field
+            raise InputError(field, error.problem, error.valid) from None
         rows = Table(box=None, pad_edge=False, title=f"{table.name}: {table.title}", title_justify="left")
         for heading in ("body", "clamped N", "N/cm2", "free N", "N/cm2", "N/mm", "kg", "status"):
             rows.add_column(heading, justify="left" if heading in ("body", "status") else "right")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -57,19 +58,38 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BumpstopError as error:
         status = _fail(str(error), BAD_INPUT)
     except _USAGE_ERROR as error:
-        status = _fail(error.format_message(), BAD_INPUT)
+        status = _fail(_usage_message(error), BAD_INPUT)
     except (typer.Abort, KeyboardInterrupt):
         status = _fail("interrupted", OWN_FAULT)
     except BrokenPipeError:
         # The reader of our output has gone; there is nobody left to tell.
-        sys.stderr.close()
+        _drop_output()
         status = OWN_FAULT
+    except OSError as error:
+        _drop_output()
+        status = _fail(f"{error.filename or 'output'}: {error.strerror or error}", OWN_FAULT)
+    except MemoryError:
+        status = _fail("out of memory: this needs more than the machine has", OWN_FAULT)
     except Exception as error:
         status = _fail(f"internal fault ({type(error).__name__}: {error}); please report it", OWN_FAULT)
     sys.exit(status)
 
 
+def _usage_message(error: Any) -> str:
+    if isinstance(error, typer.BadParameter) and error.param is not None and error.message:
+        return f"{error.param.opts[0]}: {error.message}"
+    return str(error.format_message())
+
+
 def _fail(message: str, status: int) -> int:
-    sys.stdout.flush()
-    print("error: " + " ".join(message.split()), file=sys.stderr)
+    line = " ".join(message.split())
+    # What came from a file or a name must not steer the terminal.
+    print("error: " + "".join(c if c.isprintable() else repr(c)[1:-1] for c in line), file=sys.stderr)
     return status
+
+
+def _drop_output() -> None:
+    """Send what is still buffered nowhere, or the interpreter would complain of it when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)

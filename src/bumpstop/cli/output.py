@@ -26,18 +26,21 @@ def write_outputs(law: ForceLaw, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "settings.toml").write_text(settings_toml(law), encoding="utf-8")
         law_table(law).write_parquet(folder / "law.parquet")
+        return write_report(law, folder)
     except OSError as error:
         raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
+            "--out",
+            f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror})",
+            "give another folder",
         ) from None
-    return write_report(law, folder)
 
 
 def settings_toml(law: ForceLaw) -> str:
     """Scenario, law and versions: enough to repeat the evaluation.
 
-    The scenario's own keys stand at the top, so the file is itself a scenario but for the table ``[made_by]``.
+    The file is itself a scenario: its reader passes over the table ``[made_by]``.
     """
+    from bumpstop.collision.scenario import MADE_BY
     from bumpstop.kernels import target
 
     made_by: dict[str, Any] = {"law": law.kind}
@@ -54,7 +57,8 @@ def settings_toml(law: ForceLaw) -> str:
     if law.scenario.contact.body is not None and (limits.endswith(".toml") or "/" in limits):
         # Relative paths start at the scenario's folder, which the copy has left.
         data["contact"]["limits"] = str((law.scenario.folder / limits).resolve())
-    return to_toml(data | {"made_by": made_by})
+    options = f" --sampled {law.samples} --seed {law.seed}" if law.kind == "sampled" else ""
+    return f"# To repeat: bumpstop evaluate settings.toml{options}\n" + to_toml(data | {MADE_BY: made_by})
 
 
 def to_toml(data: dict[str, Any]) -> str:

@@ -33,6 +33,7 @@ _LEAST_SPEED_MM_S = 1e-3
 _LEAST_THRESHOLD_NM, _LARGEST_THRESHOLD_NM = 1e-6, 1e9
 # Beyond this it is no scenario, but perhaps a recording or a device that never ends.
 _MOST_BYTES = 1_000_000
+_MOST_DOTS = 500  # in a line
 
 # The table that ``settings.toml`` has more than a scenario.
 MADE_BY = "made_by"
@@ -90,14 +91,14 @@ class Motion(_Table):
 class Contact(_Table):
     """What is hit, where on the arm, and how far away it is."""
 
-    body: str | None = None
-    limits: str = "bgia2011"
+    body: Annotated[str, Field(description="the name of a body region (bumpstop bodies lists them)")] | None = None
+    limits: Annotated[str, Field(description="the name of a limit table, or a path")] = "bgia2011"
     kind: Literal["clamped"] = "clamped"
     area_cm2: Annotated[float, _between(1e-4, 1e4)] = 1.0
     stiffness_N_m: Annotated[float, _between(1e-3, 1e9)] | None = None
-    pressure_area: str | None = None
+    pressure_area: Annotated[str, Field(description="the name of a pressure area")] | None = None
     peak_factor: Annotated[float, _between(1, 1e3)] = 1.0
-    link: str | None = None
+    link: Annotated[str, Field(description="the name of a link of the robot")] | None = None
     point_m: Point = [0.0, 0.0, 0.0]
     normal: Direction | None = None
     arm: Literal["position_driven"] = "position_driven"
@@ -113,7 +114,7 @@ class Contact(_Table):
             )
         if self.normal is not None and math.hypot(*self.normal) < 1e-6:
             raise InputError(
-                "contact.normal", f"{as_written(self.normal)} is no direction", "wanted a vector of any length"
+                "contact.normal", f"{as_written(self.normal)} is no direction", "wanted three numbers, not all zero"
             )
         if self.offset_law == "fixed" and self.offset_mm is None:
             raise InputError("contact.offset_mm", "is missing", 'offset_law = "fixed" needs it')
@@ -179,7 +180,7 @@ class Scenario(_Table):
     where relative paths start.
     """
 
-    robot: str
+    robot: Annotated[str, Field(description="the name of a robot (bumpstop robots lists them)")]
     pose_deg: list[JointPosition] | None = None
     pose_rad: list[JointPosition] | None = None
     motion: Motion
@@ -283,14 +284,25 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
         raise InputError(
             str(path), f"is not UTF-8 text (byte {error.start + 1})", f"{wanted}, saved as UTF-8"
         ) from None
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # bad TOML, a number of thousands of digits, thousands of brackets
-        problem = "is nested too deeply" if isinstance(error, RecursionError) else f"is not valid TOML: {error}"
-        raise InputError(str(path), problem, wanted) from None
+    data = _parse(text, str(path))
     for key, value in (changes or {}).items():
         set_key(data, key, value)
     return Scenario.from_dict(data, path.parent)
+
+
+def _parse(text: str, path: str) -> dict[str, Any]:
+    shallow = "tables one level deep"
+    # The parser takes time with the square of a key's depth.
+    if any(line.partition("#")[0].count(".") > _MOST_DOTS for line in text.splitlines()):
+        raise InputError(path, "is nested too deeply", f"wanted {shallow}")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(path, f"is not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(path, "is nested too deeply", f"wanted {shallow}") from None
+    except ValueError:
+        raise InputError(path, "holds a number of thousands of digits", "wanted numbers below 1e10") from None
 
 
 class _AsWritten(reprlib.Repr):
@@ -305,6 +317,9 @@ class _AsWritten(reprlib.Repr):
 
     def repr_int(self, value: int, level: int) -> str:
         return str(value) if abs(value) < 10**40 else "a number of more than 40 digits"
+
+    def repr_float(self, value: float, level: int) -> str:
+        return repr(value)
 
     def repr_dict(self, value: dict[Any, Any], level: int) -> str:
         return "a table"
@@ -370,24 +385,25 @@ def _explain(error: ValidationError) -> InputError:
         # An unknown key often explains a missing one.
         if detail["type"] in ("extra_forbidden", "invalid_key"):
             return _unknown_key(detail["loc"])
-    path, index = _place(details[0]["loc"])
     first = details[0]
+    path, index = _place(first["loc"])
     # Of a key that takes a number or a list, the complaint about an item of the list says most.
     for detail in details:
-        if index is None and _place(detail["loc"])[0] == path and _place(detail["loc"])[1] is not None:
-            first, index = detail, _place(detail["loc"])[1]
+        item = _place(detail["loc"])
+        if index is None and item[0] == path and item[1] is not None:
+            first, index = detail, item[1]
     if first["type"] == "value_error":
         cause: InputError = first["ctx"]["error"]
         return InputError(cause.field, cause.problem, cause.valid)
     field = ".".join(path)
     if first["type"] == "missing":
-        table = len(path) == 1 and _is_table(path[0])
-        return InputError(field, "table is missing" if table else "is missing", f"wanted {_words(path)}")
+        return InputError(field, "is missing", f"wanted {_words(path)}")
     if index is not None:
         field = f"{field}[{index + 1}]"
-    return InputError(
-        field, f"{as_written(first['input'])} cannot be used", f"wanted {_words(path, item=index is not None)}"
-    )
+    value = first["input"]
+    rows = isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
+    written = f"[[{field}]]" if rows else as_written(value)
+    return InputError(field, f"{written} cannot be used", f"wanted {_words(path, item=index is not None)}")
 
 
 def _place(location: tuple[int | str, ...]) -> tuple[tuple[str, ...], int | None]:
@@ -408,7 +424,9 @@ def _words(path: tuple[str, ...], *, item: bool = False) -> str:
     for table in path[:-1]:
         model = model.model_fields[table].annotation
     if len(path) == 1 and _is_table(path[0]):
-        return f"a table: [{path[0]}]"
+        table_model: Any = Scenario.model_fields[path[0]].annotation
+        required = table_model.model_json_schema().get("required", [])
+        return f"a table: [{path[0]}]" + (f" with {' and '.join(required)}" if required else "")
     schema = model.model_json_schema()["properties"][path[-1]]
     if item:
         schema = next(branch["items"] for branch in schema.get("anyOf", [schema]) if "items" in branch)
@@ -423,9 +441,10 @@ def _schema_words(schema: dict[str, Any]) -> str:
         return _schema_words(branches[0])
     choices = schema.get("enum", [schema["const"]] if "const" in schema else [])
     if choices:
-        return " or ".join(repr(choice) for choice in choices)
+        *others, last = (repr(choice) for choice in choices)
+        return f"{', '.join(others)} or {last}" if others else last
     if schema["type"] == "string":
-        return "a text"
+        return str(schema["description"])
     if schema["type"] == "array":
         items = _schema_words(schema["items"])
         if "minItems" in schema:

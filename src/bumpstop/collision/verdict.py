@@ -111,9 +111,9 @@ def _reason(
         return limits.reason
     faults = []
     if p_force > settings.risk:
-        faults.append(f"the peak force passes {limits.force_N:g} N with probability {_percent(p_force)}")
+        faults.append(f"the peak force exceeds {limits.force_N:g} N with probability {_percent(p_force)}")
     if p_pressure is not None and p_pressure > settings.risk:
-        faults.append(f"the pressure passes {limits.pressure_N_cm2:g} N/cm2 with probability {_percent(p_pressure)}")
+        faults.append(f"the pressure exceeds {limits.pressure_N_cm2:g} N/cm2 with probability {_percent(p_pressure)}")
     accepted = f", more than the accepted {_percent(settings.risk)}" if faults else ""
     if undetected > settings.risk:
         faults.append(f"{_percent(undetected)} of collisions are never detected")
@@ -128,7 +128,7 @@ def _reason(
             sentence += "; also " + " and ".join(faults[2:])
         return sentence[0].upper() + sentence[1:] + "."
     worst = max(p_force, p_pressure or 0.0)
-    what = "Peak force or pressure passes" if p_pressure is not None else "The peak force passes"
+    what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
     return (
         f"{what} the limits for {limits.label} with probability {_percent(worst)}, "
         f"within the accepted {_percent(settings.risk)}."
