@@ -42,11 +42,10 @@ const char* end_name(PathEnd end) {
 
 Vector3 vector3(Vector v) { return {v(0), v(1), v(2)}; }
 
-Setup make_setup(const Chain& chain, int tip_link, Vector tip_point, int task_rows,
-                 const std::vector<int>& free_joints, double damping, double step, int substeps,
-                 Vector acceleration, Vector velocity, Vector lower, Vector upper, int contact_link,
-                 Vector contact_point, std::optional<Vector> normal, int steps, int period, int latency,
-                 bool from_rest, bool reverse) {
+Setup make_setup(const Chain& chain, int tip_link, Vector tip_point, int task_rows, const std::vector<int>& free_joints,
+                 double damping, double step, int substeps, Vector acceleration, Vector velocity, Vector lower,
+                 Vector upper, int contact_link, Vector contact_point, std::optional<Vector> normal, int steps,
+                 int period, int latency, bool from_rest, bool reverse) {
     Setup setup;
     setup.chain = chain;
     MotionSettings& motion = setup.motion;
@@ -84,8 +83,8 @@ nb::dict start_of(const Setup& setup, Vector q, Vector velocity) {
     state.refresh_angles(setup.chain);
     Posture<double> posture;
     forward_kinematics(setup.chain, state.q, state.angle, posture);
-    const auto rates = resolved_rates(setup.chain, setup.motion, posture,
-                                      Point3<double>{velocity(0), velocity(1), velocity(2)});
+    const auto rates =
+        resolved_rates(setup.chain, setup.motion, posture, Point3<double>{velocity(0), velocity(1), velocity(2)});
     NewArray<double> qd({std::size_t(setup.chain.dof)}), drift({3});
     const Point3<double> p = posture.position(setup.contact.point);
     for (int f = 0; f < setup.motion.free_count; ++f) {
@@ -105,32 +104,29 @@ nb::dict start_of(const Setup& setup, Vector q, Vector velocity) {
     return out;
 }
 
-Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector* detector,
-            double stiffness, double largest_offset) {
+Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector* detector, double stiffness,
+            double largest_offset) {
     nb::gil_scoped_release unlocked;
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
     const Point3<double> v{velocity(0), velocity(1), velocity(2)};
     if (detector != nullptr) {
         CertainDetection<double> finished(*detector, stiffness, largest_offset);
-        LineTracer<double, CertainDetection<double>>(setup.chain, setup.motion, setup.contact, setup.timing,
-                                                     finished)
+        LineTracer<double, CertainDetection<double>>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
             .trace(result.q.data(), v, &result.curve.path, 1);
     } else {
         NeverFinished finished;
         LineTracer<double, NeverFinished>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
             .trace(result.q.data(), v, &result.curve.path, 1);
     }
-    complete_curves<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve,
-                       1, [&](int) { return result.q.data(); });
+    complete_curves<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve, 1,
+                       [&](int) { return result.q.data(); });
     return result;
 }
 
 // Distances after every simulation step of the reactions to `ticks`, each until back behind its `return_to`.
-nb::list reaction_paths(const Curve& self, const std::vector<int>& ticks,
-                        const std::vector<double>& return_to) {
+nb::list reaction_paths(const Curve& self, const std::vector<int>& ticks, const std::vector<double>& return_to) {
     std::vector<ReactionJob> jobs;
-    const int known =
-        int(self.curve.path.reaction_state.size() / (2 * std::size_t(self.setup.motion.free_count)));
+    const int known = int(self.curve.path.reaction_state.size() / (2 * std::size_t(self.setup.motion.free_count)));
     for (std::size_t i = 0; i < ticks.size(); ++i) {
         if (ticks[i] < known) jobs.push_back({&self.curve.path, int(i), ticks[i], {}});
     }
@@ -164,9 +160,9 @@ struct Law {
     }
 };
 
-nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double stiffness,
-                const std::string& offset_kind, double offset_size, std::uint64_t seed,
-                std::int64_t first_run, std::int64_t runs, bool with_noise, int threads) {
+nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
+                double offset_size, std::uint64_t seed, std::int64_t first_run, std::int64_t runs, bool with_noise,
+                int threads) {
     const std::size_t n = std::size_t(runs), dof = std::size_t(curve.setup.chain.dof);
     NewArray<double> offset({n}), noise({with_noise ? n : 0, dof}), residual({with_noise ? n : 0, dof});
     NewArray<std::int32_t> tick({n});
@@ -180,8 +176,7 @@ nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double st
         std::atomic<std::int64_t> next{0};
         auto work = [&] {
             for (std::int64_t begin = block * next++; begin < runs; begin = block * next++) {
-                SampledRuns out{offset.data.get() + begin, tick.data.get() + begin,
-                                triggers.data.get() + begin};
+                SampledRuns out{offset.data.get() + begin, tick.data.get() + begin, triggers.data.get() + begin};
                 if (with_noise) {
                     out.noise = noise.data.get() + begin * std::int64_t(dof);
                     out.residual = residual.data.get() + begin * std::int64_t(dof);
@@ -203,13 +198,11 @@ nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double st
     return out;
 }
 
-nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const ThresholdDetector& detector,
-               double stiffness, const std::string& offset_kind, double offset_size, Vector probability,
-               Vector limit, int threads) {
+nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const ThresholdDetector& detector, double stiffness,
+               const std::string& offset_kind, double offset_size, Vector probability, Vector limit, int threads) {
     const std::size_t n = q.shape(0), dof = std::size_t(setup.chain.dof);
     const std::size_t probabilities = probability.shape(0), limits = limit.shape(0);
-    NewArray<double> mean({n}), sd({n}), quantile({n, probabilities}), exceedance({n, limits}),
-        trigger({n, dof});
+    NewArray<double> mean({n}), sd({n}), quantile({n, probabilities}), exceedance({n, limits}), trigger({n, dof});
     NewArray<double> false_alarm({n}), undetected({n}), no_contact({n});
     NewArray<std::uint8_t> end({n});
     {
@@ -249,26 +242,22 @@ void bind_collision(nb::module_& module) {
         .def(
             "__init__",
             [](Setup* self, const Chain& chain, int tip_link, Vector tip_point, int task_rows,
-               const std::vector<int>& free_joints, double damping, double step, int substeps,
-               Vector acceleration, Vector velocity, Vector lower, Vector upper, int contact_link,
-               Vector contact_point, std::optional<Vector> normal, int steps, int period, int latency,
-               bool from_rest, bool reverse) {
-                new (self)
-                    Setup(make_setup(chain, tip_link, tip_point, task_rows, free_joints, damping, step,
-                                     substeps, acceleration, velocity, lower, upper, contact_link,
-                                     contact_point, normal, steps, period, latency, from_rest, reverse));
+               const std::vector<int>& free_joints, double damping, double step, int substeps, Vector acceleration,
+               Vector velocity, Vector lower, Vector upper, int contact_link, Vector contact_point,
+               std::optional<Vector> normal, int steps, int period, int latency, bool from_rest, bool reverse) {
+                new (self) Setup(make_setup(chain, tip_link, tip_point, task_rows, free_joints, damping, step, substeps,
+                                            acceleration, velocity, lower, upper, contact_link, contact_point, normal,
+                                            steps, period, latency, from_rest, reverse));
             },
             nb::kw_only(), nb::arg("chain"), nb::arg("tip_link"), nb::arg("tip_point"), nb::arg("task_rows"),
-            nb::arg("free_joints"), nb::arg("damping"), nb::arg("step"), nb::arg("substeps"),
-            nb::arg("acceleration"), nb::arg("velocity"), nb::arg("lower"), nb::arg("upper"),
-            nb::arg("contact_link"), nb::arg("contact_point"), nb::arg("normal").none(), nb::arg("steps"),
-            nb::arg("period"), nb::arg("latency"), nb::arg("from_rest"), nb::arg("reverse"))
-        .def(
-            "start", &start_of, nb::arg("q"), nb::arg("velocity"),
-            "Joint rates and contact point velocity at the start of the motion, and what is wrong with them.")
-        .def("trace", &trace, nb::arg("q"), nb::arg("velocity"), nb::arg("detector").none(),
-             nb::arg("stiffness"), nb::arg("largest_offset"),
-             "The stopping curve from a pose; with a detector, as far as its law needs it.");
+            nb::arg("free_joints"), nb::arg("damping"), nb::arg("step"), nb::arg("substeps"), nb::arg("acceleration"),
+            nb::arg("velocity"), nb::arg("lower"), nb::arg("upper"), nb::arg("contact_link"), nb::arg("contact_point"),
+            nb::arg("normal").none(), nb::arg("steps"), nb::arg("period"), nb::arg("latency"), nb::arg("from_rest"),
+            nb::arg("reverse"))
+        .def("start", &start_of, nb::arg("q"), nb::arg("velocity"),
+             "Joint rates and contact point velocity at the start of the motion, and what is wrong with them.")
+        .def("trace", &trace, nb::arg("q"), nb::arg("velocity"), nb::arg("detector").none(), nb::arg("stiffness"),
+             nb::arg("largest_offset"), "The stopping curve from a pose; with a detector, as far as its law needs it.");
     nb::class_<ThresholdDetector>(module, "Detector", "Thresholds and white noise per joint.")
         .def(
             "__init__",
@@ -288,13 +277,12 @@ void bind_collision(nb::module_& module) {
                 const auto chance = any_alarm<double>(self, [&](int w) { return torque(self.joint[w]); });
                 return nb::make_tuple(chance.alarm, chance.silent);
             },
-            nb::arg("torque"),
-            "Probability that a tick with these noiseless residuals alarms, and its complement.");
+            nb::arg("torque"), "Probability that a tick with these noiseless residuals alarms, and its complement.");
     nb::class_<Curve>(module, "Curve", "A stopping curve.")
         .def_prop_ro("ticks", [](const Curve& self) { return self.curve.path.ticks; })
         .def_prop_ro(
-            "distance",
-            [](const Curve& self) { return array_of(self.curve.path.s, {self.curve.path.s.size()}); }, owned)
+            "distance", [](const Curve& self) { return array_of(self.curve.path.s, {self.curve.path.s.size()}); },
+            owned)
         .def_prop_ro(
             "torque_per_newton",
             [](const Curve& self) {
@@ -303,8 +291,7 @@ void bind_collision(nb::module_& module) {
             },
             owned)
         .def_prop_ro(
-            "farthest",
-            [](const Curve& self) { return array_of(self.curve.farthest, {self.curve.farthest.size()}); },
+            "farthest", [](const Curve& self) { return array_of(self.curve.farthest, {self.curve.farthest.size()}); },
             owned)
         .def_prop_ro(
             "reaction_state",
@@ -336,33 +323,30 @@ void bind_collision(nb::module_& module) {
         .def("reaction_paths", &reaction_paths, nb::arg("ticks"), nb::arg("return_to"))
         .def(
             "exact_law",
-            [](const Curve& self, const ThresholdDetector& detector, double stiffness,
-               const std::string& offset_kind, double offset_size, int refinement) {
+            [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
+               double offset_size, int refinement) {
                 nb::gil_scoped_release unlocked;
                 const LawSettings settings{stiffness, offset_law(offset_kind, offset_size), refinement};
                 return Law{
-                    ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings)
-                        .build(),
+                    ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings).build(),
                     self.setup.chain.dof};
             },
             nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"),
             nb::arg("refinement"))
         .def(
             "tail_directly",
-            [](const Curve& self, const ThresholdDetector& detector, double stiffness,
-               const std::string& offset_kind, double offset_size, double force) {
+            [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
+               double offset_size, double force) {
                 nb::gil_scoped_release unlocked;
                 const LawSettings settings{stiffness, offset_law(offset_kind, offset_size), 1, false};
-                return ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector,
-                                          settings)
+                return ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings)
                     .tail_directly(force);
             },
-            nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"),
-            nb::arg("force"),
+            nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("force"),
             "P(peak force > force) of detected collisions, with all its digits however small.")
         .def("sample", &sample, nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"),
-             nb::arg("offset_size"), nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"),
-             nb::arg("with_noise"), nb::arg("threads"));
+             nb::arg("offset_size"), nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("with_noise"),
+             nb::arg("threads"));
     nb::class_<Law>(module, "Law", "An exact law.")
         .def_prop_ro("false_alarm", [](const Law& self) { return self.law.false_alarm; })
         .def_prop_ro("harmless", [](const Law& self) { return self.law.harmless; })
@@ -411,17 +395,14 @@ void bind_collision(nb::module_& module) {
             "coefficients",
             [](const Law& self) {
                 const LawPieces& p = self.law.pieces;
-                return array_of(p.coefficient,
-                                {std::size_t(p.slots), std::size_t(p.order), std::size_t(p.panels)});
+                return array_of(p.coefficient, {std::size_t(p.slots), std::size_t(p.order), std::size_t(p.panels)});
             },
             owned)
         .def_prop_ro(
-            "panel_mid",
-            [](const Law& self) { return array_of(self.law.pieces.mid, {self.law.pieces.mid.size()}); },
+            "panel_mid", [](const Law& self) { return array_of(self.law.pieces.mid, {self.law.pieces.mid.size()}); },
             owned)
         .def_prop_ro(
-            "panel_half",
-            [](const Law& self) { return array_of(self.law.pieces.half, {self.law.pieces.half.size()}); },
+            "panel_half", [](const Law& self) { return array_of(self.law.pieces.half, {self.law.pieces.half.size()}); },
             owned)
         .def_prop_ro(
             "panel_first_tick",
@@ -437,8 +418,7 @@ void bind_collision(nb::module_& module) {
                nb::arg("limit"), nb::arg("threads"));
     module.def(
         "offsets",
-        [](std::uint64_t seed, std::int64_t first_run, std::size_t runs, const std::string& kind,
-           double size) {
+        [](std::uint64_t seed, std::int64_t first_run, std::size_t runs, const std::string& kind, double size) {
             NewArray<double> out({runs});
             for (std::size_t i = 0; i < runs; ++i)
                 out.data[i] = draw_offset<double>(offset_law(kind, size), seed, first_run + std::int64_t(i));

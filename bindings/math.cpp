@@ -20,8 +20,7 @@ NewArray<double>::Array map(Vector x, Function function) {
         nb::gil_scoped_release unlocked;
         for (std::size_t i = 0; i < n; i += native_lanes) {
             double buffer[native_lanes];
-            for (int lane = 0; lane < native_lanes; ++lane)
-                buffer[lane] = x.data()[std::min(i + lane, n - 1)];
+            for (int lane = 0; lane < native_lanes; ++lane) buffer[lane] = x.data()[std::min(i + lane, n - 1)];
             function(L::load(buffer)).store(buffer);
             for (int lane = 0; lane < native_lanes && i + lane < n; ++lane) out.data[i + lane] = buffer[lane];
         }
@@ -41,16 +40,15 @@ void bind_math(nb::module_& module) {
     module.def(
         "log", [](Vector x) { return map(x, [](L v) { return logarithm(v); }); }, nb::arg("x"));
     module.def(
-        "normal_upper_quantile",
-        [](Vector p) { return map(p, [](L v) { return normal_upper_quantile(v); }); }, nb::arg("p"));
+        "normal_upper_quantile", [](Vector p) { return map(p, [](L v) { return normal_upper_quantile(v); }); },
+        nb::arg("p"));
     module.def(
         "philox",
         [](Counters counters, std::uint64_t seed) {
             NewArray<std::int64_t> out({counters.shape(0), 4});
             for (std::size_t i = 0; i < counters.shape(0); ++i) {
                 const std::int64_t* c = counters.data() + 4 * i;
-                const auto block =
-                    philox(PhiloxBlock<IntLanes<native_lanes>>{{c[0], c[1], c[2], c[3]}}, seed);
+                const auto block = philox(PhiloxBlock<IntLanes<native_lanes>>{{c[0], c[1], c[2], c[3]}}, seed);
                 for (int w = 0; w < 4; ++w) out.data[4 * i + w] = block.word[w].v[native_lanes - 1];
             }
             return out.release();

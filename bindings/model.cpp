@@ -106,9 +106,8 @@ void bind_model(nb::module_& module) {
         .def("poses", &poses, nb::arg("q"), nb::arg("link"), nb::arg("point"),
              "Homogeneous transforms (N, 4, 4) of the frame of `link`, moved to `point` of it, in the base "
              "frame.")
-        .def(
-            "jacobians", &jacobians, nb::arg("q"), nb::arg("link"), nb::arg("point"),
-            "Jacobians (N, 6, dof) of `point` of `link`: linear rows, then angular rows, in the base frame.");
+        .def("jacobians", &jacobians, nb::arg("q"), nb::arg("link"), nb::arg("point"),
+             "Jacobians (N, 6, dof) of `point` of `link`: linear rows, then angular rows, in the base frame.");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

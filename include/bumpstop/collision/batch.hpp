@@ -60,8 +60,8 @@ std::vector<int> order_of_work(const BatchProblem& problem) {
             resolved_rates(*problem.chain, *problem.motion, posture, Point3<double>{v[0], v[1], v[2]});
         double most = 0;
         for (int f = 0; f < problem.motion->free_count; ++f)
-            most = std::max(most, std::fabs(rates.free[f]) /
-                                      problem.motion->acceleration_limit[problem.motion->free_joint[f]]);
+            most = std::max(
+                most, std::fabs(rates.free[f]) / problem.motion->acceleration_limit[problem.motion->free_joint[f]]);
         effort[std::size_t(pose)] = most;
     }
     std::vector<int> order(effort.size());
@@ -96,33 +96,29 @@ void batch_group(const BatchProblem& problem, const int* pose_of_lane, int count
     StoppingCurve curve[lanes];
     LinePath path[lanes];
     CertainDetection<L> finished(*problem.detector, problem.stiffness, largest);
-    LineTracer<L, CertainDetection<L>> tracer(*problem.chain, *problem.motion, *problem.contact,
-                                              *problem.timing, finished);
+    LineTracer<L, CertainDetection<L>> tracer(*problem.chain, *problem.motion, *problem.contact, *problem.timing,
+                                              finished);
     tracer.trace(q, velocity, path, count);
     for (int lane = 0; lane < count; ++lane) curve[lane].path = std::move(path[lane]);
-    complete_curves<L>(*problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction,
-                       curve, count, [&](int c) { return problem.q + std::size_t(pose_of_lane[c]) * dof; });
+    complete_curves<L>(*problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction, curve,
+                       count, [&](int c) { return problem.q + std::size_t(pose_of_lane[c]) * dof; });
     for (int lane = 0; lane < count; ++lane) {
         const std::size_t pose = std::size_t(pose_of_lane[lane]);
         const LinePath& done = curve[lane].path;
         out.end[pose] = done.singular_start ? batch_singular_start : std::uint8_t(done.end);
         const double nan = std::numeric_limits<double>::quiet_NaN();
         if (done.singular_start) {
-            for (double* value : {out.mean, out.sd, out.false_alarm, out.undetected, out.no_contact})
-                value[pose] = nan;
-            for (int i = 0; i < problem.probabilities; ++i)
-                out.quantile[pose * problem.probabilities + i] = nan;
+            for (double* value : {out.mean, out.sd, out.false_alarm, out.undetected, out.no_contact}) value[pose] = nan;
+            for (int i = 0; i < problem.probabilities; ++i) out.quantile[pose * problem.probabilities + i] = nan;
             for (int i = 0; i < problem.limits; ++i) out.exceedance[pose * problem.limits + i] = nan;
             for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = nan;
             continue;
         }
-        const double size = problem.offset_kind == OffsetKind::fixed
-                                ? problem.offset_size
-                                : problem.offset_size * done.approach_speed;
+        const double size =
+            problem.offset_kind == OffsetKind::fixed ? problem.offset_size : problem.offset_size * done.approach_speed;
         const LawSettings settings{problem.stiffness, {problem.offset_kind, size}, 1, false};
         const ExactLaw law =
-            ExactLawBuilder<L>(curve[lane], *problem.timing, *problem.motion, *problem.detector, settings)
-                .build();
+            ExactLawBuilder<L>(curve[lane], *problem.timing, *problem.motion, *problem.detector, settings).build();
         const bool endless = law.undetected > 1e-12 && done.end == PathEnd::horizon;
         const double never = law.undetected;
         const Moments m = peak_force_moments<L>(law);
@@ -154,8 +150,7 @@ void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult&
     std::atomic<int> next{0};
     auto work = [&] {
         for (int first = lanes * next++; first < problem.poses; first = lanes * next++)
-            detail::batch_group<L>(problem, &order[std::size_t(first)],
-                                   std::min(lanes, problem.poses - first), out);
+            detail::batch_group<L>(problem, &order[std::size_t(first)], std::min(lanes, problem.poses - first), out);
     };
     std::vector<std::thread> crew;
     for (int i = 1; i < threads; ++i) crew.emplace_back(work);

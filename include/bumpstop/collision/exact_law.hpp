@@ -25,8 +25,8 @@ struct LawSettings {
 struct ExactLaw {
     LawPieces pieces;
     LawQuantity peak_force, force_at_detection, detection_delay;  // of detected collisions [N, N, s]
-    LawQuantity end_force;            // of collisions never detected, at the end [N]
-    double false_alarm = 0;           // detection before contact
+    LawQuantity end_force;                                        // of collisions never detected, at the end [N]
+    double false_alarm = 0;                                       // detection before contact
     double harmless = 0;              // of those, and of motions that end before contact: no force at all
     double undetected = 0;            // contact, and no detection by the end of the motion
     double no_contact = 0;            // the motion ends before contact, no alarm
@@ -149,13 +149,11 @@ class ExactLawBuilder {
                 const int slot = k - panel.tick;
                 if (slot >= int(outcomes.detected.size()) || (slot < 0 && !armed(k))) continue;
                 for (int g = 0; g < order_; ++g) {
-                    const double density =
-                        fixed ? 0.5 : settings_.offset.density(mid + half * rule.node[g]) * half;
+                    const double density = fixed ? 0.5 : settings_.offset.density(mid + half * rule.node[g]) * half;
                     const double chance =
-                        slot < 0
-                            ? silence_before(k) * idle_alarm_
-                            : silence_before(panel.tick) *
-                                  outcomes.detected[std::size_t(slot)][std::size_t(g) * outcomes.panels + p];
+                        slot < 0 ? silence_before(k) * idle_alarm_
+                                 : silence_before(panel.tick) *
+                                       outcomes.detected[std::size_t(slot)][std::size_t(g) * outcomes.panels + p];
                     total += rule.weight[g] * density * chance;
                 }
             }
@@ -201,8 +199,7 @@ class ExactLawBuilder {
         const double* a = &curve_.path.torque_per_N[std::size_t(k) * curve_.path.dof];
         double most = 0;
         for (int w = 0; w < detector_.watched; ++w) {
-            most =
-                std::max(most, std::fabs(a[detector_.joint[w]]) * detector_.scale[w] * std::numbers::sqrt2);
+            most = std::max(most, std::fabs(a[detector_.joint[w]]) * detector_.scale[w] * std::numbers::sqrt2);
         }
         return most * settings_.stiffness * (edge_[k + 1] - edge_[k]);
     }
@@ -283,8 +280,7 @@ class ExactLawBuilder {
             const double a = s_tick(k), b = s_tick(k + 1);
             for (int i = 1; i < timing_.period; ++i) {
                 const double here = path.s[std::size_t(k) * timing_.period + 1 + i];
-                if (std::fabs(here - a - (b - a) * i / timing_.period) > 1e-4 * std::fabs(b - a) + 1e-15)
-                    return true;
+                if (std::fabs(here - a - (b - a) * i / timing_.period) > 1e-4 * std::fabs(b - a) + 1e-15) return true;
             }
         }
         return false;
@@ -349,8 +345,7 @@ class ExactLawBuilder {
         out.survived.assign(block, 0.0);
         out.several.assign(block, 0.0);
         out.trigger.assign(block * detector_.watched, 0.0);
-        std::vector<T> offset(order_), survival(order_), several(order_),
-            trigger(std::size_t(order_) * max_joints);
+        std::vector<T> offset(order_), survival(order_), several(order_), trigger(std::size_t(order_) * max_joints);
         for (int first = 0; first < real; first += lanes) {
             int tick[lanes], most_left = 0;
             T low, high;
@@ -374,8 +369,7 @@ class ExactLawBuilder {
                     if (tick[lane] + i >= path.ticks || !armed(k)) set_lane(watch, lane, 0.0);
                     set_lane(s, lane, s_tick(k));
                     const double* a = &path.torque_per_N[std::size_t(k) * path.dof];
-                    for (int w = 0; w < detector_.watched; ++w)
-                        set_lane(torque[w], lane, a[detector_.joint[w]]);
+                    for (int w = 0; w < detector_.watched; ++w) set_lane(torque[w], lane, a[detector_.joint[w]]);
                 }
                 if (std::size_t(i) == out.detected.size()) out.detected.emplace_back(block, 0.0);
                 T most_survival = 0.0;
@@ -390,8 +384,7 @@ class ExactLawBuilder {
                         single[w] = joint.alarm;
                     }
                     const T weight = survival[g] * watch;
-                    for (int w = 0; w < detector_.watched; ++w)
-                        trigger[g * max_joints + w] += weight * single[w];
+                    for (int w = 0; w < detector_.watched; ++w) trigger[g * max_joints + w] += weight * single[w];
                     several[g] += weight * maximum(alarm - one, T(0.0));
                     store(weight * alarm, &out.detected[i][std::size_t(g) * n + first]);
                     survival[g] = select(watch > T(0.0), survival[g] * silent, survival[g]);
@@ -428,8 +421,7 @@ class ExactLawBuilder {
         for (int nodes : {6, 10, most_nodes}) {
             const Interpolation interpolation(interpolation_nodes(0, count - 1, nodes));
             const std::vector<int>& node = interpolation.nodes();
-            const int check[check_count] = {(node[0] + node[1]) / 2,
-                                            (node[nodes / 2] + node[nodes / 2 - 1]) / 2};
+            const int check[check_count] = {(node[0] + node[1]) / 2, (node[nodes / 2] + node[nodes / 2 - 1]) / 2};
             std::vector<detail::Panel> sample;
             for (int part = 0; part < parts_; ++part) {
                 for (int k : node) sample.push_back(panels[part * count + k]);
@@ -452,8 +444,7 @@ class ExactLawBuilder {
     }
 
     // Do interpolated and direct outcomes agree at the check panels?
-    bool agrees(const detail::Outcomes& known, const Interpolation& interpolation, const int* check,
-                int stride) const {
+    bool agrees(const detail::Outcomes& known, const Interpolation& interpolation, const int* check, int stride) const {
         double weight[most_nodes];
         const int nodes = interpolation.size();
         for (int c = 0; c < stride - nodes; ++c) {
@@ -499,8 +490,7 @@ class ExactLawBuilder {
                     run[k] += known.weight[std::size_t(m) * count + k] * from[part * known.stride + m];
             }
         }
-        std::copy(from + known.irregular, from + known.irregular + (total - parts_ * count),
-                  to + parts_ * count);
+        std::copy(from + known.irregular, from + known.irregular + (total - parts_ * count), to + parts_ * count);
     }
 
     // Joins outcomes, offsets and the silence before contact into the pieces and the probabilities without a
@@ -606,15 +596,14 @@ class ExactLawBuilder {
             }
             for (; l < order_; ++l) {
                 T sum = 0.0;
-                for (int g = 0; g < order_; ++g)
-                    sum += product[g] * rule.to_legendre[std::size_t(l) * order_ + g];
+                for (int g = 0; g < order_; ++g) sum += product[g] * rule.to_legendre[std::size_t(l) * order_ + g];
                 store(sum, series + std::size_t(l) * n + p);
             }
         }
     }
 
-    void triggers(const GaussRule& rule, const KnownOutcomes& known, const std::vector<double>& weight,
-                  int real, int n) {
+    void triggers(const GaussRule& rule, const KnownOutcomes& known, const std::vector<double>& weight, int real,
+                  int n) {
         const detail::Outcomes& outcomes = known.outcomes;
         std::vector<double> run(n, 0.0);
         auto integral = [&](const double* value) {
@@ -622,8 +611,7 @@ class ExactLawBuilder {
             for (int g = 0; g < order_; ++g) {
                 spread(known, value + std::size_t(g) * outcomes.panels, real, run.data());
                 T row = 0.0;
-                for (int p = 0; p < n; p += lanes)
-                    row += load<T>(&run[p]) * load<T>(&weight[std::size_t(g) * n + p]);
+                for (int p = 0; p < n; p += lanes) row += load<T>(&run[p]) * load<T>(&weight[std::size_t(g) * n + p]);
                 for (int lane = 0; lane < lanes; ++lane) total += rule.weight[g] * lane_of(row, lane);
             }
             return total;

@@ -24,9 +24,7 @@ struct LawPieces {
     std::vector<int> first_tick;
     std::vector<double> coefficient;  // [slot][order][panel]
 
-    const double* series(int slot, int p) const {
-        return &coefficient[(std::size_t(slot) * order) * panels + p];
-    }
+    const double* series(int slot, int p) const { return &coefficient[(std::size_t(slot) * order) * panels + p]; }
     double* series(int slot, int p) { return &coefficient[(std::size_t(slot) * order) * panels + p]; }
 };
 
@@ -40,9 +38,7 @@ struct LawQuantity {
     std::vector<double> mass;          // by slot
     double total = 0;                  // probability that the quantity exists
 
-    double at(int slot, int p, int panels) const {
-        return centre[std::size_t(slot - first_slot) * panels + p];
-    }
+    double at(int slot, int p, int panels) const { return centre[std::size_t(slot - first_slot) * panels + p]; }
 };
 
 // Fills least, most, mass and total of a quantity whose centre and spread are set.
@@ -92,8 +88,8 @@ TailAt tail(const LawPieces& pieces, const LawQuantity& quantity, double y) {
             const T cut = (load<T>(centre + p) - y) / spread;
             const T x = minimum(maximum(cut, T(-1.0)), T(1.0));
             const double* c = pieces.series(slot, p);
-            const SeriesAt<T> at = legendre_series(
-                pieces.order, x, [&](int l) { return load<T>(c + std::size_t(l) * pieces.panels); });
+            const SeriesAt<T> at =
+                legendre_series(pieces.order, x, [&](int l) { return load<T>(c + std::size_t(l) * pieces.panels); });
             probability += at.integral;
             density += select((cut > T(-1.0)) & (cut < T(1.0)), at.value / spread, T(0.0));
         }
@@ -119,8 +115,7 @@ struct CutMoments {
     T first, second;
 };
 template <class T, class Coefficient>
-CutMoments<T> cut_moments(const GaussRule& rule, int order, Coefficient coefficient, T centre, T spread,
-                          double about) {
+CutMoments<T> cut_moments(const GaussRule& rule, int order, Coefficient coefficient, T centre, T spread, double about) {
     // Above zero is the part left of x; a panel without width lies on one side as a whole.
     const T x = minimum(maximum(centre / maximum(spread, T(1e-300)), T(-1.0)), T(1.0));
     const T below = 2.0 * coefficient(0) - legendre_series(order, x, coefficient).integral;
@@ -145,8 +140,7 @@ Moments moments(const LawPieces& pieces, const LawQuantity& quantity, double ext
     double about = 0, first = 0, second = 0;
     const GaussRule& rule = gauss_rule((pieces.order + 4) / 2);  // exact for the series times a square
     const double total = quantity.total + extra;
-    if (!(total > 0))
-        return {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
+    if (!(total > 0)) return {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
     for (int pass = 0; pass < 2; ++pass) {
         first = -extra * about;
         second = extra * about * about;
@@ -159,21 +153,18 @@ Moments moments(const LawPieces& pieces, const LawQuantity& quantity, double ext
                 const T centre = load<T>(centres + p), spread = load<T>(&quantity.spread[p]);
                 const auto whole = centre >= spread;
                 const T c0 = select(whole, load<T>(series + p), T(0.0));
-                const T c1 =
-                    pieces.order > 1 ? select(whole, load<T>(series + pieces.panels + p), T(0.0)) : T(0.0);
+                const T c1 = pieces.order > 1 ? select(whole, load<T>(series + pieces.panels + p), T(0.0)) : T(0.0);
                 const T c2 = pieces.order > 2
                                  ? select(whole, load<T>(series + 2 * std::size_t(pieces.panels) + p), T(0.0))
                                  : T(0.0);
                 const T shifted = centre - about;
                 const T x1 = (2.0 / 3) * spread * c1;
                 sum1 += 2.0 * shifted * c0 - x1;
-                sum2 += 2.0 * shifted * (shifted * c0 - x1) +
-                        spread * spread * ((2.0 / 3) * c0 + (4.0 / 15) * c2);
+                sum2 += 2.0 * shifted * (shifted * c0 - x1) + spread * spread * ((2.0 / 3) * c0 + (4.0 / 15) * c2);
                 if (all(whole)) continue;
                 const CutMoments<T> cut = cut_moments(
-                    rule, pieces.order,
-                    [&](int l) { return load<T>(series + std::size_t(l) * pieces.panels + p); }, centre,
-                    spread, about);
+                    rule, pieces.order, [&](int l) { return load<T>(series + std::size_t(l) * pieces.panels + p); },
+                    centre, spread, about);
                 sum1 += select(whole, T(0.0), cut.first);
                 sum2 += select(whole, T(0.0), cut.second);
             }

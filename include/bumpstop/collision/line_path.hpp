@@ -30,10 +30,9 @@ enum class PathEnd { horizon, joint_limit, singularity, certain_detection };
 struct LinePath {
     int dof = 0, free_count = 0;
     int ticks = 0;
-    std::vector<double> s;             // distance along the normal after step i; s[0] = 0 [m]
-    std::vector<double> torque_per_N;  // [tick][dof]: J_v' n at the tick
-    std::vector<double>
-        reaction_state;  // [tick][free]: q then qd at the step in which the reaction would begin
+    std::vector<double> s;               // distance along the normal after step i; s[0] = 0 [m]
+    std::vector<double> torque_per_N;    // [tick][dof]: J_v' n at the tick
+    std::vector<double> reaction_state;  // [tick][free]: q then qd at the step in which the reaction would begin
     Vector3 start{}, normal{}, velocity{};
     double approach_speed = 0;  // of the point along the normal when the motion has its full speed [m/s]
     PathEnd end = PathEnd::horizon;
@@ -58,8 +57,8 @@ struct NeverFinished {
 template <class T, class Finished>
 class LineTracer {
   public:
-    LineTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-               const Timing& timing, Finished& finished)
+    LineTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing,
+               Finished& finished)
         : chain_(chain),
           motion_(motion),
           contact_(contact),
@@ -159,8 +158,7 @@ class LineTracer {
     void remember() {
         bool smooth = true;
         for (int lane = 0; lane < lanes; ++lane) {
-            if (alive_[lane])
-                smooth = smooth && lane_of(reached_, lane) && !lane_of(rates_.velocity_limited, lane);
+            if (alive_[lane]) smooth = smooth && lane_of(reached_, lane) && !lane_of(rates_.velocity_limited, lane);
         }
         reached_ = T(0.0) < T(1.0);
         if (!smooth) history_.known = 0;
@@ -189,8 +187,7 @@ class LineTracer {
         }
         look();
         for (int f = 0; f < motion_.free_count; ++f) {
-            difference =
-                maximum(difference, absolute(rates_.free[f] - history_.combine(weights_.predict, f)));
+            difference = maximum(difference, absolute(rates_.free[f] - history_.combine(weights_.predict, f)));
             largest = maximum(largest, absolute(rates_.free[f]));
         }
         const T margin = least_margin(state_);
@@ -228,8 +225,7 @@ class LineTracer {
             const double third = y[3] - 3 * y[2] + 3 * y[1] - y[0], second = y[3] - 2 * y[2] + y[1];
             for (int step = 1; step < stride_; ++step) {
                 const double x = double(step) / stride_ - 1;  // 0 at the new stride, -1 at the one before
-                path.push_back(y[3] + x * (y[3] - y[2]) + x * (x + 1) / 2 * second +
-                               x * (x + 1) * (x + 2) / 6 * third);
+                path.push_back(y[3] + x * (y[3] - y[2]) + x * (x + 1) / 2 * second + x * (x + 1) * (x + 2) / 6 * third);
             }
         }
     }
@@ -247,8 +243,7 @@ class LineTracer {
         if (tick) {
             const Point3<T> p = posture_.position(contact_.point);
             for (int j = 0; j < chain_.dof; ++j) {
-                torque[j] =
-                    j > contact_.point.link ? T(0.0) : dot(linear_column(chain_, posture_, p, j), normal_);
+                torque[j] = j > contact_.point.link ? T(0.0) : dot(linear_column(chain_, posture_, p, j), normal_);
             }
             complete = finished_(s, torque);
         }

@@ -16,10 +16,12 @@ struct ReactionJob {
     std::vector<double> distance;
 };
 
-// A reaction that stops is followed until it has. One that reverses is followed until the point is back
-// behind `return_to(job)`. On the way back nothing brings the point forward again unless a singularity is
-// near: where `only_peak` is set and none is, it is enough that the point has begun to retreat. No arm needs
-// this many steps; one that cannot reverse near a singularity must not run for ever.
+// A reaction that stops is followed until it has. One that reverses is followed until the point is back behind
+// `return_to(job)`. On the way back nothing brings the point forward again unless a singularity is near: with `only_peak`
+// it is enough that the point retreats, and that either no singularity is near or half again the time has passed that
+// the slowest joint needs to stop, and 50 ms more: the source's own length of a run after detection.
+
+// No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
 inline constexpr int longest_reaction_steps = 20000;
 // The steps about the farthest point tell where between two steps it lies.
 inline constexpr int steps_past_peak = 3;
@@ -92,8 +94,7 @@ class BrakingArm {
         for (int f = 0; f < motion_.free_count; ++f) {
             const int j = motion_.free_joint[f];
             change_before[f] = change_[f];
-            state.q[j] +=
-                h * (double(motion_.substeps) * state.qd[j] + history_.combine(weights_.sum_of_sums, f));
+            state.q[j] += h * (double(motion_.substeps) * state.qd[j] + history_.combine(weights_.sum_of_sums, f));
             state.qd[j] += history_.combine(weights_.sum, f);
             state.angle.set(chain_, j, state.q[j]);
         }
@@ -144,6 +145,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         const int used = count - first < lanes ? count - first : lanes;
         Point3<T> normal, start;
         double turning_point[lanes], last[lanes];
+        double patience[lanes];      // steps after which a retreat is believed near a singularity
         int retreating[lanes] = {};  // steps since the farthest point
         bool alive[lanes];
         for (int lane = 0; lane < lanes; ++lane) {
@@ -172,6 +174,10 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             alive[lane] = lane < used;
             if (!alive[lane]) continue;
             turning_point[lane] = return_to(job);
+            double stop_time = 0;
+            for (int f = 0; f < n; ++f)
+                stop_time = std::max(stop_time, std::fabs(rs[n + f]) / motion.acceleration_limit[motion.free_joint[f]]);
+            patience[lane] = (0.05 + 1.5 * stop_time) / motion.step;
             last[lane] = path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency];
             job.distance.assign(1, last[lane]);
         }
@@ -186,7 +192,8 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                 const double here = lane_of(s, lane);
                 jobs[first + lane].distance.push_back(here);
                 retreating[lane] = here < last[lane] ? retreating[lane] + 1 : 0;
-                const bool back = here <= turning_point[lane] || (only_peak && !lane_of(arm.poor, lane));
+                const bool back =
+                    here <= turning_point[lane] || (only_peak && (!lane_of(arm.poor, lane) || i > patience[lane]));
                 const bool done =
                     arm.stopping ? lane_of(arm.reached, lane) : retreating[lane] >= steps_past_peak && back;
                 if (done) alive[lane] = false;

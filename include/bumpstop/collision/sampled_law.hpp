@@ -27,8 +27,7 @@ T draw_offset(const OffsetLaw& law, std::uint64_t seed, IntOf<T> run) {
     if (law.kind == OffsetKind::fixed) return law.size;
     // The half-normal is cut where the exact law cuts it; draws are doubles of 2^-54, so none lies beyond but
     // by 1e-12.
-    if (law.kind == OffsetKind::half_normal)
-        return minimum(normal_upper_quantile(draw.p) * law.size, T(law.largest()));
+    if (law.kind == OffsetKind::half_normal) return minimum(normal_upper_quantile(draw.p) * law.size, T(law.largest()));
     return 2.0 * draw.p * law.size;
 }
 
@@ -59,8 +58,7 @@ class Sampler {
         for (int w = 0; w < detector.watched; ++w) {
             pair_[w] = detector.joint[w] / 2;
             half_[w] = detector.joint[w] % 2;
-            const double threshold = detector.threshold[w], mean = detector.mean[w],
-                         scale = detector.scale[w];
+            const double threshold = detector.threshold[w], mean = detector.mean[w], scale = detector.scale[w];
             quiet_ = quiet_ && std::fabs(mean) < threshold;
             upper_[w] = 0.5 * erfc((threshold - mean) * scale);
             lower_[w] = 0.5 * erfc((threshold + mean) * scale);
@@ -75,11 +73,9 @@ class Sampler {
             const std::int64_t end = std::min(count, begin + block);
             for (std::int64_t i = begin; i < end; i += lanes) {
                 std::int64_t number[lanes];
-                for (int lane = 0; lane < lanes; ++lane)
-                    number[lane] = first_run + std::min(i + lane, end - 1);
+                for (int lane = 0; lane < lanes; ++lane) number[lane] = first_run + std::min(i + lane, end - 1);
                 const T o = draw_offset<T>(offset_, seed_, run_lanes<T>(number));
-                for (int lane = 0; lane < lanes && i + lane < end; ++lane)
-                    out.offset[i + lane] = lane_of(o, lane);
+                for (int lane = 0; lane < lanes && i + lane < end; ++lane) out.offset[i + lane] = lane_of(o, lane);
             }
             // Runs with like offsets share a register: they touch, and are felt, at about the same tick.
             order.resize(std::size_t(end - begin));
@@ -167,8 +163,8 @@ class Sampler {
             const double force = std::max(0.0, s_[k] - out.offset[i]) * stiffness_;
             for (int j = 0; j < dof; ++j) {
                 const auto block = noise_block<std::int64_t>(seed_, first_run + i, k, j / 2);
-                noise[j] = signed_probability<double>(block, j % 2).normal() * detector_.noise_sd[j] +
-                           detector_.noise_mean[j];
+                noise[j] =
+                    signed_probability<double>(block, j % 2).normal() * detector_.noise_sd[j] + detector_.noise_mean[j];
             }
             for (int j = 0; j < dof; ++j)
                 residual[j] = noise[j] + curve_.path.torque_per_N[std::size_t(k) * dof + j] * force;
@@ -184,8 +180,7 @@ class Sampler {
     int first_armed_ = 0;
     bool quiet_ = true;  // every noise mean lies inside its thresholds
     int pair_[max_joints] = {}, half_[max_joints] = {};
-    double upper_[max_joints] = {},
-           lower_[max_joints] = {};  // probabilities beyond +- threshold without contact
+    double upper_[max_joints] = {}, lower_[max_joints] = {};  // probabilities beyond +- threshold without contact
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

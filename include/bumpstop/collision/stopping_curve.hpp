@@ -55,8 +55,7 @@ inline Summit summit(const std::vector<double>& distance) {
     // Newton's form on the steps first .. first + 3, then powers of x = time - first.
     double y[4];
     for (int i = 0; i < 4; ++i) y[i] = distance[first + i] - distance[0];
-    const double d1 = y[1] - y[0], d2 = (y[2] - 2 * y[1] + y[0]) / 2,
-                 d3 = (y[3] - 3 * y[2] + 3 * y[1] - y[0]) / 6;
+    const double d1 = y[1] - y[0], d2 = (y[2] - 2 * y[1] + y[0]) / 2, d3 = (y[3] - 3 * y[2] + 3 * y[1] - y[0]) / 6;
     const double c1 = d1 - d2 + 2 * d3, c2 = d2 - 3 * d3, c3 = d3;
     double x = peak - first;
     for (int i = 0; i < 20; ++i) {
@@ -121,8 +120,8 @@ inline int limiting_joint(const MotionSettings& motion, const LinePath& path, in
 // Where another joint takes over as the limiting one, the overrun has a kink. Reactions that begin up to an
 // overrun before it cross it on their way. So the ticks are cut there, and those crossing it stand by
 // themselves.
-inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, const LinePath& path, int curve,
-                         int known, std::vector<Stretch>& stretches) {
+inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, const LinePath& path, int curve, int known,
+                         std::vector<Stretch>& stretches) {
     int first = 0;
     for (int k = 1; k < known; ++k) {
         const int limiting = limiting_joint(motion, path, k);
@@ -130,8 +129,7 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
         const int j = motion.free_joint[limiting];
         const double qd = path.reaction_state[(std::size_t(2) * k + 1) * motion.free_count + limiting];
         const double stop_time = std::fabs(qd) / motion.acceleration_limit[j];
-        const int crossing =
-            int(stop_time / (2 * timing.period * motion.step)) + 2 + timing.latency / timing.period;
+        const int crossing = int(stop_time / (2 * timing.period * motion.step)) + 2 + timing.latency / timing.period;
         const int begin = std::max(first, k - crossing), end = std::min(known - 1, k + 1);
         if (begin > first) stretches.push_back({curve, first, begin - 1});
         if (end >= begin) stretches.push_back({curve, begin, end, true});
@@ -140,6 +138,112 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
     }
     if (first < known) stretches.push_back({curve, first, known - 1});
 }
+
+// A stretch too rough for one polynomial: ticks simulated on a grid that is halved wherever the middle of two
+// of its points is not where the six nearest points say. Nothing simulated is thrown away.
+class Refinement {
+  public:
+    Refinement(const Stretch& stretch) : curve(stretch.curve), first_(stretch.first), last_(stretch.last) {
+        known_.assign(std::size_t(stretch.ticks()), Summit{});
+        overrun_.assign(known_.size(), -1.0);
+        while (2 * spacing_ < stretch.ticks() / 5 && spacing_ < 16) spacing_ *= 2;
+        for (int k = first_; k < last_; k += spacing_) open_.push_back(k);
+        for (int k : open_) wanted.push_back(k);
+        wanted.push_back(last_);
+    }
+
+    int curve;
+    std::vector<int> wanted;  // ticks to simulate before the next `take`
+    std::size_t job = 0;      // the first of their jobs
+
+    // Takes the jobs of the wanted ticks, settles what can be settled and says what is wanted next.
+    void take(const ReactionJob* jobs) {
+        std::vector<int> unsettled;
+        for (std::size_t i = 0; i < wanted.size(); ++i) {
+            const int k = wanted[i];
+            known_[std::size_t(k - first_)] = summit(jobs[i].distance);
+            // What the points said before the middle was known among them.
+            const double predicted = middles_ ? predict(k, 2 * spacing_, k) : std::numeric_limits<double>::quiet_NaN();
+            overrun_[std::size_t(k - first_)] = overrun(jobs[i].distance);
+            const double difference = predicted - overrun_[std::size_t(k - first_)];
+            // With half the distance between points the error falls by 2^6.
+            if (middles_ && std::fabs(difference) <= 8 * farthest_tolerance &&
+                settle(k - spacing_, std::min(k + spacing_, last_)))
+                continue;
+            if (middles_) {
+                unsettled.push_back(k - spacing_);
+                unsettled.push_back(k);
+            }
+        }
+        if (!middles_) unsettled = open_;
+        middles_ = true;
+        wanted.clear();
+        if (spacing_ == 1) return;
+        spacing_ /= 2;
+        for (int k : unsettled) {
+            if (k + spacing_ < last_) wanted.push_back(k + spacing_);
+        }
+    }
+
+    int first() const { return first_; }
+    const std::vector<double>& overruns() const { return overrun_; }
+
+  private:
+    // The overrun at tick k from the six known points nearest to `centre` whose distance is `spacing`,
+    // without k.
+    double predict(int k, int spacing, int centre) const {
+        std::vector<int> points;
+        const int base = first_ + (centre - first_) / spacing * spacing;
+        for (int reach = 0; reach <= 5 && points.size() < 6; ++reach) {
+            for (int at : {base - reach * spacing, base + (reach + 1) * spacing}) {
+                if (at < first_ || at > last_ || at == k || points.size() >= 6) continue;
+                if (overrun_[std::size_t(at - first_)] >= 0 && known_[std::size_t(at - first_)].time >= 0)
+                    points.push_back(at);
+            }
+        }
+        if (points.size() < 4) return std::numeric_limits<double>::quiet_NaN();
+        std::sort(points.begin(), points.end());
+        const Interpolation interpolation(points);
+        double weight[6];
+        interpolation.weights(k, weight);
+        Summit sum{0, 0, 0, 0};
+        for (std::size_t m = 0; m < points.size(); ++m) {
+            const Summit& at = known_[std::size_t(points[m] - first_)];
+            sum.time += weight[m] * at.time;
+            sum.top += weight[m] * at.top;
+            sum.bend += weight[m] * at.bend;
+            sum.skew += weight[m] * at.skew;
+        }
+        return sum.time >= 0 ? sum.at_steps() : std::numeric_limits<double>::quiet_NaN();
+    }
+
+    // Leaves the ticks between two points to interpolation, where there is enough to interpolate from.
+    bool settle(int low, int high) {
+        for (int k = low + 1; k < high; ++k) {
+            if (overrun_[std::size_t(k - first_)] < 0 && !(predict(k, spacing_, k) >= 0)) return false;
+        }
+        for (int k = low + 1; k < high; ++k) {
+            if (overrun_[std::size_t(k - first_)] < 0) settled_.push_back({k, spacing_});
+        }
+        return true;
+    }
+
+  public:
+    // Fills in what was settled, once every point is known.
+    void finish() {
+        std::vector<double> filled = overrun_;
+        for (const auto& [k, spacing] : settled_) filled[std::size_t(k - first_)] = predict(k, spacing, k);
+        overrun_ = filled;
+    }
+
+  private:
+    int first_, last_, spacing_ = 1;
+    bool middles_ = false;  // the first round asks for the grid itself
+    std::vector<int> open_;
+    std::vector<Summit> known_;
+    std::vector<double> overrun_;  // negative: not known
+    std::vector<std::pair<int, int>> settled_;
+};
 
 }  // namespace detail
 
@@ -150,14 +254,14 @@ template <class T, class Pose>
 void complete_curves(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                      const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose) {
     constexpr int nodes = 6, checks = 2;
-    std::vector<detail::Stretch> pending, halves;
+    std::vector<detail::Stretch> pending;
+    std::vector<detail::Refinement> rough;
     for (int c = 0; c < count; ++c) {
         StoppingCurve& curve = curves[c];
         const LinePath& path = curve.path;
         curve.farthest.assign(path.ticks, 0.0);
         curve.reactions_simulated = 0;
-        const int known =
-            std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
+        const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
         // A path that ends before the reaction begins ends for both: the arm stands still there.
         for (int k = known; k < path.ticks; ++k) {
             const auto from = path.s.begin() + std::ptrdiff_t(k) * timing.period + 1;
@@ -166,62 +270,73 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         if (known > 0) detail::cut_at_kinks(motion, timing, path, c, known, pending);
     }
     std::vector<ReactionJob> jobs;
-    while (!pending.empty()) {
-        jobs.clear();
-        for (detail::Stretch& stretch : pending) {
-            stretch.job = jobs.size();
-            const int curve = stretch.curve;
-            const bool every_tick = stretch.crosses_kink || stretch.ticks() <= nodes + checks;
-            const int wanted = every_tick ? stretch.ticks() : nodes;
-            const std::vector<int> tick = interpolation_nodes(stretch.first, stretch.last, wanted);
-            for (int k : tick) jobs.push_back({&curves[curve].path, curve, k, {}});
-            for (int i = 0; !every_tick && i < checks; ++i) {
-                const std::size_t gap =
-                    i == 0 ? 1 : nodes / 2;  // where the nodes leave the widest gaps, and near an end
-                jobs.push_back({&curves[curve].path, curve, (tick[gap] + tick[gap + 1]) / 2, {}});
-            }
-        }
+    auto add = [&](int curve, int tick) { jobs.push_back({&curves[curve].path, curve, tick, {}}); };
+    auto simulate = [&] {
         simulate_reactions<T>(
             chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), true,
             [&](const ReactionJob& job) { return pose(job.curve); },
             [&](const ReactionJob& job) { return job.path->at_tick(job.tick, timing.period); });
-        halves.clear();
-        for (const detail::Stretch& stretch : pending) {
-            StoppingCurve& curve = curves[stretch.curve];
-            const LinePath& path = curve.path;
-            const ReactionJob* own = &jobs[stretch.job];
-            auto place = [&](int k, double travelled) {
-                const auto from = path.s.begin() + std::ptrdiff_t(k) * timing.period + 1;
-                const double before = *std::max_element(from, from + timing.latency + 1);
-                return std::max(before, from[timing.latency] + travelled);
-            };
-            if (stretch.crosses_kink || stretch.ticks() <= nodes + checks) {
-                curve.reactions_simulated += stretch.ticks();
-                for (int i = 0; i < stretch.ticks(); ++i)
-                    curve.farthest[stretch.first + i] =
-                        place(stretch.first + i, detail::overrun(own[i].distance));
-                continue;
-            }
-            curve.reactions_simulated += nodes + checks;
-            const Interpolation interpolation(interpolation_nodes(stretch.first, stretch.last, nodes));
-            const detail::OverrunInterpolation overrun(interpolation, own);
-            bool smooth = true;
-            for (int i = 0; i < checks; ++i) {
-                const ReactionJob& check = own[nodes + i];
-                const double difference = overrun.at(check.tick) - detail::overrun(check.distance);
-                smooth = smooth && std::fabs(difference) <= farthest_tolerance;
-            }
-            for (int k = stretch.first; smooth && k <= stretch.last; ++k) {
-                const double travelled = overrun.at(k);
-                smooth = smooth && travelled >= 0;
-                curve.farthest[k] = place(k, travelled);
-            }
-            if (smooth) continue;
-            const int middle = (stretch.first + stretch.last) / 2;
-            halves.push_back({stretch.curve, stretch.first, middle});
-            halves.push_back({stretch.curve, middle + 1, stretch.last});
+        for (const ReactionJob& job : jobs) ++curves[job.curve].reactions_simulated;
+    };
+    auto place = [&](int curve, int k, double travelled) {
+        const LinePath& path = curves[curve].path;
+        const auto from = path.s.begin() + std::ptrdiff_t(k) * timing.period + 1;
+        const double before = *std::max_element(from, from + timing.latency + 1);
+        curves[curve].farthest[k] = std::max(before, from[timing.latency] + travelled);
+    };
+
+    for (detail::Stretch& stretch : pending) {
+        stretch.job = jobs.size();
+        const bool every_tick = stretch.crosses_kink || stretch.ticks() <= nodes + checks;
+        const int wanted = every_tick ? stretch.ticks() : nodes;
+        const std::vector<int> tick = interpolation_nodes(stretch.first, stretch.last, wanted);
+        for (int k : tick) add(stretch.curve, k);
+        for (int i = 0; !every_tick && i < checks; ++i) {
+            const std::size_t gap = i == 0 ? 1 : nodes / 2;  // where the nodes leave the widest gaps, and near an end
+            add(stretch.curve, (tick[gap] + tick[gap + 1]) / 2);
         }
-        pending.swap(halves);
+    }
+    simulate();
+    for (const detail::Stretch& stretch : pending) {
+        const ReactionJob* own = &jobs[stretch.job];
+        if (stretch.crosses_kink || stretch.ticks() <= nodes + checks) {
+            for (int i = 0; i < stretch.ticks(); ++i)
+                place(stretch.curve, stretch.first + i, detail::overrun(own[i].distance));
+            continue;
+        }
+        const detail::OverrunInterpolation overrun(
+            Interpolation(interpolation_nodes(stretch.first, stretch.last, nodes)), own);
+        bool smooth = true;
+        for (int i = 0; i < checks; ++i) {
+            const ReactionJob& check = own[nodes + i];
+            const double difference = overrun.at(check.tick) - detail::overrun(check.distance);
+            smooth = smooth && std::fabs(difference) <= farthest_tolerance;
+        }
+        for (int k = stretch.first; smooth && k <= stretch.last; ++k) {
+            const double travelled = overrun.at(k);
+            smooth = smooth && travelled >= 0;
+            place(stretch.curve, k, travelled);
+        }
+        if (!smooth) rough.emplace_back(stretch);
+    }
+    for (bool working = !rough.empty(); working;) {
+        jobs.clear();
+        for (detail::Refinement& refinement : rough) {
+            refinement.job = jobs.size();
+            for (int k : refinement.wanted) add(refinement.curve, k);
+        }
+        simulate();
+        working = false;
+        for (detail::Refinement& refinement : rough) {
+            if (refinement.wanted.empty()) continue;
+            refinement.take(&jobs[refinement.job]);
+            working = working || !refinement.wanted.empty();
+        }
+    }
+    for (detail::Refinement& refinement : rough) {
+        refinement.finish();
+        for (std::size_t i = 0; i < refinement.overruns().size(); ++i)
+            place(refinement.curve, refinement.first() + int(i), std::max(0.0, refinement.overruns()[i]));
     }
 }
 

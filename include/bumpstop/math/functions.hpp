@@ -21,8 +21,7 @@ T polynomial(const double (&c)[n], T x) {
     BUMPSTOP_UNROLL
     for (int chain = 0; chain < chains; ++chain) {
         constexpr int rows = (n + chains - 1) / chains;
-        const int top =
-            (rows - 1) * chains + chain < n ? (rows - 1) * chains + chain : (rows - 2) * chains + chain;
+        const int top = (rows - 1) * chains + chain < n ? (rows - 1) * chains + chain : (rows - 2) * chains + chain;
         T value = c[top];
         BUMPSTOP_UNROLL
         for (int i = top - chains; i >= 0; i -= chains) value = value * stride + c[i];
@@ -99,8 +98,7 @@ T erfc(T x) {
     const T magnitude = minimum(absolute(x), T(30.0));
     const T inverse = 1.0 / ((magnitude + erfc_polynomial::shift) * (1.0 + 2.0 * magnitude));
     const T t = (magnitude - erfc_polynomial::shift) * (1.0 + 2.0 * magnitude) * inverse;
-    const T scaled =
-        polynomial(erfc_polynomial::coefficients, t) * (magnitude + erfc_polynomial::shift) * inverse;
+    const T scaled = polynomial(erfc_polynomial::coefficients, t) * (magnitude + erfc_polynomial::shift) * inverse;
     // x^2 = short^2 + (x - short)(x + short) with `short` a multiple of 1/16: short^2 is exact.
     const T brief = (magnitude + 0x1.8p+48) - 0x1.8p+48;
     const T upper = exp_negative(brief * brief, (magnitude - brief) * (magnitude + brief)) * scaled;
@@ -177,9 +175,8 @@ T normal_upper_quantile(T p) {
     T outer = polynomial(c, r - 1.6) / polynomial(d, r - 1.6);
     const auto far = r > T(5.0);
     if (any(far)) {
-        constexpr double e[] = {6.65790464350110377720e0,  5.46378491116411436990e0,
-                                1.78482653991729133580e0,  2.96560571828504891230e-1,
-                                2.65321895265761230930e-2, 1.24266094738807843860e-3,
+        constexpr double e[] = {6.65790464350110377720e0,  5.46378491116411436990e0,  1.78482653991729133580e0,
+                                2.96560571828504891230e-1, 2.65321895265761230930e-2, 1.24266094738807843860e-3,
                                 2.71155556874348757815e-5, 2.01033439929228813265e-7};
         constexpr double f[] = {1.0,
                                 5.99832206555887937690e-1,

@@ -33,8 +33,7 @@ inline Matrix3 rotation_z(double angle) {
 // A rotation that takes z to the given unit vector.
 inline Matrix3 rotation_from_z(const Vector3& axis) {
     const double horizontal = std::hypot(axis[0], axis[1]);
-    if (horizontal == 0)
-        return axis[2] > 0 ? Matrix3{1, 0, 0, 0, 1, 0, 0, 0, 1} : Matrix3{1, 0, 0, 0, -1, 0, 0, 0, -1};
+    if (horizontal == 0) return axis[2] > 0 ? Matrix3{1, 0, 0, 0, 1, 0, 0, 0, 1} : Matrix3{1, 0, 0, 0, -1, 0, 0, 0, -1};
     const double cp = axis[0] / horizontal, sp = axis[1] / horizontal;  // turn about y, then about z
     return {cp * axis[2], -sp, axis[0], sp * axis[2], cp, axis[1], -horizontal, 0, axis[2]};
 }
@@ -57,7 +56,7 @@ struct Chain {
     struct Joint {
         bool prismatic = false;
         double cos_alpha = 1, sin_alpha = 0;  // turn about x before the joint
-        double offset = 0;  // added to a revolute joint's angle; a prismatic joint's constant angle [rad]
+        double offset = 0;       // added to a revolute joint's angle; a prismatic joint's constant angle [rad]
         Vector3 displacement{};  // from the frame before to this joint, in the frame before [m]
         Matrix3 to_link{};       // orientation of the link's own frame in the computing frame after the joint
     };
