@@ -10,7 +10,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 // Interpolated detection probabilities may be wrong by this much; rounding of the joint positions alone gives
 // 1e-12.
-inline constexpr double outcome_tolerance = 3e-11;
+inline constexpr double outcome_tolerance = 1e-10;
 
 // Survival below this ends a panel's ticks: nothing that is printed can feel it.
 inline constexpr double negligible_survival = 1e-18;
@@ -418,7 +418,7 @@ class ExactLawBuilder {
         if (regular_ == 0) return {evaluate(panels), 0, 0, {}, 0};
         const int count = regular_;
         constexpr int check_count = 2;
-        for (int nodes : {6, 10, most_nodes}) {
+        for (int nodes : {8, 12, most_nodes}) {
             const Interpolation interpolation(interpolation_nodes(0, count - 1, nodes));
             const std::vector<int>& node = interpolation.nodes();
             const int check[check_count] = {(node[0] + node[1]) / 2, (node[nodes / 2] + node[nodes / 2 - 1]) / 2};
@@ -691,7 +691,7 @@ class ExactLawBuilder {
         return (double(i) + part) * motion_.step;
     }
 
-    static constexpr int most_nodes = 16;
+    static constexpr int most_nodes = 20;
 
     const StoppingCurve& curve_;
     const Timing& timing_;

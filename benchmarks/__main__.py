@@ -1,0 +1,177 @@
+"""Speed: each figure beside its target and beside the slow twin compiled with the same flags, in one run, on one core."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY / "tests"))
+
+import bumpstop as bs  # noqa: E402
+import twin  # noqa: E402
+import twin.twin as twin_module  # noqa: E402
+from bumpstop import kernels  # noqa: E402
+from collision.cases import control_group, twin_of  # noqa: E402
+
+FLAGS = {
+    "baseline": [],
+    "neon": [],
+    "avx2": ["-mavx2", "-mfma"],
+    "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma", "-mprefer-vector-width=512"],
+}
+COMMON = ["-std=c++20", "-O3", "-ffp-contract=fast"]
+TWIN_RUNS = 1000  # what the source drew for one distribution
+BATCH = 400
+
+
+def seconds(action: Callable[[], object], repeats: int) -> float:
+    """Median wall time of ``action`` after one call to warm up [s]."""
+    action()
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        action()
+        times.append(time.perf_counter() - begin)
+    return median(times)
+
+
+def row(what: str, value: str, target: str, ok: bool | None, ratio: str = "") -> None:
+    """Print one line of the table; ``ok`` None: there is no target on this machine."""
+    print(
+        f"{what:<52} {value:>16} {target:>16} {ratio:>16}  {'' if ok is None else 'PASS' if ok else 'FAIL'}", flush=True
+    )
+
+
+def whole_law(problem: bs.Problem) -> object:
+    """A complete law from a checked scenario: curve, distribution, moments, quantiles, probabilities of excess."""
+    law = bs.exact_law(problem, bs.stopping_curve(problem))
+    force = law.peak_force
+    figures = [force.mean, force.sd, *(force.quantile(p) for p in (0.5, 0.95, 0.99, 0.999))]
+    return figures, law.trigger_joint_probability
+
+
+def twin_seconds_per_run(scenario: bs.Scenario, runs: int = 12) -> float:
+    """Time of one run of the twin with noise of its own [s]."""
+    settings = twin_of(scenario, noise_sd_Nm=bs.Problem.from_scenario(scenario).noise_sd)
+    offsets = np.abs(np.random.default_rng(1).normal(size=runs)) * 0.1 * np.linalg.norm(settings.velocity_m_s)
+    return seconds(lambda: twin.simulate_seeded(settings, offsets, 1), 3) / runs
+
+
+def random_poses(robot: bs.Robot, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Poses as in the source's section 6.2.3, and velocities of N(10, 2) mm/s in directions even over the sphere."""
+    rng = np.random.default_rng(623)
+    q = rng.uniform(robot.lower, robot.upper, size=(count, robot.dof))
+    q[:, 6] = 0
+    direction = rng.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    return q, direction * rng.normal(0.010, 0.002, size=(count, 1))
+
+
+def substep() -> tuple[int, float, float, float]:
+    """Lanes, then ns per lane and sub-step for 6 of 7 joints, 7 joints, and a plain double."""
+    compiler = os.environ.get("CXX", "c++")
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "substep"
+        command = [compiler, *COMMON, "-Wno-psabi", *FLAGS[kernels.target]]
+        command += ["-I", str(REPOSITORY / "include"), str(REPOSITORY / "benchmarks/substep.cpp"), "-o", str(program)]
+        subprocess.run(command, check=True)
+        lanes, six, seven, scalar = subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()
+    return int(lanes), float(six), float(seven), float(scalar)
+
+
+def main() -> None:
+    """Print the table."""
+    twin_module.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[kernels.target])
+    print(
+        f"kernels: {kernels.target}; one core; the twin needs {TWIN_RUNS} runs for a distribution like the source's\n"
+    )
+    row("", "measured", "target", None, "twin / ours")
+    for path in sorted((REPOSITORY / "examples").glob("*.toml")):
+        scenario = bs.load_scenario(path)
+        problem = bs.Problem.from_scenario(scenario)
+        ours = seconds(lambda p=problem: whole_law(p), 30)  # type: ignore[misc]
+        theirs = twin_seconds_per_run(scenario) * TWIN_RUNS
+        row(f"complete law, {path.stem}", f"{ours * 1e3:.2f} ms", "<= 1 ms", ours <= 1e-3, f"{theirs / ours:.0f}")
+
+    scenario = control_group(motion__velocity_mm_s=[0, 0, -10])
+    q, velocity = random_poses(bs.Robot.load("sia5d"), BATCH)
+    begin = time.perf_counter()
+    laws = bs.evaluate_batch(scenario, q, velocity, limits_N=[135.0])
+    each = (time.perf_counter() - begin) / BATCH
+    theirs = twin_seconds_per_run(scenario) * TWIN_RUNS
+    row(
+        f"law in a batch of {BATCH} random poses",
+        f"{each * 1e6:.0f} us",
+        "<= 330 us",
+        each <= 330e-6,
+        f"{theirs / each:.0f}",
+    )
+    robot = bs.Robot.load("sia5d")
+    singular = np.linalg.svd(robot.jacobian(q)[:, :, :6], compute_uv=False)[:, -1]
+    easy = (singular > 0.02) & (laws.end == "certain_detection")
+    begin = time.perf_counter()
+    bs.evaluate_batch(scenario, q[easy], velocity[easy], limits_N=[135.0])
+    each = (time.perf_counter() - begin) / easy.sum()
+    row(
+        f"  of them the {easy.sum()} clear of singularities and limits",
+        f"{each * 1e6:.0f} us",
+        "<= 330 us",
+        each <= 330e-6,
+    )
+
+    scenario = bs.load_scenario(REPOSITORY / "examples/01_hand_downward.toml")
+    problem = bs.Problem.from_scenario(scenario)
+    curve = bs.stopping_curve(problem)
+    runs = 500_000
+    question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
+    ours = seconds(lambda: curve.kernel.sample(*question, 1, 0, runs, False, 1), 3) / runs
+    theirs = twin_seconds_per_run(scenario)
+    row("sampled runs per second, one curve", f"{1 / ours:.3g}", ">= 1e6", ours <= 1e-6, f"{theirs / ours:.0f}")
+
+    lanes, six, seven, scalar = substep()
+    settings = twin_of(scenario)
+    begin = time.perf_counter()
+    path = twin.trace(twin_of(scenario, duration_s=0.4), float("inf"))
+    literal = (time.perf_counter() - begin) / (len(path.time_s) * settings.substeps) * 1e9
+    wide = kernels.target == "avx512"
+    what = f"controller sub-step per lane, {lanes} lanes"
+    row(
+        f"{what}, 6 of 7 joints", f"{six:.1f} ns", "<= 20 (avx512)", six <= 20 if wide else None, f"{literal / six:.0f}"
+    )
+    row(
+        f"{what}, 7 joints",
+        f"{seven:.1f} ns",
+        "<= 20 (avx512)",
+        seven <= 20 if wide else None,
+        f"{literal / seven:.0f}",
+    )
+    row("controller sub-step, one double", f"{scalar:.0f} ns", "", None, f"{literal / scalar:.0f}")
+
+    command = [sys.executable, "-c", "from bumpstop.cli.main import main; main()"]
+    example = str(REPOSITORY / "examples/01_hand_downward.toml")
+
+    def run(*arguments: str) -> float:
+        return seconds(lambda: subprocess.run([*command, *arguments], check=False, capture_output=True), 5)
+
+    for what, limit, arguments in (
+        ("bumpstop --help", 0.25, ["--help"]),
+        ("bumpstop evaluate --json", 1.0, ["evaluate", example, "--json"]),
+    ):
+        took = run(*arguments)
+        row(what, f"{took:.2f} s", f"< {limit:g} s", took < limit)
+    with tempfile.TemporaryDirectory() as folder:
+        took = run("evaluate", example, "--out", folder)
+    row("bumpstop evaluate --out (report, figures, tables)", f"{took:.2f} s", "< 4 s", took < 4)
+
+
+if __name__ == "__main__":
+    main()
