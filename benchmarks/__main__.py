@@ -1,4 +1,4 @@
-"""Speed: each figure beside its target and beside the slow twin compiled with the same flags, in one run, on one core."""
+"""Speed: each figure beside its target and beside the slow twin compiled with the same flags, in one run on a core."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenarios the collision tests share: the source's control group, and ten that differ from it in every way they can."""
+"""Scenarios the collision tests share: the source's control group, and others that differ from it in every way."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from twin import Joint, TwinSettings
 
 from bumpstop import Problem, Robot, Scenario
+from twin import Joint, TwinSettings
 
 SIA5D_POSE = [0, 30, 0, -20, 0, -40, 0]
 UR10E_POSE = [10, -80, 110, -120, -90, 20]
@@ -21,7 +21,10 @@ def control_group(**changes: Any) -> Scenario:
         "pose_deg": SIA5D_POSE,
         "motion": {"velocity_mm_s": [0, 0, -50], "held_joints": [7]},
         "contact": {"body": "hand_finger", "limits": "bgia2011", "area_cm2": 1.0, "offset_law": "half_normal"},
-        "detector": {"thresholds_Nm": [20, 10, 20, 20, 20, 20, 20], "noise_sd_Nm": [20 / 5.5, 10 / 5.5, *[20 / 5.5] * 5]},
+        "detector": {
+            "thresholds_Nm": [20, 10, 20, 20, 20, 20, 20],
+            "noise_sd_Nm": [20 / 5.5, 10 / 5.5, *[20 / 5.5] * 5],
+        },
         "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 4.5},
     }
     return Scenario.from_dict(data).with_values({key.replace("__", "."): value for key, value in changes.items()})
@@ -45,7 +48,10 @@ VARIED: dict[str, Scenario] = {
     "lateral, two joints feel it": control_group(motion__velocity_mm_s=[0, 50, 0]),
     "oblique": control_group(motion__velocity_mm_s=[30, -25, -40], contact__body="upper_arm_elbow"),
     "stop with latency": control_group(
-        reaction__kind="stop", reaction__latency_s=0.011, motion__velocity_mm_s=[0, 0, -60], contact__stiffness_N_m=12000
+        reaction__kind="stop",
+        reaction__latency_s=0.011,
+        motion__velocity_mm_s=[0, 0, -60],
+        contact__stiffness_N_m=12000,
     ),
     "noisy detector, false alarms": control_group(detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8]),
     "undetected at a joint limit": control_group(

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from collision.cases import VARIED, control_group, twin_of
-from twin import half_normal_offsets, simulate, simulate_seeded, trace
 
 import bumpstop as bs
 from bumpstop.kernels import core
+from collision.cases import VARIED, control_group, twin_of
+from twin import half_normal_offsets, simulate, simulate_seeded, trace
 
 # The twin takes a fraction of a second a hundred runs; what needs 10^6 runs is in the validation.
 RUNS = 40

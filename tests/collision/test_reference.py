@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from collision.cases import control_group
 
 import bumpstop as bs
+from collision.cases import control_group
 
 RUNS = 10_000
 ROWS = {
@@ -55,9 +55,7 @@ def test_row(body: str, speed: int, samples: int | None) -> None:
 
 def test_the_sources_29_of_1000() -> None:
     """Lower arm, downward, 75 mm/s, 2 cm2: the source counted 29 of its 1000 runs over the pressure limit."""
-    scenario = control_group(
-        contact__body="lower_arm_wrist", contact__area_cm2=2.0, motion__velocity_mm_s=[0, 0, -75]
-    )
+    scenario = control_group(contact__body="lower_arm_wrist", contact__area_cm2=2.0, motion__velocity_mm_s=[0, 0, -75])
     over = bs.evaluate(scenario).verdict.p_over_pressure
     assert over is not None
     assert abs(29 - 1000 * over) < 2 * math.sqrt(1000 * over * (1 - over))

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from collision.cases import VARIED
 
 import bumpstop as bs
+from collision.cases import VARIED
 
 RUNS = 200_000
 
@@ -48,7 +48,9 @@ def compare(scenario: bs.Scenario, runs: int, seed: int) -> dict[str, float]:
                 x = ours.quantile(p)
                 if math.isfinite(x):
                     # The share of runs above our quantile, but for atoms, which have probability of their own.
-                    check_probability(f"{what} above q{p}", ours.exceedance(x * (1 + 1e-9)), theirs.exceedance(x * (1 + 1e-9)), n)
+                    check_probability(
+                        f"{what} above q{p}", ours.exceedance(x * (1 + 1e-9)), theirs.exceedance(x * (1 + 1e-9)), n
+                    )
 
     detected = runs * (1 - drawn.undetected_probability - drawn.no_contact_probability)
     felt = runs * (1 - drawn.undetected_probability - drawn.no_contact_probability - drawn.false_alarm_probability)

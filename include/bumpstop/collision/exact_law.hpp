@@ -213,7 +213,7 @@ class ExactLawBuilder {
         }
         // Eight nodes and two for every standard deviation of sharpness leave errors of 1e-13 in the mean,
         // 1e-11 in the quantiles and a part in 1e7 in the far tails, as `refinement` shows.
-        parts_ = std::max(1, int(std::ceil(most / 6)));
+        parts_ = std::max(1, int(std::ceil(std::min(most, 1e6) / 6)));
         split_by_transitions_ = parts_ > 4;
         const double per_part = split_by_transitions_ ? 4 : most / parts_;
         order_ = std::min(max_order, int(std::ceil((8 + 2 * per_part) * settings_.refinement)));

@@ -1,0 +1,236 @@
+"""The exact law by itself: convergence, tails, limits of its cases, and that nothing depends on how it is computed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop import kernels
+from collision.cases import VARIED, control_group, ur10e
+
+EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.toml"))
+
+
+def figures(law: bs.ForceLaw) -> list[float]:
+    """All that is printed of a law, in one list."""
+    out: list[float] = []
+    for quantity in (law.peak_force, law.force_at_detection, law.detection_delay):
+        out += [value if value is not None else -1.0 for value in quantity.to_json().values()]
+    out += [law.false_alarm_probability, law.undetected_probability, law.several_joints_probability]
+    out += [float(p) for p in law.trigger_joint_probability]
+    if law.problem.limits is not None:
+        out += [law.peak_force.exceedance(law.problem.limits.force_N)]
+    return out
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_twice_the_quadrature_changes_no_printed_digit(path: Path) -> None:
+    scenario = bs.load_scenario(path)
+    coarse, fine = bs.evaluate(scenario), bs.evaluate(scenario, refinement=2)
+    np.testing.assert_allclose(figures(coarse), figures(fine), rtol=2e-6, atol=1e-12)
+    for x in np.linspace(0.5, 1.4, 19) * coarse.peak_force.mean:
+        assert f"{coarse.peak_force.exceedance(x):.4f}" == f"{fine.peak_force.exceedance(x):.4f}"
+
+
+def test_tails_against_forty_digits() -> None:
+    """P(peak > x) of a fixed offset down to 1e-40, from the same curve by the formula itself in 40 digits."""
+    mp.mp.dps = 40
+    scenario = control_group(contact__offset_law="fixed", contact__offset_mm=1.17, motion__velocity_mm_s=[0, 0, -20])
+    problem = bs.Problem.from_scenario(scenario)
+    law = bs.evaluate(scenario)
+    curve = law.curve
+    survival, rows = mp.mpf(1), []
+    for k in range(curve.ticks):
+        force = problem.stiffness * max(0.0, curve.tick_distance[k] - 0.00117)
+        silent = mp.mpf(1)
+        for j in range(problem.robot.dof):
+            m, sd = (
+                mp.mpf(float(curve.torque_per_newton[k, j])) * mp.mpf(float(force)),
+                mp.mpf(float(problem.noise_sd[j])),
+            )
+            tau = mp.mpf(float(problem.thresholds[j]))
+            silent *= 1 - (mp.erfc((tau - m) / (sd * mp.sqrt(2))) + mp.erfc((tau + m) / (sd * mp.sqrt(2)))) / 2
+        rows.append((survival * (1 - silent), problem.stiffness * max(0.0, float(curve.farthest[k]) - 0.00117)))
+        survival *= silent
+    peaks = sorted(peak for _, peak in rows if peak > 0)
+    checked = 0
+    for low, high in pairwise(peaks):
+        x = (low + high) / 2
+        exact = mp.fsum(p for p, peak in rows if peak > x)
+        if exact < mp.mpf("1e-40"):
+            break
+        assert law.peak_force.exceedance(x) - law.undetected_probability == pytest.approx(float(exact), rel=1e-10)
+        checked += exact < mp.mpf("1e-7")
+    assert checked >= 2
+
+
+def test_far_tail_joins_the_near_one() -> None:
+    law = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -75]))
+    question = law.problem.detector, law.problem.stiffness, law.problem.offset_kind, law.problem.offset_size
+    for x in (150.0, 160.0, 165.0, 170.0):
+        assert law.curve.kernel.tail_directly(*question, x) == pytest.approx(law.peak_force.exceedance(x), rel=1e-7)
+    tails = [law.peak_force.exceedance(x) for x in np.linspace(170, 260, 40)]
+    assert tails == sorted(tails, reverse=True)
+    assert 0 < tails[-1] < 1e-30
+
+
+def test_noise_that_vanishes_tends_to_no_noise() -> None:
+    """Without noise the law is that of the offset alone: the peak is a sawtooth of it."""
+    none = bs.evaluate(control_group(detector__noise_sd_Nm=0.0))
+    for sd, tolerance in ((1e-2, 1e-3), (1e-4, 1e-5)):
+        little = bs.evaluate(control_group(detector__noise_sd_Nm=sd))
+        assert little.peak_force.mean == pytest.approx(none.peak_force.mean, rel=tolerance)
+        assert little.peak_force.quantile(0.9) == pytest.approx(none.peak_force.quantile(0.9), rel=10 * tolerance)
+    assert none.false_alarm_probability == 0
+    # Force at detection is at least the threshold's: no noise helps.
+    curve = none.curve
+    needed = 10 / np.abs(curve.torque_per_newton[:, 1]).max()
+    assert none.force_at_detection.quantile(1e-6) >= needed * (1 - 1e-6)
+
+
+def test_probabilities_add_up() -> None:
+    for name, scenario in VARIED.items():
+        law = bs.evaluate(scenario)
+        total = law.kernel.total("peak_force") + law.kernel.harmless + law.undetected_probability
+        assert total == pytest.approx(1, abs=1e-9), name
+        p = [law.peak_force.exceedance(x) for x in np.linspace(0, 400, 60)]
+        assert all(a >= b - 1e-12 for a, b in pairwise(p)), name
+
+
+def test_lower_thresholds_and_softer_bodies_make_softer_hits() -> None:
+    means = [
+        bs.evaluate(control_group(detector__thresholds_Nm=[2 * t, t, *[2 * t] * 5])).peak_force.mean
+        for t in (8, 10, 14)
+    ]
+    assert means == sorted(means)
+    stiff = [bs.evaluate(control_group(contact__stiffness_N_m=K)).peak_force.mean for K in (5600, 19100, 75000)]
+    assert stiff == sorted(stiff)
+
+
+def test_undetected_without_bound_has_no_mean_and_counts_as_over() -> None:
+    law = bs.evaluate(control_group(detector__thresholds_Nm=[1e6] * 7, motion__duration_s=0.05))
+    assert law.curve.end == "horizon"
+    assert law.undetected_probability > 0.1
+    figures = law.peak_force.to_json()
+    assert figures["mean"] is None
+    assert figures["p999"] is None
+    assert law.verdict.acceptable is False
+    assert law.verdict.p_over_force == pytest.approx(law.undetected_probability)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_every_instruction_set_gives_the_same_figures(path: Path) -> None:
+    script = (
+        "import json, sys, bumpstop as bs\n"
+        "law = bs.evaluate(bs.load_scenario(sys.argv[1]))\n"
+        "runs = bs.evaluate(bs.load_scenario(sys.argv[1]), samples=500, seed=4)\n"
+        "print(json.dumps([law.to_json(), runs.to_json()]))"
+    )
+    found = {}
+    for target in kernels.available_targets():
+        done = subprocess.run(
+            [sys.executable, "-c", script, str(path)],
+            env=os.environ | {"BUMPSTOP_TARGET": target},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found[target] = list(_numbers(json.loads(done.stdout)))
+    first, *others = found.values()
+    for other in others:
+        # Far tails are 1e-12 of what they are, too, but the rounding of 1e-30 is nobody's business.
+        np.testing.assert_allclose(other, first, rtol=1e-12, atol=1e-12)
+
+
+def _numbers(value: object) -> list[float]:
+    if isinstance(value, dict):
+        return [x for item in value.values() for x in _numbers(item)]
+    if isinstance(value, list):
+        return [x for item in value for x in _numbers(item)]
+    return [float(value)] if isinstance(value, int | float) else []
+
+
+def test_a_target_this_machine_lacks_is_refused() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "from bumpstop.cli.main import main; main(['robots'])"],
+        env=os.environ | {"BUMPSTOP_TARGET": "neon" if "baseline" in kernels.available_targets() else "avx2"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: BUMPSTOP_TARGET")
+
+
+def test_threads_and_seeds() -> None:
+    scenario = VARIED["oblique"]
+    one, two = (bs.evaluate(scenario, samples=150_000, seed=9, threads=n) for n in (1, 2))
+    assert one.runs is not None
+    assert two.runs is not None
+    for name, values in one.runs.items():
+        np.testing.assert_array_equal(values, two.runs[name])
+    other = bs.evaluate(scenario, samples=1000, seed=10)
+    assert other.runs is not None
+    assert not np.array_equal(other.runs["offset"], one.runs["offset"][:1000])
+    # A run is itself whatever company it is drawn in.
+    few = bs.evaluate(scenario, samples=37, seed=9)
+    assert few.runs is not None
+    np.testing.assert_array_equal(few.runs["tick"], one.runs["tick"][:37])
+
+
+@pytest.mark.parametrize("base", [control_group(), ur10e()], ids=["sia5d", "ur10e"])
+def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
+    problem = bs.Problem.from_scenario(base)
+    rng = np.random.default_rng(2)
+    q = problem.q + rng.normal(scale=0.15, size=(13, problem.robot.dof))
+    velocity = problem.velocity * rng.uniform(0.4, 1.5, size=(13, 1))
+    limits = [60.0, 135.0]
+    one = bs.evaluate_batch(base, q, velocity, limits_N=limits, threads=1)
+    two = bs.evaluate_batch(base, q, velocity, limits_N=limits, threads=2)
+    for field in ("mean", "sd", "quantile", "exceedance", "trigger_joint_probability", "undetected_probability"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
+    for i in range(13):
+        law = bs.evaluate(
+            base.with_values({"pose_rad": q[i].tolist(), "motion.velocity_mm_s": (velocity[i] * 1e3).tolist()})
+        )
+        assert one.mean[i] == pytest.approx(law.peak_force.mean, rel=1e-9)
+        assert one.sd[i] == pytest.approx(law.peak_force.sd, rel=1e-6)
+        for column, p in enumerate((0.5, 0.95, 0.99, 0.999)):
+            assert one.quantile[i, column] == pytest.approx(law.peak_force.quantile(p), rel=1e-7)
+        for column, limit in enumerate(limits):
+            assert one.exceedance[i, column] == pytest.approx(law.peak_force.exceedance(limit), abs=1e-8)
+        np.testing.assert_allclose(one.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-8)
+
+
+def test_batches_refuse_what_they_cannot_use() -> None:
+    base = control_group()
+    good_q, good_v = np.tile(bs.Problem.from_scenario(base).q, (3, 1)), np.tile([0, 0, -0.05], (3, 1))
+    bad_q, bad_v = good_q.copy(), good_v.copy()
+    bad_q[1, 1], bad_v[2] = 3.0, 0.0
+    with pytest.raises(bs.InputError, match=r"q\[1\]: joint 2"):
+        bs.evaluate_batch(base, bad_q, good_v)
+    with pytest.raises(bs.InputError, match=r"velocity\[2\]: is zero"):
+        bs.evaluate_batch(base, good_q, bad_v)
+    with pytest.raises(bs.InputError, match="shape"):
+        bs.evaluate_batch(base, good_q[:, :6], good_v)
+    bad_q[1, 1] = math.nan
+    with pytest.raises(bs.InputError, match="nan"):
+        bs.evaluate_batch(base, bad_q, good_v)
+    with pytest.raises(bs.InputError, match="not real numbers"):
+        bs.evaluate_batch(base, good_q.astype(str), good_v)
+    # Views, other orders and other float types are the same numbers.
+    wide = np.zeros((3, 14))
+    wide[:, ::2] = good_q
+    expected = bs.evaluate_batch(base, good_q, good_v).mean
+    for q in (wide[:, ::2], np.asfortranarray(good_q), good_q.tolist()):
+        np.testing.assert_array_equal(bs.evaluate_batch(base, q, good_v).mean, expected)
