@@ -104,6 +104,14 @@ class ExactLawBuilder {
         choose_order();
         const std::vector<detail::Panel> panels =
             settings_.offset.kind == OffsetKind::fixed ? fixed_panel() : cut_panels();
+        if (panels.empty()) {  // a fixed offset that the motion does not reach
+            const int armed = armed_before_[curve_.path.ticks];
+            law_.false_alarm = -std::expm1(armed * log_idle_silence_);
+            law_.no_contact = silence_before(curve_.path.ticks);
+            law_.harmless = 1;
+            share_false_alarms();
+            return std::move(law_);
+        }
         assemble(panels, know(panels));
         quantities();
         return std::move(law_);
@@ -537,7 +545,7 @@ class ExactLawBuilder {
             before = std::max(before, reach);
         }
         if (!(idle_alarm_ > 0)) before = 0;
-        const double beyond = fixed ? double(real == 0) : settings_.offset.probability_beyond(edge_.back());
+        const double beyond = fixed ? 0 : settings_.offset.probability_beyond(edge_.back());
         law_.false_alarm += beyond * -std::expm1(armed_before_[path.ticks] * log_idle_silence_);
         law_.no_contact += beyond * silence_before(path.ticks);
 
@@ -618,20 +626,24 @@ class ExactLawBuilder {
         };
         law_.several = integral(outcomes.several.data());
         const std::size_t block = std::size_t(order_) * outcomes.panels;
-        double none = 1, one = 0, alarm = 0;  // idle: no, one, any joint over its threshold
+        for (int w = 0; w < detector_.watched; ++w)
+            law_.trigger[detector_.joint[w]] = integral(&outcomes.trigger[w * block]);
+        share_false_alarms();
+    }
+
+    // A false alarm is split over the joints as one idle tick's alarm is.
+    void share_false_alarms() {
+        double none = 1, one = 0, alarm = 0;  // no, exactly one, any joint over its threshold
         for (int w = 0; w < detector_.watched; ++w) {
             const AlarmProbability<double> joint = joint_alarm(detector_, w, 0.0);
             one = one * joint.silent + none * joint.alarm;
             alarm += none * joint.alarm;
             none *= joint.silent;
         }
-        for (int w = 0; w < detector_.watched; ++w) {
-            double& total = law_.trigger[detector_.joint[w]];
-            total = integral(&outcomes.trigger[w * block]);
-            // A false alarm is split over the joints as one tick's alarm is.
-            if (alarm > 0) total += law_.false_alarm * joint_alarm(detector_, w, 0.0).alarm / alarm;
-        }
-        if (alarm > 0) law_.several += law_.false_alarm * std::max(0.0, alarm - one) / alarm;
+        if (!(alarm > 0)) return;
+        for (int w = 0; w < detector_.watched; ++w)
+            law_.trigger[detector_.joint[w]] += law_.false_alarm * joint_alarm(detector_, w, 0.0).alarm / alarm;
+        law_.several += law_.false_alarm * std::max(0.0, alarm - one) / alarm;
     }
 
     void quantities() {

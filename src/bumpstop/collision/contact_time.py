@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 # Cells per panel, and nodes for the moments: inside a panel the time of release bends a little with the offset.
 _CELLS = 16
+# Pieces with less probability than this are left out: there may be thousands of them.
+_NEGLIGIBLE = 1e-11
 _UNIT_NODES, _UNIT_WEIGHTS = (a / 2 for a in np.polynomial.legendre.leggauss(12))
 _UNIT_NODES = _UNIT_NODES + 0.5
 
@@ -66,7 +68,7 @@ def exact_contact_time(problem: Problem, curve: Any, law: Any) -> CellDistributi
     slots, order, _ = coefficients.shape
     pieces: dict[int, list[tuple[int, int]]] = {}
     for slot in range(slots - 1):
-        for panel in np.flatnonzero(coefficients[slot, 0] > 1e-15):
+        for panel in np.flatnonzero(coefficients[slot, 0] > _NEGLIGIBLE):
             tick = int(first_tick[panel]) + slot - law.slots_before
             if 0 <= tick < curve.ticks:
                 pieces.setdefault(tick, []).append((slot, int(panel)))

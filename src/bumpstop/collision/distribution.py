@@ -83,7 +83,7 @@ class ExactDistribution(Distribution):
         undetected: probability of never detecting, part of ``condition``; it counts as beyond every value.
         bounded: the undetected collisions end with a known force, so that there is a mean.
         far_tail: the law's tail at a value of the kernels, worked out by itself; used where the tail is so small that
-            interpolation would have spent its digits.
+            interpolation would have spent its digits, and that collisions never detected do not outweigh it.
     """
 
     law: Any
@@ -117,7 +117,7 @@ class ExactDistribution(Distribution):
         if x < 0:
             return 1.0
         tail = self.law.tail(self.name, np.array([x / self.scale]))[0, 0]
-        if tail < FAR and self.far_tail is not None:
+        if tail < FAR and self.undetected < FAR and self.far_tail is not None:
             tail = self.far_tail(x / self.scale)
         return float(min(1.0, (tail + self.undetected) / self.condition))
 

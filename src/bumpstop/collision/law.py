@@ -222,7 +222,7 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
     """Integrate over contact offset and white noise on a stopping curve of this problem's pose, motion and reaction."""
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
     law = curve.kernel.exact_law(*question, refinement)
-    undetected = max(0.0, law.undetected)
+    undetected = min(1.0, max(0.0, law.undetected))
     after_contact = law.total("force_at_detection")
     detected = after_contact + law.false_alarm
     with np.errstate(invalid="ignore"):

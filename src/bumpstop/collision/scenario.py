@@ -28,7 +28,7 @@ Point = Annotated[list[Annotated[float, _between(-100, 100)]], Field(min_length=
 Direction = Annotated[list[Annotated[float, _between(-1e6, 1e6)]], Field(min_length=3, max_length=3)]
 NoiseSd = Annotated[float, _between(0, 1e6)]
 NoiseMean = Annotated[float, _between(-1e6, 1e6)]
-JointAcceleration = Annotated[float, _between(1e-2, 1e5)]
+JointAcceleration = Annotated[float, _between(0.1, 1e5)]
 _LEAST_SPEED_MM_S = 1e-3
 _LEAST_THRESHOLD_NM, _LARGEST_THRESHOLD_NM = 1e-6, 1e9
 # Beyond this it is no scenario, but perhaps a recording or a device that never ends.
@@ -95,7 +95,7 @@ class Contact(_Table):
     limits: Annotated[str, Field(description="the name of a limit table, or a path")] = "bgia2011"
     kind: Literal["clamped"] = "clamped"
     area_cm2: Annotated[float, _between(1e-4, 1e4)] = 1.0
-    stiffness_N_m: Annotated[float, _between(1e-3, 1e9)] | None = None
+    stiffness_N_m: Annotated[float, _between(1, 1e9)] | None = None
     pressure_area: Annotated[str, Field(description="the name of a pressure area")] | None = None
     peak_factor: Annotated[float, _between(1, 1e3)] = 1.0
     link: Annotated[str, Field(description="the name of a link of the robot")] | None = None
@@ -315,6 +315,9 @@ class _AsWritten(reprlib.Repr):
     def repr_bool(self, value: bool, level: int) -> str:
         return "true" if value else "false"
 
+    def repr_NoneType(self, value: None, level: int) -> str:
+        return "None"
+
     def repr_int(self, value: int, level: int) -> str:
         return str(value) if abs(value) < 10**40 else "a number of more than 40 digits"
 
@@ -326,7 +329,7 @@ class _AsWritten(reprlib.Repr):
 
     def repr_instance(self, value: Any, level: int) -> str:
         # Dates and times; whatever else a program may pass is named by its type alone.
-        return value.isoformat() if hasattr(value, "isoformat") else f"a {type(value).__name__}"
+        return value.isoformat() if hasattr(value, "isoformat") else f"a value of type {type(value).__name__}"
 
 
 as_written = _AsWritten().repr

@@ -1,0 +1,65 @@
+"""HTML that cannot be broken by the text inside it."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+
+
+class Html(str):
+    """Text that is HTML already. Everything else is escaped when it enters an element."""
+
+    __slots__ = ()
+
+
+def escape(content: str) -> Html:
+    """HTML that shows ``content`` as it stands; HTML passes through."""
+    return content if isinstance(content, Html) else Html(html.escape(content))
+
+
+def element(tag: str, *children: str, **attributes: str | None) -> Html:
+    """An element with escaped children and attributes.
+
+    Attributes whose names Python has taken or cannot spell are written ``class_`` and ``aria_label``; None leaves
+    one out.
+    """
+    words = [
+        f' {name.rstrip("_").replace("_", "-")}="{html.escape(value)}"'
+        for name, value in attributes.items()
+        if value is not None
+    ]
+    return Html(f"<{tag}{''.join(words)}>{''.join(escape(child) for child in children)}</{tag}>")
+
+
+def paragraph(*children: str) -> Html:
+    """A paragraph."""
+    return element("p", *children)
+
+
+def bullets(items: Iterable[str]) -> Html:
+    """A list whose order carries no meaning."""
+    return element("ul", *(element("li", item) for item in items))
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, caption: str, numbers: bool = False) -> Html:
+    """A table whose first column names the rows.
+
+    Args:
+        headings: one per column; where all are empty the table has no head.
+        rows: cells, one per column.
+        caption: what the table holds.
+        numbers: align all but the first column to the right.
+    """
+    head = element("tr", *(element("th", text, scope="col") for text in headings))
+    body = [
+        element("tr", element("th", row[0], scope="row"), *(element("td", cell) for cell in row[1:])) for row in rows
+    ]
+    inner = element(
+        "table",
+        element("caption", caption),
+        element("thead", head) if any(headings) else "",
+        element("tbody", *body),
+        class_="numbers" if numbers else None,
+    )
+    # On a phone a wide table scrolls in its box, reachable by keyboard too, and the page stays put.
+    return element("div", inner, class_="wide", tabindex="0", role="region", aria_label=caption)

@@ -1,0 +1,149 @@
+"""Single collisions, followed in time: the law says how often, a rollout shows how."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision import sampled_law
+from bumpstop.kernels import core
+
+if TYPE_CHECKING:
+    from bumpstop.collision import ForceLaw
+
+# Runs to choose from where the law itself has none: some twenty lie beyond the 99 % quantile.
+_SAMPLES = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """One collision in time. Time zero is the touch; without one the detection, and without that the start.
+
+    Attributes:
+        run, seed: which sampled run it is.
+        offset: distance from the start to the body along the normal [m].
+        stiffness: of the body [N/m].
+        time: of every simulation step (steps,) [s].
+        distance: of the contact point along the normal at those times (steps,) [m].
+        touch: when the point first reaches the body [s], or None.
+        detection: the tick that noticed [s], or None.
+        reaction: when the arm began to react [s], or None.
+        joint: whose residual is shown, from 0: of those that fired the one farthest over its threshold.
+        tick_time: feedback ticks up to the detection (ticks,) [s].
+        residual: of that joint at those ticks: contact torque and noise (ticks,) [Nm or N].
+        contact_torque: the part of the contact alone (ticks,) [Nm or N].
+        threshold: of that joint [Nm or N]; infinite where it is not watched.
+    """
+
+    run: int
+    seed: int
+    offset: float
+    stiffness: float
+    time: FloatArray
+    distance: FloatArray
+    touch: float | None
+    detection: float | None
+    reaction: float | None
+    joint: int
+    tick_time: FloatArray
+    residual: FloatArray
+    contact_torque: FloatArray
+    threshold: float
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """Contact force at every step (steps,) [N]: the clamped body answers as a spring."""
+        return np.asarray(self.stiffness * np.maximum(0.0, self.distance - self.offset))
+
+    @property
+    def peak_force(self) -> float:
+        """Highest force at a step [N]."""
+        return float(self.force.max())
+
+
+class Rollouts:
+    """The sampled runs behind a law: its own, or for an exact law some drawn on the same stopping curve."""
+
+    def __init__(self, law: ForceLaw) -> None:
+        self._law = law
+        sampled = law if law.runs is not None else sampled_law(law.problem, law.curve, samples=_SAMPLES, seed=0)
+        assert sampled.runs is not None
+        assert sampled.seed is not None
+        self._runs: dict[str, npt.NDArray[Any]] = sampled.runs
+        self.seed = sampled.seed
+
+    def nearest(self, p: float) -> Rollout:
+        """The run whose peak force is nearest the law's quantile at ``p``.
+
+        Where that quantile lies in the undetected share: an undetected run with a middling offset.
+        """
+        peak, offset, tick = self._runs["peak_force"], self._runs["offset"], self._runs["tick"]
+        wanted = self._law.peak_force.quantile(p)
+        if math.isfinite(wanted):
+            # Runs never detected count as beyond every quantile, whatever force the end of the motion leaves them.
+            missed = np.where(tick >= 0, np.abs(peak - wanted), math.inf)
+        else:
+            undetected = (tick < 0) & (peak > 0)
+            middle = np.median(offset[undetected]) if undetected.any() else 0.0
+            missed = np.where(undetected, np.abs(offset - middle), math.inf)
+        return self.rollout(int(np.argmin(missed)))
+
+    def rollout(self, run: int) -> Rollout:
+        """Follow one run from the start of the motion until the force is gone, or the motion ends."""
+        problem, curve = self._law.problem, self._law.curve
+        offset, tick = float(self._runs["offset"][run]), int(self._runs["tick"][run])
+        step, period = problem.scenario.simulation.step_s, problem.period_steps
+        distance: FloatArray = curve.distance
+        begin = None
+        if tick >= 0:
+            begin = tick * period + 1 + problem.latency_steps
+            # The reaction's path starts with the step in which it begins.
+            reaction = curve.kernel.reaction_paths([tick], [offset])[0]
+            distance = np.concatenate([distance[:begin], reaction])
+        time: FloatArray = np.arange(distance.size, dtype=np.float64) * step
+        touch = _first_passage(distance, time, offset)
+        detection = None if tick < 0 else float(curve.tick_time[tick])
+        zero = touch if touch is not None else detection if detection is not None else 0.0
+
+        ticks = tick + 1 if tick >= 0 else curve.ticks
+        force = problem.stiffness * np.maximum(0.0, curve.tick_distance[:ticks] - offset)
+        torque = curve.torque_per_newton[:ticks] * force[:, None]
+        noise = core.standard_noise(self.seed, run, 1, ticks, problem.robot.dof)[0] * problem.noise_sd
+        residual = torque + noise + problem.noise_mean
+        # Among joints that nobody watches, the one the force bears on most.
+        over = np.abs(residual[-1]) / problem.thresholds
+        joint = int(np.argmax(over if over.any() else np.abs(torque[-1])))
+        return Rollout(
+            run=run,
+            seed=self.seed,
+            offset=offset,
+            stiffness=problem.stiffness,
+            time=time - zero,
+            distance=distance,
+            touch=None if touch is None else touch - zero,
+            detection=None if detection is None else detection - zero,
+            reaction=None if begin is None else begin * step - zero,
+            joint=joint,
+            tick_time=curve.tick_time[:ticks] - zero,
+            residual=residual[:, joint],
+            contact_torque=torque[:, joint],
+            threshold=float(problem.thresholds[joint]),
+        )
+
+
+def _first_passage(distance: FloatArray, time: FloatArray, offset: float) -> float | None:
+    """When the distance first passes the offset, linear between steps; None: never."""
+    beyond = np.flatnonzero(distance > offset)
+    if not beyond.size:
+        return None
+    i = int(beyond[0])
+    if i == 0:
+        return float(time[0])
+    share = (offset - distance[i - 1]) / (distance[i] - distance[i - 1])
+    return float(time[i - 1] + share * (time[i] - time[i - 1]))

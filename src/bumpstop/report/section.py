@@ -1,0 +1,50 @@
+"""What every part of the page has in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+from bumpstop.report.markup import Html, element
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.collision import ForceLaw
+    from bumpstop.report.picture import Picture, Rendered
+
+
+class Section(ABC):
+    """A part of the page: a heading, text and tables, and the figures that go with them.
+
+    Attributes:
+        title: the heading.
+        anchor: its address inside the page.
+        law: what is reported on.
+    """
+
+    title: ClassVar[str]
+    anchor: ClassVar[str]
+
+    def __init__(self, law: ForceLaw) -> None:
+        self.law = law
+
+    def applies(self) -> bool:
+        """Whether there is anything to say for this law."""
+        return True
+
+    @abstractmethod
+    def content(self) -> list[Html]:
+        """Text and tables, in order; they stand above the figures."""
+
+    def pictures(self) -> list[Picture]:
+        """The figures, in order."""
+        return []
+
+    def html(self, rendered: Sequence[Rendered]) -> Html:
+        """The section as part of a page, with its figures already drawn."""
+        figures = [element("div", *(picture.html() for picture in rendered), class_="figures")] if rendered else []
+        heading = element("h2", self.title, id=f"{self.anchor}-title")
+        return element(
+            "section", heading, *self.content(), *figures, id=self.anchor, aria_labelledby=f"{self.anchor}-title"
+        )

@@ -1,0 +1,97 @@
+"""The answer, before everything else."""
+
+from __future__ import annotations
+
+import math
+
+from bumpstop.report.markup import Html, element, paragraph, table
+from bumpstop.report.section import Section
+from bumpstop.report.words import number, probability, quantity
+
+# Word, CSS class and shape of the sign: the three say the same, so that none is needed to read the others.
+_TICK = '<circle cx="12" cy="12" r="11"/><path d="M6 12.5l4 4 8-9"/>'
+_CROSS = '<path d="M7.5 1h9L23 7.5v9L16.5 23h-9L1 16.5v-9z"/><path d="M7.5 7.5l9 9m0-9l-9 9"/>'
+_DASH = '<rect x="1" y="1" width="22" height="22"/><path d="M6 12h12"/>'
+_SIGNS = {
+    True: ("Acceptable", "acceptable", _TICK),
+    False: ("Not acceptable", "not-acceptable", _CROSS),
+    None: ("No limits to judge by", "unjudged", _DASH),
+}
+
+
+class VerdictSection(Section):
+    """Acceptable or not, the reason in a sentence, and the figures that decide."""
+
+    title = "Verdict"
+    anchor = "verdict"
+
+    def content(self) -> list[Html]:
+        """Sign, sentence, the table of what was judged, and what the word means."""
+        verdict = self.law.verdict
+        word, style, shape = _SIGNS[verdict.acceptable]
+        sign = element("svg", Html(shape), viewBox="0 0 24 24", aria_hidden="true")
+        banner = element(
+            "div",
+            element("p", sign, element("strong", word), class_="word"),
+            element("p", verdict.reason, class_="reason"),
+            class_=f"banner {style}",
+        )
+        rows = table(("", "this collision", "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
+        return [banner, rows, paragraph(self._meaning())]
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        law, verdict, limits = self.law, self.law.verdict, self.law.problem.limits
+        rows = [
+            _below("Peak force that 99 of 100 collisions stay below (p99)", law.peak_force.quantile(0.99), "N",
+                   limits.force_N if limits else None),
+            _below("Peak pressure, likewise (p99)", law.pressure.quantile(0.99), "N/cm2",
+                   limits.pressure_N_cm2 if limits else None),
+        ]  # fmt: skip
+        for what, p in (("force", verdict.p_over_force), ("pressure", verdict.p_over_pressure)):
+            if p is not None:
+                rows.append(_accepted(f"Probability of exceeding the {what} limit", p, verdict.risk))
+        rows.append(
+            _accepted(
+                "Probability of a false alarm before contact",
+                verdict.false_alarm_probability,
+                verdict.max_false_alarm,
+            )
+        )
+        rows.append(("Probability of never noticing", probability(law.undetected_probability), "", ""))
+        delay = law.detection_delay
+        shown = f"{number(1e3 * delay.quantile(0.5))} / {quantity(1e3 * delay.quantile(0.99), 'ms')}"
+        rows.append(("Delay from touch to detection, median / p99", shown, "", ""))
+        return rows
+
+    def _meaning(self) -> str:
+        verdict, limits, contact = self.law.verdict, self.law.problem.limits, self.law.scenario.contact
+        if limits is None:
+            return (
+                "The scenario gives a stiffness but no body region. The forces below hold; whether a person could take "
+                "them is not judged."
+            )
+        meaning = (
+            f"Acceptable means here: each limit is exceeded with a probability of at most {probability(verdict.risk)}, "
+            f"and an alarm before contact has a probability of at most {probability(verdict.max_false_alarm)}. "
+            "Collisions that are never detected count as over every limit."
+        )
+        if not limits.permitted:
+            return meaning
+        allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
+        governing = limits.governing(contact.area_cm2, contact.peak_factor)
+        return (
+            f"{meaning} On {contact.area_cm2:g} cm2 the {governing} limit is the first to be reached, at "
+            f"{number(allowed)} N."
+        )
+
+
+def _below(what: str, value: float, unit: str, limit: float | None) -> tuple[str, str, str, str]:
+    if limit is None:
+        return what, quantity(value, unit), "no limit", ""
+    allowed = quantity(limit, unit) if limit > 0 else "none permitted"
+    return what, quantity(value, unit), allowed, "below" if value <= limit else element("strong", "above")
+
+
+def _accepted(what: str, p: float, accepted: float) -> tuple[str, str, str, str]:
+    judged = "" if math.isnan(p) else "within" if p <= accepted else element("strong", "too high")
+    return what, probability(p), f"at most {probability(accepted)}", judged

@@ -1,0 +1,68 @@
+"""How the report writes numbers, probabilities and names: the same everywhere on the page."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bumpstop.collision import ForceLaw
+
+NO_BOUND = "no bound"
+NONE = "none"
+
+
+def number(value: float) -> str:
+    """Four significant digits; ``"no bound"`` for infinity, ``"none"`` where the quantity never exists."""
+    if math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return NO_BOUND
+    text = f"{value:.4g}"
+    # Newtons by the ten thousand are still newtons: no powers of ten.
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number with its unit, where it is a number."""
+    return f"{number(value)} {unit}" if math.isfinite(value) else number(value)
+
+
+def probability(p: float) -> str:
+    """A probability in percent that never rounds to certainty, nor to impossibility."""
+    if math.isnan(p):
+        return NONE
+    if p <= 0 or p >= 1:  # sums of many shares may pass one by a rounding
+        return "0 %" if p <= 0 else "100 %"
+    if p < 1e-6:
+        return "less than 0.0001 %"
+    if p > 1 - 1e-6:
+        return "over 99.9999 %"
+    if p < 0.1:
+        return f"{float(f'{100 * p:.2g}'):.7g} %"
+    # Beyond 99.9 % it is the distance from certainty that tells.
+    return f"{100 * p:.3g} %" if p <= 0.999 else f"{math.floor(1e6 * p) / 1e4:.6g} %"
+
+
+def percentile(name: str) -> str:
+    """``p999`` as a person writes it: ``p99.9``."""
+    return {"p999": "p99.9"}.get(name, name)
+
+
+def what_is_hit(law: ForceLaw) -> str:
+    """The body region, or the spring where none is named."""
+    limits = law.problem.limits
+    return f"{limits.label} ({limits.table})" if limits else f"a spring of {law.problem.stiffness:g} N/m"
+
+
+def arm(law: ForceLaw) -> str:
+    """What the arm is called."""
+    robot = law.problem.robot
+    return robot.title or robot.name
+
+
+def which_law(law: ForceLaw) -> str:
+    """How the law was worked out."""
+    if law.kind == "exact":
+        return "exact law (no sampling)"
+    return f"sampled law: {law.samples} collisions, seed {law.seed}"

@@ -1,0 +1,144 @@
+// The collision kernels under the address and undefined-behaviour sanitizers: ordinary and awkward cases, each checked by
+// a property it must have.
+#include <cstdio>
+#include <cstdlib>
+
+#include "bumpstop/collision/batch.hpp"
+#include "bumpstop/collision/sampled_law.hpp"
+
+using namespace bumpstop;
+using L = Lanes<native_lanes>;
+
+namespace {
+
+void require(bool holds, const char* what) {
+    if (holds) return;
+    std::fprintf(stderr, "failed: %s\n", what);
+    std::exit(1);
+}
+
+struct Arm {
+    Chain chain;
+    MotionSettings motion;
+    ContactGeometry contact;
+    Timing timing;
+    ThresholdDetector detector;
+    std::array<double, max_joints> q{};
+};
+
+// A general chain of `dof` joints, one of them prismatic.
+Arm make_arm(int dof, int rows) {
+    std::array<JointSpec, max_joints> specs{};
+    Arm arm;
+    for (int i = 0; i < dof; ++i) {
+        const double a = 0.4 + 1.1 * i, b = 0.2 + 0.7 * i;
+        specs[i].prismatic = i == 2 && dof > 6;
+        specs[i].origin = {0.1, 0.02 * i, 0.15};
+        specs[i].axis = {std::sin(a) * std::cos(b), std::sin(a) * std::sin(b), std::cos(a)};
+        arm.q[i] = 0.3 + 0.25 * i;
+    }
+    arm.chain = Chain(std::span<const JointSpec>(specs.data(), std::size_t(dof)));
+    arm.motion.tip = link_point(arm.chain, dof - 1, {0.0, 0.05, 0.1});
+    arm.motion.task_rows = rows;
+    arm.motion.free_count = dof;
+    for (int j = 0; j < dof; ++j) {
+        arm.motion.free_joint[j] = j;
+        arm.motion.acceleration_limit[j] = 5;
+        arm.motion.velocity_limit[j] = 3;
+        arm.motion.lower[j] = arm.q[j] - 0.5;
+        arm.motion.upper[j] = arm.q[j] + 0.5;
+        arm.detector.watch(j, 15, j % 2 == 0 ? 2.5 : 0.0, 0.1 * j);
+        arm.detector.noise_sd[j] = j % 2 == 0 ? 2.5 : 0.0;
+    }
+    arm.contact.point = arm.motion.tip;
+    arm.timing.steps = 600;
+    return arm;
+}
+
+void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
+    const Point3<double> velocity{0.03, -0.02, 0.04};
+    CertainDetection<double> finished(arm.detector, 20000, offset.largest());
+    StoppingCurve curve;
+    LineTracer<double, CertainDetection<double>>(arm.chain, arm.motion, arm.contact, arm.timing, finished)
+        .trace(arm.q.data(), velocity, &curve.path, 1);
+    complete_curves<L>(arm.chain, arm.motion, arm.contact, arm.timing, reaction, &curve, 1,
+                       [&](int) { return arm.q.data(); });
+    for (int k = 0; k < curve.path.ticks; ++k)
+        require(curve.farthest[k] >= curve.path.at_tick(k, arm.timing.period) - 1e-12, "the farthest point is ahead");
+    const LawSettings settings{20000, offset, 1, true};
+    ExactLawBuilder<L> builder(curve, arm.timing, arm.motion, arm.detector, settings);
+    const ExactLaw law = builder.build();
+    const double total = law.peak_force.total + law.harmless + law.undetected;
+    require(std::fabs(total - 1) < 1e-8, "probabilities add up");
+    const double half = tail<L>(law.pieces, law.peak_force, 20).probability;
+    const double direct = ExactLawBuilder<L>(curve, arm.timing, arm.motion, arm.detector, settings).tail_directly(20);
+    require(std::fabs(half - direct) < 1e-6, "two routes to a tail");
+
+    constexpr int runs = 4099;
+    std::vector<double> offsets(runs), noise(std::size_t(runs) * arm.chain.dof), residual(noise.size());
+    std::vector<std::int32_t> tick(runs);
+    std::vector<std::uint32_t> triggers(runs);
+    Sampler<L>(curve, arm.timing, arm.motion, arm.detector, 20000, offset, 42)
+        .run(0, runs, {offsets.data(), tick.data(), triggers.data(), noise.data(), residual.data()});
+    double over = 0;
+    for (int i = 0; i < runs; ++i) {
+        require((tick[i] >= 0) == (triggers[i] != 0), "a detected run has a joint that detected it");
+        over += tick[i] >= 0 && 20000 * (curve.farthest[tick[i]] - offsets[i]) > 20;
+    }
+    require(std::fabs(over / runs - half) < 5 * std::sqrt(0.25 / runs), "exact and sampled agree");
+}
+
+void check_batch(const Arm& arm) {
+    constexpr int poses = 7;
+    const int dof = arm.chain.dof;
+    std::vector<double> q, velocity;
+    for (int i = 0; i < poses; ++i) {
+        for (int j = 0; j < dof; ++j) q.push_back(arm.q[j] + 0.02 * i);
+        velocity.insert(velocity.end(), {0.02, 0.01 * i, 0.03});
+    }
+    const double probability[] = {0.5, 0.99}, limit[] = {50.0};
+    std::vector<double> mean(poses), sd(poses), quantile(2 * poses), excess(poses), trigger(std::size_t(poses) * dof);
+    std::vector<double> alarm(poses), undetected(poses), none(poses);
+    std::vector<std::uint8_t> end(poses);
+    const BatchProblem problem{&arm.chain,
+                               &arm.motion,
+                               &arm.contact,
+                               &arm.timing,
+                               ReactionKind::reverse,
+                               &arm.detector,
+                               20000,
+                               OffsetKind::half_normal,
+                               0.05,
+                               poses,
+                               q.data(),
+                               velocity.data(),
+                               2,
+                               probability,
+                               1,
+                               limit};
+    evaluate_batch<L>(problem, 2,
+                      {mean.data(), sd.data(), quantile.data(), excess.data(), trigger.data(), alarm.data(),
+                       undetected.data(), none.data(), end.data()});
+    for (int i = 0; i < poses; ++i) require(quantile[2 * i] <= quantile[2 * i + 1], "quantiles are in order");
+}
+
+}  // namespace
+
+int main() {
+    for (const auto& [dof, rows] : {std::pair{6, 6}, std::pair{7, 6}, std::pair{4, 3}, std::pair{12, 6}}) {
+        Arm arm = make_arm(dof, rows);
+        for (ReactionKind reaction : {ReactionKind::stop, ReactionKind::reverse}) {
+            check_case(arm, reaction, {OffsetKind::half_normal, 0.004});
+            check_case(arm, reaction, {OffsetKind::uniform, 0.0003});
+            check_case(arm, reaction, {OffsetKind::fixed, 0.0011});
+            arm.timing.latency = 3;
+            arm.timing.from_rest = !arm.timing.from_rest;
+        }
+        check_batch(arm);
+        // A motion that ends at a joint limit before the body is reached.
+        arm.motion.upper[0] = arm.q[0] + 0.001;
+        arm.motion.lower[0] = arm.q[0] - 0.001;
+        check_case(arm, ReactionKind::reverse, {OffsetKind::half_normal, 0.004});
+    }
+    return 0;
+}

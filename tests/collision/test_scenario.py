@@ -1,0 +1,464 @@
+"""The scenario reader: what it accepts, what it refuses, and in which words."""
+
+from __future__ import annotations
+
+import copy
+import datetime
+import math
+import random
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import given, settings
+
+from bumpstop.collision import Problem, Scenario, load_scenario
+from bumpstop.collision.scenario import MADE_BY, as_written
+from bumpstop.errors import InputError, near_matches
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "01_hand_downward.toml"
+
+
+def example() -> dict[str, Any]:
+    return tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
+
+
+def changed(key: str, value: Any) -> dict[str, Any]:
+    data = example()
+    *tables, last = key.split(".")
+    here = data
+    for table in tables:
+        here = here.setdefault(table, {})
+    here[last] = value
+    return data
+
+
+def refusal(data: Any) -> str:
+    """The message with which a scenario is refused, by the reader or with its robot and tables in view."""
+    with pytest.raises(InputError) as caught:
+        Problem.from_scenario(Scenario.from_dict(data))
+    return str(caught.value)
+
+
+def file_refusal(path: Path, content: bytes | str) -> InputError:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError) as caught:
+        load_scenario(path)
+    return caught.value
+
+
+# What is accepted.
+
+
+def test_the_example_is_read_as_written() -> None:
+    scenario = load_scenario(EXAMPLE)
+    assert scenario.robot == "sia5d"
+    assert scenario.motion.velocity == (0, 0, -0.05)
+    assert scenario.motion.held_joints == [7]
+    assert scenario.contact.area_cm2 == 2.0
+    assert scenario.detector.thresholds_Nm == [20, 10, 20, 20, 20, 20, 20]
+    assert scenario.folder == EXAMPLE.parent
+
+
+def test_defaults_are_those_of_the_format() -> None:
+    scenario = Scenario.from_dict(
+        {
+            "robot": "sia5d",
+            "pose_deg": [0, 30, 0, -20, 0, -40, 0],
+            "motion": {"velocity_mm_s": [0, 0, -50]},
+            "contact": {"body": "hand_finger"},
+            "detector": {"thresholds_Nm": [20] * 7, "noise_sd_Nm": 2},
+            "reaction": {"joint_acceleration_rad_s2": 4.5},
+        }
+    )
+    motion, contact, detector = scenario.motion, scenario.contact, scenario.detector
+    assert (motion.kind, motion.start, motion.duration_s, motion.task) == ("line", "moving", 5.0, "pose")
+    assert (motion.held_joints, motion.damping) == ([], 0.0)
+    assert (contact.limits, contact.kind, contact.area_cm2, contact.peak_factor) == ("bgia2011", "clamped", 1.0, 1.0)
+    assert (contact.link, contact.point_m, contact.normal) == (None, [0, 0, 0], None)
+    assert (contact.arm, contact.offset_law, contact.offset_sd_s) == ("position_driven", "uniform", 0.1)
+    assert (detector.noise_mean_Nm, detector.feedback_period_s) == (0.0, 0.004)
+    assert (detector.residual, detector.arming_delay_s) == ("direct", 0.0)
+    assert (scenario.reaction.kind, scenario.reaction.latency_s) == ("reverse", 0.0)
+    assert (scenario.simulation.step_s, scenario.simulation.substeps) == (0.001, 5)
+    verdict = scenario.verdict
+    assert (verdict.risk, verdict.max_false_alarm, verdict.clamped_limit) == (1e-3, 1e-3, "quasi_static")
+
+
+def test_a_dictionary_survives_a_round_trip_and_is_not_touched() -> None:
+    data = changed("detector.noise_correlation", 0.0)
+    before = copy.deepcopy(data)
+    scenario = Scenario.from_dict(data)
+    assert data == before
+    assert Scenario.from_dict(scenario.to_dict()) == scenario.with_values({})
+
+
+def test_an_assumed_area_stays_an_assumption() -> None:
+    data = example()
+    del data["contact"]["area_cm2"]
+    scenario = Scenario.from_dict(data)
+    again = Scenario.from_dict(scenario.to_dict())
+    note = "Contact area not given: 1 cm2 assumed."
+    assert note in Problem.from_scenario(scenario).notes
+    assert note in Problem.from_scenario(again).notes
+    assert note not in Problem.from_scenario(again.with_values({"contact.area_cm2": 1.0})).notes
+
+
+def test_of_the_two_poses_a_change_replaces_the_other() -> None:
+    scenario = load_scenario(EXAMPLE)
+    pose = [math.radians(angle) for angle in scenario.pose_deg or []]
+    in_radians = scenario.with_values({"pose_rad": pose})
+    assert in_radians.pose_deg is None
+    assert Problem.from_scenario(in_radians).q == pytest.approx(Problem.from_scenario(scenario).q)
+
+
+def test_the_record_of_a_run_is_passed_over() -> None:
+    record = {"law": "exact", "numpy": "1.0", "anything": [1, 2]}
+    assert Scenario.from_dict(example() | {MADE_BY: record}) == Scenario.from_dict(example())
+    # Only that table, and only as a table.
+    assert "made_by: is not a key" in refusal(example() | {MADE_BY: 5})
+    assert "made_with: is not a key" in refusal(example() | {"made_with": record})
+
+
+def test_bytes_that_windows_editors_write_are_read(tmp_path: Path) -> None:
+    text = EXAMPLE.read_text(encoding="utf-8").replace("\n", "\r\n")
+    path = tmp_path / "notepad.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert load_scenario(path).to_dict() == load_scenario(EXAMPLE).to_dict()
+
+
+# What is refused: key, value, and what the message must say beyond the key.
+
+BAD_VALUES: list[tuple[str, Any, str]] = [
+    ("contact.area_cm2", 0, "0 cannot be used; wanted a number from 0.0001 to 10000"),
+    ("contact.area_cm2", "two", "'two' cannot be used; wanted a number from"),
+    ("contact.area_cm2", True, "true cannot be used; wanted a number from"),
+    ("contact.area_cm2", math.nan, "nan cannot be used"),
+    ("contact.area_cm2", math.inf, "inf cannot be used"),
+    ("contact.area_cm2", [1.0], "[1.0] cannot be used; wanted a number from"),
+    ("contact.area_cm2", {"a": 1}, "a table cannot be used"),
+    ("contact.area_cm2", datetime.date(2020, 1, 2), "2020-01-02 cannot be used"),
+    ("contact.area_cm2", None, "None cannot be used"),
+    ("contact.stiffness_N_m", -75000, "-75000 cannot be used; wanted a number from 1 to 1e9"),
+    ("contact.stiffness_N_m", 0, "0 cannot be used"),
+    ("contact.stiffness_N_m", 1e300, "1e+300 cannot be used"),
+    ("contact.stiffness_N_m", 10**400, "a number of more than 40 digits cannot be used"),
+    ("contact.peak_factor", 0.99, "0.99 cannot be used; wanted a number from 1 to 1000"),
+    ("contact.body", "hand", "'hand' is not a region of bgia2011; did you mean 'hand_finger'?"),
+    ("contact.body", "skull_forehead", "'skull_forehead' is not a region of bgia2011 but of ts15066"),
+    ("contact.body", 7, "7 cannot be used; wanted the name of a body region"),
+    ("contact.limits", "ts15606", "did you mean 'ts15066'?"),
+    ("contact.pressure_area", "palm", "'palm' is not a pressure area of hand_finger"),
+    ("contact.kind", "soft", "'soft' cannot be used; wanted 'clamped'"),
+    ("contact.link", "tool", "sia5d has no link 'tool'; did you mean 'tool0'?"),
+    ("contact.link", "link_s", "the contact point on link_s does not move toward the body"),
+    ("contact.point_m", [0, 0, 1e300], "wanted a number from -100 to 100"),
+    ("contact.normal", [0, 0, 0], "is no direction"),
+    ("contact.normal", [0, 0, -1e-320], "is no direction"),
+    ("contact.normal", [0, -1e308, -1.7e308], "wanted a number from -1e6 to 1e6"),
+    ("contact.normal", [0, 0, 1], "does not move toward the body (-50 mm/s along the normal)"),
+    ("contact.normal", [0, 1], "[0, 1] cannot be used; wanted a list of 3 numbers from"),
+    ("contact.offset_mm", 1.0, 'has no meaning with offset_law = "half_normal"'),
+    ("contact.offset_law", "normal", "wanted 'half_normal', 'uniform' or 'fixed'"),
+    ("contact.offset_law", "fixed", 'contact.offset_mm: is missing; offset_law = "fixed" needs it'),
+    ("contact.offset_sd_s", 0, "0 cannot be used"),
+    ("contact", "soft", "'soft' cannot be used; wanted a table: [contact]"),
+    ("contact", [{"body": "hand_finger"}], "[[contact]] cannot be used; wanted a table: [contact]"),
+    ("detector.thresholds_Nm", 20, "20 cannot be used; wanted a list of numbers, one per joint"),
+    ("detector.thresholds_Nm", [20] * 6, "has 6 values; sia5d has 7 joints"),
+    ("detector.thresholds_Nm", [20, 0, 20, 20, 20, 20, 20], "thresholds_Nm[2]: 0 cannot be used; wanted a number from"),
+    ("detector.thresholds_Nm", [20, 9, -1.5, 2, 2, 2, 2], "thresholds_Nm[3]: -1.5 cannot be used"),
+    ("detector.thresholds_Nm", [math.nan, 9, 2, 2, 2, 2, 2], "thresholds_Nm[1]: nan cannot be used"),
+    ("detector.thresholds_Nm", [9, 9, 2, 2, 2, 2, -math.inf], "thresholds_Nm[7]: -inf cannot be used"),
+    ("detector.thresholds_Nm", [9, 9, 2, "x", 2, 2, 2], "thresholds_Nm[4]: 'x' cannot be used"),
+    ("detector.noise_sd_Nm", -1, "-1 cannot be used; wanted a number from 0 to 1e6, or a list of one per joint"),
+    ("detector.noise_sd_Nm", [1] * 8, "has 8 values; sia5d has 7 joints: one for each, or one number for all"),
+    (
+        "detector.noise_sd_Nm",
+        [1, 2, 3, -4, 5, 6, 7],
+        "noise_sd_Nm[4]: -4 cannot be used; wanted a number from 0 to 1e6",
+    ),
+    ("detector.noise_sd_Nm", [1, "x", 3, 4, 5, 6, 7], "noise_sd_Nm[2]: 'x' cannot be used"),
+    ("detector.noise_sd_Nm", [True, 2, 3, 4, 5, 6, 7], "noise_sd_Nm[1]: true cannot be used"),
+    ("detector.noise_sd_Nm", math.inf, "inf cannot be used"),
+    ("detector.noise_mean_Nm", [0] * 3, "has 3 values"),
+    ("detector.feedback_period_s", 0, "0 cannot be used"),
+    ("detector.feedback_period_s", 0.0035, "0.0035 is not a whole number of simulation steps; wanted a multiple of"),
+    ("detector.feedback_period_s", 1e300, "1e+300 cannot be used"),
+    ("detector.residual", "observer", "'observer' is not available in this version; valid: 'direct'"),
+    ("detector.noise_correlation", 0.5, "is not available in this version"),
+    ("detector.noise_correlation", False, "is not available in this version"),
+    ("motion.velocity_mm_s", [0, 0, 0], "is zero"),
+    ("motion.velocity_mm_s", [0, 0, 1e-320], "wanted at least 0.001"),
+    ("motion.velocity_mm_s", [0, 50], "[0, 50] cannot be used; wanted a list of 3 numbers"),
+    ("motion.velocity_mm_s", [0, math.nan, 0], "velocity_mm_s[2]: nan cannot be used"),
+    ("motion.velocity_mm_s", 50, "50 cannot be used; wanted a list of 3 numbers"),
+    ("motion.start", "now", "'now' cannot be used; wanted 'moving' or 'rest'"),
+    ("motion.duration_s", 0, "0 cannot be used"),
+    ("motion.duration_s", 99999, "is 1e+08 simulation steps"),
+    ("motion.duration_s", 1e300, "1e+300 cannot be used"),
+    ("motion.held_joints", [0], "0 is no joint of sia5d; valid: 1 to 7"),
+    ("motion.held_joints", [8], "8 is no joint of sia5d; valid: 1 to 7"),
+    ("motion.held_joints", [7, 1, 7], "joint 7 is named twice"),
+    ("motion.held_joints", [1, 2, 3, 4, 5, 6, 7], "at least one must move"),
+    ("motion.held_joints", [1, 7], "motion.task: 'pose' needs 6 free joints, 5 are free; wanted task = \"position\""),
+    ("motion.held_joints", [1, 2, 3, 4, 7], "needs 6 free joints, 2 are free"),
+    ("motion.held_joints", 7, "7 cannot be used; wanted a list of whole numbers"),
+    ("motion.held_joints", [7.0], "held_joints[1]: 7.0 cannot be used; wanted a whole number"),
+    ("motion.held_joints", [True], "held_joints[1]: true cannot be used"),
+    ("pose_deg", [0] * 7, "is singular"),
+    ("pose_deg", [0, 30, 0], "has 3 values; sia5d has 7 joints"),
+    ("pose_deg", [0, 300, 0, -20, 0, -40, 0], "joint 2 at 300 is outside its limits; valid: -110 to 110 deg"),
+    ("pose_deg", [0, 30, 0, -20, 0, -40, math.inf], "pose_deg[7]: inf cannot be used"),
+    ("pose_rad", [0.0] * 7, "and pose_rad are both given"),
+    ("reaction.joint_acceleration_rad_s2", [4.5, 4.5], "has 2 values"),
+    ("reaction.joint_acceleration_rad_s2", 0, "0 cannot be used; wanted a number from 0.1 to 100000"),
+    ("reaction.joint_acceleration_rad_s2", "fast", "'fast' cannot be used"),
+    ("reaction.latency_s", -0.1, "-0.1 cannot be used"),
+    ("reaction.latency_s", 1e300, "1e+300 cannot be used"),
+    ("reaction.kind", "jump", "wanted 'reverse' or 'stop'"),
+    ("reaction", 5, "5 cannot be used; wanted a table: [reaction] with joint_acceleration_rad_s2"),
+    ("robot", "sia5", "there is no built-in robot 'sia5'; did you mean 'sia5d'?"),
+    ("robot", "UR10E", "did you mean 'ur10e'?"),
+    ("robot", 5, "5 cannot be used; wanted the name of a robot"),
+    ("robot", {"name": "sia5d"}, "a table cannot be used"),
+    ("simulation.step_s", 1e-300, "1e-300 cannot be used"),
+    ("simulation.step_s", 5e-324, "5e-324 cannot be used"),
+    ("simulation.substeps", 0, "0 cannot be used; wanted a whole number from 1 to 1000"),
+    ("simulation.substeps", 2.5, "2.5 cannot be used; wanted a whole number"),
+    ("simulation.substeps", 10**30, "cannot be used; wanted a whole number from 1 to 1000"),
+    ("verdict.risk", 0, "0 cannot be used; wanted a number above 0 and below 1"),
+    ("verdict.risk", 1, "1 cannot be used; wanted a number above 0 and below 1"),
+    ("verdict.max_false_alarm", -1e-3, "-0.001 cannot be used"),
+    # Keys that are none.
+    ("motion.velocity_mms", [0, 0, 1], "is not a key of a scenario; did you mean 'velocity_mm_s'?"),
+    ("motion.zzz", 1, "valid: kind, velocity_mm_s, start, duration_s, task, held_joints, damping"),
+    ("detektor.x", 1, "detektor: is not a key of a scenario; did you mean 'detector'?"),
+    ("folder", "/tmp", "is not a key of a scenario; valid: robot, "),
+    # Names that pydantic uses for branches of its own, and digits.
+    ("float", 1, "float: is not a key"),
+    ("motion.int", 1, "motion.int: is not a key"),
+    ("motion.7", 1, "motion.7: is not a key"),
+    ("contact.list[float]", 1, "contact.'list[float]': is not a key"),
+    ("motion.", 1, "motion.'': is not a key"),
+    ("contact.\x1b[31m", 1, r"contact.'\x1b[31m': is not a key"),
+]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"), BAD_VALUES, ids=[f"{k}-{i}" for i, (k, *_) in enumerate(BAD_VALUES)]
+)
+def test_bad_values_are_refused_by_name(key: str, value: Any, message: str) -> None:
+    said = refusal(changed(key, value))
+    assert message in said
+    # The key comes first, or one that the value leads to.
+    table = key.partition(".")[0]
+    assert said.startswith((table, "contact.offset_mm", "pose_deg"))
+    for leak in ("pydantic", "constrained", "type=", "Input should", "extra_forbidden", "folder"):
+        assert leak not in said.replace("folder: ", "")
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("robot", "robot: is missing; wanted the name of a robot"),
+        ("pose_deg", "pose_deg: is missing; give pose_deg or pose_rad, one of them"),
+        ("motion", "motion: is missing; wanted a table: [motion] with velocity_mm_s"),
+        ("motion.velocity_mm_s", "motion.velocity_mm_s: is missing; wanted a list of 3 numbers"),
+        ("contact", "contact: is missing; wanted a table: [contact]"),
+        ("contact.body", "contact.body: is missing; name a body region, or give contact.stiffness_N_m"),
+        ("detector", "wanted a table: [detector] with thresholds_Nm and noise_sd_Nm"),
+        ("detector.thresholds_Nm", "detector.thresholds_Nm: is missing; wanted a list of numbers, one per joint"),
+        ("detector.noise_sd_Nm", "detector.noise_sd_Nm: is missing; wanted a number from 0 to 1e6, or a list"),
+        ("reaction", "wanted a table: [reaction] with joint_acceleration_rad_s2"),
+        ("reaction.joint_acceleration_rad_s2", "is missing; wanted a number from 0.1 to 100000, or a list of one"),
+    ],
+)
+def test_missing_keys_are_named(key: str, message: str) -> None:
+    data = example()
+    *tables, last = key.split(".")
+    here = data
+    for table in tables:
+        here = here[table]
+    del here[last]
+    assert message in refusal(data)
+
+
+def test_a_misspelt_key_is_named_rather_than_the_missing_one() -> None:
+    data = example()
+    data["motion"]["velocity_mms"] = data["motion"].pop("velocity_mm_s")
+    assert refusal(data) == "motion.velocity_mms: is not a key of a scenario; did you mean 'velocity_mm_s'?"
+
+
+@pytest.mark.parametrize("data", [None, 5, "robot", [1], [("robot", "sia5d")]])
+def test_only_a_dictionary_is_a_scenario(data: Any) -> None:
+    assert "wanted a dictionary" in refusal(data)
+
+
+def test_keys_that_are_no_text_are_refused() -> None:
+    assert refusal(example() | {1: 2}).startswith("1: is not a key of a scenario")
+    data = example()
+    data["motion"][None] = 2
+    assert "is not a key of a scenario" in refusal(data)
+
+
+def test_changes_go_into_tables_only() -> None:
+    for key in ("robot.x", "contact.area_cm2.x"):
+        with pytest.raises(InputError, match="is not a table"):
+            load_scenario(EXAMPLE, {key: 5})
+    assert load_scenario(EXAMPLE, {"verdict.risk": 0.01}).verdict.risk == 0.01
+
+
+# Files.
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "robot: is missing"),
+        (b"  \n\n", "robot: is missing"),
+        (b"\0\0abc", "is not valid TOML"),
+        (bytes(range(256)), "is not UTF-8 text (byte 129)"),
+        ("# größer\n".encode("latin-1"), "is not UTF-8 text (byte 5); wanted a scenario file, saved as UTF-8"),
+        ('robot = "sia5d"'.encode("utf-16"), "is not UTF-8 text (byte 1)"),
+        ('{"robot": "sia5d"}', "is not valid TOML"),
+        ("[motion\n", "is not valid TOML: Expected ']'"),
+        ("robot = sia5d\n", "is not valid TOML: Invalid value (at line 1, column 9)"),
+        ('robot = "a"\nrobot = "b"\n', "is not valid TOML: Cannot overwrite a value"),
+        ("[motion]\n[motion]\n", "is not valid TOML: Cannot declare ('motion',) twice"),
+        ("x = " + "[" * 20000 + "]" * 20000, "is nested too deeply"),
+        (".".join("a" * 20000) + " = 1", "is nested too deeply"),
+        ("x = " + "9" * 5000, "holds a number of thousands of digits"),
+        ("x = 1\n" * 200_000, "is longer than 1000000 bytes"),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path: Path, content: bytes | str, message: str) -> None:
+    path = tmp_path / "damaged.toml"
+    error = file_refusal(path, content)
+    assert message in str(error)
+    if not message.startswith("robot"):
+        assert error.field == str(path)
+
+
+def test_a_comment_may_be_as_dotted_as_it_likes(tmp_path: Path) -> None:
+    path = tmp_path / "dots.toml"
+    path.write_text("# " + "." * 5000 + "\n" + EXAMPLE.read_text(encoding="utf-8"), encoding="utf-8")
+    assert load_scenario(path).robot == "sia5d"
+
+
+@pytest.mark.parametrize("name", ["absent.toml", "", "a\0b.toml", "x" * 300])
+def test_what_is_no_file_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=r"cannot be read \(.+\); wanted a scenario file"):
+        load_scenario(tmp_path / name)
+
+
+# Words.
+
+
+def test_values_are_shown_as_a_file_spells_them() -> None:
+    assert as_written(True) == "true"
+    assert as_written([1, 2.5, "x", False]) == "[1, 2.5, 'x', false]"
+    assert as_written(None) == "None"
+    assert as_written(datetime.datetime(2020, 1, 2, 3, 4)) == "2020-01-02T03:04:00"
+    assert as_written(object()) == "a value of type object"
+    assert len(as_written("x" * 10_000)) < 80
+    assert len(as_written([[1.5] * 1000] * 1000)) < 2000
+    nested: Any = []
+    for _ in range(100_000):
+        nested = [nested]
+    assert len(as_written(nested)) < 80
+
+
+def test_near_matches_see_through_case_and_shortening() -> None:
+    known = ("hand_finger", "lower_arm_wrist", "upper_arm_elbow", "face")
+    assert near_matches("hand_fingr", known) == "did you mean 'hand_finger'?"
+    assert near_matches("FACE", known) == "did you mean 'face'?"
+    assert near_matches("arm", known) == "did you mean 'lower_arm_wrist' or 'upper_arm_elbow'?"
+    assert near_matches("xyzzy", known) == "valid: hand_finger, lower_arm_wrist, upper_arm_elbow, face"
+    assert near_matches("", known).startswith("valid: ")
+
+
+# Arbitrary mutations: the reader accepts or raises InputError, nothing else.
+
+ODD_NUMBERS = [0, -1, 1, 7, 8, 2**31, 2**63, 2**64, -(2**63), 10**400, 0.0, -0.0, 5e-324, 1e-300, 1e-9, 1e300]
+SCALARS = st.one_of(
+    st.sampled_from([*ODD_NUMBERS, math.inf, -math.inf, math.nan, True, False, None, "", "sia5d", "inf", "fixed"]),
+    st.integers(),
+    st.floats(),
+    st.text(max_size=8),
+    st.dates(),
+)
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=8), st.dictionaries(st.one_of(st.text(max_size=5), st.integers()), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+KEYS = sorted({f"{table}.{key}" for table, value in example().items() if isinstance(value, dict) for key in value})
+OTHER_KEYS = [
+    *["robot", "pose_deg", "pose_rad", "motion", "contact", "detector", "reaction", "simulation", "verdict", "base"],
+    *["motion.start", "motion.duration_s", "motion.task", "motion.damping", "motion.kind"],
+    *["contact.stiffness_N_m", "contact.peak_factor", "contact.link", "contact.point_m", "contact.normal"],
+    *["contact.offset_mm", "contact.kind", "contact.arm", "contact.pressure_area", "contact.body_mass_kg"],
+    *["detector.noise_mean_Nm", "detector.arming_delay_s", "detector.residual", "detector.noise_correlation"],
+    *["reaction.latency_s", "simulation.step_s", "simulation.substeps", "verdict.risk", "verdict.max_false_alarm"],
+]
+KEY_CHOICES = st.one_of(st.sampled_from(KEYS + OTHER_KEYS), st.text(max_size=6), st.just("made_by"), st.just("folder"))
+
+
+def mutate(data: dict[str, Any], key: str, action: Callable[[dict[str, Any], str], None]) -> None:
+    *tables, last = key.split(".", 1)
+    here: Any = data
+    for table in tables:
+        here = here.get(table)
+    if isinstance(here, dict):
+        action(here, last)
+
+
+MUTATIONS = st.lists(st.tuples(KEY_CHOICES, st.one_of(st.just(...), VALUES)), min_size=1, max_size=3)
+
+
+@given(mutations=MUTATIONS)
+@settings(max_examples=300, deadline=None, derandomize=True, database=None)
+def test_any_mutation_is_read_or_refused(mutations: list[tuple[str, Any]]) -> None:
+    data = example()
+    for key, value in mutations:
+        if value is ...:
+            mutate(data, key, lambda table, last: table.pop(last, None))
+        else:
+            mutate(data, key, lambda table, last, value=value: table.__setitem__(last, value))  # type: ignore[misc]
+    try:
+        scenario = Scenario.from_dict(data)
+        Problem.from_scenario(scenario)
+    except InputError as error:
+        assert error.field  # noqa: PT017
+        assert error.problem  # noqa: PT017
+        assert len(str(error)) < 1500  # noqa: PT017
+    else:
+        assert Scenario.from_dict(scenario.to_dict()) == scenario.with_values({})
+
+
+def test_any_corruption_of_a_file_is_read_or_refused(tmp_path: Path) -> None:
+    source = EXAMPLE.read_bytes()
+    generator = random.Random(3)
+    path = tmp_path / "corrupt.toml"
+    refused = 0
+    for _ in range(400):
+        content = bytearray(source)
+        for _ in range(generator.randint(1, 3)):
+            begin = generator.randrange(len(content))
+            end = begin + generator.choice([0, 1, 1, 2, 40])
+            content[begin:end] = generator.choice(
+                [b"", b"\n", b"=", b"[", b"]", b'"', b".", b"#", b"-", b"9" * 30, b"nan", generator.randbytes(2)]
+            )
+        path.write_bytes(bytes(content))
+        try:
+            Problem.from_scenario(load_scenario(path))
+        except InputError:
+            refused += 1
+    # Neither is everything refused nor does everything pass.
+    assert 100 < refused < 390

@@ -1,0 +1,68 @@
+"""The C++ test programs of the rooms math and model: compiled against the headers alone, and run.
+
+``CXX`` names the compiler (default: c++); clang++-14 is tried beside it when it is there.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from bumpstop import kernels
+
+ROOT = Path(__file__).parents[2]
+COMPILER = shlex.split(os.environ.get("CXX", "c++"))
+WARNINGS = ["-std=c++20", "-Wall", "-Wextra", "-Werror", "-Wno-psabi"]
+SANITIZED = ["-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+# As the kernels are compiled (CMakeLists.txt), for the widest instruction set that runs here.
+FLAGS_OF_TARGET = {
+    "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma"],
+    "avx2": ["-mavx2", "-mfma"],
+}
+OPTIMISED = ["-O1", "-ffp-contract=fast", *FLAGS_OF_TARGET.get(kernels.available_targets()[0], [])]
+
+BUILDS = {
+    "sanitized": (COMPILER, SANITIZED),
+    "optimised": (COMPILER, OPTIMISED),
+    "clang++-14": (["clang++-14"], SANITIZED),
+}
+# Registers and unrolled loops are what an optimiser and an instruction set change.
+CASES = [
+    *((ROOT / "tests/math/lanes.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/model/min_norm.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/math/quadrature.cpp", build) for build in ("sanitized", "clang++-14")),
+    *((ROOT / "tests/model/chain.cpp", build) for build in ("sanitized", "clang++-14")),
+]
+
+Builds = dict[tuple[Path, str], "Future[tuple[Path, subprocess.CompletedProcess[str]]]"]
+
+
+@pytest.fixture(scope="module")
+def builds(tmp_path_factory: pytest.TempPathFactory) -> Builds:
+    """Every program for which there is a compiler, compiled side by side."""
+    folder = tmp_path_factory.mktemp("programs")
+
+    def compiled(source: Path, build: str) -> tuple[Path, subprocess.CompletedProcess[str]]:
+        compiler, flags = BUILDS[build]
+        program = folder / f"{source.stem}-{build}"
+        command = [*compiler, *WARNINGS, *flags, f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests'}", str(source)]
+        return program, subprocess.run([*command, "-o", str(program)], capture_output=True, text=True, check=False)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return {case: pool.submit(compiled, *case) for case in CASES if shutil.which(BUILDS[case[1]][0][0])}
+
+
+@pytest.mark.parametrize(("source", "build"), CASES, ids=lambda part: getattr(part, "stem", part))
+def test_program(source: Path, build: str, builds: Builds) -> None:
+    if (source, build) not in builds:
+        pytest.skip(f"no compiler {BUILDS[build][0][0]} here")
+    program, compilation = builds[source, build].result()
+    assert compilation.returncode == 0, f"does not compile:\n{compilation.stderr}"
+    run = subprocess.run([program], capture_output=True, text=True, check=False, timeout=120)
+    assert run.returncode == 0, f"failed:\n{run.stdout}{run.stderr}"

@@ -1,0 +1,91 @@
+"""The report's parts: what is drawn and counted, words for numbers, safe HTML."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bumpstop.report.area import AreaSection
+from bumpstop.report.arm import ArmSection, _numbers
+from bumpstop.report.distribution import bins
+from bumpstop.report.markup import Html, element, table
+from bumpstop.report.picture import spread
+from bumpstop.report.words import number, probability
+from report.cases import evaluate
+
+
+@pytest.fixture(scope="module")
+def law():
+    return evaluate()
+
+
+def test_the_drawn_arm_is_the_arm(law):
+    chain = ArmSection(law)._chain
+    assert chain.shape == (9, 3)
+    np.testing.assert_allclose(chain[-1], law.curve.start, atol=1e-12)
+    np.testing.assert_allclose(chain[1], [0, 0, 0.31])
+
+
+def test_area_section_states_the_crossing(law):
+    text = " ".join(AreaSection(law).content())
+    assert "from 2.25 cm2 on" in text
+    assert "120 N are allowed" in text
+
+
+def test_bins_reach_the_end_of_the_bounded_part(law):
+    edges = bins(law.peak_force, None)
+    density = law.peak_force.density(edges)
+    assert density @ np.diff(edges) == pytest.approx(1, abs=3e-4)
+    partly = evaluate({"motion.duration_s": 0.01})  # a median of zero, some contacts, some never detected
+    edges = bins(partly.peak_force, None)
+    share = 1 - partly.undetected_probability - partly.no_contact_probability - partly.false_alarm_probability
+    assert partly.peak_force.density(edges) @ np.diff(edges) == pytest.approx(share, abs=3e-4)
+
+
+def test_labels_are_spread():
+    assert spread([], 1, 0, 10) == []
+    assert spread([5.0, 1.0], 1, 0, 10) == [5.0, 1.0]
+    assert spread([5.0, 5.0, 5.2], 1, 0, 10) == [5.0, 6.0, 7.0]
+    assert spread([9.9, 9.8], 1, 0, 10) == [10.0, 9.0]
+    assert spread([0.0, 3.0, 3.0], 9, 0, 10) == [0.0, 5.0, 10.0]  # no room: the gap shrinks
+
+
+@pytest.mark.parametrize(
+    ("group", "text"), [([0], "1"), ([0, 1], "1, 2"), ([0, 1, 2], "1-3"), ([0, 2, 3, 4], "1, 3-5"), ([1, 4], "2, 5")]
+)
+def test_joint_numbers(group, text):
+    assert _numbers(group) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(math.inf, "no bound"), (math.nan, "none"), (0.0, "0"), (95.0295, "95.03"), (18490.3, "18490"), (1e-7, "1e-07")],
+)
+def test_numbers(value, text):
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("p", "text"),
+    [
+        (0.0, "0 %"),
+        (1.0, "100 %"),
+        (1 + 2e-16, "100 %"),
+        (1e-20, "less than 0.0001 %"),
+        (1 - 1e-9, "over 99.9999 %"),
+        (0.99999, "99.999 %"),
+        (0.999986, "99.9986 %"),
+        (0.0001, "0.01 %"),
+        (0.02987, "3 %"),
+        (0.7244, "72.4 %"),
+        (math.nan, "none"),
+    ],
+)
+def test_probabilities(p, text):
+    assert probability(p) == text
+
+
+def test_markup_escapes_all_but_markup():
+    assert element("p", "a < b", Html("<b>c</b>"), class_='"x"') == '<p class="&quot;x&quot;">a &lt; b<b>c</b></p>'
+    assert "<thead>" not in table(("", ""), [("<a>", "b")], caption="c")
+    assert "&lt;a&gt;" in table(("h", ""), [("<a>", "b")], caption="c")

@@ -1,0 +1,63 @@
+"""Rollouts: a run followed in time is the run that was sampled."""
+
+import numpy as np
+import pytest
+
+from bumpstop.kernels import core
+from bumpstop.report.rollout import Rollouts
+from report.cases import evaluate
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"reaction.latency_s": 0.007},
+        {"reaction.kind": "stop", "detector.noise_mean_Nm": [1.0, -2.0, 0, 0, 0, 0, 0]},
+    ],
+)
+def test_rollout_is_the_sampled_run(changes):
+    law = evaluate(changes, samples=400)
+    problem, curve, runs = law.problem, law.curve, law.runs
+    rollouts = Rollouts(law)
+    for run in (0, 17, int(np.argmax(runs["peak_force"]))):
+        rollout = rollouts.rollout(run)
+        tick = runs["tick"][run]
+        # Peaks are interpolated between nodes where that is exact to 1e-9 m.
+        assert rollout.peak_force == pytest.approx(runs["peak_force"][run], abs=2e-9 * problem.stiffness)
+        # The reaction joins the line without a jump: no acceleration beyond a few m/s2 anywhere.
+        assert np.abs(np.diff(rollout.distance, 2)).max() < 5e-6
+        assert rollout.residual[-1] == pytest.approx(runs["residual"][run, rollout.joint], abs=1e-9)
+        assert rollout.threshold == problem.thresholds[rollout.joint]
+        assert abs(rollout.residual[-1]) > rollout.threshold
+        assert (np.abs(rollout.residual[:-1]) <= rollout.threshold).all()
+        assert runs["triggers"][run] >> rollout.joint & 1
+        assert rollout.tick_time.size == tick + 1
+        at_detection = np.interp(rollout.detection, rollout.time, rollout.force)
+        assert at_detection == pytest.approx(runs["force_at_detection"][run], abs=1e-6)
+        delay = curve.tick_time[tick] - np.interp(runs["offset"][run], curve.distance, step_times(law))
+        assert rollout.detection == pytest.approx(delay, abs=1e-9)
+        assert rollout.reaction == pytest.approx(rollout.detection + problem.latency_steps * 1e-3)
+        noise = core.standard_noise(0, run, 1, tick + 1, 7)[0, :, rollout.joint]
+        expected = noise * problem.noise_sd[rollout.joint] + problem.noise_mean[rollout.joint]
+        np.testing.assert_allclose(rollout.residual - rollout.contact_torque, expected, atol=1e-12)
+
+
+def step_times(law):
+    return np.arange(law.curve.distance.size) * law.scenario.simulation.step_s
+
+
+def test_chosen_runs_are_near_their_quantiles():
+    law = evaluate()
+    rollouts = Rollouts(law)
+    for p in (0.5, 0.99):
+        assert rollouts.nearest(p).peak_force == pytest.approx(law.peak_force.quantile(p), abs=0.5)
+
+
+def test_an_undetected_quantile_shows_an_undetected_run():
+    law = evaluate({"motion.duration_s": 0.12})
+    rollout = Rollouts(law).nearest(0.99)
+    assert rollout.detection is None
+    assert rollout.reaction is None
+    assert rollout.touch == 0
+    assert rollout.peak_force > 0
