@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OUT ?= out/hand_downward
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find include bindings src -type f -not -name '*.pyc')
 
-.PHONY: build run test validate bench lint format clean sanitize
+.PHONY: build run test validate bench lint format clean
 
 build: $(VENV)/.built
 

@@ -110,7 +110,7 @@ Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetect
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
     const Point3<double> v{velocity(0), velocity(1), velocity(2)};
     if (detector != nullptr) {
-        CertainDetection<double> finished(*detector, stiffness, largest_offset);
+        CertainDetection<double> finished(*detector, setup.timing, setup.motion.step, stiffness, largest_offset);
         LineTracer<double, CertainDetection<double>>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
             .trace(result.q.data(), v, &result.curve.path, 1);
     } else {

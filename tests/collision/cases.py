@@ -63,6 +63,16 @@ VARIED: dict[str, Scenario] = {
         contact__offset_law="uniform",
         detector__noise_sd_Nm=2.5,
     ),
+    "false alarms whose stopping path arrives beyond the end": control_group(
+        detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8],
+        motion__duration_s=0.1,
+        contact__offset_law="fixed",
+        contact__offset_mm=6.0,
+        reaction__latency_s=0.03,
+    ),
+    "armed after contact": control_group(
+        detector__arming_delay_s=0.1, contact__offset_law="fixed", contact__offset_mm=1.0
+    ),
     "from rest, fixed offset, fine feedback": control_group(
         motion__start="rest", contact__offset_law="fixed", contact__offset_mm=3.3, detector__feedback_period_s=0.002
     ),

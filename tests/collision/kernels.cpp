@@ -57,7 +57,7 @@ Arm make_arm(int dof, int rows) {
 
 void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
     const Point3<double> velocity{0.03, -0.02, 0.04};
-    CertainDetection<double> finished(arm.detector, 20000, offset.largest());
+    CertainDetection<double> finished(arm.detector, arm.timing, arm.motion.step, 20000, offset.largest());
     StoppingCurve curve;
     LineTracer<double, CertainDetection<double>>(arm.chain, arm.motion, arm.contact, arm.timing, finished)
         .trace(arm.q.data(), velocity, &curve.path, 1);

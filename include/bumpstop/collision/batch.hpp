@@ -95,7 +95,7 @@ void batch_group(const BatchProblem& problem, const int* pose_of_lane, int count
     }
     StoppingCurve curve[lanes];
     LinePath path[lanes];
-    CertainDetection<L> finished(*problem.detector, problem.stiffness, largest);
+    CertainDetection<L> finished(*problem.detector, *problem.timing, problem.motion->step, problem.stiffness, largest);
     LineTracer<L, CertainDetection<L>> tracer(*problem.chain, *problem.motion, *problem.contact, *problem.timing,
                                               finished);
     tracer.trace(q, velocity, path, count);

@@ -39,11 +39,15 @@ struct ExactLaw {
 template <class T>
 class CertainDetection {
   public:
-    CertainDetection(const ThresholdDetector& detector, double stiffness, T largest_offset)
-        : detector_(detector), stiffness_(stiffness), largest_(largest_offset) {}
+    CertainDetection(const ThresholdDetector& detector, const Timing& timing, double step, double stiffness,
+                     T largest_offset)
+        : detector_(detector), stiffness_(stiffness), largest_(largest_offset) {
+        while ((double(blind_ticks_) * timing.period + 1) * step < detector.arming_delay - 1e-12) ++blind_ticks_;
+    }
+    // Called at every tick in turn.
     MaskOf<T> operator()(const T& s, const T* torque_per_N) {
         const T force = maximum(s - largest_, T(0.0)) * stiffness_;
-        if (any(force > T(0.0))) {
+        if (tick_++ >= blind_ticks_ && any(force > T(0.0))) {
             const auto chance =
                 any_alarm<T>(detector_, [&](int w) { return torque_per_N[detector_.joint[w]] * force; });
             survival_ *= select(force > T(0.0), chance.silent, T(1.0));
@@ -55,6 +59,7 @@ class CertainDetection {
     const ThresholdDetector& detector_;
     double stiffness_;
     T largest_;
+    int tick_ = 0, blind_ticks_ = 0;  // ticks before the detector is armed see nothing
     T survival_ = 1.0;
 };
 
@@ -104,14 +109,6 @@ class ExactLawBuilder {
         choose_order();
         const std::vector<detail::Panel> panels =
             settings_.offset.kind == OffsetKind::fixed ? fixed_panel() : cut_panels();
-        if (panels.empty()) {  // a fixed offset that the motion does not reach
-            const int armed = armed_before_[curve_.path.ticks];
-            law_.false_alarm = -std::expm1(armed * log_idle_silence_);
-            law_.no_contact = silence_before(curve_.path.ticks);
-            law_.harmless = 1;
-            share_false_alarms();
-            return std::move(law_);
-        }
         assemble(panels, know(panels));
         quantities();
         return std::move(law_);
@@ -193,13 +190,16 @@ class ExactLawBuilder {
         const auto& s = curve_.path.s;
         const auto end = s.begin() + std::ptrdiff_t(end_step()) + 1;
         edge_[ticks + 1] = std::max(edge_[ticks], *std::max_element(s.begin(), end));
+        overrun_end_ = edge_.back();
+        for (double farthest : curve_.farthest) overrun_end_ = std::max(overrun_end_, farthest);
         const AlarmProbability<double> free = any_alarm<double>(detector_, [](int) { return 0.0; });
         idle_alarm_ = free.alarm;
         log_idle_silence_ = std::log1p(-free.alarm);
     }
 
     // Probability of no alarm in all armed ticks before tick k, without contact.
-    double silence_before(int k) const { return std::exp(armed_before_[k] * log_idle_silence_); }
+    double silence_before(int k) const { return std::exp(armed_before(k) * log_idle_silence_); }
+    int armed_before(int k) const { return armed_before_[std::min(k, curve_.path.ticks)]; }
 
     // Sensor noise sets the scale on which probabilities change: sharpness is the residual's growth over one
     // tick of travel in standard deviations of the noise.
@@ -233,7 +233,18 @@ class ExactLawBuilder {
         for (int k = 0; k <= ticks; ++k) {
             if (edge_[k + 1] > o) return {{o, o, k}};
         }
-        return {};
+        return {{o, o, ticks + 1}};
+    }
+
+    // Offsets the motion reaches only after its last tick, and those beyond its end that a stopping path still may: the
+    // former's first tick in contact is numbered `ticks`, the latter's `ticks` + 1, and neither exists.
+    void add_end_panels(std::vector<detail::Panel>& panels) const {
+        const int ticks = curve_.path.ticks;
+        const double largest = settings_.offset.largest();
+        if (std::min(edge_.back(), largest) > edge_[ticks])
+            panels.push_back({edge_[ticks], std::min(edge_.back(), largest), ticks});
+        if (std::min(overrun_end_, largest) > edge_.back())
+            panels.push_back({edge_.back(), std::min(overrun_end_, largest), ticks + 1});
     }
 
     // Panels by part, then by tick. The first `regular_` ticks-in-a-row of every part are alike enough to
@@ -263,13 +274,11 @@ class ExactLawBuilder {
                 for (int k = first_regular; k < end_regular; ++k) add_part(k, part);
             for (int part = 0; part < parts_; ++part) add_part(0, part);
             for (int part = 0; part < parts_; ++part) add_part(last - 1, part);
-            if (edge_.back() > edge_[ticks] && edge_[ticks] < largest)
-                panels.push_back({edge_[ticks], std::min(edge_.back(), largest), ticks});
+            add_end_panels(panels);
             return panels;
         }
         for (int k = 0; k < last; ++k) cut_one(k, largest, bent, panels);
-        if (edge_.back() > edge_[ticks] && edge_[ticks] < largest)
-            panels.push_back({edge_[ticks], std::min(edge_.back(), largest), ticks});
+        add_end_panels(panels);
         return panels;
     }
 
@@ -278,6 +287,7 @@ class ExactLawBuilder {
         const double largest = settings_.offset.largest();
         std::vector<detail::Panel> panels;
         for (int k = 0; k < curve_.path.ticks && edge_[k] < largest; ++k) cut_one(k, largest, false, panels);
+        add_end_panels(panels);
         return panels;
     }
 
@@ -539,13 +549,18 @@ class ExactLawBuilder {
                 weight[at] = offset[at] * silence;
                 total += rule.weight[g] * offset[at];
             }
-            law_.false_alarm += total * -std::expm1(armed_before_[panel.tick] * log_idle_silence_);
+            law_.false_alarm += total * -std::expm1(armed_before(panel.tick) * log_idle_silence_);
+            if (panel.tick > path.ticks) {
+                law_.no_contact += total * silence;
+                for (int g = 0; g < order_; ++g) weight[std::size_t(g) * n + p] = 0;
+            }
             int reach = 0;  // ticks before contact whose stopping path still arrives
-            while (reach < panel.tick && curve_.farthest[panel.tick - reach - 1] > panel.low) ++reach;
+            for (int k = std::min(panel.tick, path.ticks) - 1; k >= 0 && curve_.farthest[k] > panel.low; --k)
+                reach = panel.tick - k;
             before = std::max(before, reach);
         }
         if (!(idle_alarm_ > 0)) before = 0;
-        const double beyond = fixed ? 0 : settings_.offset.probability_beyond(edge_.back());
+        const double beyond = fixed ? 0 : settings_.offset.probability_beyond(overrun_end_);
         law_.false_alarm += beyond * -std::expm1(armed_before_[path.ticks] * log_idle_silence_);
         law_.no_contact += beyond * silence_before(path.ticks);
 
@@ -565,7 +580,7 @@ class ExactLawBuilder {
         for (int slot = 0; slot < before; ++slot) {
             for (int p = 0; p < real; ++p) {
                 const int k = panels[p].tick + slot - before;
-                if (k < 0 || !armed(k)) continue;
+                if (k < 0 || k >= path.ticks || !armed(k)) continue;
                 const double chance = silence_before(k) * idle_alarm_;
                 double* series = pieces.series(slot, p);
                 for (int l = 0; l < order_; ++l) {
@@ -710,6 +725,7 @@ class ExactLawBuilder {
     const MotionSettings& motion_;
     const ThresholdDetector& detector_;
     const LawSettings& settings_;
+    double overrun_end_ = 0;         // the farthest any stopping path gets [m]
     std::vector<double> edge_;       // panel of tick k: edge_[k]..edge_[k + 1]
     std::vector<int> armed_before_;  // armed ticks before tick k
     double idle_alarm_ = 0, log_idle_silence_ = 0;

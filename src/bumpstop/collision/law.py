@@ -271,8 +271,10 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
     at = np.where(detected, tick, 0)
     K, step = problem.stiffness, problem.scenario.simulation.step_s
     peak = K * np.maximum(0.0, curve.farthest[at] - offset)
-    touches = offset < np.maximum.accumulate(curve.distance)[-1]
-    end = K * np.maximum(0.0, curve.distance[min(curve.distance.size - 1, _horizon(problem))] - offset)
+    # The path goes on for a latency beyond the horizon, for the reactions; the motion does not.
+    motion = curve.distance[: _horizon(problem) + 1]
+    touches = offset < motion.max()
+    end = K * np.maximum(0.0, motion[-1] - offset)
     unbounded = curve.end == "horizon"
     peak = np.where(detected, peak, np.where(touches & unbounded, math.inf, end))
     force = K * np.maximum(0.0, curve.tick_distance[at] - offset)
