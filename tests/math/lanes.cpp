@@ -102,10 +102,10 @@ void integers() {
     for (int trial = 0; trial < 200; ++trial) {
         I a(0), b(0);
         for (int lane = 0; lane < N; ++lane) {
-            a.v[lane] = std::int64_t(checks::generator()) >> 2;
-            b.v[lane] = trial % 3 == 0 ? a.v[lane] : std::int64_t(checks::generator()) >> 2;
+            a.v[lane] = std::int64_t(checks::bits()) >> 2;
+            b.v[lane] = trial % 3 == 0 ? a.v[lane] : std::int64_t(checks::bits()) >> 2;
         }
-        const std::uint32_t factor = std::uint32_t(checks::generator());
+        const std::uint32_t factor = std::uint32_t(checks::bits());
         const I product = multiply_low_words(a, factor), high = high_word(a);
         for (int lane = 0; lane < N; ++lane) {
             const std::int64_t x = a.v[lane], y = b.v[lane];
@@ -149,9 +149,9 @@ template <int N>
 void random_numbers() {
     using I = IntLanes<N>;
     for (int trial = 0; trial < 100; ++trial) {
-        const std::uint64_t seed = checks::generator();
+        const std::uint64_t seed = checks::bits();
         I run(0);
-        for (int lane = 0; lane < N; ++lane) run.v[lane] = std::int64_t(checks::generator() >> 2);
+        for (int lane = 0; lane < N; ++lane) run.v[lane] = std::int64_t(checks::bits() >> 2);
         const PhiloxBlock<I> block = noise_block(seed, run, trial, 3);
         for (int lane = 0; lane < N; ++lane) {
             const PhiloxBlock<std::int64_t> alone = noise_block(seed, std::int64_t(run.v[lane]), trial, 3);

@@ -109,6 +109,13 @@ class ExactLawBuilder {
         choose_order();
         const std::vector<detail::Panel> panels =
             settings_.offset.kind == OffsetKind::fixed ? fixed_panel() : cut_panels();
+        if (panels.empty()) {  // a motion that ends where it begins
+            law_.false_alarm = -std::expm1(armed_before(curve_.path.ticks) * log_idle_silence_);
+            law_.no_contact = silence_before(curve_.path.ticks);
+            law_.harmless = 1;
+            share_false_alarms();
+            return std::move(law_);
+        }
         assemble(panels, know(panels));
         quantities();
         return std::move(law_);

@@ -25,6 +25,7 @@ app.command("bodies")(listings.bodies)
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 2 bad input, 1 our fault.
 BAD_INPUT = 2
 OWN_FAULT = 1
+_INTERRUPTED = 130  # what typer makes of Ctrl-C
 # Newer typer carries its own copy of click, so click's name for this cannot be relied on.
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 
@@ -55,6 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         result = app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
         status = result if isinstance(result, int) else 0
+        if status == _INTERRUPTED:
+            raise KeyboardInterrupt
     except BumpstopError as error:
         status = _fail(str(error), BAD_INPUT)
     except _USAGE_ERROR as error:

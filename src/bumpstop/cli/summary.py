@@ -47,7 +47,9 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
         if quantity is None:
             continue
         figures = quantity.scaled(factor).to_json()
-        cells = ["no bound" if value is None else f"{value:.4g}" for value in figures.values()]
+        # Short, or the table does not fit into 80 columns.
+        nothing = "none" if math.isnan(quantity.mean) else "inf"
+        cells = [nothing if value is None else f"{value:.4g}" for value in figures.values()]
         table.add_row(name, *cells, "" if limit is None else f"{limit:g}", "" if over is None else _probability(over))
     console.print(table)
 

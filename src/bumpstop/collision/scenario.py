@@ -30,6 +30,7 @@ NoiseSd = Annotated[float, _between(0, 1e6)]
 NoiseMean = Annotated[float, _between(-1e6, 1e6)]
 JointAcceleration = Annotated[float, _between(0.1, 1e5)]
 _LEAST_SPEED_MM_S = 1e-3
+_LEAST_SUBSTEP_S = 1e-6
 _LEAST_THRESHOLD_NM, _LARGEST_THRESHOLD_NM = 1e-6, 1e9
 # Beyond this it is no scenario, but perhaps a recording or a device that never ends.
 _MOST_BYTES = 1_000_000
@@ -163,6 +164,16 @@ class Simulation(_Table):
 
     step_s: Annotated[float, _between(1e-5, 0.1)] = 0.001
     substeps: Annotated[int, Field(ge=1, le=1000)] = 5
+
+    @model_validator(mode="after")
+    def _not_too_fine(self) -> Simulation:
+        if self.step_s / self.substeps < _LEAST_SUBSTEP_S * (1 - 1e-9):
+            raise InputError(
+                "simulation.substeps",
+                f"{self.substeps} in a step of {self.step_s:g} s are {self.step_s / self.substeps:g} s each",
+                f"wanted at least {_short(_LEAST_SUBSTEP_S)} s",
+            )
+        return self
 
 
 class VerdictSettings(_Table):

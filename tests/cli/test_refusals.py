@@ -1,0 +1,157 @@
+"""Every refusal of the command line: status 2, one line that names field, value and remedy, nothing on stdout."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from cli.support import EXAMPLE, Result, evaluate, run
+
+
+def check_refusal(result: Result, *words: str) -> None:
+    assert result.status == 2
+    assert result.out == ""
+    assert result.err.startswith("error: ")
+    assert result.err.endswith("\n")
+    assert result.err.count("\n") == 1
+    assert result.err.rstrip("\n").isprintable()
+    for word in words:
+        assert word in result.err
+    # Neither a traceback, nor a box, nor the libraries' own words.
+    for leak in ("Traceback", "│", "╭", "pydantic", "Input should", "nanobind", "Usage:"):
+        assert leak not in result.err
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("contact.area_cm2=0", "contact.area_cm2: 0 cannot be used; wanted a number from 0.0001 to 10000"),
+        ("contact.area_cm2=wide", "contact.area_cm2: 'wide' cannot be used; wanted a number"),
+        ("contact.area_cm2=", "contact.area_cm2: '' cannot be used; wanted a number"),
+        ("contact.area_cm2=true", "contact.area_cm2: true cannot be used; wanted a number"),
+        ("contact.area_cm2=2020-01-02", "contact.area_cm2: 2020-01-02 cannot be used"),
+        ("contact.area_cm2=1e400", "contact.area_cm2: inf cannot be used"),
+        ("contact.area_cm2=" + "9" * 400, "contact.area_cm2: a number of more than 40 digits cannot be used"),
+        ("contact.area_cm2=" + "9" * 5000, "contact.area_cm2: '99"),
+        ("contact.area_cm2=" + "[" * 5000 + "]" * 5000, "contact.area_cm2: '[["),
+        ("contact.area_cm2=1\nreaction.kind='stop'", r"contact.area_cm2: '1\nreaction.kind="),
+        ("contact.ara_cm2=5", "contact.ara_cm2: is not a key of a scenario; did you mean 'area_cm2'"),
+        ("contact.body=hand", "contact.body: 'hand' is not a region of bgia2011; did you mean 'hand_finger'?"),
+        ("contact.body=neck", "contact.body: 'neck' is not a region of bgia2011; did you mean 'neck_side'"),
+        ("contact.body=skull_forehead", "but of ts15066, which must not be mixed with it"),
+        ("contact.body=\x1b[31mred", r"contact.body: '\x1b[31mred'"),
+        ("contact.limits=absent.toml", "contact.limits: cannot read"),
+        ("contact.limits=ts1506", "contact.limits: no table is called 'ts1506'"),
+        ("contact.limits=/tmp", "contact.limits: cannot read '/tmp': Is a directory"),
+        ("contact.kind=free", "contact.kind: 'free' is not available in this version; valid: 'clamped'"),
+        ("detector.thresholds_Nm=[1, 2]", "detector.thresholds_Nm: has 2 values; sia5d has 7 joints"),
+        ("detector.thresholds_Nm=[1, 0, 3, 4, 5, 6, 7]", "detector.thresholds_Nm[2]: 0 cannot be used"),
+        ("detector.noise_sd_Nm=nan", "detector.noise_sd_Nm: nan cannot be used; wanted a number from 0 to 1e6, or"),
+        ("detector.feedback_period_s=0.0055", "detector.feedback_period_s: 0.0055 is not a whole number of simulation"),
+        ("motion.velocity_mm_s=[0, 0", "motion.velocity_mm_s: '[0, 0' cannot be used; wanted a list of 3 numbers"),
+        ("motion.velocity_mm_s=[0,0,0]", "motion.velocity_mm_s: is zero"),
+        ("motion.held_joints=[8]", "motion.held_joints: 8 is no joint of sia5d; valid: 1 to 7"),
+        ("motion.held_joints=[1, 2]", "motion.task: 'pose' needs 6 free joints, 5 are free"),
+        ("pose_deg=[0, 0, 0, 0, 0, 0, 0]", "pose_deg: is singular"),
+        (
+            "pose_rad=[0, 3, 0, 0, 0, 0, 0]",
+            "pose_rad: joint 2 at 3 is outside its limits; valid: -1.91986 to 1.91986 rad",
+        ),
+        ("pose_deg=[0, 0, 0, 0, 0, 0, 181]", "pose_deg: joint 7 at 181 is outside its limits; valid: -180 to 180 deg"),
+        ("robot=sia5", "robot: there is no built-in robot 'sia5'; did you mean 'sia5d'?"),
+        ("robot.x=5", "robot.x: 'robot' is not a table"),
+        ("contact.area_cm2.x=5", "contact.area_cm2.x: 'area_cm2' is not a table"),
+        ("contact.link=link", "contact.link: sia5d has no link 'link'; did you mean 'link_"),
+        ("contact.normal=[0, 0, 1]", "contact.normal: the contact point on tool0 does not move toward the body"),
+        ("folder=/tmp", "folder: is not a key of a scenario"),
+        # Not KEY=VALUE.
+        ("contact", "--set: 'contact' is not KEY=VALUE; for example --set contact.area_cm2=2"),
+        ("", "--set: '' is not KEY=VALUE"),
+        ("=5", "--set: '=5' is not KEY=VALUE"),
+        ("contact..x=5", "--set: 'contact..x=5' is not KEY=VALUE"),
+        (".=5", "--set: '.=5' is not KEY=VALUE"),
+        ("'contact.area_cm2'=5", "is not KEY=VALUE"),
+    ],
+)
+def test_changes_that_cannot_be_used(change: str, words: str) -> None:
+    check_refusal(evaluate(change), words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--sampled", "0"), "--sampled: '0' cannot be used; wanted a whole number from 1 to 100000000"),
+        (("--sampled", "-5"), "--sampled: '-5' cannot be used"),
+        (("--sampled", "many"), "--sampled: 'many' cannot be used; wanted a whole number from 1"),
+        (("--sampled", "1e3"), "--sampled: '1e3' cannot be used"),
+        (("--sampled", "1.5"), "--sampled: '1.5' cannot be used"),
+        (("--sampled", "9" * 5000), "--sampled: '99"),
+        (("--seed", "-1"), "--seed: '-1' cannot be used; wanted a whole number from 0 to 18446744073709551615"),
+        (("--seed", str(2**64)), "--seed: '18446744073709551616' cannot be used"),
+        (("--threads", "0"), "--threads: '0' cannot be used; wanted a whole number from 1 to 256"),
+        (("--threads", "1000000"), "--threads: '1000000' cannot be used"),
+        (("--jsn",), "No such option: --jsn (Possible options: --json"),
+        (("--set",), "Option '--set' requires an argument; see bumpstop --help"),
+        (("second.toml",), "unexpected extra argument"),
+    ],
+)
+def test_options_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> None:
+    check_refusal(evaluate(options=arguments), words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("evalute",), "No such command 'evalute'. Did you mean 'evaluate'?"),
+        (("xyzzy",), "No such command 'xyzzy'; see bumpstop --help"),
+        (("--bogus",), "No such option: --bogus"),
+        (("evaluate",), "Missing argument 'scenario'"),
+        (("robots", "sia5d"), "unexpected extra argument"),
+        (
+            ("bodies", "--limits", "bgia"),
+            "--limits: no table is called 'bgia'; a built-in name or a path ending in .toml",
+        ),
+        (("bodies", "--limits", "absent.toml"), "--limits: cannot read 'absent.toml'"),
+    ],
+)
+def test_commands_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> None:
+    check_refusal(run(*arguments), words)
+
+
+def test_files_that_are_no_scenario(tmp_path: Path) -> None:
+    absent, binary, empty = tmp_path / "absent.toml", tmp_path / "binary.toml", tmp_path / "empty.toml"
+    binary.write_bytes(bytes(range(256)))
+    empty.write_text("")
+    check_refusal(run("evaluate", absent), f"{absent}: cannot be read (No such file or directory)")
+    check_refusal(run("evaluate", tmp_path), f"{tmp_path}: cannot be read (Is a directory)")
+    check_refusal(run("evaluate", binary), f"{binary}: is not UTF-8 text (byte 129)")
+    check_refusal(run("evaluate", empty), "robot: is missing; wanted the name of a robot (bumpstop robots lists them)")
+    check_refusal(run("evaluate", "/dev/zero"), "/dev/zero: is longer than 1000000 bytes")
+
+
+def test_a_name_cannot_steer_the_terminal() -> None:
+    check_refusal(run("evaluate", "a\nb\x1b[31m\u202e.toml"), r"error: a b\x1b[31m\u202e.toml: cannot be read")
+    check_refusal(run("evaluate", os.fsdecode(b"a\xff.toml")), r"error: a\udcff.toml: cannot be read")
+
+
+@pytest.mark.parametrize("spoilt", ["file/below", "file"])
+def test_a_folder_that_cannot_be_made(tmp_path: Path, spoilt: str) -> None:
+    (tmp_path / "file").write_text("here first")
+    folder = tmp_path / spoilt
+    check_refusal(evaluate(options=("--out", folder)), f"--out: {str(folder)!r} cannot be written (", "another folder")
+    assert (tmp_path / "file").read_text() == "here first"
+
+
+@pytest.mark.parametrize("name", ["settings.toml", "law.parquet"])
+def test_a_file_that_cannot_be_written(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir()
+    check_refusal(evaluate(options=("--out", tmp_path)), "--out: ", "cannot be written (", name, "Is a directory")
+
+
+def test_refused_before_anything_is_written(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    check_refusal(evaluate("contact.area_cm2=0", options=("--out", folder)))
+    assert not folder.exists()
+    assert EXAMPLE.exists()
