@@ -206,8 +206,7 @@ struct JacobianColumn {
     Vec3 angular;
 };
 
-JacobianColumn jacobian_column(const Problem& problem, const Frames& frames, int joint, int link,
-                               const Vec3& point) {
+JacobianColumn jacobian_column(const Problem& problem, const Frames& frames, int joint, int link, const Vec3& point) {
     if (joint > link) return {{0, 0, 0}, {0, 0, 0}};  // a joint beyond the link does not move it
     const Vec3& axis = frames.joint_axis[joint];
     if (problem.kind[joint] == kPrismatic) return {axis, {0, 0, 0}};
@@ -471,8 +470,7 @@ Status prepare(const Problem& problem, Start& start) {
     if (!problem.contact_at_tip) {
         direction = {0, 0, 0};
         for (int j = 0; j < problem.joint_count; ++j) {
-            const JacobianColumn column =
-                jacobian_column(problem, frames, j, problem.contact_link, start.point);
+            const JacobianColumn column = jacobian_column(problem, frames, j, problem.contact_link, start.point);
             direction = direction + start.velocity[j] * column.linear;
         }
     }
@@ -482,16 +480,14 @@ Status prepare(const Problem& problem, Start& start) {
     return kOk;
 }
 
-std::int64_t steps_without_detection(const Problem& problem) {
-    return std::llround(problem.duration / problem.step);
-}
+std::int64_t steps_without_detection(const Problem& problem) { return std::llround(problem.duration / problem.step); }
 
 // `noise_at(tick, out)` fills in the noise of every joint at a tick and says whether there is any; it is
 // asked once per tick, in order. The run is recorded into `trace` as far as `capacity` rows. Returns its
 // steps.
 template <class NoiseAt>
-std::int64_t simulate_run(const Problem& problem, const Start& start, const double* offsets,
-                          NoiseAt&& noise_at, Run& run, const TraceArrays* trace, std::int64_t capacity) {
+std::int64_t simulate_run(const Problem& problem, const Start& start, const double* offsets, NoiseAt&& noise_at,
+                          Run& run, const TraceArrays* trace, std::int64_t capacity) {
     const int joints = problem.joint_count;
     const double h = problem.step / problem.substeps;
     const Vec3 motion = vec3(problem.velocity);
@@ -646,8 +642,8 @@ std::int64_t twin_tick_count(const Problem* problem) {
 }
 
 // offsets: (runs, 3), of which a plane uses the first. noise: (runs, ticks, joints).
-std::int32_t twin_simulate(const Problem* problem, std::int64_t runs, const double* offsets,
-                           const double* noise, std::int64_t ticks, Run* out) {
+std::int32_t twin_simulate(const Problem* problem, std::int64_t runs, const double* offsets, const double* noise,
+                           std::int64_t ticks, Run* out) {
     Start start;
     if (const Status status = prepare(*problem, start); status != kOk) return status;
     for (std::int64_t r = 0; r < runs; ++r) {
@@ -659,8 +655,8 @@ std::int32_t twin_simulate(const Problem* problem, std::int64_t runs, const doub
 
 // The same with Gaussian noise from a generator of each run's own, so that a run does not depend on the
 // others.
-std::int32_t twin_simulate_seeded(const Problem* problem, std::int64_t runs, const double* offsets,
-                                  std::uint64_t seed, Run* out) {
+std::int32_t twin_simulate_seeded(const Problem* problem, std::int64_t runs, const double* offsets, std::uint64_t seed,
+                                  Run* out) {
     Start start;
     if (const Status status = prepare(*problem, start); status != kOk) return status;
     for (std::int64_t r = 0; r < runs; ++r) {
@@ -688,14 +684,13 @@ std::int32_t twin_trace(const Problem* problem, const double* offset, const doub
     if (const Status status = prepare(*problem, start); status != kOk) return status;
     std::copy_n(start.point.begin(), 3, start_point);
     std::copy_n(start.normal.begin(), 3, normal);
-    *steps =
-        simulate_run(*problem, start, offset, given_noise(*problem, noise, ticks), *run, arrays, capacity);
+    *steps = simulate_run(*problem, start, offset, given_noise(*problem, noise, ticks), *run, arrays, capacity);
     return kOk;
 }
 
 // Rotation (9 values) of a link and the position (3 values) of a point given in its frame.
-void twin_forward_kinematics(const Problem* problem, const double* position, std::int32_t link,
-                             const double* point, double* rotation, double* where) {
+void twin_forward_kinematics(const Problem* problem, const double* position, std::int32_t link, const double* point,
+                             double* rotation, double* where) {
     PerJoint q{};
     std::copy_n(position, problem->joint_count, q.begin());
     Frames frames;

@@ -72,17 +72,12 @@ struct Chain {
             const Matrix3 align = rotation_from_z(spec.axis);
             // In the computing frame before, whose closing turn about z is still free.
             const Matrix3 between = frame_to_link * spec.rotation * align;
-            const double sine = std::hypot(between[2], between[5]);
-            double alpha = std::atan2(sine, between[8]), beta = 0, gamma = 0;
-            if (sine > 1e-12) {
-                beta = std::atan2(between[2], -between[5]);
-                gamma = std::atan2(between[6], between[7]);
-            } else {
-                // The axes are parallel: one turn about z serves for both.
-                alpha = between[8] > 0 ? 0 : alpha;
-                gamma = std::atan2(between[3] * (between[8] > 0 ? 1 : -1), between[0]);
-            }
+            // Nearly parallel axes leave beta to chance. Whatever it is, alpha and gamma are read from what remains once
+            // it is taken off, so that the three turns make up the rotation to the last digit.
+            const double beta = std::hypot(between[2], between[5]) > 0 ? std::atan2(between[2], -between[5]) : 0;
             const Matrix3 turn_back = rotation_z(-beta);
+            const Matrix3 rest = turn_back * between;
+            const double alpha = std::atan2(-rest[5], rest[8]), gamma = std::atan2(-rest[1], rest[0]);
             if (i == 0) {
                 base_turn = {std::cos(beta), std::sin(beta)};
             } else {

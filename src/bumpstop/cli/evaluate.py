@@ -68,7 +68,8 @@ def command(
         law = evaluate(checked, samples=sampled, seed=seed, threads=threads)
     except MemoryError:
         if sampled is None:
-            raise
+            problem = "is not given, and the exact law of so many feedback ticks needs more memory than there is"
+            raise InputError("--sampled", problem, "try --sampled 100000") from None
         raise InputError("--sampled", f"{sampled} collisions need more memory than there is", "give fewer") from None
     report = None
     if out is not None:

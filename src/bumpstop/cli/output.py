@@ -30,7 +30,8 @@ def write_outputs(law: ForceLaw, folder: Path) -> Path:
     except OSError as error:
         raise InputError(
             "--out",
-            f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror})",
+            # The Parquet writer puts everything into the message.
+            f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror or error})",
             "give another folder",
         ) from None
 

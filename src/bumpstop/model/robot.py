@@ -132,9 +132,13 @@ class Robot:
 
     @property
     def span(self) -> float:
-        """Length of the chain stretched out from its second joint to the tip [m]: an upper bound of the reach."""
-        offsets = [joint.origin for joint in self.joints[2:]] + [self.tip_origin]
-        return float(sum(np.linalg.norm(offset) for offset in offsets))
+        """Length of the chain stretched out from its first joint to the tip [m]: no pose reaches farther from there.
+
+        Prismatic joints count with their longest travel; infinite where that has no limit.
+        """
+        offsets = [joint.origin for joint in self.joints[1:]] + [self.tip_origin]
+        travel = (max(abs(joint.lower), abs(joint.upper)) for joint in self.joints if joint.kind == "prismatic")
+        return float(sum(np.linalg.norm(offset) for offset in offsets) + sum(travel))
 
     @property
     def lower(self) -> FloatArray:
@@ -210,7 +214,10 @@ class Robot:
 
     def _batched(self, q: npt.ArrayLike, function: Any, link: str | None, point: Any) -> FloatArray:
         number, offset = self.frame(link, point)
-        single = np.ndim(q) == 1
+        # What is no list of numbers or rows is refused by the same door as everything else.
+        single = isinstance(q, np.ndarray) and q.ndim == 1
+        if isinstance(q, list | tuple):
+            single = not any(isinstance(value, list | tuple | np.ndarray) for value in q)
         rows = as_float_array([q] if single else q, "q", (None, self.dof))
         result: FloatArray = function(rows, number, np.ascontiguousarray(offset))
         return result[0] if single else result

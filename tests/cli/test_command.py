@@ -1,0 +1,162 @@
+"""The installed command in a process of its own: streams, signals, completion, and what it imports."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import sysconfig
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from cli.support import EXAMPLE, run
+
+COMMAND = Path(sysconfig.get_path("scripts")) / "bumpstop"
+pytestmark = pytest.mark.skipif(not COMMAND.exists(), reason="bumpstop is not installed here")
+
+
+def bumpstop(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [COMMAND, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=os.environ | environment,
+        check=False,
+    )
+
+
+def test_statuses_and_streams() -> None:
+    good = bumpstop("evaluate", EXAMPLE, "--json")
+    assert (good.returncode, good.stderr) == (0, "")
+    assert json.loads(good.stdout)["verdict"]["acceptable"] is True
+    over = bumpstop("evaluate", EXAMPLE, "--json", "--set", "contact.area_cm2=0.5")
+    assert (over.returncode, over.stderr) == (3, "")
+    bad = bumpstop("evaluate", EXAMPLE, "--json", "--set", "contact.area_cm2=0")
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr == "error: contact.area_cm2: 0 cannot be used; wanted a number from 0.0001 to 10000\n"
+
+
+def test_version_and_help() -> None:
+    assert bumpstop("--version").stdout == f"bumpstop {version('bumpstop')}\n"
+    # Without a command there is help, too.
+    assert bumpstop().stdout == bumpstop("--help").stdout
+    for command in ("evaluate", "robots", "bodies"):
+        assert command in bumpstop("--help").stdout
+    for option in ("--json", "--out", "--sampled", "--seed", "--threads", "--set"):
+        assert option in bumpstop("evaluate", "--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "unwanted"),
+    [
+        (["--help"], {"numpy", "scipy", "pydantic", "polars", "matplotlib", "rich.table", "bumpstop.kernels"}),
+        (["evaluate", str(EXAMPLE), "--json"], {"scipy", "polars", "matplotlib", "rich.table", "bumpstop.report"}),
+        (["bodies"], {"scipy", "polars", "matplotlib", "pydantic"}),
+    ],
+)
+def test_nothing_heavy_is_imported_in_vain(arguments: list[str], unwanted: set[str]) -> None:
+    program = (
+        "import sys\nfrom bumpstop.cli.main import main\n"
+        f"try:\n    main({arguments!r})\nfinally:\n    print(*sys.modules, file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    imported = set(done.stderr.split())
+    assert "typer" in imported
+    assert imported.isdisjoint(unwanted)
+
+
+def test_a_reader_that_leaves_early() -> None:
+    for arguments in (["evaluate", EXAMPLE, "--json"], ["bodies"]):
+        process = subprocess.Popen([COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.wait(60) == 1
+        assert process.stderr.read() == b""
+        process.stderr.close()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk() -> None:
+    for arguments in (["evaluate", EXAMPLE, "--json"], ["evaluate", EXAMPLE], ["bodies"]):
+        with Path("/dev/full").open("w") as full:
+            done = subprocess.run(
+                [COMMAND, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+            )
+        assert (done.returncode, done.stderr) == (1, "error: output: No space left on device\n")
+
+
+def test_an_interruption() -> None:
+    process = subprocess.Popen(
+        [COMMAND, "evaluate", EXAMPLE, "--sampled", "2000000"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (1, "", "error: interrupted\n")
+
+
+def test_a_terminal_that_knows_ascii_only() -> None:
+    for arguments in (["evaluate", EXAMPLE], ["robots"], ["bodies"]):
+        done = bumpstop(*arguments, PYTHONIOENCODING="ascii", LC_ALL="C")
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout
+    done = bumpstop("evaluate", "größe.toml", PYTHONIOENCODING="ascii", PYTHONUTF8="1")
+    assert done.returncode == 2
+    assert (
+        done.stderr == "error: gr\\xf6\\xdfe.toml: cannot be read (No such file or directory); wanted a scenario file\n"
+    )
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts(shell: str) -> None:
+    done = bumpstop("--show-completion", shell, _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"complete_{shell}" in done.stdout
+    assert "_BUMPSTOP_COMPLETE" in done.stdout
+
+
+def test_completion_answers() -> None:
+    asked = {"_BUMPSTOP_COMPLETE": "complete_bash", "COMP_CWORD": "1"}
+    assert bumpstop(COMP_WORDS="bumpstop ev", **asked).stdout.split() == ["evaluate"]
+    assert set(bumpstop(COMP_WORDS="bumpstop ", **asked).stdout.split()) == {"evaluate", "robots", "bodies"}
+    options = bumpstop(COMP_WORDS="bumpstop evaluate --s", **(asked | {"COMP_CWORD": "2"})).stdout.split()
+    assert set(options) == {"--sampled", "--seed", "--set"}
+
+
+def test_completion_without_a_known_shell() -> None:
+    for arguments in (["--show-completion"], ["--show-completion", "tcsh"]):
+        done = bumpstop(*arguments, SHELL="/bin/tcsh", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+        assert "Traceback" not in done.stderr
+        assert done.returncode in (0, 1, 2)
+
+
+def test_faults_of_our_own_are_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("by design")
+
+    monkeypatch.setattr("bumpstop.collision.load_scenario", fail)
+    result = run("evaluate", EXAMPLE)
+    assert (result.status, result.out) == (1, "")
+    assert result.err == "error: internal fault (ZeroDivisionError: by design); please report it\n"
+
+
+@pytest.mark.parametrize(("options", "status"), [((), 2), (("--sampled", 1000), 2)])
+def test_too_little_memory(monkeypatch: pytest.MonkeyPatch, options: tuple[object, ...], status: int) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("bumpstop.collision.evaluate", fail)
+    result = run("evaluate", EXAMPLE, *options)
+    assert (result.status, result.out) == (status, "")
+    assert result.err.startswith("error: --sampled: ")
+    assert "memory" in result.err
