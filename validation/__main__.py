@@ -1,0 +1,105 @@
+"""Run the comparisons, print what they find and write the page."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+# The slow twin and the scenarios to compare live with the tests.
+if str(REPOSITORY / "tests") not in sys.path:
+    sys.path.insert(0, str(REPOSITORY / "tests"))
+
+import numpy as np  # noqa: E402
+
+import bumpstop as bs  # noqa: E402
+from bumpstop import kernels  # noqa: E402
+from validation import (  # noqa: E402
+    against_twin,
+    chapter5,
+    chapter6,
+    convergence,
+    instruction_sets,
+    page,
+    reference,
+    two_laws,
+    workspace,
+)
+from validation.facts import MissingFacts  # noqa: E402
+from validation.findings import Findings  # noqa: E402
+
+
+class Comparison(Protocol):
+    """What a module of a comparison has."""
+
+    TITLE: str
+    compare: Callable[..., None]
+
+
+COMPARISONS = {
+    "reference": reference,
+    "two_laws": two_laws,
+    "twin": against_twin,
+    "convergence": convergence,
+    "chapter6": chapter6,
+    "chapter5": chapter5,
+    "workspace": workspace,
+    "instruction_sets": instruction_sets,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what the command line asks for; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m validation", description=__doc__)
+    parser.add_argument("--out", type=Path, default=REPOSITORY / "out/validation", help="folder of the results")
+    parser.add_argument("--quick", action="store_true", help="small sizes, for the tests")
+    parser.add_argument("--only", choices=list(COMPARISONS), metavar="NAME", help=f"one of: {', '.join(COMPARISONS)}")
+    options = parser.parse_args(arguments)
+    names = [options.only] if options.only else list(COMPARISONS)
+    begin = time.perf_counter()
+    sections = [run(name, quick=options.quick) for name in names]
+    seconds = time.perf_counter() - begin
+    made_by = {
+        "bumpstop": bs.__version__,
+        "kernels": kernels.target,
+        "Python": platform.python_version(),
+        "NumPy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+        "sizes": "quick" if options.quick else "full",
+        "time": f"{seconds:.0f} s",
+    }
+    page.write(options.out, sections, made_by)
+    checks = [check for findings in sections for check in findings.checks]
+    failed = [check for check in checks if not check.passed]
+    print(f"\n{len(checks) - len(failed)} of {len(checks)} checks pass; {seconds:.0f} s; {options.out / 'index.html'}")
+    for check in failed:
+        print(f"  {check.line}")
+    return 0 if all(findings.passed for findings in sections) else 1
+
+
+def run(name: str, *, quick: bool) -> Findings:
+    """Run one comparison. Whatever goes wrong in it is a failed check, and the others still run."""
+    module: Comparison = COMPARISONS[name]
+    findings = Findings(name, module.TITLE)
+    print(f"\n{name}: {module.TITLE}", flush=True)
+    begin = time.perf_counter()
+    try:
+        module.compare(findings, quick=quick)
+    except MissingFacts as missing:
+        findings.check("The figures to compare with are there", False, str(missing))
+    except Exception as error:
+        traceback.print_exc()
+        findings.check("The comparison ends without an error", False, f"{type(error).__name__}: {error}")
+    findings.seconds = time.perf_counter() - begin
+    print(f"  {findings.seconds:.1f} s", flush=True)
+    return findings
+
+
+if __name__ == "__main__":
+    sys.exit(main())

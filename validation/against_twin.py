@@ -1,0 +1,225 @@
+"""Both laws against the slow twin, which simulates every collision step by step with code of its own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import bumpstop as bs
+from bumpstop import kernels
+from bumpstop.collision.contact_time import sampled_contact_time
+from bumpstop.collision.distribution import SampledDistribution
+from collision.cases import VARIED, twin_of
+from twin import TwinRuns, half_normal_offsets, simulate, simulate_seeded
+from validation.findings import Cell, Findings
+from validation.scores import Score, bonferroni, distribution_scores, probability_score, trigger_scores, worst
+
+TITLE = "Run by run against the slow twin"
+# How far a stopping curve may be from the literal path [m]; times the stiffness it is a force.
+CURVE_ALLOWED = 1e-9
+# Contact begins and ends where a path passes the surface; at the slowest release, a hundredth of the speed, that is
+# 1e-9 m over 0.1 mm/s.
+TIME_ALLOWED = 1e-5
+OWN_NOISE = ("lower arm at 75", "lateral, two joints feel it")
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Largest differences between the sampled law and the twin over the same runs.
+
+    Attributes:
+        runs, undetected: how many; of the latter only the absence of a detection is compared.
+        ticks, triggers, missed: runs whose tick or whose joints differ, or that only the twin noticed.
+        peak, at_detection: of forces [N].
+        residual: [Nm].
+        contact_time: [s]; NaN where the arm stops in contact.
+    """
+
+    runs: int
+    undetected: int
+    ticks: int
+    triggers: int
+    missed: int
+    peak: float
+    at_detection: float
+    residual: float
+    contact_time: float
+
+
+def compare(findings: Findings, *, quick: bool) -> None:
+    """Compare every scenario run by run, and two by their statistics."""
+    runs = 20 if quick else 500
+    names = list(VARIED)[:3] if quick else list(VARIED)
+    findings.say(
+        "The twin works out everything again at every controller sub-step and shares no code with the library. Given "
+        f"the same offsets and the same noise, each of {runs} collisions a scenario must come out the same: the tick, "
+        f"the joints over their thresholds, and the forces within {CURVE_ALLOWED:g} m of the stopping curve, which is "
+        "that length times the body's stiffness in newtons."
+    )
+    rows: list[list[Cell]] = []
+    for name in names:
+        rows.append(_same_noise(findings, name, runs))
+    findings.table(
+        "Runs that differ, and the largest differences of the others",
+        [
+            "Scenario",
+            "Runs",
+            "Never detected",
+            "Other tick",
+            "Other joints",
+            "Peak force [N]",
+            "Force at detection [N]",
+            "Residual [Nm]",
+            "Contact time [s]",
+        ],
+        ["", "d", "d", "d", "d", ".1e", ".1e", ".1e", ".1e"],
+        rows,
+    )
+    _own_noise(findings, 200 if quick else 5000, quick=quick)
+
+
+def _same_noise(findings: Findings, name: str, runs: int) -> list[Cell]:
+    scenario = VARIED[name]
+    found = _differences(scenario, runs)
+    stiffness = bs.Problem.from_scenario(scenario).stiffness
+    allowed = CURVE_ALLOWED * stiffness
+    findings.check(
+        f"{name}: {found.runs} runs have the same tick and joints",
+        found.ticks == found.triggers == found.missed == 0,
+        f"{found.ticks} other ticks, {found.triggers} other joints, {found.missed} noticed by the twin alone",
+    )
+    findings.check(
+        f"{name}: forces within {allowed:.1e} N",
+        max(found.peak, found.at_detection) < allowed,
+        f"{found.peak:.1e} N at the peak, {found.at_detection:.1e} N at detection",
+    )
+    if not math.isnan(found.contact_time):
+        findings.check(
+            f"{name}: contact times within {TIME_ALLOWED:g} s",
+            found.contact_time < TIME_ALLOWED,
+            f"{found.contact_time:.1e} s",
+        )
+    return [
+        name,
+        found.runs,
+        found.undetected,
+        found.ticks,
+        found.triggers,
+        found.peak,
+        found.at_detection,
+        found.residual,
+        found.contact_time,
+    ]
+
+
+def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences:
+    """Simulate the runs of a sampled law again with the twin, with the law's offsets and noise."""
+    problem = bs.Problem.from_scenario(scenario)
+    law = bs.evaluate(scenario, samples=runs, seed=seed)
+    assert law.runs is not None
+    offset, tick = law.runs["offset"], law.runs["tick"]
+    ticks = _ticks_to_simulate(law)
+    settings = replace(
+        twin_of(scenario),
+        duration_s=ticks * problem.period_steps * scenario.simulation.step_s,
+        run_until_free=scenario.reaction.kind == "reverse",
+    )
+    # In portions, because noise is drawn for every tick that a run might reach.
+    size = max(1, 2_000_000 // (ticks * problem.robot.dof))
+    theirs: list[TwinRuns] = []
+    for begin in range(0, runs, size):
+        count = min(size, runs - begin)
+        noise = kernels.core.standard_noise(seed, begin, count, ticks, problem.robot.dof)
+        noise = noise * problem.noise_sd + problem.noise_mean
+        theirs.append(simulate(settings, offset[begin : begin + count], noise))
+
+    def column(field: str) -> npt.NDArray[Any]:
+        return np.concatenate([getattr(part, field) for part in theirs])
+
+    detected = tick >= 0
+    same = detected & (column("detection_tick") == tick)
+
+    def largest(field: str, ours: npt.NDArray[np.float64], among: npt.NDArray[np.bool_] = same) -> float:
+        apart = np.abs(column(field)[among] - ours[among])
+        return float(apart.max()) if apart.size else math.nan
+
+    contact_time = math.nan
+    if scenario.reaction.kind == "reverse":
+        ours = sampled_contact_time(problem, law.curve.kernel, tick, offset)
+        both = same & np.isfinite(ours) & (law.runs["force_at_detection"] > 0)
+        lasts = column("contact_end_s") - column("contact_start_s")
+        contact_time = float(np.abs(lasts - ours)[both].max()) if both.any() else math.nan
+    return Differences(
+        runs=runs,
+        undetected=int((~detected).sum()),
+        ticks=int((detected & ~same).sum()),
+        triggers=int((column("trigger_mask") != law.runs["triggers"])[same].sum()),
+        missed=int(column("detected")[~detected].sum()),
+        peak=largest("max_force_N", law.runs["peak_force"]),
+        at_detection=largest("force_at_detection_N", law.runs["force_at_detection"]),
+        residual=largest("residual_at_detection_Nm", law.runs["residual"]),
+        contact_time=contact_time,
+    )
+
+
+def _ticks_to_simulate(law: bs.ForceLaw) -> int:
+    """How long the twin runs: to the curve's end, and beyond it where the curve claims that nothing is left to detect.
+
+    The twin knows neither joint limits nor singularities: where the motion ends at one of them, the twin is told to.
+    """
+    ticks = law.curve.ticks
+    if law.curve.end != "certain_detection":
+        return ticks
+    scenario = law.scenario
+    period = scenario.detector.feedback_period_s
+    beyond = 20 + math.ceil(scenario.detector.arming_delay_s / period)
+    return min(ticks + beyond, math.floor(scenario.motion.duration_s / period))
+
+
+def _own_noise(findings: Findings, runs: int, *, quick: bool) -> None:
+    """The exact law against runs with the twin's own offsets and noise: nothing is shared but the model."""
+    findings.say(
+        "With offsets and noise of its own, from another generator, the twin shares nothing with the library but the "
+        f"model: {runs} runs of two scenarios against the exact law."
+    )
+    rows: list[list[Cell]] = []
+    for number, name in enumerate(OWN_NOISE[:1] if quick else OWN_NOISE):
+        scenario = VARIED[name]
+        law = bs.evaluate(scenario)
+        settings = twin_of(scenario, noise_sd_Nm=law.problem.noise_sd, noise_mean_Nm=law.problem.noise_mean)
+        offsets = half_normal_offsets(settings, runs, np.random.default_rng(80 + number), scenario.contact.offset_sd_s)
+        found = simulate_seeded(settings, offsets, seed=3 + number)
+        scores = _twin_scores(law, found)
+        far, bound = worst(scores), bonferroni(len(scores))
+        findings.check(
+            f"{name}: {len(scores)} figures of {runs} runs within {bound:.1f} standard errors",
+            abs(far.score) < bound,
+            f"worst {far.score:+.2f}, {far.what}",
+        )
+        rows += [[name, score.what, score.known, score.sampled, score.score] for score in scores]
+    findings.table(
+        "Exact law against the twin with its own noise",
+        ["Scenario", "Figure", "Exact", "Twin", "Difference [standard errors]"],
+        ["", "", ".6g", ".6g", "+.2f"],
+        rows,
+    )
+
+
+def _twin_scores(law: bs.ForceLaw, found: TwinRuns) -> list[Score]:
+    """Compare forces, triggers and false alarms; every run is detected."""
+    felt = found.detected & ~found.false_alarm
+    scores = [
+        probability_score("P(false alarm)", law.false_alarm_probability, int(found.false_alarm.sum()), len(found)),
+        probability_score("P(undetected)", law.undetected_probability, int((~found.detected).sum()), len(found)),
+        *trigger_scores(law, found.trigger_mask[found.detected]),
+        *distribution_scores("peak force", "N", law.peak_force, SampledDistribution(found.max_force_N)),
+    ]
+    at_detection = SampledDistribution(found.force_at_detection_N[felt])
+    delay = SampledDistribution((found.detection_time_s - found.contact_start_s)[felt])
+    scores += distribution_scores("force at detection", "N", law.force_at_detection, at_detection)
+    scores += distribution_scores("detection delay", "s", law.detection_delay, delay)
+    return scores

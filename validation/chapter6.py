@@ -1,0 +1,232 @@
+"""Effectiveness in the source's standard pose (its chapter 6): what it states, and what we find."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import bumpstop as bs
+from collision.cases import control_group
+from validation.facts import load
+from validation.findings import PROBABILITY, Cell, Findings, probability
+from validation.scores import probability_score
+
+TITLE = "Effectiveness in the standard pose (chapter 6 of the source)"
+BODIES = ("hand_finger", "lower_arm_wrist", "upper_arm_elbow")
+AREAS_CM2 = (0.5, 1.0, 2.0)
+# The source drew 1000 runs: what it saw in none of them has a probability of a few thousandths at most.
+SELDOM = 1e-3
+MORE_SELDOM = 1e-4
+
+
+def compare(findings: Findings, *, quick: bool) -> None:
+    """Work out every collision of sections 6.2.1 and 6.2.2 and set it beside the source's statement."""
+    del quick  # exact laws are quick
+    facts = load("dissertation")["effectiveness"]
+    findings.say(
+        "Straight down or sideways in the standard pose, control-group detector and reaction (table 5.2), limits of "
+        "BG/BGIA 2011, exact laws. The source's charts are lost; its statements in words remain. A collision counts as "
+        f"acceptable here when force and pressure pass their limits with a probability of at most {SELDOM:g} each."
+    )
+    down = {
+        (body, speed): bs.evaluate(_scenario(body, [0, 0, -speed]))
+        for body in BODIES
+        for speed in facts["downward_speeds_mm_s"]
+    }
+    aside = {speed: bs.evaluate(_scenario("hand_finger", [0, speed, 0])) for speed in facts["lateral_speeds_mm_s"]}
+    statements: list[list[Cell]] = []
+    _hand(findings, statements, facts, down)
+    _lower_arm(findings, statements, facts, down)
+    _upper_arm(findings, statements, down)
+    _lateral(findings, statements, facts, aside)
+    findings.table("The source's statements beside ours", ["Section", "The source", "Ours"], ["", "", ""], statements)
+    headings = ["Body", "Speed [mm/s]", "Mean peak force [N]", "99 % [N]", "P(over force)"]
+    headings += [f"P(over pressure), {area:g} cm2" for area in AREAS_CM2]
+    formats = ["", "g", ".1f", ".1f", *([PROBABILITY] * (1 + len(AREAS_CM2)))]
+    findings.table("Downward", headings, formats, [_row(body, speed, law) for (body, speed), law in down.items()])
+    findings.table("Sideways", headings, formats, [_row("hand_finger", speed, law) for speed, law in aside.items()])
+    findings.table(
+        "Joints that notice the sideways motion (they sum to more than 1 where joints fire together)",
+        ["Speed [mm/s]", *(f"P(joint {j + 1})" for j in range(7)), "P(several at once)"],
+        ["g", *([PROBABILITY] * 8)],
+        [
+            [speed, *(float(p) for p in law.trigger_joint_probability), law.several_joints_probability]
+            for speed, law in aside.items()
+        ],
+    )
+
+
+def _scenario(body: str, velocity: list[float]) -> bs.Scenario:
+    scenario: bs.Scenario = control_group(contact__body=body, contact__area_cm2=2.0, motion__velocity_mm_s=velocity)
+    return scenario
+
+
+def _over_force(law: bs.ForceLaw) -> float:
+    assert law.problem.limits is not None
+    return law.peak_force.exceedance(law.problem.limits.force_N)
+
+
+def _over_pressure(law: bs.ForceLaw, area_cm2: float) -> float:
+    """P(pressure over its limit) with an area: a force limit of area times pressure."""
+    limits = law.problem.limits
+    assert limits is not None
+    assert limits.pressure_N_cm2 is not None
+    return law.peak_force.exceedance(limits.pressure_N_cm2 * area_cm2)
+
+
+def _row(body: str, speed: float, law: bs.ForceLaw) -> list[Cell]:
+    force = law.peak_force
+    return [
+        body.replace("_", " "),
+        speed,
+        force.mean,
+        force.quantile(0.99),
+        _over_force(law),
+        *(_over_pressure(law, area) for area in AREAS_CM2),
+    ]
+
+
+Laws = dict[tuple[str, float], bs.ForceLaw]
+
+
+def _hand(findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], down: Laws) -> None:
+    over = facts["hand_downward_over_force_limit_at_mm_s"]
+    hand = {speed: law for (body, speed), law in down.items() if body == "hand_finger"}
+    for speed, law in hand.items():
+        wanted = speed not in over
+        force, pressure = probability(_over_force(law)), probability(_over_pressure(law, 2.0))
+        findings.check(
+            f"Hand, downward, {speed:g} mm/s, 2 cm2: {'acceptable' if wanted else 'not acceptable'}",
+            law.verdict.acceptable is wanted,
+            f"P(over force) {force}, P(over pressure) {pressure}",
+        )
+    for speed in over:
+        findings.check(
+            f"Hand, downward, {speed:g} mm/s: most collisions pass the force limit",
+            _over_force(hand[speed]) > 0.5,
+            f"{_over_force(hand[speed]):.4f}",
+        )
+    small = _over_pressure(hand[25], 0.5)
+    findings.check("Hand, downward, 25 mm/s, 0.5 cm2: most collisions pass the pressure", small > 0.5, f"{small:.3f}")
+    passing = " and ".join(f"{speed:g}" for speed in over)
+    ours = ", ".join(f"{speed:g} mm/s: {probability(_over_force(law))}" for speed, law in hand.items())
+    one, two = (probability(_over_pressure(hand[50], area)) for area in (1.0, 2.0))
+    statements += [
+        ["6.2.1", f"hand: the force limit is passed at {passing} mm/s", f"P(over force): {ours}"],
+        [
+            "6.2.1",
+            "hand, 50 mm/s: acceptable once the area is 2 cm2 instead of 1 cm2",
+            f"P(over pressure) {one} with 1 cm2, {two} with 2 cm2",
+        ],
+        ["6.2.1", "hand, 25 mm/s: over the pressure limit with 0.5 cm2", f"P(over pressure) {small:.3f}"],
+    ]
+
+
+def _lower_arm(findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], down: Laws) -> None:
+    arm = {speed: law for (body, speed), law in down.items() if body == "lower_arm_wrist"}
+    for speed, law in arm.items():
+        findings.check(
+            f"Lower arm, downward, {speed:g} mm/s: P(over 160 N) below {SELDOM:g}",
+            _over_force(law) < SELDOM,
+            probability(_over_force(law)),
+        )
+    for speed, area in ((10, 1.0), (25, 1.0), (50, 2.0)):
+        p = _over_pressure(arm[speed], area)
+        findings.check(
+            f"Lower arm, downward, {speed} mm/s, {area:g} cm2: P(over pressure) below {SELDOM:g}",
+            p < SELDOM,
+            probability(p),
+        )
+    counted, runs = (int(word) for word in str(facts["lower_arm_75_over_2cm2_pressure"]).split(" of "))
+    p = _over_pressure(arm[75], 2.0)
+    score = probability_score("", p, counted, runs).score
+    findings.check(
+        f"Lower arm, downward, 75 mm/s, 2 cm2: the source's {counted} of {runs} within three sampling errors",
+        abs(score) < 3,
+        f"we expect {runs * p:.2f}, {score:+.2f} errors",
+    )
+    worst = max(_over_force(law) for law in arm.values())
+    statements += [
+        ["6.2.1", "lower arm: below the force limit at all speeds", f"P(over force) at most {probability(worst)}"],
+        [
+            "6.2.1",
+            "lower arm, 1 cm2: below the pressure limit at 10 and 25 mm/s",
+            "P(over pressure) " + " and ".join(probability(_over_pressure(arm[v], 1)) for v in (10, 25)),
+        ],
+        [
+            "6.2.1",
+            f"lower arm, 75 mm/s, 2 cm2: {counted} of {runs} runs over the pressure limit",
+            f"{runs * p:.2f} of {runs}",
+        ],
+    ]
+
+
+def _upper_arm(findings: Findings, statements: list[list[Cell]], down: Laws) -> None:
+    arm = {speed: law for (body, speed), law in down.items() if body == "upper_arm_elbow"}
+    p = _over_pressure(arm[75], 2.0)
+    findings.check(
+        f"Upper arm, downward, 75 mm/s, 2 cm2: P(over pressure) below {MORE_SELDOM:g}", p < MORE_SELDOM, probability(p)
+    )
+    slow = max(max(_over_force(arm[v]), _over_pressure(arm[v], 1.0)) for v in (10, 25))
+    findings.check(
+        "Upper arm, downward, 10 and 25 mm/s, 1 cm2: hardly ever over a limit", slow < SELDOM, probability(slow)
+    )
+    statements += [
+        ["6.2.1", "upper arm, 75 mm/s: all collisions acceptable", f"P(over pressure, 2 cm2) {probability(p)}"],
+        [
+            "6.2.1",
+            "upper arm, 10 and 25 mm/s: well below all limits",
+            f"P(over a limit, 1 cm2) at most {probability(slow)}",
+        ],
+    ]
+
+
+def _lateral(
+    findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], aside: dict[float, bs.ForceLaw]
+) -> None:
+    joints = facts["lateral_trigger_joints"]
+    for speed, law in aside.items():
+        p = law.trigger_joint_probability
+        others = max(float(p[j]) for j in range(p.size) if j + 1 not in joints)
+        first, second = (float(p[j - 1]) for j in joints)
+        findings.check(
+            f"Hand, sideways, {speed:g} mm/s: joints {joints[0]} and {joints[1]} notice it about equally, hardly any "
+            "other",
+            math.isclose(first, second, rel_tol=0.1) and others < 0.01,
+            f"{first:.3f} and {second:.3f}, any other at most {probability(others)}",
+        )
+    both = [law.several_joints_probability for law in aside.values()]
+    findings.check(
+        "Hand, sideways: both joints at once in less than a third of collisions at 10 mm/s, in more with every speed",
+        both[0] < 1 / 3 and both == sorted(both),
+        ", ".join(f"{p:.3f}" for p in both),
+    )
+    runs = facts["runs_lateral"]
+    for speed in (10, 25):
+        law = aside[speed]
+        over = max(_over_force(law), _over_pressure(law, 2.0))
+        findings.check(
+            f"Hand, sideways, {speed} mm/s, 2 cm2: not once in {runs} runs over a limit is what we expect too",
+            (1 - over) ** runs > 0.01,
+            f"P(over a limit) {probability(over)}",
+        )
+    statements += [
+        [
+            "6.2.2",
+            f"sideways: joints {joints[0]} and {joints[1]} equally",
+            "; ".join(
+                f"{speed:g} mm/s: " + " and ".join(f"{law.trigger_joint_probability[j - 1]:.3f}" for j in joints)
+                for speed, law in aside.items()
+            ),
+        ],
+        [
+            "6.2.2",
+            "sideways: both joints at once in less than a third of runs at 10 mm/s, more with speed",
+            ", ".join(f"{p:.3f}" for p in both),
+        ],
+        [
+            "6.2.2",
+            f"sideways, 10 and 25 mm/s, 2 cm2: none of {runs} runs over a limit",
+            " and ".join(probability(max(_over_force(aside[v]), _over_pressure(aside[v], 2.0))) for v in (10, 25)),
+        ],
+    ]

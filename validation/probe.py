@@ -1,0 +1,95 @@
+"""Figures of all examples, printed as JSON, for a comparison between processes with different kernels.
+
+``BUMPSTOP_TARGET=baseline python -m validation.probe RUNS POSES`` prints exact figures of every example, the ticks of
+RUNS sampled runs, and digests of sampled runs and of POSES batch laws with one and with two threads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import bumpstop as bs
+from bumpstop import kernels
+
+EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.toml"))
+
+# Below this a tail is where curves are cut.
+NEGLIGIBLE = 1e-15
+
+
+def figures(law: bs.ForceLaw) -> dict[str, float | None]:
+    """Every figure of a law under a name."""
+    found: dict[str, float | None] = {}
+    for name, quantity in (
+        ("peak force", law.peak_force),
+        ("force at detection", law.force_at_detection),
+        ("detection delay", law.detection_delay),
+        ("contact time", law.contact_time),
+    ):
+        if quantity is not None:
+            found |= {f"{name}, {figure}": value for figure, value in quantity.to_json().items()}
+    found |= {f"P(joint {j})": float(p) for j, p in enumerate(law.trigger_joint_probability, start=1)}
+    found["P(several)"] = law.several_joints_probability
+    found["P(false alarm)"] = law.false_alarm_probability
+    return found
+
+
+def tails(law: bs.ForceLaw) -> dict[str, tuple[float, float]]:
+    """P(peak force > x) at many x, and how steep it is: its relative change over a relative change of x."""
+    found: dict[str, tuple[float, float]] = {}
+    step = 1e-4
+    for x in np.linspace(0.5, 1.5, 41) * law.peak_force.quantile(0.5):
+        x = float(f"{x:.1f}")  # the same in every process
+        p, beyond = law.peak_force.exceedance(x), law.peak_force.exceedance(x * (1 + step))
+        if beyond > NEGLIGIBLE:
+            found[f"P(peak force > {x:g} N)"] = (p, math.log(p / beyond) / step)
+    return found
+
+
+def digest(arrays: dict[str, Any]) -> str:
+    """A fingerprint of arrays, bit by bit."""
+    total = hashlib.sha256()
+    for name in sorted(arrays):
+        total.update(name.encode())
+        total.update(np.ascontiguousarray(arrays[name]).tobytes())
+    return total.hexdigest()
+
+
+def probe(runs: int, poses: int) -> dict[str, Any]:
+    """Everything that is compared, as plain values."""
+    scenarios = {path.stem: bs.load_scenario(path) for path in EXAMPLES}
+    sampled: dict[str, list[str]] = {}
+    ticks: dict[str, list[int]] = {}
+    for name, scenario in scenarios.items():
+        laws = [bs.evaluate(scenario, samples=runs, seed=8, threads=threads) for threads in (1, 2)]
+        sampled[name] = [digest(law.runs or {}) for law in laws]
+        assert laws[0].runs is not None
+        ticks[name] = laws[0].runs["tick"][:1000].tolist()
+    scenario = scenarios["01_hand_downward"]
+    robot = bs.Robot.load(scenario.robot)
+    rng = np.random.default_rng(8)
+    q = rng.uniform(robot.lower, robot.upper, size=(poses, robot.dof))
+    velocity = rng.normal(0, 0.01, size=(poses, 3))
+    batches = [
+        digest(vars(bs.evaluate_batch(scenario, q, velocity, limits_N=[50.0, 135.0], threads=threads)))
+        for threads in (1, 2)
+    ]
+    return {
+        "target": kernels.target,
+        "figures": {name: figures(bs.evaluate(scenario)) for name, scenario in scenarios.items()},
+        "tails": {name: tails(bs.evaluate(scenario)) for name, scenario in scenarios.items()},
+        "ticks": ticks,
+        "sampled": sampled,
+        "batch": batches,
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(probe(int(sys.argv[1]), int(sys.argv[2]))))
