@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _usage_message(error: Any) -> str:
     if isinstance(error, typer.BadParameter) and error.param is not None and error.message:
-        return f"{error.param.opts[0]}: {error.message}"
+        return f"{error.param.opts[0]}: {error.message.removeprefix('Value error, ')}"
     return f"{str(error.format_message()).rstrip('.')}; see bumpstop --help"
 
 
