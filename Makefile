@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/hand_downward
+# The packages of an extra, without building the project once more for them.
+EXTRA = $(BIN)/python -c 'import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])'
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find include bindings src -type f -not -name '*.pyc')
 
 .PHONY: build run test validate bench lint format clean
@@ -24,7 +26,7 @@ run: build
 	$(BIN)/bumpstop evaluate examples/01_hand_downward.toml --out $(OUT) || [ $$? -eq 3 ]
 
 $(VENV)/.tested: $(VENV)/.built
-	$(BIN)/pip install --quiet '.[test]'
+	$(BIN)/pip install --quiet $$($(EXTRA) test)
 	touch $@
 
 test: $(VENV)/.tested
@@ -37,7 +39,7 @@ bench: $(VENV)/.tested
 	$(BIN)/python -m benchmarks
 
 $(VENV)/.linted: $(VENV)/.built
-	$(BIN)/pip install --quiet '.[lint]'
+	$(BIN)/pip install --quiet $$($(EXTRA) lint)
 	touch $@
 
 lint: $(VENV)/.linted
