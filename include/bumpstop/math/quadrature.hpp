@@ -97,7 +97,7 @@ SeriesAt<T> legendre_series(int order, T x, Coefficient coefficient) {
 }
 
 // `count` distinct whole numbers from `first` to `last`, crowded toward both ends like Chebyshev's extrema,
-// which keeps the interpolating polynomial from swinging. Fewer when the range holds fewer.
+// which keeps the interpolating polynomial from swinging. Fewer when the range holds fewer; one lies in the middle.
 inline std::vector<int> interpolation_nodes(int first, int last, int count) {
     std::vector<int> nodes;
     const int range = last - first;
@@ -105,12 +105,16 @@ inline std::vector<int> interpolation_nodes(int first, int last, int count) {
         for (int k = first; k <= last; ++k) nodes.push_back(k);
         return nodes;
     }
+    if (count == 1) return {first + range / 2};
     for (int i = 0; i < count; ++i) {
         const double place = 0.5 * range * (1 - std::cos(std::numbers::pi * i / (count - 1)));
         int k = first + int(std::lround(place));
         if (!nodes.empty() && k <= nodes.back()) k = nodes.back() + 1;
         nodes.push_back(k);
     }
+    // Keeping them apart may have pushed the last ones beyond the end.
+    int highest = last;
+    for (std::size_t i = nodes.size(); i-- > 0 && nodes[i] > highest; --highest) nodes[i] = highest;
     return nodes;
 }
 

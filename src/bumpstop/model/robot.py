@@ -214,11 +214,11 @@ class Robot:
 
     def _batched(self, q: npt.ArrayLike, function: Any, link: str | None, point: Any) -> FloatArray:
         number, offset = self.frame(link, point)
-        # What is no list of numbers or rows is refused by the same door as everything else.
-        single = isinstance(q, np.ndarray) and q.ndim == 1
-        if isinstance(q, list | tuple):
-            single = not any(isinstance(value, list | tuple | np.ndarray) for value in q)
-        rows = as_float_array([q] if single else q, "q", (None, self.dof))
+        try:
+            single = np.ndim(q) == 1
+        except ValueError:  # rows of different lengths, refused by the same door as everything else
+            single = False
+        rows = as_float_array(q, "q", (self.dof,))[None] if single else as_float_array(q, "q", (None, self.dof))
         result: FloatArray = function(rows, number, np.ascontiguousarray(offset))
         return result[0] if single else result
 
