@@ -16,12 +16,12 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
+from bumpstop.model.inertia import LinkInertia, Vector3
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 JointKind = Literal["revolute", "prismatic"]
-Vector3 = tuple[float, float, float]
 _IDENTITY: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -50,6 +50,8 @@ class Joint:
         axis: unit vector in the joint's frame.
         lower, upper: limits of the joint position [rad or m].
         velocity: largest joint speed [rad/s or m/s]; infinite: none stated.
+        inertia: of the link, or None where it is not known.
+        rotor_inertia: of the motor, reflected to the joint (rotor inertia times gear ratio squared) [kg m2 or kg].
     """
 
     name: str
@@ -61,6 +63,8 @@ class Joint:
     lower: float = -math.inf
     upper: float = math.inf
     velocity: float = math.inf
+    inertia: LinkInertia | None = None
+    rotor_inertia: float = 0.0
 
     def __post_init__(self) -> None:
         where = f"joint {self.name!r}"
@@ -79,6 +83,8 @@ class Joint:
             raise InputError(f"{where} limits", f"lower {self.lower} is not below upper {self.upper}")
         if not self.velocity > 0:
             raise InputError(f"{where} velocity", f"{self.velocity} is not a positive limit")
+        if not (math.isfinite(self.rotor_inertia) and self.rotor_inertia >= 0):
+            raise InputError(f"{where} rotor_inertia", f"is {self.rotor_inertia}", "wanted zero or more")
 
 
 @dataclass(frozen=True, kw_only=True)
