@@ -128,13 +128,14 @@ nb::list reaction_paths(const Curve& self, const std::vector<int>& ticks, const 
     std::vector<ReactionJob> jobs;
     const int known = int(self.curve.path.reaction_state.size() / (2 * std::size_t(self.setup.motion.free_count)));
     for (std::size_t i = 0; i < ticks.size(); ++i) {
-        if (ticks[i] < known) jobs.push_back({&self.curve.path, int(i), ticks[i], {}});
+        if (ticks[i] < known) jobs.push_back({&self.curve.path, int(i), ticks[i], {}, {}});
     }
     {
         nb::gil_scoped_release unlocked;
         simulate_reactions<L>(
             self.setup.chain, self.setup.motion, self.setup.contact, self.setup.timing, self.setup.reaction,
-            jobs.data(), int(jobs.size()), false, [&](const ReactionJob&) { return self.q.data(); },
+            jobs.data(), int(jobs.size()), ReactionDetail::every_step,
+            [&](const ReactionJob&) { return self.q.data(); },
             [&](const ReactionJob& job) { return return_to[std::size_t(job.curve)]; });
     }
     nb::list out;

@@ -1,6 +1,7 @@
 // The undisturbed path of the contact point along the line, traced once for a register full of poses.
 #pragma once
 
+#include <limits>
 #include <numeric>
 #include <vector>
 
@@ -65,32 +66,34 @@ class LineTracer {
           timing_(timing),
           finished_(finished),
           stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
-          weights_(stride_ * motion.substeps) {}
+          table_(stride_ * motion.substeps) {}
 
     // Traces into paths[0..count). Lane l of q and velocity belongs to paths[l]; surplus lanes must repeat a
     // valid pose.
     void trace(const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
         begin(q, velocity, paths, count);
-        int i = 0;  // steps behind us; the posture and the rates are those there
-        while (record(i)) {
-            const bool on_stride = i >= 1 && (i - 1) % stride_ == 0;
+        step_ = 0;
+        while (record()) {
+            const bool on_stride = step_ >= 1 && (step_ - 1) % stride_ == 0;
             if (on_stride) remember();
-            if (on_stride && history_.known == leap_order && leap(i)) {
-                i += stride_;
-            } else {
-                step();
-                ++i;
+            if (on_stride && history_.leaps()) {
+                const Leap leap = try_leap();
+                if (leap == Leap::landed) continue;
+                if (leap == Leap::all_done) return;
             }
+            step();
+            ++step_;
         }
     }
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
+    enum class Leap { refused, landed, all_done };
 
     void begin(const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
         paths_ = paths;
         velocity_ = velocity;
-        history_.known = 0;
+        history_.forget();
         for (int j = 0; j < chain_.dof; ++j) {
             state_.q[j] = q[j];
             state_.qd[j] = 0.0;
@@ -158,11 +161,13 @@ class LineTracer {
     void remember() {
         bool smooth = true;
         for (int lane = 0; lane < lanes; ++lane) {
-            if (alive_[lane]) smooth = smooth && lane_of(reached_, lane) && !lane_of(rates_.velocity_limited, lane);
+            if (alive_[lane]) smooth = smooth && lane_of(reached_, lane);
         }
         reached_ = T(0.0) < T(1.0);
-        if (!smooth) history_.known = 0;
+        if (!smooth) history_.forget();
         history_.push(rates_.free, motion_.free_count);
+        if (may_double_ && history_.can_double()) history_.double_stride(motion_.free_count);
+        may_double_ = false;
     }
 
     T least_margin(const ArmState<T>& state) const {
@@ -174,42 +179,84 @@ class LineTracer {
         return margin;
     }
 
-    // Goes `stride_` steps from step i at once, if the rates found there are those extrapolated; else stays.
-    bool leap(int i) {
+    // Goes over the longest stride for which the rates found at its end are those extrapolated; else stays.
+    Leap try_leap() {
+        int left = std::numeric_limits<int>::max();  // steps until the first living lane's path is over
+        for (int lane = 0; lane < lanes; ++lane) {
+            if (alive_[lane]) left = std::min(left, last_step_[lane] - step_);
+        }
         const ArmState<T> before = state_;
         const Posture<T> posture_before = posture_;
         const Rates<T> rates_before = rates_;
-        T difference = 0.0, largest = 0.0;
-        for (int f = 0; f < motion_.free_count; ++f) {
-            const int j = motion_.free_joint[f];
-            state_.q[j] += motion_.substep() * history_.combine(weights_.sum, f);
-            state_.angle.set(chain_, j, state_.q[j]);
-        }
-        look();
-        for (int f = 0; f < motion_.free_count; ++f) {
-            difference = maximum(difference, absolute(rates_.free[f] - history_.combine(weights_.predict, f)));
-            largest = maximum(largest, absolute(rates_.free[f]));
-        }
-        const T margin = least_margin(state_);
-        const auto lands = difference <= leap_tolerance * largest;
-        for (int lane = 0; lane < lanes; ++lane) {
-            if (!alive_[lane]) continue;
-            if (lane_of(lands, lane) && lane_of(margin, lane) > 0 && i + stride_ <= last_step_[lane] &&
-                !lane_of(rates_.conditioning.singular, lane) && !lane_of(rates_.velocity_limited, lane))
-                continue;
+        for (;;) {
+            if ((stride_ << history_.level()) <= left && lands(before)) break;
             state_ = before;
             posture_ = posture_before;
             rates_ = rates_before;
-            history_.known = 0;
-            return false;
+            if (history_.level() == 0) {
+                history_.forget();
+                return Leap::refused;
+            }
+            history_.halve_stride(motion_.free_count);
         }
-        // The rates in force are those of the last sub-step, resolved one sub-step before here.
-        RateHistory<T> with_newest = history_;
-        with_newest.push(rates_.free, motion_.free_count);
+        return record_between(before) ? Leap::landed : Leap::all_done;
+    }
+
+    // Puts the arm to the end of the stride. Is it where a leap may end?
+    bool lands(const ArmState<T>& before) {
+        const LeapWeights& weights = table_.full(history_.level());
+        place(before, weights);
+        look();
+        T difference = 0.0, largest = 0.0, use = 0.0;  // use: of the velocity limits
         for (int f = 0; f < motion_.free_count; ++f) {
-            state_.qd[motion_.free_joint[f]] = with_newest.combine(weights_.last, f);
+            const T rate = absolute(rates_.free[f]);
+            difference = maximum(difference, absolute(rates_.free[f] - history_.combine(weights.predict, f)));
+            largest = maximum(largest, rate);
+            use = maximum(use, rate * (1.0 / motion_.velocity_limit[motion_.free_joint[f]]));
+        }
+        // A limit may be passed inside a long leap that begins and ends below it.
+        const MaskOf<T> near_limit = T(history_.level() > 0 ? 0.9 : 1.0) < minimum(use, 1.9 - use);
+        const T margin = least_margin(state_);
+        const auto agrees = difference <= (leap_tolerance * (history_.level() > 0 ? long_leap_margin : 1.0)) * largest;
+        const auto close = difference <= (leap_tolerance * doubling_margin) * largest;
+        may_double_ = true;
+        for (int lane = 0; lane < lanes; ++lane) {
+            if (!alive_[lane]) continue;
+            if (!lane_of(agrees, lane) || !(lane_of(margin, lane) > 0) || lane_of(rates_.conditioning.singular, lane) ||
+                lane_of(near_limit, lane))
+                return false;
+            may_double_ = may_double_ && lane_of(close, lane);
+        }
+        return true;
+    }
+
+    void place(const ArmState<T>& before, const LeapWeights& weights) {
+        for (int f = 0; f < motion_.free_count; ++f) {
+            const int j = motion_.free_joint[f];
+            state_.q[j] = before.q[j] + motion_.substep() * history_.combine(weights.sum, f);
+            state_.qd[j] = history_.combine(weights.last, f);
+            state_.angle.set(chain_, j, state_.q[j]);
+        }
+    }
+
+    // Writes what lies inside a leap, stretch by stretch, and stands at its end. False when no lane goes on.
+    bool record_between(const ArmState<T>& before) {
+        const int stretches = 1 << history_.level();
+        if (stretches > 1) {
+            const ArmState<T> landing = state_;
+            const Posture<T> landing_posture = posture_;
+            for (int i = 1; i < stretches; ++i) {
+                place(before, table_.after(history_.level(), i));
+                forward_kinematics(chain_, state_.q, state_.angle, posture_);
+                fill_steps();
+                step_ += stride_;
+                if (!record()) return false;
+            }
+            state_ = landing;
+            posture_ = landing_posture;
         }
         fill_steps();
+        step_ += stride_;
         return true;
     }
 
@@ -232,8 +279,9 @@ class LineTracer {
 
     T distance() const { return dot(posture_.position(contact_.point) - start_, normal_); }
 
-    // Writes what is at step i into the paths. False when no lane goes on.
-    bool record(int i) {
+    // Writes what is at this step into the paths. False when no lane goes on.
+    bool record() {
+        const int i = step_;
         const int n = motion_.free_count;
         const T s = distance();
         const T margin = least_margin(state_);
@@ -300,7 +348,7 @@ class LineTracer {
     const Timing& timing_;
     Finished& finished_;
     const int stride_;  // steps between the moments a path keeps: ticks, and beginnings of reactions
-    const LeapWeights weights_;
+    const LeapTable table_;
 
     LinePath* paths_ = nullptr;
     Point3<T> velocity_, start_, normal_;
@@ -308,7 +356,9 @@ class LineTracer {
     Posture<T> posture_;
     Rates<T> rates_;
     RateHistory<T> history_;
-    MaskOf<T> reached_;  // rates reached in every sub-step since the last `remember`
+    bool may_double_ = false;  // the last leap landed so well that one of twice the stride may
+    int step_ = 0;             // steps behind us; posture and rates are those there
+    MaskOf<T> reached_;        // rates reached in every sub-step since the last `remember`
     int last_step_[lanes];
     bool alive_[lanes];
 };

@@ -7,19 +7,23 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 enum class ReactionKind { stop, reverse };
 
-// One reaction to simulate: that of `tick` on `path`. `distance` receives the distance along the normal after
-// each simulation step of the reaction, the first entry being the step in which it begins.
+// One reaction to simulate: that of `tick` on `path`. distance[i] is the distance along the normal step[i] simulation
+// steps into the reaction; step[0] is 0, where it begins.
 struct ReactionJob {
     const LinePath* path;
     int curve;  // whose number the path is
     int tick;
     std::vector<double> distance;
+    std::vector<int> step;
 };
 
-// A reaction that stops is followed until it has. One that reverses is followed until the point is back behind
-// `return_to(job)`. On the way back nothing brings the point forward again unless a singularity is near: with `only_peak`
-// it is enough that the point retreats, and that either no singularity is near or half again the time has passed that
-// the slowest joint needs to stop, and 50 ms more: the source's own length of a run after detection.
+// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
+// `return_to(job)`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
+// the point retreats for good: on the way back nothing brings it forward again unless a singularity is near. Near
+// one, it is followed until the reverse rates are reached, or half again the time has passed that the slowest joint
+// needs to stop, and 50 ms more: the source's own length of a run after detection. A reaction that stops is followed
+// until it has.
+enum class ReactionDetail { every_step, only_peak };
 
 // No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
 inline constexpr int longest_reaction_steps = 20000;
@@ -27,13 +31,13 @@ inline constexpr int longest_reaction_steps = 20000;
 inline constexpr int steps_past_peak = 3;
 
 // Arms that brake, one in each lane. While the same joint limits the deceleration the changes of the rates
-// are smooth, and a whole simulation step is one leap (see leap.hpp); where they are not, the controller's
+// are smooth, and one or more simulation steps are a leap (see leap.hpp); where they are not, the controller's
 // sub-steps are taken.
 template <class T>
 class BrakingArm {
   public:
     BrakingArm(const Chain& chain, const MotionSettings& motion)
-        : chain_(chain), motion_(motion), weights_(motion.substeps) {}
+        : chain_(chain), motion_(motion), table_(motion.substeps) {}
 
     ArmState<T> state;
     Point3<T> target;       // velocity the reaction asks for; zero: stop
@@ -45,28 +49,60 @@ class BrakingArm {
     void begin() {
         state.refresh_angles(chain_);
         forward_kinematics(chain_, state.q, state.angle, posture);
-        history_.known = 0;
+        history_.forget();
         look();
     }
 
-    // One simulation step. `alive[lane]`: the lane still matters.
-    void step(const bool* alive) {
+    // Goes on by one simulation step or more; returns how many. `alive[lane]`: the lane still matters. A leap over
+    // several steps stands only where `accept(steps)` agrees, which sees state and posture at its end.
+    template <class Accept>
+    int advance_steps(const bool* alive, Accept accept) {
         poor = wanted_.conditioning.poor;
-        if (history_.known == leap_order && leap(alive)) return;
+        if (history_.leaps()) {
+            const int steps = leap(alive, accept);
+            if (steps > 0) return steps;
+        }
         reached = reached_now_;
         for (int sub = 0; sub < motion_.substeps; ++sub) {
             if (sub > 0) look();
             reached = advance(chain_, motion_, wanted_.free, state);
             poor = poor | wanted_.conditioning.poor;
-            if (any(reached)) history_.known = 0;
+            if (any_alive(reached, alive)) history_.forget();
             forward_kinematics(chain_, state.q, state.angle, posture);
         }
         look();
-        remember();
+        if (any_alive(reached_now_, alive)) history_.forget();
+        history_.push(change_, motion_.free_count);
+        return 1;
+    }
+
+    // Calls visit(i, posture) for the steps i = 1 .. steps - 1 inside the leap that ended last.
+    template <class Visit>
+    void visit_inside(int steps, Visit visit) const {
+        ArmState<T> inside = before_;
+        Posture<T> there;
+        for (int i = 1; i < steps; ++i) {
+            const LeapWeights& weights = table_.after(leapt_.level(), i);
+            for (int f = 0; f < motion_.free_count; ++f) {
+                const int j = motion_.free_joint[f];
+                inside.q[j] = before_.q[j] + motion_.substep() * (double(i * motion_.substeps) * before_.qd[j] +
+                                                                  leapt_.combine(weights.sum_of_sums, f));
+                inside.angle.set(chain_, j, inside.q[j]);
+            }
+            forward_kinematics(chain_, inside.q, inside.angle, there);
+            visit(i, there);
+        }
     }
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
+
+    static bool any_alive(const MaskOf<T>& mask, const bool* alive) {
+        for (int lane = 0; lane < lanes; ++lane) {
+            if (alive[lane] && lane_of(mask, lane)) return true;
+        }
+        return false;
+    }
 
     // Wanted rates and their limited change where the arm is.
     void look() {
@@ -79,65 +115,103 @@ class BrakingArm {
         reached_now_ = limited_change(motion_, wanted_.free, state, change_);
     }
 
-    void remember() {
-        if (any(reached_now_)) history_.known = 0;
-        history_.push(change_, motion_.free_count);
-    }
-
-    bool leap(const bool* alive) {
-        const ArmState<T> before = state;
+    // The longest leap that lands where the changes are those extrapolated, in steps; 0: none does.
+    template <class Accept>
+    int leap(const bool* alive, Accept accept) {
+        before_ = state;
         const Posture<T> posture_before = posture;
         const Rates<T> wanted_before = wanted_;
         const MaskOf<T> reached_before = reached_now_;
         T change_before[max_joints];
-        const double h = motion_.substep();
+        for (int f = 0; f < motion_.free_count; ++f) change_before[f] = change_[f];
+        for (;;) {
+            const int steps = 1 << history_.level();
+            bool close = true;
+            if (lands(alive, close) && (steps == 1 || accept(steps))) {
+                leapt_ = history_;
+                reached = T(0.0) > T(1.0);
+                poor = poor | wanted_.conditioning.poor;
+                history_.push(change_, motion_.free_count);
+                if (close && history_.can_double()) history_.double_stride(motion_.free_count);
+                return steps;
+            }
+            state = before_;
+            posture = posture_before;
+            wanted_ = wanted_before;
+            reached_now_ = reached_before;
+            for (int f = 0; f < motion_.free_count; ++f) change_[f] = change_before[f];
+            if (history_.level() == 0) {
+                history_.forget();
+                return 0;
+            }
+            history_.halve_stride(motion_.free_count);
+        }
+    }
+
+    bool lands(const bool* alive, bool& close) {
+        const LeapWeights& weights = table_.full(history_.level());
+        const double sub_steps = motion_.substeps << history_.level();
         for (int f = 0; f < motion_.free_count; ++f) {
             const int j = motion_.free_joint[f];
-            change_before[f] = change_[f];
-            state.q[j] += h * (double(motion_.substeps) * state.qd[j] + history_.combine(weights_.sum_of_sums, f));
-            state.qd[j] += history_.combine(weights_.sum, f);
+            state.q[j] = before_.q[j] +
+                         motion_.substep() * (sub_steps * before_.qd[j] + history_.combine(weights.sum_of_sums, f));
+            state.qd[j] = before_.qd[j] + history_.combine(weights.sum, f);
             state.angle.set(chain_, j, state.q[j]);
         }
         forward_kinematics(chain_, state.q, state.angle, posture);
         look();
         T difference = 0.0, largest = 0.0;
         for (int f = 0; f < motion_.free_count; ++f) {
-            difference = maximum(difference, absolute(change_[f] - history_.combine(weights_.predict, f)));
+            difference = maximum(difference, absolute(change_[f] - history_.combine(weights.predict, f)));
             largest = maximum(largest, absolute(change_[f]));
         }
-        const auto lands = difference <= braking_leap_tolerance * largest;
+        const auto agrees =
+            difference <= (braking_leap_tolerance * (history_.level() > 0 ? long_leap_margin : 1.0)) * largest;
+        const auto very_close = difference <= (braking_leap_tolerance * doubling_margin) * largest;
         for (int lane = 0; lane < lanes; ++lane) {
-            if (!alive[lane] || (lane_of(lands, lane) && !lane_of(reached_now_, lane))) continue;
-            state = before;
-            posture = posture_before;
-            wanted_ = wanted_before;
-            reached_now_ = reached_before;
-            for (int f = 0; f < motion_.free_count; ++f) change_[f] = change_before[f];
-            history_.known = 0;
-            return false;
+            if (!alive[lane]) continue;
+            if (!lane_of(agrees, lane) || lane_of(reached_now_, lane)) return false;
+            close = close && lane_of(very_close, lane);
         }
-        reached = T(0.0) > T(1.0);
-        history_.push(change_, motion_.free_count);
         return true;
     }
 
     const Chain& chain_;
     const MotionSettings& motion_;
-    const LeapWeights weights_;
+    const LeapTable table_;
     Rates<T> wanted_;
     T change_[max_joints];  // of the rates in the next sub-step
     MaskOf<T> reached_now_;
-    RateHistory<T> history_;
+    RateHistory<T> history_, leapt_;  // leapt_: as it was when the last leap began
+    ArmState<T> before_;              // the state then
 };
+
+namespace detail {
+
+// Velocity of a point of the arm along `normal` [m/s].
+template <class T>
+T speed_along(const Chain& chain, const MotionSettings& motion, const ArmState<T>& state, const Posture<T>& posture,
+              const LinkPoint& point, const Point3<T>& normal) {
+    const Point3<T> p = posture.position(point);
+    T speed = 0.0;
+    for (int f = 0; f < motion.free_count; ++f) {
+        const int j = motion.free_joint[f];
+        if (j <= point.link) speed += state.qd[j] * dot(linear_column(chain, posture, p, j), normal);
+    }
+    return speed;
+}
+
+}  // namespace detail
 
 // Packs the jobs into lanes. `pose_of(job)` gives the joint positions its path started in: held joints keep
 // theirs.
 template <class T, class PoseOf, class ReturnTo>
 void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, bool only_peak,
+                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail,
                         PoseOf pose_of, ReturnTo return_to) {
     constexpr int lanes = Scalar<T>::lanes;
     const int n = motion.free_count;
+    const bool only_peak = detail == ReactionDetail::only_peak;
     BrakingArm<T> arm(chain, motion);
     arm.stopping = kind == ReactionKind::stop;
     const double sign = arm.stopping ? 0 : -1;
@@ -180,26 +254,51 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             patience[lane] = (0.05 + 1.5 * stop_time) / motion.step;
             last[lane] = path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency];
             job.distance.assign(1, last[lane]);
+            job.step.assign(1, 0);
         }
         arm.begin();
-        bool running = true;
-        for (int i = 0; running && i < longest_reaction_steps; ++i) {
-            arm.step(alive);
-            const T s = dot(arm.posture.position(contact.point) - start, normal);
-            running = false;
+        T rising = detail::speed_along(chain, motion, arm.state, arm.posture, contact.point, normal);
+        for (int i = 0; i < longest_reaction_steps;) {
+            bool fill = false;  // some step inside the leap matters
+            T speed = rising;
+            const int steps = arm.advance_steps(alive, [&](int over) {
+                speed = detail::speed_along(chain, motion, arm.state, arm.posture, contact.point, normal);
+                fill = !only_peak;
+                for (int lane = 0; lane < used; ++lane)
+                    fill = fill || (alive[lane] && lane_of(rising, lane) >= 0 && lane_of(speed, lane) <= 0);
+                // The farthest point wants four steps in a row about it.
+                return !fill || !only_peak || over > 2;
+            });
+            if (steps == 1 || !only_peak)
+                speed = detail::speed_along(chain, motion, arm.state, arm.posture, contact.point, normal);
+            rising = speed;
+            auto record = [&](int step, const Posture<T>& posture) {
+                const T s = dot(posture.position(contact.point) - start, normal);
+                for (int lane = 0; lane < used; ++lane) {
+                    if (!alive[lane]) continue;
+                    jobs[first + lane].distance.push_back(lane_of(s, lane));
+                    jobs[first + lane].step.push_back(step);
+                }
+            };
+            if (fill)
+                arm.visit_inside(steps, [&](int inside, const Posture<T>& posture) { record(i + inside, posture); });
+            i += steps;
+            record(i, arm.posture);
+            bool running = false;
             for (int lane = 0; lane < used; ++lane) {
                 if (!alive[lane]) continue;
-                const double here = lane_of(s, lane);
-                jobs[first + lane].distance.push_back(here);
-                retreating[lane] = here < last[lane] ? retreating[lane] + 1 : 0;
+                const double here = jobs[first + lane].distance.back();
+                retreating[lane] = here < last[lane] ? retreating[lane] + steps : 0;
                 const bool back =
-                    here <= turning_point[lane] || (only_peak && (!lane_of(arm.poor, lane) || i > patience[lane]));
+                    here <= turning_point[lane] ||
+                    (only_peak && (!lane_of(arm.poor, lane) || lane_of(arm.reached, lane) || i > patience[lane]));
                 const bool done =
                     arm.stopping ? lane_of(arm.reached, lane) : retreating[lane] >= steps_past_peak && back;
                 if (done) alive[lane] = false;
                 last[lane] = here;
                 running = running || alive[lane];
             }
+            if (!running) break;
         }
     }
 }

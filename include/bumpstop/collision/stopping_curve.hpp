@@ -44,14 +44,22 @@ struct Summit {
     }
 };
 
-// The summit of a reaction's travel, from the four steps about it; NaN where there is none, because the
+// The summit of a reaction's travel, from four steps in a row about it; NaN where there is none, because the
 // travel has no interior maximum.
-inline Summit summit(const std::vector<double>& distance) {
+inline Summit summit(const ReactionJob& job) {
+    const std::vector<double>& distance = job.distance;
     const double nan = std::numeric_limits<double>::quiet_NaN();
     const int n = int(distance.size());
     const int peak = int(std::max_element(distance.begin(), distance.end()) - distance.begin());
     if (peak == 0 || peak + 1 >= n || n < 4) return {nan, nan, nan, nan};
-    const int first = std::min(std::max(0, peak - 1), n - 4);
+    int first = -1;
+    for (int before : {1, 2, 0, 3}) {
+        const int begin = peak - before;
+        if (begin < 0 || begin + 3 >= n || job.step[begin + 3] - job.step[begin] != 3) continue;
+        first = begin;
+        break;
+    }
+    if (first < 0) return {nan, nan, nan, nan};
     // Newton's form on the steps first .. first + 3, then powers of x = time - first.
     double y[4];
     for (int i = 0; i < 4; ++i) y[i] = distance[first + i] - distance[0];
@@ -63,7 +71,7 @@ inline Summit summit(const std::vector<double>& distance) {
         x -= step;
         if (std::fabs(step) < 1e-14) break;
     }
-    return {first + x, y[0] + x * (c1 + x * (c2 + x * c3)), 2 * c2 + 6 * c3 * x, 6 * c3};
+    return {job.step[first] + x, y[0] + x * (c1 + x * (c2 + x * c3)), 2 * c2 + 6 * c3 * x, 6 * c3};
 }
 
 // The overrun at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps
@@ -72,7 +80,7 @@ class OverrunInterpolation {
   public:
     OverrunInterpolation(Interpolation interpolation, const ReactionJob* jobs)
         : interpolation_(std::move(interpolation)) {
-        for (int m = 0; m < interpolation_.size(); ++m) summit_.push_back(summit(jobs[m].distance));
+        for (int m = 0; m < interpolation_.size(); ++m) summit_.push_back(summit(jobs[m]));
     }
     double at(int k) const {
         double weight[16];
@@ -161,7 +169,7 @@ class Refinement {
         std::vector<int> unsettled;
         for (std::size_t i = 0; i < wanted.size(); ++i) {
             const int k = wanted[i];
-            known_[std::size_t(k - first_)] = summit(jobs[i].distance);
+            known_[std::size_t(k - first_)] = summit(jobs[i]);
             // What the points said before the middle was known among them.
             const double predicted = middles_ ? predict(k, 2 * spacing_, k) : std::numeric_limits<double>::quiet_NaN();
             overrun_[std::size_t(k - first_)] = overrun(jobs[i].distance);
@@ -270,10 +278,10 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         if (known > 0) detail::cut_at_kinks(motion, timing, path, c, known, pending);
     }
     std::vector<ReactionJob> jobs;
-    auto add = [&](int curve, int tick) { jobs.push_back({&curves[curve].path, curve, tick, {}}); };
+    auto add = [&](int curve, int tick) { jobs.push_back({&curves[curve].path, curve, tick, {}, {}}); };
     auto simulate = [&] {
         simulate_reactions<T>(
-            chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), true,
+            chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,
             [&](const ReactionJob& job) { return pose(job.curve); },
             [&](const ReactionJob& job) { return job.path->at_tick(job.tick, timing.period); });
         for (const ReactionJob& job : jobs) ++curves[job.curve].reactions_simulated;
