@@ -118,8 +118,9 @@ Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetect
         LineTracer<double, NeverFinished>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
             .trace(result.q.data(), v, &result.curve.path, 1);
     }
-    complete_curves<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve, 1,
-                       [&](int) { return result.q.data(); });
+    complete_curves<L>(
+        setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve, 1,
+        [&](int) { return result.q.data(); }, [](int) { return FarthestTolerance{}; });
     return result;
 }
 

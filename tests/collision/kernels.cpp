@@ -61,8 +61,9 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
     StoppingCurve curve;
     LineTracer<double, CertainDetection<double>>(arm.chain, arm.motion, arm.contact, arm.timing, finished)
         .trace(arm.q.data(), velocity, &curve.path, 1);
-    complete_curves<L>(arm.chain, arm.motion, arm.contact, arm.timing, reaction, &curve, 1,
-                       [&](int) { return arm.q.data(); });
+    complete_curves<L>(
+        arm.chain, arm.motion, arm.contact, arm.timing, reaction, &curve, 1, [&](int) { return arm.q.data(); },
+        [](int) { return FarthestTolerance{}; });
     for (int k = 0; k < curve.path.ticks; ++k)
         require(curve.farthest[k] >= curve.path.at_tick(k, arm.timing.period) - 1e-12, "the farthest point is ahead");
     const LawSettings settings{20000, offset, 1, true};

@@ -72,6 +72,27 @@ std::vector<int> order_of_work(const BatchProblem& problem) {
     return order;
 }
 
+// The probability of an alarm at every tick when the body is as near as it can be: no collision's is greater.
+template <class L>
+std::vector<double> most_alarm(const ThresholdDetector& detector, const Timing& timing, const LinePath& path,
+                               double stiffness) {
+    constexpr int lanes = Scalar<L>::lanes;
+    std::vector<double> probability(std::size_t(path.ticks), 1.0);
+    for (int first = 0; first < path.ticks; first += lanes) {
+        L force, torque[max_joints];
+        for (int lane = 0; lane < lanes; ++lane) {
+            const int k = std::min(first + lane, path.ticks - 1);
+            set_lane(force, lane, stiffness * std::max(0.0, path.at_tick(k, timing.period)));
+            for (int w = 0; w < detector.watched; ++w)
+                set_lane(torque[w], lane, path.torque_per_N[std::size_t(k) * path.dof + detector.joint[w]]);
+        }
+        const auto chance = any_alarm<L>(detector, [&](int w) { return torque[w] * force; });
+        for (int lane = 0; lane < lanes && first + lane < path.ticks; ++lane)
+            probability[std::size_t(first + lane)] = lane_of(chance.alarm, lane);
+    }
+    return probability;
+}
+
 template <class L>
 void batch_group(const BatchProblem& problem, const int* pose_of_lane, int count, const BatchResult& out) {
     constexpr int lanes = Scalar<L>::lanes;
@@ -100,8 +121,13 @@ void batch_group(const BatchProblem& problem, const int* pose_of_lane, int count
                                               finished);
     tracer.trace(q, velocity, path, count);
     for (int lane = 0; lane < count; ++lane) curve[lane].path = std::move(path[lane]);
-    complete_curves<L>(*problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction, curve,
-                       count, [&](int c) { return problem.q + std::size_t(pose_of_lane[c]) * dof; });
+    std::vector<double> probability[lanes];
+    for (int lane = 0; lane < count; ++lane)
+        probability[lane] = most_alarm<L>(*problem.detector, *problem.timing, curve[lane].path, problem.stiffness);
+    complete_curves<L>(
+        *problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction, curve, count,
+        [&](int c) { return problem.q + std::size_t(pose_of_lane[c]) * dof; },
+        [&](int c) { return FarthestTolerance{probability[c].data()}; });
     for (int lane = 0; lane < count; ++lane) {
         const std::size_t pose = std::size_t(pose_of_lane[lane]);
         const LinePath& done = curve[lane].path;

@@ -110,7 +110,7 @@ class ExactLawBuilder {
         const std::vector<detail::Panel> panels =
             settings_.offset.kind == OffsetKind::fixed ? fixed_panel() : cut_panels();
         if (panels.empty()) {  // a motion that ends where it begins
-            law_.false_alarm = -std::expm1(armed_before(curve_.path.ticks) * log_idle_silence_);
+            law_.false_alarm = alarm_before_ = -std::expm1(armed_before(curve_.path.ticks) * log_idle_silence_);
             law_.no_contact = silence_before(curve_.path.ticks);
             law_.harmless = 1;
             share_false_alarms();
@@ -163,7 +163,7 @@ class ExactLawBuilder {
                 for (int g = 0; g < order_; ++g) {
                     const double density = fixed ? 0.5 : settings_.offset.density(mid + half * rule.node[g]) * half;
                     const double chance =
-                        slot < 0 ? silence_before(k) * idle_alarm_
+                        slot < 0 ? silence_before(k) * idle_.alarm
                                  : silence_before(panel.tick) *
                                        outcomes.detected[std::size_t(slot)][std::size_t(g) * outcomes.panels + p];
                     total += rule.weight[g] * density * chance;
@@ -175,6 +175,13 @@ class ExactLawBuilder {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
+
+    // What may happen at an armed tick without contact.
+    struct IdleTick {
+        double alarm = 0, silent = 1, one = 0;    // any joint, none, exactly one over its threshold
+        std::array<double, max_joints> single{};  // by watched joint
+    };
+
     static int padded(int n) { return (n + lanes - 1) / lanes * lanes; }
 
     double s_tick(int k) const { return curve_.path.at_tick(k, timing_.period); }
@@ -199,9 +206,15 @@ class ExactLawBuilder {
         edge_[ticks + 1] = std::max(edge_[ticks], *std::max_element(s.begin(), end));
         overrun_end_ = edge_.back();
         for (double farthest : curve_.farthest) overrun_end_ = std::max(overrun_end_, farthest);
-        const AlarmProbability<double> free = any_alarm<double>(detector_, [](int) { return 0.0; });
-        idle_alarm_ = free.alarm;
-        log_idle_silence_ = std::log1p(-free.alarm);
+        idle_ = {};
+        for (int w = 0; w < detector_.watched; ++w) {
+            const AlarmProbability<double> joint = joint_alarm(detector_, w, 0.0);
+            idle_.alarm += idle_.silent * joint.alarm;
+            idle_.one = idle_.one * joint.silent + idle_.silent * joint.alarm;
+            idle_.silent *= joint.silent;
+            idle_.single[w] = joint.alarm;
+        }
+        log_idle_silence_ = std::log1p(-idle_.alarm);
     }
 
     // Probability of no alarm in all armed ticks before tick k, without contact.
@@ -226,6 +239,11 @@ class ExactLawBuilder {
             order_ = 1;
             return;
         }
+        // While the residual grows slowly a panel may hold several ticks. The kink where contact begins is as weak as
+        // what a little force adds to the idle alarms, which must be rare for that.
+        if (!settings_.delays && settings_.refinement == 1 && most > 0 && idle_.alarm < rare_alarm)
+            group_ = std::clamp(int(slow_growth / most), 1, std::max(1, curve_.path.ticks));
+        most *= group_;
         // Eight nodes and two for every standard deviation of sharpness leave errors of 1e-13 in the mean,
         // 1e-11 in the quantiles and a part in 1e7 in the far tails, as `refinement` shows.
         parts_ = std::max(1, int(std::ceil(std::min(most, 1e6) / 6)));
@@ -262,38 +280,51 @@ class ExactLawBuilder {
         int last = 0;  // contact ticks are 0..last-1
         while (last < ticks && edge_[last] < largest) ++last;
         std::vector<detail::Panel> panels;
-        auto add_part = [&](int k, int part) {
-            const double low = edge_[k], high = std::min(edge_[k + 1], largest);
+        auto add_part = [&](int k, int end, int part) {
+            const double low = edge_[k], high = std::min(edge_[end], largest);
             if (!(high > low)) return;
             const double a = low + (high - low) * part / parts_, b = low + (high - low) * (part + 1) / parts_;
             panels.push_back({a, b, k});
         };
         // Tick 0 comes one step after the start, not a whole period: its panel is of another size. The last
         // panel may be cut short.
-        const int first_regular = 1, end_regular = last - 1;
+        const int first_regular = 1, groups = (last - 1 - first_regular) / group_;
         const bool bent = settings_.delays && bends();
         bool advances = true;  // at every tick; near a singularity an arm may fall back
-        for (int k = first_regular; k < end_regular; ++k) advances = advances && edge_[k + 1] > edge_[k];
+        for (int k = first_regular; k < last - 1; ++k) advances = advances && edge_[k + 1] > edge_[k];
         if (!split_by_transitions_ && !bent && advances && detector_.arming_delay <= motion_.step &&
-            end_regular - first_regular > 3 * most_nodes) {
-            regular_ = end_regular - first_regular;
+            groups >= 2 * fewest_nodes) {
+            regular_ = groups;
+            const int end_regular = first_regular + groups * group_;
             for (int part = 0; part < parts_; ++part)
-                for (int k = first_regular; k < end_regular; ++k) add_part(k, part);
-            for (int part = 0; part < parts_; ++part) add_part(0, part);
-            for (int part = 0; part < parts_; ++part) add_part(last - 1, part);
+                for (int k = first_regular; k < end_regular; k += group_) add_part(k, k + group_, part);
+            for (int part = 0; part < parts_; ++part) add_part(0, 1, part);
+            for (int part = 0; part < parts_; ++part) add_part(end_regular, last, part);
             add_end_panels(panels);
             return panels;
         }
-        for (int k = 0; k < last; ++k) cut_one(k, largest, bent, panels);
+        for (int k = 0; k < last; k += group_) cut_one(k, std::min(k + group_, last), largest, bent, panels);
         add_end_panels(panels);
         return panels;
+    }
+
+    // Probability of an alarm before contact where panels hold several ticks.
+    double false_alarm_by_tick() const {
+        double total = 0;
+        for (int k = 0; k < curve_.path.ticks; ++k) {
+            const double here =
+                settings_.offset.probability_beyond(edge_[k]) - settings_.offset.probability_beyond(edge_[k + 1]);
+            total += here * -std::expm1(armed_before(k) * log_idle_silence_);
+        }
+        return total - settings_.offset.probability_beyond(edge_[curve_.path.ticks]) *
+                           std::expm1(armed_before(curve_.path.ticks) * log_idle_silence_);
     }
 
     // Every tick's panel by itself, as far as the offsets go.
     std::vector<detail::Panel> plain_panels() const {
         const double largest = settings_.offset.largest();
         std::vector<detail::Panel> panels;
-        for (int k = 0; k < curve_.path.ticks && edge_[k] < largest; ++k) cut_one(k, largest, false, panels);
+        for (int k = 0; k < curve_.path.ticks && edge_[k] < largest; ++k) cut_one(k, k + 1, largest, false, panels);
         add_end_panels(panels);
         return panels;
     }
@@ -311,10 +342,10 @@ class ExactLawBuilder {
         return false;
     }
 
-    // The panel of tick k on its own: cut at simulation steps where the path bends, and around every offset
+    // The panel of the ticks k .. end - 1 on its own: cut at simulation steps where the path bends, and around every offset
     // at which some joint's residual passes its threshold at some tick, where the noise is narrow.
-    void cut_one(int k, double largest, bool bent, std::vector<detail::Panel>& panels) const {
-        const double low = edge_[k], high = std::min(edge_[k + 1], largest);
+    void cut_one(int k, int end, double largest, bool bent, std::vector<detail::Panel>& panels) const {
+        const double low = edge_[k], high = std::min(edge_[end], largest);
         if (!(high > low)) return;
         std::vector<double> cuts{low, high};
         if (bent) {
@@ -400,13 +431,18 @@ class ExactLawBuilder {
                 T most_survival = 0.0;
                 for (int g = 0; g < order_; ++g) {
                     const T force = maximum(s - offset[g], T(0.0)) * settings_.stiffness;
-                    T alarm = 0.0, silent = 1.0, one = 0.0, single[max_joints];
-                    for (int w = 0; w < detector_.watched; ++w) {
-                        const AlarmProbability<T> joint = joint_alarm(detector_, w, torque[w] * force);
-                        alarm = alarm + silent * joint.alarm;
-                        one = one * joint.silent + silent * joint.alarm;  // exactly one so far
-                        silent = silent * joint.silent;
-                        single[w] = joint.alarm;
+                    T alarm = idle_.alarm, silent = idle_.silent, one = idle_.one, single[max_joints];
+                    if (any(force > T(0.0))) {
+                        alarm = 0.0, silent = 1.0, one = 0.0;
+                        for (int w = 0; w < detector_.watched; ++w) {
+                            const AlarmProbability<T> joint = joint_alarm(detector_, w, torque[w] * force);
+                            alarm = alarm + silent * joint.alarm;
+                            one = one * joint.silent + silent * joint.alarm;  // exactly one so far
+                            silent = silent * joint.silent;
+                            single[w] = joint.alarm;
+                        }
+                    } else {
+                        for (int w = 0; w < detector_.watched; ++w) single[w] = idle_.single[w];
                     }
                     const T weight = survival[g] * watch;
                     for (int w = 0; w < detector_.watched; ++w) trigger[g * max_joints + w] += weight * single[w];
@@ -443,7 +479,8 @@ class ExactLawBuilder {
         if (regular_ == 0) return {evaluate(panels), 0, 0, {}, 0};
         const int count = regular_;
         constexpr int check_count = 2;
-        for (int nodes : {8, 12, most_nodes}) {
+        for (int nodes : {fewest_nodes, 12, most_nodes}) {
+            if (count < 2 * nodes) break;
             const Interpolation interpolation(interpolation_nodes(0, count - 1, nodes));
             const std::vector<int>& node = interpolation.nodes();
             const int check[check_count] = {(node[0] + node[1]) / 2, (node[nodes / 2] + node[nodes / 2 - 1]) / 2};
@@ -556,7 +593,7 @@ class ExactLawBuilder {
                 weight[at] = offset[at] * silence;
                 total += rule.weight[g] * offset[at];
             }
-            law_.false_alarm += total * -std::expm1(armed_before(panel.tick) * log_idle_silence_);
+            alarm_before_ += total * -std::expm1(armed_before(panel.tick) * log_idle_silence_);
             if (panel.tick > path.ticks) {
                 law_.no_contact += total * silence;
                 for (int g = 0; g < order_; ++g) weight[std::size_t(g) * n + p] = 0;
@@ -566,9 +603,10 @@ class ExactLawBuilder {
                 reach = panel.tick - k;
             before = std::max(before, reach);
         }
-        if (!(idle_alarm_ > 0)) before = 0;
+        if (!(idle_.alarm > 0)) before = 0;
         const double beyond = fixed ? 0 : settings_.offset.probability_beyond(overrun_end_);
-        law_.false_alarm += beyond * -std::expm1(armed_before_[path.ticks] * log_idle_silence_);
+        alarm_before_ += beyond * -std::expm1(armed_before_[path.ticks] * log_idle_silence_);
+        law_.false_alarm = group_ == 1 ? alarm_before_ : false_alarm_by_tick();
         law_.no_contact += beyond * silence_before(path.ticks);
 
         pieces.slots_before = before;
@@ -588,7 +626,7 @@ class ExactLawBuilder {
             for (int p = 0; p < real; ++p) {
                 const int k = panels[p].tick + slot - before;
                 if (k < 0 || k >= path.ticks || !armed(k)) continue;
-                const double chance = silence_before(k) * idle_alarm_;
+                const double chance = silence_before(k) * idle_.alarm;
                 double* series = pieces.series(slot, p);
                 for (int l = 0; l < order_; ++l) {
                     double c = 0;
@@ -599,7 +637,7 @@ class ExactLawBuilder {
                 touching += 2 * series[0] * 1.0;
             }
         }
-        law_.harmless = std::max(0.0, law_.false_alarm - touching) + law_.no_contact;
+        law_.harmless = std::max(0.0, alarm_before_ - touching) + law_.no_contact;
         for (int p = 0; p < real; ++p) law_.undetected += 2 * *pieces.series(pieces.slots - 1, p);
         triggers(rule, known, weight, real, n);
     }
@@ -653,19 +691,12 @@ class ExactLawBuilder {
         share_false_alarms();
     }
 
-    // A false alarm is split over the joints as one idle tick's alarm is.
+    // Alarms before contact that no outcome holds are split over the joints as one idle tick's alarm is.
     void share_false_alarms() {
-        double none = 1, one = 0, alarm = 0;  // no, exactly one, any joint over its threshold
-        for (int w = 0; w < detector_.watched; ++w) {
-            const AlarmProbability<double> joint = joint_alarm(detector_, w, 0.0);
-            one = one * joint.silent + none * joint.alarm;
-            alarm += none * joint.alarm;
-            none *= joint.silent;
-        }
-        if (!(alarm > 0)) return;
+        if (!(idle_.alarm > 0)) return;
         for (int w = 0; w < detector_.watched; ++w)
-            law_.trigger[detector_.joint[w]] += law_.false_alarm * joint_alarm(detector_, w, 0.0).alarm / alarm;
-        law_.several += law_.false_alarm * std::max(0.0, alarm - one) / alarm;
+            law_.trigger[detector_.joint[w]] += alarm_before_ * idle_.single[w] / idle_.alarm;
+        law_.several += alarm_before_ * std::max(0.0, idle_.alarm - idle_.one) / idle_.alarm;
     }
 
     void quantities() {
@@ -725,17 +756,22 @@ class ExactLawBuilder {
         return (double(i) + part) * motion_.step;
     }
 
-    static constexpr int most_nodes = 20;
+    static constexpr int fewest_nodes = 8, most_nodes = 20;
+    static constexpr double slow_growth = 1.2;  // sharpness of a panel of several ticks
+    static constexpr double rare_alarm = 1e-5;  // probability of an idle alarm at a tick
 
     const StoppingCurve& curve_;
     const Timing& timing_;
     const MotionSettings& motion_;
     const ThresholdDetector& detector_;
     const LawSettings& settings_;
+    double alarm_before_ = 0;        // probability of an alarm before the first tick of the panel
+    int group_ = 1;                  // ticks in a panel
     double overrun_end_ = 0;         // the farthest any stopping path gets [m]
     std::vector<double> edge_;       // panel of tick k: edge_[k]..edge_[k + 1]
     std::vector<int> armed_before_;  // armed ticks before tick k
-    double idle_alarm_ = 0, log_idle_silence_ = 0;
+    IdleTick idle_;
+    double log_idle_silence_ = 0;
     int order_ = 1, parts_ = 1, regular_ = 0;
     bool split_by_transitions_ = false;
     ExactLaw law_;

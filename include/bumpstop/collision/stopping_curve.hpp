@@ -19,6 +19,26 @@ struct StoppingCurve {
 // Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is what a force law
 // can feel.
 inline constexpr double farthest_tolerance = 5e-10;
+// Where a law says how probable a detection at a tick is at most, the tolerance is divided by that, and no larger than
+// this [m].
+inline constexpr double largest_farthest_tolerance = 5e-6;
+// A tick less probable than this need not be simulated because a kink is near: refinement finds what matters of it.
+inline constexpr double kink_probability = 1e-3;
+
+// How well the overrun of every tick must be known. Without probabilities: all equally well.
+struct FarthestTolerance {
+    const double* probability = nullptr;  // by tick, at most, of a detection there
+
+    double of(int first, int last) const {
+        if (probability == nullptr) return farthest_tolerance;
+        const double most = *std::max_element(probability + first, probability + last + 1);
+        return std::min(farthest_tolerance / most, largest_farthest_tolerance);
+    }
+    bool matters(int first, int last) const {
+        return probability == nullptr ||
+               *std::max_element(probability + first, probability + last + 1) > kink_probability;
+    }
+};
 
 namespace detail {
 
@@ -129,7 +149,7 @@ inline int limiting_joint(const MotionSettings& motion, const LinePath& path, in
 // overrun before it cross it on their way. So the ticks are cut there, and those crossing it stand by
 // themselves.
 inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, const LinePath& path, int curve, int known,
-                         std::vector<Stretch>& stretches) {
+                         const FarthestTolerance& tolerance, std::vector<Stretch>& stretches) {
     int first = 0;
     for (int k = 1; k < known; ++k) {
         const int limiting = limiting_joint(motion, path, k);
@@ -139,6 +159,7 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
         const double stop_time = std::fabs(qd) / motion.acceleration_limit[j];
         const int crossing = int(stop_time / (2 * timing.period * motion.step)) + 2 + timing.latency / timing.period;
         const int begin = std::max(first, k - crossing), end = std::min(known - 1, k + 1);
+        if (!tolerance.matters(begin, end)) continue;
         if (begin > first) stretches.push_back({curve, first, begin - 1});
         if (end >= begin) stretches.push_back({curve, begin, end, true});
         first = end + 1;
@@ -151,10 +172,11 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
 // of its points is not where the six nearest points say. Nothing simulated is thrown away.
 class Refinement {
   public:
-    Refinement(const Stretch& stretch) : curve(stretch.curve), first_(stretch.first), last_(stretch.last) {
+    Refinement(const Stretch& stretch, const FarthestTolerance& tolerance)
+        : curve(stretch.curve), tolerance_(tolerance), first_(stretch.first), last_(stretch.last) {
         known_.assign(std::size_t(stretch.ticks()), Summit{});
         overrun_.assign(known_.size(), -1.0);
-        while (2 * spacing_ < stretch.ticks() / 5 && spacing_ < 16) spacing_ *= 2;
+        while (2 * spacing_ < stretch.ticks() / 5 && spacing_ < 64) spacing_ *= 2;
         for (int k = first_; k < last_; k += spacing_) open_.push_back(k);
         for (int k : open_) wanted.push_back(k);
         wanted.push_back(last_);
@@ -175,9 +197,8 @@ class Refinement {
             overrun_[std::size_t(k - first_)] = overrun(jobs[i].distance);
             const double difference = predicted - overrun_[std::size_t(k - first_)];
             // With half the distance between points the error falls by 2^6.
-            if (middles_ && std::fabs(difference) <= 8 * farthest_tolerance &&
-                settle(k - spacing_, std::min(k + spacing_, last_)))
-                continue;
+            const int low = k - spacing_, high = std::min(k + spacing_, last_);
+            if (middles_ && std::fabs(difference) <= 8 * tolerance_.of(low, high) && settle(low, high)) continue;
             if (middles_) {
                 unsettled.push_back(k - spacing_);
                 unsettled.push_back(k);
@@ -245,6 +266,7 @@ class Refinement {
     }
 
   private:
+    FarthestTolerance tolerance_;
     int first_, last_, spacing_ = 1;
     bool middles_ = false;  // the first round asks for the grid itself
     std::vector<int> open_;
@@ -257,10 +279,11 @@ class Refinement {
 
 // Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each
 // stretch and interpolated between; a stretch where a check between the nodes disagrees is halved, down to
-// single ticks. `pose(i)` gives the joint positions curve i started in.
-template <class T, class Pose>
+// single ticks. `pose(i)` gives the joint positions curve i started in, `tolerance(i)` how well its ticks must be known.
+template <class T, class Pose, class Tolerance>
 void complete_curves(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                     const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose) {
+                     const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose,
+                     Tolerance tolerance) {
     constexpr int nodes = 6, checks = 2;
     std::vector<detail::Stretch> pending;
     std::vector<detail::Refinement> rough;
@@ -275,7 +298,7 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
             const auto from = path.s.begin() + std::ptrdiff_t(k) * timing.period + 1;
             curve.farthest[k] = *std::max_element(from, path.s.end());
         }
-        if (known > 0) detail::cut_at_kinks(motion, timing, path, c, known, pending);
+        if (known > 0) detail::cut_at_kinks(motion, timing, path, c, known, tolerance(c), pending);
     }
     std::vector<ReactionJob> jobs;
     auto add = [&](int curve, int tick) { jobs.push_back({&curves[curve].path, curve, tick, {}, {}}); };
@@ -318,14 +341,14 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         for (int i = 0; i < checks; ++i) {
             const ReactionJob& check = own[nodes + i];
             const double difference = overrun.at(check.tick) - detail::overrun(check.distance);
-            smooth = smooth && std::fabs(difference) <= farthest_tolerance;
+            smooth = smooth && std::fabs(difference) <= tolerance(stretch.curve).of(stretch.first, stretch.last);
         }
         for (int k = stretch.first; smooth && k <= stretch.last; ++k) {
             const double travelled = overrun.at(k);
             smooth = smooth && travelled >= 0;
             place(stretch.curve, k, travelled);
         }
-        if (!smooth) rough.emplace_back(stretch);
+        if (!smooth) rough.emplace_back(stretch, tolerance(stretch.curve));
     }
     for (bool working = !rough.empty(); working;) {
         jobs.clear();
