@@ -340,7 +340,7 @@ void bind_collision(nb::module_& module) {
             [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
                double offset_size, double force) {
                 nb::gil_scoped_release unlocked;
-                const LawSettings settings{stiffness, offset_law(offset_kind, offset_size), 1, false};
+                const LawSettings settings{stiffness, offset_law(offset_kind, offset_size)};
                 return ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings)
                     .tail_directly(force);
             },

@@ -234,3 +234,62 @@ def test_batches_refuse_what_they_cannot_use() -> None:
     expected = bs.evaluate_batch(base, good_q, good_v).mean
     for q in (wide[:, ::2], np.asfortranarray(good_q), good_q.tolist()):
         np.testing.assert_array_equal(bs.evaluate_batch(base, q, good_v).mean, expected)
+
+
+@pytest.mark.parametrize("offset_sd_s", [1e-4, 1e-3, 4e-3])
+def test_offsets_much_nearer_than_a_tick_of_travel(offset_sd_s: float) -> None:
+    """The offset's density is resolved where it changes within a panel: against an average over fixed offsets."""
+    scenario = control_group(contact__offset_sd_s=offset_sd_s)
+    law = bs.evaluate(scenario)
+    np.testing.assert_allclose(figures(law), figures(bs.evaluate(scenario, refinement=2)), rtol=1e-9, atol=1e-12)
+    node, weight = np.polynomial.legendre.leggauss(60)
+    z, weight = 3.5 * (node + 1), 3.5 * weight
+    weight = weight * np.exp(-z * z / 2)
+    means = [
+        bs.evaluate(
+            control_group(contact__offset_law="fixed", contact__offset_mm=float(offset_sd_s * 50 * at))
+        ).peak_force.mean
+        for at in z
+    ]
+    # The average crosses panels without stopping at their ends, where the law has kinks.
+    assert law.peak_force.mean == pytest.approx(float(weight @ means / weight.sum()), rel=1e-4)
+
+
+def test_probabilities_of_a_motion_that_ends_early_add_up() -> None:
+    """Most of the offset's density lies beyond a joint limit, in one wide panel that only a stopping path reaches."""
+    scenario = control_group(
+        pose_deg=[0, 109.97, 0, -20, 0, -40, 0],
+        motion__velocity_mm_s=[0, 0, -30],
+        detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8],
+        contact__offset_sd_s=0.3,
+        reaction__latency_s=0.05,
+    )
+    law = bs.evaluate(scenario)
+    assert law.curve.end == "joint_limit"
+    kernel = law.kernel
+    assert law.no_contact_probability > 0.7
+    assert kernel.total("peak_force") + kernel.harmless + kernel.undetected == pytest.approx(1, abs=1e-12)
+
+
+def test_a_batch_joins_ticks_without_changing_the_law() -> None:
+    """Random poses: where the residual grows slowly a batch's panels hold several ticks, a single law's never do."""
+    base, robot = control_group(motion__velocity_mm_s=[0, 0, -10]), bs.Robot.load("sia5d")
+    rng = np.random.default_rng(5)
+    q = rng.uniform(robot.lower, robot.upper, size=(24, 7))
+    q[:, 6] = 0
+    velocity = rng.normal(size=(24, 3))
+    velocity *= 0.01 / np.linalg.norm(velocity, axis=1)[:, None]
+    batch = bs.evaluate_batch(base, q, velocity, limits_N=[60.0])
+    settings = base.to_dict()
+    del settings["pose_deg"]
+    compared = 0
+    for i in np.flatnonzero((batch.end == "certain_detection") | (batch.end == "joint_limit")):
+        settings |= {"pose_rad": q[i].tolist()}
+        settings["motion"]["velocity_mm_s"] = (velocity[i] * 1e3).tolist()
+        law = bs.evaluate(bs.Scenario.from_dict(settings))
+        ours = [batch.mean[i], batch.sd[i], batch.exceedance[i, 0], batch.false_alarm_probability[i]]
+        theirs = [law.peak_force.mean, law.peak_force.sd, law.peak_force.exceedance(60.0), law.false_alarm_probability]
+        np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(batch.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-6)
+        compared += 1
+    assert compared > 12

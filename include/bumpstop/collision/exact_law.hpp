@@ -241,13 +241,22 @@ class ExactLawBuilder {
         }
         // While the residual grows slowly a panel may hold several ticks. The kink where contact begins is as weak as
         // what a little force adds to the idle alarms, which must be rare for that.
-        if (!settings_.delays && settings_.refinement == 1 && most > 0 && idle_.alarm < rare_alarm)
-            group_ = std::clamp(int(slow_growth / most), 1, std::max(1, curve_.path.ticks));
+        if (!settings_.delays && settings_.refinement == 1 && idle_.alarm < rare_alarm) {
+            double growth = most / slow_growth;  // in a tick, of what a panel may span: noise and offset density
+            if (settings_.offset.kind == OffsetKind::half_normal) {
+                for (int k = 0; k < curve_.path.ticks; ++k)
+                    growth = std::max(growth, (edge_[k + 1] - edge_[k]) / settings_.offset.size);
+            }
+            if (growth > 0) group_ = std::clamp(int(1 / growth), 1, std::max(1, curve_.path.ticks));
+        }
         most *= group_;
         // Eight nodes and two for every standard deviation of sharpness leave errors of 1e-13 in the mean,
         // 1e-11 in the quantiles and a part in 1e7 in the far tails, as `refinement` shows.
         parts_ = std::max(1, int(std::ceil(std::min(most, 1e6) / 6)));
         split_by_transitions_ = parts_ > 4;
+        const double largest = settings_.offset.largest();
+        for (int k = 0; k < curve_.path.ticks && edge_[k] < largest; ++k)
+            parts_ = std::max(parts_, pieces_of_density(std::min(edge_[k + 1], largest) - edge_[k]));
         const double per_part = split_by_transitions_ ? 4 : most / parts_;
         order_ = std::min(max_order, int(std::ceil((8 + 2 * per_part) * settings_.refinement)));
     }
@@ -266,10 +275,20 @@ class ExactLawBuilder {
     void add_end_panels(std::vector<detail::Panel>& panels) const {
         const int ticks = curve_.path.ticks;
         const double largest = settings_.offset.largest();
-        if (std::min(edge_.back(), largest) > edge_[ticks])
-            panels.push_back({edge_[ticks], std::min(edge_.back(), largest), ticks});
-        if (std::min(overrun_end_, largest) > edge_.back())
-            panels.push_back({edge_.back(), std::min(overrun_end_, largest), ticks + 1});
+        auto add = [&](double low, double high, int tick) {
+            if (!(high > low)) return;
+            const int pieces = pieces_of_density(high - low);
+            for (int i = 0; i < pieces; ++i)
+                panels.push_back({low + (high - low) * i / pieces, low + (high - low) * (i + 1) / pieces, tick});
+        };
+        add(edge_[ticks], std::min(edge_.back(), largest), ticks);
+        add(edge_.back(), std::min(overrun_end_, largest), ticks + 1);
+    }
+
+    // Into how many pieces a panel must be cut for the offset's density to be smooth in each.
+    int pieces_of_density(double width) const {
+        if (settings_.offset.kind != OffsetKind::half_normal) return 1;
+        return std::max(1, int(std::ceil(width / settings_.offset.size)));
     }
 
     // Panels by part, then by tick. The first `regular_` ticks-in-a-row of every part are alike enough to
@@ -356,9 +375,9 @@ class ExactLawBuilder {
         }
         if (split_by_transitions_) {
             add_transitions(k, low, high, cuts);
-        } else {
-            for (int part = 1; part < parts_; ++part) cuts.push_back(low + (high - low) * part / parts_);
         }
+        const int parts = split_by_transitions_ ? pieces_of_density(high - low) : parts_;
+        for (int part = 1; part < parts; ++part) cuts.push_back(low + (high - low) * part / parts);
         std::sort(cuts.begin(), cuts.end());
         double from = low;
         for (double cut : cuts) {
