@@ -158,7 +158,9 @@ class Robot:
         _check_rotation(self.tip_rotation, "tip_rotation")
         for frame in self.frames:
             if not 0 <= frame.link < self.dof:
-                raise InputError(f"frame {frame.name!r} link", f"{frame.link} is no link", f"wanted 0 to {self.dof - 1}")
+                raise InputError(
+                    f"frame {frame.name!r} link", f"{frame.link} is no link", f"wanted 0 to {self.dof - 1}"
+                )
         self._check_tip_name()
         if self.inertia_status not in get_args(InertiaStatus):
             valid = "valid: " + ", ".join(get_args(InertiaStatus))
