@@ -88,7 +88,7 @@ def _print(robot: Robot, console: Console) -> None:
 
     table = Table(box=None, pad_edge=False)
     for heading in ("", "joint", "link", "origin, mm", "rpy, deg", "axis", "limits, deg", "deg/s", "kg"):
-        table.add_column(heading, justify="left" if heading in ("joint", "link") else "right")
+        table.add_column(heading, justify="left" if heading in ("joint", "link") else "right", overflow="fold")
     for number, joint in enumerate(robot.joints, start=1):
         table.add_row(
             str(number),
