@@ -27,7 +27,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.say(
         f"{count} files: a small arm and, one in {RANDOM_EVERY}, a random chain, each with one to four changes. Parts "
         "are lost, doubled and moved, names point elsewhere, numbers and tags become odd ones, and in one file of four "
-        "text is cut or junk stuck in. A file that is read is read a second time by a few lines that share no code with "
+        "text is cut or junk stuck in. A file that is read is read a second time by lines that share no code with "
         "the reader. It must be a tree, and poses by products of matrices and masses by groups must be the robot's."
     )
     choose, rng = random.Random(SEED), np.random.default_rng(SEED)

@@ -45,10 +45,10 @@ def test_show_a_file(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (result.status, result.err) == (0, "")
     lines = result.out.splitlines()
     assert lines[0].startswith("arm: 3 joints, span ")
-    rows = [line.split() for line in lines[2:5]]
-    assert rows[0] == "1 turn upper 0 0 400 0 17.1887 0 0 1 0 -114.6 to 143.2 171.9 4".split()
-    assert rows[1] == "2 push slide 0 0 350 0 0 0 0 0 1 0 to 500 mm 1000 mm/s 2.8".split()
-    assert rows[2] == "3 roll wrist 100 0 200 0 0 0 0.6 0 0.8 no limits no limit -".split()
+    rows = [" ".join(line.split()) for line in lines[2:5]]
+    assert rows[0] == "1 turn upper 0 0 400 0 17.1887 0 0 1 0 -114.6 to 143.2 171.9 4"
+    assert rows[1] == "2 push slide 0 0 350 0 0 0 0 0 1 0 to 500 mm 1000 mm/s 2.8"
+    assert rows[2] == "3 roll wrist 100 0 200 0 0 0 0.6 0 0.8 no limits no limit -"
     assert "tip: tool, at 0 0 100 mm of the last link, rpy 89.9544 0 11.4592 deg" in lines
     assert "fixed to links: camera (on slide)" in lines
     assert "inertia: unknown" in lines

@@ -62,9 +62,10 @@ def show(
     if picture is not None and picture.suffix not in (".png", ".svg"):
         raise InputError("--picture", f"{str(picture)!r} is neither .png nor .svg", "for example --picture arm.svg")
     found = _robot(robot, base, tip, strict_inertia=strict_inertia)
-    _print(found, Console(highlight=False, markup=False, soft_wrap=True))
     if picture is not None:
         _draw(found, picture)
+    _print(found, Console(highlight=False, markup=False, soft_wrap=True))
+    if picture is not None:
         typer.echo(f"picture: {picture}")
 
 

@@ -53,7 +53,7 @@ def _joint(data: Any, where: str) -> Joint:
     if not isinstance(data, Mapping):
         raise InputError(where.rstrip("."), "is not a table", "wanted [[joint]]")
     kind: Any = data.get("kind", "revolute")
-    if not isinstance(kind, str) or kind not in _LIMITS:
+    if kind not in tuple(_LIMITS):  # the file may hold what has no hash
         raise InputError(f"{where}kind", f"{kind!r} is no kind of joint", "valid: revolute, prismatic")
     rotor = _ROTOR[kind]
     _check_keys(data, (*_PLACE, *_LIMITS[kind], *_INERTIA, rotor), where)
