@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bumpstop.model import robots
-from cli.support import run
+from cli.support import run, strict_json
 from model.urdf_cases import ARM
 
 
@@ -32,6 +32,27 @@ def test_show(name: str) -> None:
     assert (result.status, result.err) == (0, "")
     for said in ("tip: ", "geometry: ", "inertia: ", "note: ", "rated payload: "):
         assert f"\n{said}" in result.out
+
+
+def test_settings_find_the_file_from_elsewhere(arm: Path) -> None:
+    scenario = arm.parent / "scenario.toml"
+    scenario.write_text(
+        """
+        robot = "arm.urdf"
+        base = "base"
+        tip = "tool"
+        pose_rad = [0.4, 0.2, 1.0]
+        motion = { velocity_mm_s = [30, 0, -40], task = "position", damping = 0.01, duration_s = 0.2 }
+        contact = { stiffness_N_m = 50000, link = "camera" }
+        detector = { thresholds_Nm = [10, 20, 5], noise_sd_Nm = 1.0 }
+        reaction = { joint_acceleration_rad_s2 = 5.0 }
+        """
+    )
+    first = run("evaluate", scenario, "--json", "--out", arm.parent / "elsewhere")
+    assert (first.status, first.err) == (0, "")
+    assert "arm.urdf has no inertia for 'wrist'." in strict_json(first.out)["notes"]
+    assert run("evaluate", arm.parent / "elsewhere" / "settings.toml", "--json") == first
+    assert "the URDF file arm.urdf" in (arm.parent / "elsewhere" / "report.html").read_text()
 
 
 def test_an_assumed_inertia_is_seen() -> None:

@@ -345,6 +345,23 @@ def test_no_such_chain(base: str | None, tip: str | None, message: str, tmp_path
         read(ARM, tmp_path, base, tip)
 
 
+def test_a_name_is_text(tmp_path: Path) -> None:
+    for key in ("base", "tip"):
+        with pytest.raises(InputError, match=rf"^{key}: 3 is no name; wanted text$"):
+            read(ARM, tmp_path, **{key: 3})
+
+
+def test_long_lists_are_cut(tmp_path: Path) -> None:
+    joint = '<link name="{0:03}"/><joint name="{0}" type="fixed"><parent link="tool"/><child link="{0:03}"/></joint>'
+    text = changed(("</robot>", "".join(joint.format(i) for i in range(500)) + "</robot>"))
+    with pytest.raises(InputError, match=r"^base: arm.urdf has no link 'x'; valid: base, .*, 033 and 466 more$"):
+        read(text, tmp_path, "x")
+    with pytest.raises(
+        InputError, match=r"^tip: is missing, and arm.urdf has 500 ends; give one of '000', .*, '011', \.\.\.$"
+    ):
+        read(text, tmp_path)
+
+
 def test_an_inertia_that_cannot_be_is_a_warning_or_an_error(tmp_path: Path) -> None:
     text = changed(('izz="0.01"', 'izz="0.1"'))
     arm = read(text, tmp_path)

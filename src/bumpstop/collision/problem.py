@@ -228,9 +228,14 @@ class Problem:
 
 def _robot(scenario: Scenario) -> Robot:
     path = scenario.robot_path
-    if path is not None:
+    if path is None:
+        return Robot.load(scenario.robot)
+    try:
         return Robot.from_urdf(path, scenario.base, scenario.tip)
-    return Robot.load(scenario.robot)
+    except InputError as error:
+        if error.field in ("base", "tip"):
+            raise
+        raise InputError("robot", f"{error.field}: {error.problem}", error.valid) from None
 
 
 def _pose(scenario: Scenario, robot: Robot) -> FloatArray:

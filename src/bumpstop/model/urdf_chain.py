@@ -30,6 +30,9 @@ class _Body:
 
 def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_inertia: bool = False) -> Robot:
     """Read the chain from ``base`` to ``tip``; see :meth:`bumpstop.model.Robot.from_urdf`."""
+    for key, name in (("base", base), ("tip", tip)):
+        if name is not None and not isinstance(name, str):
+            raise InputError(key, f"{name!r} is no name", "wanted text")
     tree = read_urdf(path, strict_inertia=strict_inertia)
     warnings = list(tree.warnings)
     if base is not None and base not in tree.links:
