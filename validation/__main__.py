@@ -29,6 +29,7 @@ from validation import (  # noqa: E402
     page,
     reference,
     two_laws,
+    urdf,
     workspace,
 )
 from validation.facts import MissingFacts  # noqa: E402
@@ -51,6 +52,7 @@ COMPARISONS = {
     "chapter5": chapter5,
     "workspace": workspace,
     "instruction_sets": instruction_sets,
+    "urdf": urdf,
 }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import numbers
 from typing import Any
 
 import numpy as np
@@ -40,6 +42,28 @@ def as_float_array(value: Any, field: str, shape: tuple[int | None, ...], *, fin
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
         raise InputError(f"{field}{list(index)}", f"is {result[index]}", "wanted a finite number")
     return result
+
+
+def as_number(value: Any, field: str, *, finite: bool = True) -> float:
+    """Turn ``value`` into a float; refuses what :func:`as_float_array` refuses.
+
+    Args:
+        value: a float or an integer, of Python or numpy.
+        field: name used in the error.
+        finite: refuse NaN and infinities.
+
+    Raises:
+        InputError: it is no number, or none that can be used.
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise InputError(field, f"{value!r} is not a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if finite and not math.isfinite(number):
+        raise InputError(field, f"is {number}", "wanted a finite number")
+    return number
 
 
 def _words(shape: tuple[int | None, ...]) -> str:

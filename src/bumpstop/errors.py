@@ -5,6 +5,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+# A list longer than this helps nobody.
+_MOST_LISTED = 40
+
 
 class BumpstopError(Exception):
     """Root of every error bumpstop raises on purpose."""
@@ -34,7 +37,7 @@ def near_matches(name: str, known: Iterable[str]) -> str:
         known: the names that exist.
 
     Returns:
-        ``"did you mean 'a' or 'b'?"``, or ``"valid: a, b, c"``.
+        ``"did you mean 'a' or 'b'?"``, or ``"valid: a, b, c"``; a very long list is cut.
     """
     names = list(known)
     spelling = {known_name.casefold(): known_name for known_name in names}
@@ -45,4 +48,5 @@ def near_matches(name: str, known: Iterable[str]) -> str:
     close = [spelling[match] for match in close]
     if close:
         return "did you mean " + " or ".join(repr(match) for match in close) + "?"
-    return "valid: " + ", ".join(names)
+    more = len(names) - _MOST_LISTED
+    return "valid: " + ", ".join(names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")

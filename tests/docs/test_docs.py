@@ -186,6 +186,15 @@ def test_console(
 @pytest.mark.parametrize(("command", "heading"), [("evaluate", "evaluate"), ("bodies", "bodies"), ("robots", "robots")])
 def test_options(command: str, heading: str) -> None:
     parameters: Any = typer.main.get_command(app).commands[command].params  # type: ignore[attr-defined]
+    compare_options(parameters, heading)
+
+
+def test_options_of_robots_show() -> None:
+    group: Any = typer.main.get_command(app).commands["robots"]  # type: ignore[attr-defined]
+    compare_options(group.commands["show"].params, "robots show")
+
+
+def compare_options(parameters: Any, heading: str) -> None:
     options = {p.opts[0]: p.default for p in parameters if p.param_type_name == "option" and p.name != "help"}
     text = section(read("docs/cli.md"), f"## `bumpstop {heading}`")
     table = {code(name)[0].split()[0]: code(default) for name, default, _ in rows(text, "option")} if options else {}
@@ -310,7 +319,7 @@ def test_limits_of_thresholds() -> None:
 def test_what_is_not_available_is_refused_by_name() -> None:
     scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
     asked = [text for row in rows(read("docs/collision.md"), "key") if len(row) == 2 for text in code(row[0])]
-    assert len(asked) == 12
+    assert len(asked) == 9
     for text in asked:
         key, _, value = text.partition(" = ")
         with pytest.raises(bs.InputError, match="not available in this version") as refused:

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bumpstop.errors import InputError
-from bumpstop.model import Joint, Robot, robot_from_dict, robots, rotation_from_rpy
+from bumpstop.model import Frame, Joint, Robot, robot_from_dict, robots, rotation_from_rpy
 
 
 def joint(**changes: Any) -> Joint:
@@ -38,6 +38,13 @@ def joint(**changes: Any) -> Joint:
         ({"velocity": 0.0}, r"^joint 'elbow' velocity: 0\.0 is not a positive limit$"),
         ({"velocity": -1.0}, r"^joint 'elbow' velocity: -1\.0 "),
         ({"velocity": math.nan}, r"^joint 'elbow' velocity: nan "),
+        ({"lower": "x"}, r"^joint 'elbow' lower: 'x' is not a number$"),
+        ({"upper": None}, r"^joint 'elbow' upper: None is not a number$"),
+        ({"velocity": True}, r"^joint 'elbow' velocity: True is not a number$"),
+        ({"rotor_inertia": "1"}, r"^joint 'elbow' rotor_inertia: '1' is not a number$"),
+        ({"rotor_inertia": -1.0}, r"^joint 'elbow' rotor_inertia: is -1.0; wanted zero or more$"),
+        ({"name": 3}, r"^joint name: 3 is no name; wanted text$"),
+        ({"link": ""}, r"^joint 'elbow' link: '' is no name; wanted text$"),
     ],
 )
 def test_joints_that_cannot_be(changes: dict[str, Any], message: str) -> None:
@@ -69,6 +76,29 @@ def test_robots_that_cannot_be() -> None:
         robot((joint(),), tip_origin=(0.0, 0.0, math.nan))
     with pytest.raises(InputError, match=r"^tip_origin: has shape \(2,\)"):
         robot((joint(),), tip_origin=(0.0, 0.0))
+    with pytest.raises(InputError, match=r"^tip_rotation: is not a rotation matrix$"):
+        robot((joint(),), tip_rotation=np.zeros((3, 3)))
+    with pytest.raises(InputError, match=r"^inertia_status: 'guessed' is none; valid: published, assumed, unknown$"):
+        robot((joint(),), inertia_status="guessed")
+    with pytest.raises(InputError, match=r"^joint 'elbow' inertia: is missing, and inertia_status is \"published\"; "):
+        robot((joint(),), inertia_status="published")
+
+
+def test_every_frame_can_be_named() -> None:
+    for tip in ("forearm", "plate"):
+        with pytest.raises(InputError, match=rf"^tip name: '{tip}' is the name of a link, too; give the tip another"):
+            robot((joint(),), tip_name=tip, tip_origin=(0.0, 0.0, 0.1), frames=(Frame(name="plate", link=0),))
+    with pytest.raises(InputError, match=r"^link names: 'forearm' occurs twice$"):
+        robot((joint(),), frames=(Frame(name="forearm", link=0),))
+    with pytest.raises(InputError, match=r"^frame 'plate' link: 1 is no link; wanted 0 to 0$"):
+        robot((joint(),), frames=(Frame(name="plate", link=1),))
+    # The tip may be the last link itself: there is nothing to confuse.
+    assert robot((joint(),), tip_name="forearm").frame("forearm")[0] == 0
+
+
+def test_axes_count_by_their_direction_alone() -> None:
+    straight, long = (robot((joint(axis=(0.0, 0.0, length)), joint(name="b", link="b"))) for length in (1.0, 1 + 5e-10))
+    np.testing.assert_array_equal(straight.pose([3.0, 1.0]), long.pose([3.0, 1.0]))
 
 
 def test_robots_do_not_change() -> None:
@@ -83,15 +113,14 @@ def test_robots_do_not_change() -> None:
 
 
 def test_builtin_robots() -> None:
-    assert robots() == ("sia5d", "ur10e")
+    assert robots() == ("iiwa14", "panda", "sia5d", "ur10", "ur10e", "ur5e")
     for name in robots():
         arm = Robot.load(name)
         assert arm.name == name
         assert arm.title
         assert arm.source
         assert arm.note
-        assert (arm.lower < 0).all()
-        assert (arm.upper > 0).all()
+        assert (arm.lower < arm.upper).all()
         assert np.isfinite([*arm.lower, *arm.upper, *arm.velocity]).all()
     sia5d, ur10e = Robot.load("sia5d"), Robot.load("ur10e")
     assert (sia5d.dof, sia5d.payload_kg) == (7, 5.0)
@@ -129,8 +158,8 @@ def test_span_counts_what_a_slide_travels() -> None:
     ("name", "message"),
     [
         ("sia5", r"^robot: there is no built-in robot 'sia5'; did you mean 'sia5d'\?$"),
-        ("UR10e", r"^robot: there is no built-in robot 'UR10e'; did you mean 'ur10e'\?$"),
-        ("", r"^robot: there is no built-in robot ''; valid: sia5d, ur10e$"),
+        ("UR10e", r"^robot: there is no built-in robot 'UR10e'; did you mean 'ur10e'"),
+        ("", r"^robot: there is no built-in robot ''; valid: iiwa14, panda, sia5d, "),
         ("../data/sia5d", r"^robot: there is no built-in robot '\.\./data/sia5d'; "),
     ],
 )
@@ -151,6 +180,8 @@ def test_links_are_found_by_name() -> None:
         arm.frame("link_w")
     with pytest.raises(InputError, match=r"^link: sia5d has no link 'gripper'; valid: link_s, .*, link_t, tool0$"):
         arm.pose(np.zeros(7), "gripper")
+    with pytest.raises(InputError, match=r"^link: sia5d has no link 3; valid: link_s, "):
+        arm.frame(3)  # type: ignore[arg-type]
 
 
 FILE: dict[str, Any] = {
@@ -201,6 +232,71 @@ def test_bad_figures_in_a_robot_file_are_named() -> None:
         robot_from_dict({**FILE, "joint": [{**FILE["joint"][0], "axis": [2, 0, 0]}]})
     with pytest.raises(InputError, match=r"^joint 'c' limits: "):
         robot_from_dict({**FILE, "joint": [{**FILE["joint"][1], "lower_deg": 200}]})
+
+
+INERTIA: dict[str, Any] = {"mass_kg": 2, "center_m": [0, 0.1, 0], "inertia_kg_m2": [0.3, 0.2, 0.25, 0.01, 0.02, 0.03]}
+
+
+def test_inertia_in_a_robot_file() -> None:
+    rotor = {"rotor_inertia_kg_m2": 0.4}
+    arm = robot_from_dict({**FILE, "joint": [FILE["joint"][0], {**FILE["joint"][1], **INERTIA, **rotor}]})
+    assert arm.joints[0].inertia is None
+    inertia = arm.joints[1].inertia
+    assert inertia is not None
+    assert (inertia.mass, inertia.center, arm.joints[1].rotor_inertia) == (2.0, (0.0, 0.1, 0.0), 0.4)
+    assert inertia.tensor == ((0.3, 0.01, 0.02), (0.01, 0.2, 0.03), (0.02, 0.03, 0.25))
+    assert (arm.inertia_status, arm.inertia_source) == ("unknown", "")
+    joints = [{**one, **INERTIA} for one in FILE["joint"]]
+    arm = robot_from_dict({**FILE, "joint": joints, "inertia_status": "assumed", "inertia_source": "a guess"})
+    assert (arm.inertia_status, arm.inertia_source) == ("assumed", "a guess")
+
+
+def first(**changes: Any) -> dict[str, Any]:
+    """The file with keys of its first joint changed, or left out (None)."""
+    joint = {key: value for key, value in {**FILE["joint"][0], **changes}.items() if value is not None}
+    return {**FILE, "joint": [joint, FILE["joint"][1]]}
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({**FILE, "payload": 3}, r"^payload: is not a key of a robot file; did you mean 'payload_kg'\?$"),
+        ({key: value for key, value in FILE.items() if key != "name"}, r"^name: is missing$"),
+        ({key: value for key, value in FILE.items() if key != "tip"}, r"^tip: is missing$"),
+        ({key: value for key, value in FILE.items() if key != "joint"}, r"^joint: is missing$"),
+        ({**FILE, "tip": 5}, r"^tip: 5 is not a table; wanted \[tip\]$"),
+        (
+            {**FILE, "tip": {"name": "t", "orign_m": [0, 0, 0]}},
+            r"^tip.orign_m: is not a key .* mean 'origin_m'",
+        ),
+        ({**FILE, "joint": 5}, r"^joint: is not a list of tables; wanted one \[\[joint\]\]"),
+        ({**FILE, "joint": [5]}, r"^joint\[1\]: is not a table; wanted \[\[joint\]\]$"),
+        ({**FILE, "title": 5}, r"^title: 5 cannot be used; wanted text$"),
+        ({**FILE, "payload_kg": -1}, r"^payload_kg: is -1; wanted zero or more$"),
+        ({**FILE, "payload_kg": "5 kg"}, r"^payload_kg: '5 kg' is not a number$"),
+        ({**FILE, "inertia_status": "sure"}, r"^inertia_status: 'sure' is none; valid: published"),
+        (first(axis=None), r"^joint\[1\].axis: is missing$"),
+        (first(axs=[1, 0, 0]), r"^joint\[1\].axs: is not a key of a robot file; did you mean 'axis'"),
+        (first(kind="sliding"), r"^joint\[1\].kind: 'sliding' is no kind of joint; valid: revolute, prismatic$"),
+        (first(kind=[]), r"^joint\[1\].kind: \[\] is no kind of joint"),
+        (first(lower_deg=3), r"^joint\[1\].lower_deg: is not a key of a robot file; did you mean 'lower_m'"),
+        (first(lower_m="a"), r"^joint\[1\].lower_m: 'a' is not a number$"),
+        (first(lower_m=10**400), r"^joint\[1\].lower_m: is inf; wanted a finite number$"),
+        (first(origin_m=[1, 2]), r"^joint\[1\].origin_m: has shape \(2,\); wanted \(3,\)$"),
+        (first(rpy_deg="a"), r"^joint\[1\].rpy_deg: values of type"),
+        (first(name=5), r"^joint\[1\].name: 5 cannot be used; wanted text$"),
+        (first(mass_kg=2), r"^joint\[1\].inertia_kg_m2: is missing$"),
+        (first(**{**INERTIA, "mass_kg": -2}), r"^joint\[1\].mass_kg: -2.0 kg; wanted zero or more$"),
+        (
+            first(**{**INERTIA, "inertia_kg_m2": [-1, 1, 1, 0, 0, 0]}),
+            r"^joint\[1\].inertia_kg_m2: has a negative princip",
+        ),
+        (first(rotor_inertia_kg_m2=1), r"^joint\[1\].rotor_inertia_kg_m2: is not .* did you mean 'rotor_inertia_kg'"),
+    ],
+)
+def test_robot_files_that_cannot_be_read(data: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        robot_from_dict(data)
 
 
 def test_roll_pitch_and_yaw() -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bumpstop.report.area import AreaSection
-from bumpstop.report.arm import ArmSection, _numbers
+from bumpstop.report.arm import ArmSection
+from bumpstop.report.chain import _numbers
 from bumpstop.report.distribution import bins
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import spread

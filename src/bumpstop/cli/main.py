@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import evaluate, listings
+from bumpstop.cli import bodies, evaluate, robots
 from bumpstop.errors import BumpstopError
 
 app = typer.Typer(
@@ -19,8 +19,8 @@ app = typer.Typer(
     help="How hard will it hit before it stops?",
 )
 app.command("evaluate")(evaluate.command)
-app.command("robots")(listings.robots)
-app.command("bodies")(listings.bodies)
+app.add_typer(robots.app, name="robots")
+app.command("bodies")(bodies.bodies)
 
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 2 bad input, 1 our fault.
 BAD_INPUT = 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,8 +59,8 @@ class Problem:
         Raises:
             InputError: a length, a joint number, the pose or the start of the motion cannot be used.
         """
-        notes: list[str] = []
         robot = _robot(scenario)
+        notes = list(robot.warnings)
         contact, detector, reaction = scenario.contact, scenario.detector, scenario.reaction
         limits = None
         if contact.body is not None:
@@ -228,13 +227,15 @@ class Problem:
 
 
 def _robot(scenario: Scenario) -> Robot:
-    if Path(scenario.robot).suffix or "/" in scenario.robot:
-        raise InputError(
-            "robot",
-            f"{scenario.robot!r}: robot files are not available in this version",
-            "give a built-in name",
-        )
-    return Robot.load(scenario.robot)
+    path = scenario.robot_path
+    if path is None:
+        return Robot.load(scenario.robot)
+    try:
+        return Robot.from_urdf(path, scenario.base, scenario.tip)
+    except InputError as error:
+        if error.field in ("base", "tip"):
+            raise
+        raise InputError("robot", f"{error.field}: {error.problem}", error.valid) from None
 
 
 def _pose(scenario: Scenario, robot: Robot) -> FloatArray:

@@ -191,7 +191,9 @@ class Scenario(_Table):
     where relative paths start.
     """
 
-    robot: Annotated[str, Field(description="the name of a robot (bumpstop robots lists them)")]
+    robot: Annotated[str, Field(description="the name of a robot (bumpstop robots lists them), or the path of a URDF")]
+    base: Annotated[str, Field(description="the name of a link of the URDF")] | None = None
+    tip: Annotated[str, Field(description="the name of a link of the URDF")] | None = None
     pose_deg: list[JointPosition] | None = None
     pose_rad: list[JointPosition] | None = None
     motion: Motion
@@ -201,6 +203,20 @@ class Scenario(_Table):
     simulation: Simulation = Simulation()
     verdict: VerdictSettings = VerdictSettings()
     folder: Annotated[Path, Field(exclude=True)] = Path()
+
+    @property
+    def robot_path(self) -> Path | None:
+        """The URDF file, or None where the robot is a built-in one."""
+        return self.folder / self.robot if Path(self.robot).suffix or "/" in self.robot else None
+
+    @model_validator(mode="after")
+    def _links_of_urdf(self) -> Scenario:
+        for key in ("base", "tip"):
+            if getattr(self, key) is not None and self.robot_path is None:
+                raise InputError(
+                    key, f"has no meaning with the built-in robot {self.robot!r}", "give it with the path of a URDF"
+                )
+        return self
 
     @model_validator(mode="after")
     def _one_pose(self) -> Scenario:
@@ -375,21 +391,17 @@ def _refuse_later_keys(data: dict[str, Any]) -> None:
                 f"{table}.{key}", f"{here[key]!r} is not available in this version", f"valid: {_words((table, key))}"
             )
     for table, key, idle in (
-        ("", "base", None),
-        ("", "tip", None),
         ("contact", "body_mass_kg", None),
         ("detector", "noise_correlation", 0.0),
         ("detector", "residuals", None),
         ("detector", "observer_gain_1_s", None),
     ):
-        here = data.get(table) if table else data
+        here = data.get(table)
         if isinstance(here, dict) and key in here:
             if idle is not None and here[key] == idle and not isinstance(here[key], bool):
                 del here[key]
                 continue
-            raise InputError(
-                f"{table}.{key}" if table else key, "is not available in this version", "leave the key out"
-            )
+            raise InputError(f"{table}.{key}", "is not available in this version", "leave the key out")
 
 
 def _explain(error: ValidationError) -> InputError:

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
-from bumpstop.model.inertia import LinkInertia, Vector3
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from bumpstop.model.inertia import LinkInertia, Matrix3, Vector3
 
 JointKind = Literal["revolute", "prismatic"]
-_IDENTITY: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+InertiaStatus = Literal["published", "assumed", "unknown"]
+_IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> FloatArray:
@@ -58,7 +57,7 @@ class Joint:
     link: str
     kind: JointKind = "revolute"
     origin: Vector3 = (0.0, 0.0, 0.0)
-    rotation: tuple[Vector3, Vector3, Vector3] = _IDENTITY
+    rotation: Matrix3 = _IDENTITY
     axis: Vector3 = (0.0, 0.0, 1.0)
     lower: float = -math.inf
     upper: float = math.inf
@@ -67,7 +66,9 @@ class Joint:
     rotor_inertia: float = 0.0
 
     def __post_init__(self) -> None:
+        _check_name(self.name, "joint name")
         where = f"joint {self.name!r}"
+        _check_name(self.link, f"{where} link")
         if self.kind not in ("revolute", "prismatic"):
             raise InputError(f"{where} kind", f"{self.kind!r} is no kind of joint", "valid: revolute, prismatic")
         as_float_array(self.origin, f"{where} origin", (3,))
@@ -76,15 +77,37 @@ class Joint:
             raise InputError(
                 f"{where} axis", f"{self.axis} has length {np.linalg.norm(axis):.6g}", "wanted a unit vector"
             )
-        rotation = as_float_array(self.rotation, f"{where} rotation", (3, 3))
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
-            raise InputError(f"{where} rotation", "is not a rotation matrix")
+        _check_rotation(self.rotation, f"{where} rotation")
+        for field in ("lower", "upper", "velocity", "rotor_inertia"):
+            as_number(getattr(self, field), f"{where} {field}", finite=False)
         if not self.lower < self.upper:
             raise InputError(f"{where} limits", f"lower {self.lower} is not below upper {self.upper}")
         if not self.velocity > 0:
             raise InputError(f"{where} velocity", f"{self.velocity} is not a positive limit")
         if not (math.isfinite(self.rotor_inertia) and self.rotor_inertia >= 0):
             raise InputError(f"{where} rotor_inertia", f"is {self.rotor_inertia}", "wanted zero or more")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """A named frame fixed to a link, for links of a URDF that are fixed to others.
+
+    Attributes:
+        name: as ``contact.link`` may give it.
+        link: number of the link it is fixed to (0 is moved by the first joint).
+        origin: its position in the frame of that link [m].
+        rotation: its orientation there, as rows of a rotation matrix.
+    """
+
+    name: str
+    link: int
+    origin: Vector3 = (0.0, 0.0, 0.0)
+    rotation: Matrix3 = _IDENTITY
+
+    def __post_init__(self) -> None:
+        _check_name(self.name, "frame name")
+        as_float_array(self.origin, f"frame {self.name!r} origin", (3,))
+        _check_rotation(self.rotation, f"frame {self.name!r} rotation")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,30 +119,68 @@ class Robot:
         joints: from the base to the tip.
         tip_name: name of the tip frame.
         tip_origin: its position in the frame of the last link [m].
+        tip_rotation: its orientation there, as rows of a rotation matrix.
+        frames: further named frames fixed to the links.
         title, source, note: what it is, where its figures come from, what is uncertain about them.
+        warnings: what its reader left out or doubted.
         payload_kg: rated payload, or None.
+        inertia_status: ``"published"``, ``"assumed"`` (say so wherever it is used) or ``"unknown"`` (of some link).
+        inertia_source: where the inertia comes from.
     """
 
     name: str
     joints: tuple[Joint, ...]
     tip_name: str = "tool0"
     tip_origin: Vector3 = (0.0, 0.0, 0.0)
+    tip_rotation: Matrix3 = _IDENTITY
+    frames: tuple[Frame, ...] = ()
     title: str = ""
     source: str = ""
     note: str = ""
+    warnings: tuple[str, ...] = ()
     payload_kg: float | None = None
+    inertia_status: InertiaStatus = "unknown"
+    inertia_source: str = ""
 
     def __post_init__(self) -> None:
+        _check_name(self.name, "name")
+        _check_name(self.tip_name, "tip name")
         if not 1 <= len(self.joints) <= core.max_joints:
             raise InputError("joints", f"{len(self.joints)} of them", f"wanted 1 to {core.max_joints}")
         for what, names in (
             ("joint", [j.name for j in self.joints]),
-            ("link", [j.link for j in self.joints]),
+            ("link", [*(j.link for j in self.joints), *(frame.name for frame in self.frames)]),
         ):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
                 raise InputError(f"{what} names", f"{sorted(twice)[0]!r} occurs twice")
         as_float_array(self.tip_origin, "tip_origin", (3,))
+        _check_rotation(self.tip_rotation, "tip_rotation")
+        for frame in self.frames:
+            if not 0 <= frame.link < self.dof:
+                raise InputError(
+                    f"frame {frame.name!r} link", f"{frame.link} is no link", f"wanted 0 to {self.dof - 1}"
+                )
+        self._check_tip_name()
+        if self.inertia_status not in get_args(InertiaStatus):
+            valid = "valid: " + ", ".join(get_args(InertiaStatus))
+            raise InputError("inertia_status", f"{self.inertia_status!r} is none", valid)
+        if self.inertia_status != "unknown":
+            for joint in self.joints:
+                if joint.inertia is None:
+                    problem = f'is missing, and inertia_status is "{self.inertia_status}"'
+                    raise InputError(f"joint {joint.name!r} inertia", problem, 'give it, or inertia_status = "unknown"')
+
+    def _check_tip_name(self) -> None:
+        """Of two frames with one name the second could never be named. The tip may be the last link itself."""
+        in_place = tuple(self.tip_origin) == (0.0, 0.0, 0.0) and self._tip_is_straight
+        others = [*(joint.link for joint in self.joints), *(frame.name for frame in self.frames)]
+        if self.tip_name in others and not (in_place and self.tip_name == self.joints[-1].link):
+            raise InputError("tip name", f"{self.tip_name!r} is the name of a link, too", "give the tip another name")
+
+    @property
+    def _tip_is_straight(self) -> bool:
+        return bool((np.asarray(self.tip_rotation) == np.eye(3)).all())
 
     @property
     def dof(self) -> int:
@@ -128,12 +189,13 @@ class Robot:
 
     @cached_property
     def chain(self) -> Any:
-        """The chain in the kernels' computing form."""
+        """The chain in the kernels' computing form, its axes of length one to the last digit."""
+        axes = np.array([joint.axis for joint in self.joints], dtype=np.float64)
         return core.Chain(
             prismatic=[joint.kind == "prismatic" for joint in self.joints],
             origin=np.array([joint.origin for joint in self.joints], dtype=np.float64),
             rotation=np.array([joint.rotation for joint in self.joints], dtype=np.float64),
-            axis=np.array([joint.axis for joint in self.joints], dtype=np.float64),
+            axis=axes / np.linalg.norm(axes, axis=1, keepdims=True),
         )
 
     @property
@@ -167,19 +229,33 @@ class Robot:
         """Find a link by name and put a point into its frame.
 
         Args:
-            link: name of a link, or of the tip, or None for the tip.
+            link: name of a link, of a frame fixed to one, or of the tip, or None for the tip.
             point: in that frame [m], shape (3,).
 
         Returns:
             The link's number (0 is moved by the first joint) and the point in that link's frame [m].
         """
+        number, offset, _ = self._place(link, point)
+        return number, offset
+
+    def _place(self, link: str | None, point: Any) -> tuple[int, FloatArray, FloatArray | None]:
+        """Link number, point in the link's frame, and how the named frame is turned there (None: it is not)."""
         offset = as_float_array(point, "point", (3,))
-        if link is None or link == self.tip_name:
-            return self.dof - 1, offset + np.asarray(self.tip_origin)
         names = [joint.link for joint in self.joints]
-        if link not in names:
-            raise InputError("link", f"{self.name} has no link {link!r}", near_matches(link, [*names, self.tip_name]))
-        return names.index(link), offset
+        if link is None or link == self.tip_name:
+            frame = Frame(name=self.tip_name, link=self.dof - 1, origin=self.tip_origin, rotation=self.tip_rotation)
+        elif link in names:
+            return names.index(link), offset, None
+        else:
+            fixed = {frame.name: frame for frame in self.frames}
+            if not isinstance(link, str) or link not in fixed:
+                near = near_matches(str(link), [*names, *fixed, self.tip_name])
+                raise InputError("link", f"{self.name} has no link {link!r}", near)
+            frame = fixed[link]
+        rotation = np.asarray(frame.rotation, dtype=np.float64)
+        if (rotation == np.eye(3)).all():
+            return frame.link, offset + np.asarray(frame.origin), None
+        return frame.link, np.asarray(frame.origin) + rotation @ offset, rotation
 
     def pose(
         self,
@@ -191,13 +267,17 @@ class Robot:
 
         Args:
             q: joint positions, (dof,) or (N, dof) [rad or m].
-            link: name of a link; default: the tip.
+            link: name of a link or frame; default: the tip.
             point: in the link's frame [m].
 
         Returns:
             (4, 4) or (N, 4, 4); translations in m.
         """
-        return self._batched(q, self.chain.poses, link, point)
+        number, offset, rotation = self._place(link, point)
+        poses = self._batched(q, self.chain.poses, number, offset)
+        if rotation is not None:
+            poses[..., :3, :3] = poses[..., :3, :3] @ rotation
+        return poses
 
     def jacobian(
         self,
@@ -209,17 +289,17 @@ class Robot:
 
         Args:
             q: joint positions, (dof,) or (N, dof) [rad or m].
-            link: name of a link; default: the tip.
+            link: name of a link or frame; default: the tip.
             point: in the link's frame [m].
 
         Returns:
             (6, dof) or (N, 6, dof): rows 0..2 give the point's velocity [m/s per rad/s or m/s], rows 3..5 the
             link's angular velocity [rad/s per rad/s or m/s].
         """
-        return self._batched(q, self.chain.jacobians, link, point)
+        number, offset, _ = self._place(link, point)
+        return self._batched(q, self.chain.jacobians, number, offset)
 
-    def _batched(self, q: npt.ArrayLike, function: Any, link: str | None, point: Any) -> FloatArray:
-        number, offset = self.frame(link, point)
+    def _batched(self, q: npt.ArrayLike, function: Any, number: int, offset: FloatArray) -> FloatArray:
         try:
             single = np.ndim(q) == 1
         except ValueError:  # rows of different lengths, refused by the same door as everything else
@@ -239,6 +319,28 @@ class Robot:
             raise InputError("robot", f"there is no built-in robot {name!r}", near_matches(name, robots()))
         return _load_builtin(name)
 
+    @classmethod
+    def from_urdf(
+        cls, path: str | Path, base: str | None = None, tip: str | None = None, *, strict_inertia: bool = False
+    ) -> Robot:
+        """Read the chain between two links of a URDF file.
+
+        Links that are fixed to each other become one, with the inertia of all of them; their names stay, as
+        :attr:`frames`. What moves beside the chain is left out, and :attr:`warnings` says so.
+
+        Args:
+            path: of the file.
+            base: link in whose frame everything is given; default: the root.
+            tip: link at the end of the chain; default: the last link of the only chain.
+            strict_inertia: refuse an inertia that no body can have, instead of warning.
+
+        Raises:
+            InputError: the file cannot be read, is no sound URDF, or has no such chain.
+        """
+        from bumpstop.model.urdf_chain import robot_from_urdf
+
+        return robot_from_urdf(Path(path), base, tip, strict_inertia=strict_inertia)
+
 
 def robots() -> tuple[str, ...]:
     """Names of the built-in robots."""
@@ -248,44 +350,18 @@ def robots() -> tuple[str, ...]:
 
 @lru_cache
 def _load_builtin(name: str) -> Robot:
+    from bumpstop.model.robot_file import robot_from_dict
+
     text = (resources.files("bumpstop.model") / "data" / f"{name}.toml").read_text(encoding="utf-8")
     return robot_from_dict(tomllib.loads(text))
 
 
-def robot_from_dict(data: dict[str, Any]) -> Robot:
-    """Build a robot from the contents of a robot file (see docs/model.md for its keys)."""
-    return Robot(
-        name=data["name"],
-        title=data.get("title", ""),
-        source=data.get("source", ""),
-        note=data.get("note", ""),
-        payload_kg=data.get("payload_kg"),
-        tip_name=data["tip"]["name"],
-        tip_origin=_vector(data["tip"]["origin_m"]),
-        joints=tuple(_joint_from_dict(joint) for joint in data["joint"]),
-    )
+def _check_name(name: object, field: str) -> None:
+    if not isinstance(name, str) or not name:
+        raise InputError(field, f"{name!r} is no name", "wanted text")
 
 
-def _joint_from_dict(joint: dict[str, Any]) -> Joint:
-    kind: JointKind = joint.get("kind", "revolute")
-    if kind == "prismatic":
-        lower, upper, velocity = (float(joint[key]) for key in ("lower_m", "upper_m", "velocity_m_s"))
-    else:
-        lower, upper, velocity = (math.radians(joint[key]) for key in ("lower_deg", "upper_deg", "velocity_deg_s"))
-    rotation = rotation_from_rpy(*(math.radians(angle) for angle in joint.get("rpy_deg", (0.0, 0.0, 0.0))))
-    return Joint(
-        name=joint["name"],
-        link=joint["link"],
-        kind=kind,
-        origin=_vector(joint["origin_m"]),
-        rotation=(_vector(rotation[0]), _vector(rotation[1]), _vector(rotation[2])),
-        axis=_vector(joint["axis"]),
-        lower=lower,
-        upper=upper,
-        velocity=velocity,
-    )
-
-
-def _vector(values: Any) -> Vector3:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
+def _check_rotation(rows: Matrix3, field: str) -> None:
+    rotation = as_float_array(rows, field, (3, 3))
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
+        raise InputError(field, "is not a rotation matrix")

@@ -1,27 +1,10 @@
-"""``bumpstop robots`` and ``bumpstop bodies``: what can be named in a scenario."""
+"""``bumpstop bodies``: what can be hit."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
 import typer
-
-
-def robots() -> None:
-    """List the built-in robots."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from bumpstop.model import Robot
-    from bumpstop.model import robots as names
-
-    table = Table(box=None, pad_edge=False)
-    for heading in ("robot", "joints", "span, m", "what it is"):
-        table.add_column(heading, justify="right" if heading in ("joints", "span, m") else "left")
-    for name in names():
-        robot = Robot.load(name)
-        table.add_row(name, str(robot.dof), f"{robot.span:.2f}", f"{robot.title}\nfigures from {robot.source}")
-    Console(highlight=False, markup=False).print(table)
 
 
 def bodies(

@@ -1,0 +1,192 @@
+"""From the tree of a URDF to a robot: the chain between two links, with everything fixed to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError, near_matches
+from bumpstop.kernels import core
+from bumpstop.model.inertia import LinkInertia, matrix3, merged, vector3
+from bumpstop.model.robot import Frame, Joint, Robot
+from bumpstop.model.urdf import OTHER_KINDS, UrdfJoint, UrdfTree, read_urdf
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Links that are fixed to each other.
+
+    Attributes:
+        placed: position [m] and orientation of every link in the frame of the first, by name.
+        leaving: the joints that move other links against this body.
+    """
+
+    placed: dict[str, tuple[FloatArray, FloatArray]]
+    leaving: list[UrdfJoint] = field(default_factory=list)
+
+
+def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_inertia: bool = False) -> Robot:
+    """Read the chain from ``base`` to ``tip``; see :meth:`bumpstop.model.Robot.from_urdf`."""
+    for key, name in (("base", base), ("tip", tip)):
+        if name is not None and not isinstance(name, str):
+            raise InputError(key, f"{name!r} is no name", "wanted text")
+    tree = read_urdf(path, strict_inertia=strict_inertia)
+    warnings = list(tree.warnings)
+    if base is not None and base not in tree.links:
+        raise InputError("base", f"{path.name} has no link {base!r}", near_matches(base, tree.links))
+    base = base if base is not None else tree.root
+    tip = tip if tip is not None else _default_tip(tree, base)
+    chain = [joint for joint in _path(tree, base, tip) if joint.kind != "fixed"]
+    if not chain:
+        raise InputError("tip", f"nothing moves between {base!r} and {tip!r} of {path.name}", "give another link")
+    for joint in chain:
+        where = f"{path}: joint {joint.name!r}"
+        if joint.kind in OTHER_KINDS:
+            raise InputError(where, f"is {joint.kind}", "wanted revolute, continuous, prismatic and fixed joints only")
+        if joint.mimics is not None:
+            raise InputError(where, f"follows joint {joint.mimics!r} (mimic)", "wanted joints that move on their own")
+    if len(chain) > core.max_joints:
+        raise InputError(str(path), f"{len(chain)} joints move {tip!r}", f"wanted at most {core.max_joints}")
+    warnings += _moving_base(tree, base)
+    bodies = [_body(tree, base), *(_body(tree, joint.child) for joint in chain)]
+    warnings += _left_out(tree, bodies, chain)
+    joints, frames = [], []
+    for number, (joint, before, body) in enumerate(zip(chain, bodies, bodies[1:], strict=False)):
+        origin, rotation = before.placed[joint.parent]
+        joints.append(
+            Joint(
+                name=joint.name,
+                link=joint.child,
+                kind="prismatic" if joint.kind == "prismatic" else "revolute",
+                origin=vector3(origin + rotation @ np.asarray(joint.origin)),
+                rotation=matrix3(rotation @ np.asarray(joint.rotation)),
+                axis=joint.axis,
+                lower=joint.lower,
+                upper=joint.upper,
+                velocity=joint.velocity,
+                inertia=_inertia(tree, body),
+            )
+        )
+        frames += [
+            Frame(name=name, link=number, origin=vector3(place), rotation=matrix3(turn))
+            for name, (place, turn) in body.placed.items()
+            if name not in (joint.child, tip)
+        ]
+    place, turn = bodies[-1].placed[tip]
+    without = [repr(joint.link) for joint in joints if joint.inertia is None]
+    if without:
+        warnings.append(f"{path.name} has no inertia for {', '.join(without)}.")
+    return Robot(
+        name=tree.name,
+        joints=tuple(joints),
+        tip_name=tip,
+        tip_origin=vector3(place),
+        tip_rotation=matrix3(turn),
+        frames=tuple(frames),
+        title=tree.name,
+        source=f"the URDF file {path.name}",
+        warnings=tuple(warnings),
+        inertia_status="unknown" if without else "published",
+        inertia_source="" if without else f"the URDF file {path.name}",
+    )
+
+
+def _default_tip(tree: UrdfTree, base: str) -> str:
+    """The last link of the only chain of moving joints. Links fixed beside it are part of its links."""
+    link = base
+    while True:
+        body = _body(tree, link)
+        if not body.leaving:
+            ends = [name for name in body.placed if not tree.below[name]]
+            break
+        if len(body.leaving) > 1:
+            ends = _leaves(tree, base)
+            break
+        link = body.leaving[0].child
+    if len(ends) == 1:
+        return ends[0]
+    written = ", ".join(repr(end) for end in ends[:12]) + (", ..." if len(ends) > 12 else "")
+    raise InputError("tip", f"is missing, and {tree.path.name} has {len(ends)} ends", f"give one of {written}")
+
+
+def _leaves(tree: UrdfTree, base: str) -> list[str]:
+    found, ahead = [], [base]
+    while ahead:
+        name = ahead.pop()
+        if not tree.below[name]:
+            found.append(name)
+        ahead.extend(joint.child for joint in reversed(tree.below[name]))
+    return found
+
+
+def _path(tree: UrdfTree, base: str, tip: str) -> list[UrdfJoint]:
+    """The joints from ``base`` to ``tip``."""
+    if tip not in tree.links:
+        raise InputError("tip", f"{tree.path.name} has no link {tip!r}", near_matches(tip, tree.links))
+    joints: list[UrdfJoint] = []
+    name = tip
+    while name != base:
+        if name not in tree.above:
+            raise InputError("tip", f"{tip!r} is not below {base!r} in {tree.path.name}", "give another tip or base")
+        joints.append(tree.above[name])
+        name = joints[-1].parent
+    return joints[::-1]
+
+
+def _body(tree: UrdfTree, first: str) -> _Body:
+    """A link and everything fixed below it."""
+    body = _Body({first: (np.zeros(3), np.eye(3))})
+    ahead = [first]
+    while ahead:
+        name = ahead.pop()
+        origin, rotation = body.placed[name]
+        for joint in tree.below[name]:
+            if joint.kind != "fixed":
+                body.leaving.append(joint)
+                continue
+            body.placed[joint.child] = (
+                origin + rotation @ np.asarray(joint.origin),
+                rotation @ np.asarray(joint.rotation),
+            )
+            ahead.append(joint.child)
+    return body
+
+
+def _inertia(tree: UrdfTree, body: _Body) -> LinkInertia | None:
+    """Of all links of the body, in the frame of the first; None where the file has none of them."""
+    parts = []
+    for name, (origin, rotation) in body.placed.items():
+        inertia = tree.links[name].inertia
+        if inertia is not None:
+            parts.append(inertia.moved(origin, rotation))
+    return merged(parts) if parts else None
+
+
+def _moving_base(tree: UrdfTree, base: str) -> list[str]:
+    moving = [repr(joint.name) for joint in _path(tree, tree.root, base) if joint.kind != "fixed"]
+    return [f"Moves {base!r} itself and is taken to stand still: {', '.join(moving)}."] if moving else []
+
+
+def _left_out(tree: UrdfTree, bodies: list[_Body], chain: list[UrdfJoint]) -> list[str]:
+    """One warning for every joint that moves something beside the chain."""
+    used = {joint.name for joint in chain}
+    found = []
+    # What stands on the base does not move with the arm.
+    for body in bodies[1:]:
+        for joint in body.leaving:
+            if joint.name in used:
+                continue
+            names, ahead = [], [joint.child]
+            while ahead:
+                names.append(ahead.pop())
+                ahead.extend(below.child for below in tree.below[names[-1]])
+            parts = [tree.links[name].inertia for name in names]
+            mass = sum(part.mass for part in parts if part is not None)
+            found.append(
+                f"Beside the chain, joint {joint.name!r} moves {names[0]!r}: left out, with {mass:.4g} kg in "
+                f"{len(names)} {'link' if len(names) == 1 else 'links'}."
+            )
+    return found
