@@ -45,7 +45,7 @@ static double nanoseconds_per_lane() {
         }
     }
     double best = 1e300;
-    for (int repeat = 0; repeat < 200; ++repeat) {
+    for (int repeat = 0; repeat < 3000; ++repeat) {
         const auto begin = std::chrono::steady_clock::now();
         for (int row = 0; row < rows; ++row) {
             JointAngles<T> angle;

@@ -360,15 +360,23 @@ MaskOf<T> cholesky(T (*m)[max_joints], int n) noexcept {
 }
 
 // 1 / (n' J M^-1 J' n) [kg]: what the arm, free in its joints, weighs to a push along the unit vector n at a point of a
-// link. Infinite where no joint moves the point along n, NaN where the mass matrix is singular.
+// link. Infinite where no joint moves the point along n by more than 1e-15 of what it moves it at all, NaN where the
+// mass matrix is singular.
 template <class T>
 T effective_mass(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                  const LinkPoint& point, const Point3<T>& direction) noexcept {
     Posture<T> posture;
     forward_kinematics(chain, q, angle, posture);
-    const Point3<T> none{T(0.0), T(0.0), T(0.0)};
+    const Point3<T> p = posture.position(point);
     T x[max_joints], m[max_joints][max_joints];
-    external_torque(chain, posture, Wrench<T>{point, direction, none}, x);
+    for (int j = 0; j < chain.dof; ++j) {
+        x[j] = 0.0;
+        if (j > point.link) continue;
+        const Point3<T> column = linear_column(chain, posture, p, j);
+        const T share = dot(column, direction);
+        // Across n, but for rounding.
+        x[j] = select(share * share > 1e-30 * dot(column, column), share, x[j]);
+    }
     mass_matrix(chain, inertias, q, angle, m);
     const MaskOf<T> definite = cholesky(m, chain.dof);
     T square = 0.0;

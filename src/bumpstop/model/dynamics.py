@@ -203,7 +203,9 @@ def manipulability(
     return _of_jacobian(core.manipulability, robot, q, link, point, rows)
 
 
-def _of_jacobian(function: Any, robot: Robot, q: npt.ArrayLike, link: str | None, point: Vector, rows: str) -> Any:
+def _of_jacobian(
+    function: Any, robot: Robot, q: npt.ArrayLike, link: str | None, point: Vector, rows: JacobianRows
+) -> FloatArray:
     if rows not in ("linear", "all"):
         raise InputError("rows", f"{rows!r} are no rows of a Jacobian", "valid: linear, all")
     positions, single = as_rows(q, "q", robot.dof)
@@ -227,5 +229,6 @@ def _for_each(value: npt.ArrayLike, field: str, width: int, count: int, single: 
     return rows
 
 
-def _one_or_all(result: FloatArray, single: bool) -> Any:
-    return result[0] if single else result
+def _one_or_all(result: FloatArray, single: bool) -> FloatArray:
+    one: FloatArray = result[0] if single else result
+    return one
