@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -26,7 +26,6 @@ from bumpstop.model import (
     manipulability,
     mass_matrix,
     robots,
-    rotation_from_rpy,
     singular_values,
 )
 from model.dynamics_cases import general_arm, mujoco_model, pinocchio_model, random_inertia, with_inertia
@@ -207,61 +206,26 @@ URDF = """
     <inertia ixx="0.02" iyy="0.03" izz="0.015" ixy="-0.002" ixz="0.001" iyz="0.003"/></inertial></link>
   <link name="three"><inertial><origin xyz="0.05 0.01 -0.04" rpy="0.7 1.1 -0.9"/><mass value="1.2"/>
     <inertia ixx="0.004" iyy="0.005" izz="0.006" ixy="0.0003" ixz="0.0002" iyz="-0.0004"/></inertial></link>
-  <joint name="a" type="continuous"><parent link="base"/><child link="one"/>
-    <origin xyz="0.1 0.2 0.3" rpy="0.4 0.5 -0.6"/><axis xyz="0.6 0 0.8"/></joint>
+  <joint name="a" type="revolute"><parent link="base"/><child link="one"/>
+    <origin xyz="0.1 0.2 0.3" rpy="0.4 0.5 -0.6"/><axis xyz="0.6 0 0.8"/>
+    <limit lower="-9" upper="9" effort="100" velocity="1"/></joint>
   <joint name="b" type="prismatic"><parent link="one"/><child link="two"/>
     <origin xyz="0 0.1 0.4" rpy="-0.2 0.9 1.4"/><axis xyz="0 -0.8 0.6"/>
     <limit lower="-1" upper="1" effort="100" velocity="1"/></joint>
-  <joint name="c" type="continuous"><parent link="two"/><child link="three"/>
-    <origin xyz="0.3 0 -0.1" rpy="1.2 -0.7 0.1"/><axis xyz="1 0 0"/></joint>
+  <joint name="c" type="revolute"><parent link="two"/><child link="three"/>
+    <origin xyz="0.3 0 -0.1" rpy="1.2 -0.7 0.1"/><axis xyz="1 0 0"/>
+    <limit lower="-9" upper="9" effort="100" velocity="1"/></joint>
 </robot>
 """
 
 
-def test_a_urdf() -> None:
-    def numbers(text: str) -> tuple[float, float, float]:
-        x, y, z = map(float, text.split())
-        return x, y, z
-
-    tree = ElementTree.fromstring(URDF)
-    inertias: dict[str, LinkInertia] = {}
-    for link in tree.findall("link/inertial/.."):
-        origin, mass, tensor = (link.find(f"inertial/{tag}") for tag in ("origin", "mass", "inertia"))
-        assert origin is not None and mass is not None and tensor is not None  # noqa: PT018
-        names = [["ixx", "ixy", "ixz"], ["ixy", "iyy", "iyz"], ["ixz", "iyz", "izz"]]
-        turned = rotation_from_rpy(*numbers(origin.attrib["rpy"]))
-        rows = turned @ [[float(tensor.attrib[name]) for name in row] for row in names] @ turned.T
-        inertias[link.attrib["name"]] = LinkInertia(
-            mass=float(mass.attrib["value"]),
-            center=numbers(origin.attrib["xyz"]),
-            tensor=tuple(tuple(row) for row in rows.tolist()),
-        )
-    joints = []
-    for joint in tree.findall("joint"):
-        origin, axis, child = (joint.find(tag) for tag in ("origin", "axis", "child"))
-        assert origin is not None and axis is not None and child is not None  # noqa: PT018
-        joints.append(
-            Joint(
-                name=joint.attrib["name"],
-                link=child.attrib["link"],
-                kind="prismatic" if joint.attrib["type"] == "prismatic" else "revolute",
-                origin=numbers(origin.attrib["xyz"]),
-                rotation=tuple(map(tuple, rotation_from_rpy(*numbers(origin.attrib["rpy"])).tolist())),
-                axis=numbers(axis.attrib["xyz"]),
-                inertia=inertias[child.attrib["link"]],
-            )
-        )
-    robot = Robot(name="three", joints=tuple(joints))
+def test_a_urdf(tmp_path: Path) -> None:
+    path = tmp_path / "three.urdf"
+    path.write_text(URDF, encoding="utf-8")
+    robot = Robot.from_urdf(path)
     m = random_motion(robot, 50, np.random.default_rng(25))
-    # Pinocchio turns about a joint without limits by (cosine, sine); with limits, by the angle.
-    limited = URDF.replace('type="continuous"', 'type="revolute"').replace(
-        '<axis xyz="0.6 0 0.8"/>', '<axis xyz="0.6 0 0.8"/><limit lower="-9" upper="9" effort="1" velocity="1"/>'
-    )
-    limited = limited.replace(
-        '<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="1"/>'
-    )
     found = ours(robot, m)
-    assert_same(found, pinocchio_dynamics(pin.buildModelFromXML(limited), np.zeros(3), m), m)
+    assert_same(found, pinocchio_dynamics(pin.buildModelFromXML(URDF), np.zeros(3), m), m)
     assert_same(found, mujoco_dynamics(mujoco.MjModel.from_xml_string(URDF), m), m)
 
 
