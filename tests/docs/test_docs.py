@@ -189,9 +189,10 @@ def test_options(command: str, heading: str) -> None:
     compare_options(parameters, heading)
 
 
-def test_options_of_robots_show() -> None:
+@pytest.mark.parametrize("command", ["show", "export"])
+def test_options_of_robots(command: str) -> None:
     group: Any = typer.main.get_command(app).commands["robots"]  # type: ignore[attr-defined]
-    compare_options(group.commands["show"].params, "robots show")
+    compare_options(group.commands[command].params, f"robots {command}")
 
 
 def compare_options(parameters: Any, heading: str) -> None:

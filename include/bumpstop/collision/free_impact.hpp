@@ -188,7 +188,7 @@ class FreeCollision {
         int longest = 1;
         for (int lane = 0; lane < lanes; ++lane)
             longest = std::max(longest, paths_.reaction_length(clamped(lane, i[lane])));
-        T from, to;
+        T from = 0.0, to = 0.0;
         for (int r = 0; r < longest; ++r) {
             for (int lane = 0; lane < lanes; ++lane) {
                 const int k = clamped(lane, i[lane]);
@@ -217,7 +217,7 @@ class FreeCollision {
 
     void go_to(int r) {
         for (int here = int(history_.size()) - 1; here < r; ++here) {
-            T from, to, active;
+            T from = 0.0, to = 0.0, active = 0.0;
             for (int lane = 0; lane < lanes; ++lane) {
                 const int at = absolute(lane, here);
                 set_lane(from, lane, paths_.undisturbed(at));

@@ -69,6 +69,24 @@ def show(
         typer.echo(f"picture: {picture}")
 
 
+@app.command("export")
+def export(
+    robot: Annotated[str, typer.Argument(help="A built-in name, or the path of a URDF file.", show_default=False)],
+    file: Annotated[Path, typer.Argument(help="Where to write it.", show_default=False)],
+    base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
+    tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
+) -> None:
+    """Write a robot as a text that C++ programs read (bumpstop/model/robot_description.hpp)."""
+    from bumpstop.model import describe
+
+    text = describe(_robot(robot, base, tip, strict_inertia=False))
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(str(file), f"cannot be written ({error.strerror})") from None
+    typer.echo(f"robot: {file}")
+
+
 def _robot(name: str, base: str | None, tip: str | None, *, strict_inertia: bool) -> Robot:
     from bumpstop.model import Robot
 

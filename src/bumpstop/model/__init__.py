@@ -1,5 +1,6 @@
 """Robots, their kinematics and their dynamics."""
 
+from bumpstop.model.description import describe
 from bumpstop.model.dynamics import (
     coriolis_torque,
     effective_mass,
@@ -19,6 +20,7 @@ __all__ = [
     "LinkInertia",
     "Robot",
     "coriolis_torque",
+    "describe",
     "effective_mass",
     "gravity_torque",
     "inverse_dynamics",

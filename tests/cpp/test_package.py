@@ -1,0 +1,116 @@
+"""The C++ package as users meet it: installed by cmake, found by find_package, fed with a file that Python wrote."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.model import describe, effective_mass, inverse_dynamics
+
+ROOT = Path(__file__).resolve().parents[2]
+NUMBER = re.compile(r"-?\d+\.\d+(?:e[-+]\d+)?|-?\d+e[-+]\d+|inf")
+
+
+def cmake() -> str:
+    """The cmake beside this Python, or any other."""
+    beside = Path(sys.executable).parent / "cmake"
+    found = str(beside) if beside.exists() else shutil.which("cmake")
+    if found is None:
+        pytest.skip("no cmake: the test packages bring one")
+    return found
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install the package, then build the examples against it, warnings being errors."""
+    folder = tmp_path_factory.mktemp("cpp")
+    tool, prefix = cmake(), folder / "prefix"
+
+    def run(*arguments: object) -> None:
+        done = subprocess.run([str(a) for a in arguments], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    run(tool, "-S", ROOT, "-B", folder / "package", f"-DCMAKE_INSTALL_PREFIX={prefix}")
+    run(tool, "--install", folder / "package")
+    shutil.copytree(ROOT / "examples" / "cpp", folder / "examples")
+    run(tool, "-S", folder / "examples", "-B", folder / "build", f"-DCMAKE_PREFIX_PATH={prefix}")
+    run(tool, "--build", folder / "build", "-j2")
+    return folder / "build"
+
+
+def without(text: str, keyword: str) -> str:
+    return "\n".join(line for line in text.splitlines() if not line.startswith(keyword))
+
+
+def numbers(built: Path, program: str, robot: bs.Robot, tmp_path: Path) -> list[float]:
+    file = tmp_path / "arm.robot"
+    file.write_text(describe(robot), encoding="utf-8")
+    done = subprocess.run([built / program, file], capture_output=True, text=True, check=True)
+    return [float(found) for line in done.stdout.splitlines() for found in NUMBER.findall(line)]
+
+
+@pytest.mark.parametrize("name", bs.robots())
+def test_kinematics(built: Path, name: str, tmp_path: Path) -> None:
+    robot = bs.Robot.load(name)
+    q = 0.1 * np.arange(1, robot.dof + 1)
+    found = np.array(numbers(built, "01_kinematics", robot, tmp_path))
+    np.testing.assert_allclose(found[:3], robot.pose(q)[:3, 3], atol=1e-11)
+    np.testing.assert_allclose(found[3:].reshape(-1, 3).T, robot.jacobian(q)[:3], atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["sia5d", "ur10e", "panda", "iiwa14"])
+def test_dynamics(built: Path, name: str, tmp_path: Path) -> None:
+    robot = bs.Robot.load(name)
+    joints = np.arange(robot.dof)
+    q, qd, qdd = 0.1 * (joints + 1), 0.3 - 0.1 * joints, 0.2 * joints
+    found = numbers(built, "02_dynamics", robot, tmp_path)
+    np.testing.assert_allclose(found[:-1], inverse_dynamics(robot, q, qd, qdd), rtol=1e-9, atol=1e-9)
+    assert found[-1] == pytest.approx(float(effective_mass(robot, q, [0, 0, -1])), rel=1e-9)
+
+
+def test_force_law(built: Path, tmp_path: Path) -> None:
+    law = bs.evaluate(bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml"))
+    force = law.peak_force
+    found = numbers(built, "03_force_law", bs.Robot.load("sia5d"), tmp_path)
+    expected = [force.mean, force.sd, *(force.quantile(p) for p in (0.5, 0.95, 0.99, 0.999))]
+    np.testing.assert_allclose(found[:6], expected, rtol=1e-7)
+    assert found[-1] == pytest.approx(law.false_alarm_probability, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda text: "", "the description is empty"),
+        (lambda text: text.replace("bumpstop-robot 1", "bumpstop-robot 2"), "line 1: not a robot description"),
+        (lambda text: text.replace("end\n", ""), "ends without 'end'"),
+        (lambda text: text.replace("origin 0.0 0.0 0.31", "origin 0.0 0.31"), "'origin' wants three numbers"),
+        (lambda text: text.replace("origin 0.0 0.0 0.31", "origin 0.0 nan 0.31"), "'origin' wants three numbers"),
+        (lambda text: text.replace("axis 0.0 0.0 1.0", "axis 0.0 0.0 2.0"), "'axis' wants a unit vector"),
+        (lambda text: text.replace("joint revolute", "joint planar"), "'joint' wants revolute or prismatic"),
+        (lambda text: text.replace("limits", "limit"), "unknown keyword 'limit'"),
+        (
+            lambda text: "\n".join(line for line in text.splitlines() if not line.startswith("joint")),
+            "before the first",
+        ),
+    ],
+)
+def test_damaged_descriptions_are_refused(built: Path, spoil: object, message: str, tmp_path: Path) -> None:
+    file = tmp_path / "arm.robot"
+    file.write_text(spoil(describe(bs.Robot.load("sia5d"))), encoding="utf-8")  # type: ignore[operator]
+    done = subprocess.run([built / "01_kinematics", file], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
+def test_unknown_inertia_stays_unknown(built: Path, tmp_path: Path) -> None:
+    file = tmp_path / "arm.robot"
+    file.write_text(without(describe(bs.Robot.load("ur10e")), "inertia"), encoding="utf-8")
+    done = subprocess.run([built / "02_dynamics", file], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "error: the inertia of ur10e is not known\n")
