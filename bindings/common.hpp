@@ -52,5 +52,6 @@ inline NewArray<double>::Array array_of(const std::vector<double>& values, std::
 void bind_math(nb::module_& module);
 void bind_model(nb::module_& module);
 void bind_collision(nb::module_& module);
+void bind_trajectory(nb::module_& module);
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

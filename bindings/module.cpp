@@ -7,4 +7,5 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_math(module);
     bumpstop::bind_model(module);
     bumpstop::bind_collision(module);
+    bumpstop::bind_trajectory(module);
 }
