@@ -17,6 +17,7 @@ from bumpstop.model import Robot
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario import Scenario
+    from bumpstop.collision.trajectory import Trajectory
 
 # A day of ticks at a kilohertz would exhaust memory long before anything is learned from it.
 _MOST_STEPS = 2_000_000
@@ -32,10 +33,11 @@ class Problem:
         limits: of the body region hit, or None where only a stiffness was given.
         stiffness: of the body [N/m].
         q: start pose (dof,) [rad or m].
-        velocity: of the tip, base frame (3,) [m/s].
+        velocity: of the tip along a line, base frame (3,) [m/s]; zero with a trajectory.
         thresholds, noise_sd, noise_mean: per joint (dof,) [Nm or N].
         period_steps, latency_steps: in simulation steps.
         notes: what was assumed while reading the scenario.
+        trajectory: the motion, where it is no line.
     """
 
     scenario: Scenario
@@ -51,6 +53,7 @@ class Problem:
     period_steps: int
     latency_steps: int
     notes: tuple[str, ...]
+    trajectory: Trajectory | None = None
 
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> Problem:
@@ -76,13 +79,18 @@ class Problem:
         latency = math.ceil(reaction.latency_s / step - 1e-9)
         if abs(latency * step - reaction.latency_s) > 1e-9 * step:
             notes.append(f"Reaction latency rounded up to {latency * step * 1e3:g} ms, whole simulation steps.")
+        trajectory = None
+        if scenario.motion.kind == "trajectory":
+            from bumpstop.collision.trajectory import load_trajectory
+
+            trajectory = load_trajectory(scenario, robot)
         problem = cls(
             scenario=scenario,
             robot=robot,
             limits=limits,
             stiffness=stiffness,
-            q=_pose(scenario, robot),
-            velocity=np.array(scenario.motion.velocity),
+            q=_pose(scenario, robot) if trajectory is None else trajectory.position[0].copy(),
+            velocity=np.array(scenario.motion.velocity) if trajectory is None else np.zeros(3),
             thresholds=_per_joint(detector.thresholds_Nm, robot, "detector.thresholds_Nm", each=True),
             noise_sd=_per_joint(detector.noise_sd_Nm, robot, "detector.noise_sd_Nm"),
             noise_mean=_per_joint(detector.noise_mean_Nm, robot, "detector.noise_mean_Nm"),
@@ -92,8 +100,10 @@ class Problem:
             period_steps=_period_steps(detector.feedback_period_s, step),
             latency_steps=latency,
             notes=tuple(notes),
+            trajectory=trajectory,
         )
-        problem._check_motion()
+        if trajectory is None:
+            problem._check_motion()
         return problem
 
     @cached_property
@@ -113,6 +123,15 @@ class Problem:
         return f"valid: 1 to {self.robot.dof}"
 
     @cached_property
+    def contact_point(self) -> tuple[int, FloatArray]:
+        """Number of the link that hits, from 0, and the contact point in its frame (3,) [m]."""
+        contact = self.scenario.contact
+        try:
+            return self.robot.frame(contact.link, contact.point_m)
+        except InputError as error:
+            raise InputError(f"contact.{error.field}", error.problem, error.valid) from None
+
+    @cached_property
     def setup(self) -> Any:
         """Arm, motion, contact point and reaction for the kernels."""
         scenario, robot = self.scenario, self.robot
@@ -125,10 +144,7 @@ class Problem:
             valid = 'wanted task = "position"' if len(free) >= 3 else "fewer joints held"
             raise InputError("motion.task", f"{motion.task!r} needs {rows} free joints, {len(free)} are free", valid)
         tip_link, tip_point = robot.frame(None)
-        try:
-            link, point = robot.frame(contact.link, contact.point_m)
-        except InputError as error:
-            raise InputError(f"contact.{error.field}", error.problem, error.valid) from None
+        link, point = self.contact_point
         steps = round(motion.duration_s / step)
         if not 1 <= steps <= _MOST_STEPS:
             raise InputError(
