@@ -88,7 +88,9 @@ def _csv(path: Path, text: str, robot: Robot) -> Rows:
     wanted = f"wanted the header t,q_1,...,q_{robot.dof} and perhaps qd_1,...,qd_{robot.dof}"
     for name in header:
         if name not in ("t", *positions, *velocities):
-            raise refusal(path, f"has a column {_shown(name)}", f"{near_matches(name[:100], ['t', *positions])}; {wanted}")
+            raise refusal(
+                path, f"has a column {_shown(name)}", f"{near_matches(name[:100], ['t', *positions])}; {wanted}"
+            )
         if header.count(name) > 1:
             raise refusal(path, f"has the column {name!r} twice", wanted)
     needed = ["t", *positions, *(velocities if any(name in header for name in velocities) else [])]
@@ -147,7 +149,9 @@ def _message(path: Path, message: Any, robot: Robot) -> Rows:
     known = [joint.name for joint in robot.joints]
     for name in names:
         if not isinstance(name, str) or name not in known:
-            raise refusal(path, f"joint_names: {robot.name} has no joint {_shown(name)}", near_matches(str(name)[:100], known))
+            raise refusal(
+                path, f"joint_names: {robot.name} has no joint {_shown(name)}", near_matches(str(name)[:100], known)
+            )
         if names.count(name) > 1:
             raise refusal(path, f"joint_names: {name!r} occurs twice")
     for name in known:
@@ -212,9 +216,13 @@ def _seconds(path: Path, value: Any, where: str) -> float:
     for whole, billionths in _TIMES:
         if set(value) == {whole, billionths}:
             return _number(path, value[whole], where) + 1e-9 * _number(path, value[billionths], where)
-    raise refusal(path, f"{where}: {_shown(dict(value))} cannot be used", "wanted sec and nanosec, or a number of seconds")
+    raise refusal(
+        path, f"{where}: {_shown(dict(value))} cannot be used", "wanted sec and nanosec, or a number of seconds"
+    )
 
 
 def _shown(value: Any) -> str:
-    text = repr(value) if isinstance(value, str | int | float | dict | None) else f"a value of type {type(value).__name__}"
+    text = (
+        repr(value) if isinstance(value, str | int | float | dict | None) else f"a value of type {type(value).__name__}"
+    )
     return text if len(text) <= _MOST_CHARACTERS else text[:_MOST_CHARACTERS] + "..."
