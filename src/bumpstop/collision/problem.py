@@ -122,6 +122,13 @@ class Problem:
     def _joint_range(self) -> str:
         return f"valid: 1 to {self.robot.dof}"
 
+    @property
+    def motion_in_words(self) -> str:
+        """How the arm moves, to follow its name: ``at 50 mm/s``."""
+        if self.trajectory is not None:
+            return f"along a trajectory of {self.trajectory.duration:.4g} s"
+        return f"at {1e3 * math.hypot(*self.scenario.motion.velocity):g} mm/s"
+
     @cached_property
     def contact_point(self) -> tuple[int, FloatArray]:
         """Number of the link that hits, from 0, and the contact point in its frame (3,) [m]."""

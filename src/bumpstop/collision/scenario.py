@@ -62,6 +62,9 @@ _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
 class Motion(_Table):
     """A straight line of the tip at constant speed, base frame, or a joint trajectory."""
 
+    # Of the kind that is meant where none is given.
+    model_config = ConfigDict(json_schema_extra={"required": ["velocity_mm_s"]})
+
     kind: Literal["line", "trajectory"] = "line"
     velocity_mm_s: Velocity | None = None
     start: Literal["moving", "rest"] = "moving"

@@ -59,7 +59,7 @@ def contact_times(problem: Problem, refinement: int = 1) -> ContactTimes:
     given = problem.scenario.motion.contact_time
     if given != "uniform":
         begin = np.array([float(given)])
-        normal, speed = _approach(problem, begin)
+        normal, speed = approach(problem, begin)
         if not speed[0] > _STANDSTILL:
             raise InputError(
                 "motion.contact_time",
@@ -75,7 +75,7 @@ def contact_times(problem: Problem, refinement: int = 1) -> ContactTimes:
     # Each node stands for a part of its panel as wide as its weight.
     cell = np.concatenate([[-1.0], -1.0 + np.cumsum(weight)])
     low, high = ((middle[:, None] + half[:, None] * ends).ravel() for ends in (cell[:-1], cell[1:]))
-    normal, speed = _approach(problem, begin)
+    normal, speed = approach(problem, begin)
     moves = speed > _STANDSTILL
     share = np.where(moves, high - low, 0.0)
     if not share.any():
@@ -94,8 +94,8 @@ def _trajectory(problem: Problem) -> Trajectory:
     return problem.trajectory
 
 
-def _approach(problem: Problem, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Contact normals (N, 3) at times (N,) and the speed toward the body (N,) [m/s]."""
+def approach(problem: Problem, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Contact normals (N, 3), base frame, at times (N,) [s] and the speed toward the body then (N,) [m/s]."""
     velocity, _ = point_motion(_trajectory(problem), problem.robot, problem.contact_point, t)
     given = problem.scenario.contact.normal
     if given is not None:
@@ -111,7 +111,7 @@ def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
     ticks = np.arange(1, math.ceil(end / step) + 1, problem.period_steps) * step
     edges = np.concatenate([[0.0], ticks[ticks < end - 1e-9 * step], [end]])
     middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
-    normal, speed = _approach(problem, middle)
+    normal, speed = approach(problem, middle)
     _, jacobian = point_motion(trajectory, problem.robot, problem.contact_point, middle)
     watched = np.isfinite(problem.thresholds)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -389,7 +389,7 @@ def trajectory_curve(problem: Problem, kernel: Any, begin: float) -> StoppingCur
 
     Distances are those from the place of contact and never above zero before it.
     """
-    normal, speed = _approach(problem, np.array([begin]))
+    normal, speed = approach(problem, np.array([begin]))
     traced = kernel.curve(begin, normal[0])
     step = problem.scenario.simulation.step_s
     index = np.arange(kernel.ticks) * problem.period_steps + 1
@@ -458,7 +458,7 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
     """Draw single collisions: a time of contact, then noise until a joint alarms."""
     kernel, times = trajectory_kernel(problem), contact_times(problem)
     begin = _draw(times, seed, samples)
-    normal, _ = _approach(problem, begin)
+    normal, _ = approach(problem, begin)
     runs = kernel.sample(problem.detector, problem.stiffness, begin, normal, seed, threads)
     K, tick = problem.stiffness, runs["tick"]
     detected = tick >= 0
