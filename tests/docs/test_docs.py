@@ -93,6 +93,7 @@ def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
 def test_python_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = ROOT / "docs" / "collision.md"
     (tmp_path / "scenario.toml").write_text(blocks(page, "toml")[0], encoding="utf-8")
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     sessions = blocks(page, "pycon")
     test = doctest.DocTestParser().get_doctest("\n".join(sessions), {}, page.name, str(page), 0)
@@ -319,7 +320,7 @@ def test_limits_of_thresholds() -> None:
 def test_what_is_not_available_is_refused_by_name() -> None:
     scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
     asked = [text for row in rows(read("docs/collision.md"), "key") if len(row) == 2 for text in code(row[0])]
-    assert len(asked) == 9
+    assert len(asked) == 8
     for text in asked:
         key, _, value = text.partition(" = ")
         with pytest.raises(bs.InputError, match="not available in this version") as refused:

@@ -112,7 +112,9 @@ def _check_rows(path: Path, rows: Rows, robot: Robot) -> None:
         (rows.position, rows.position_names),
         (rows.velocity, rows.velocity_names),
     ):
-        bad = np.argwhere(~np.isfinite(values)) if values is not None else np.empty((0, 2), dtype=int)
+        if values is None:
+            continue
+        bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             i, j = bad[0]
             raise refusal(

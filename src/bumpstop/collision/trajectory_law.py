@@ -187,12 +187,13 @@ class MixtureDistribution(Distribution):
     def _above(self, x: FloatArray, *, at: bool) -> FloatArray:
         """P(value > x), or P(value >= x), for x of any order (N,)."""
         ends, tail = self._tail
-        result = np.full(x.shape, self.undetected)
+        result: FloatArray = np.full(x.shape, self.undetected)
         if ends.size:
             result += np.interp(-x, -ends, tail)
         atoms, reached = self._atoms
         count = np.searchsorted(-atoms, -x, side="right" if at else "left")
-        return result + np.concatenate([[0.0], reached])[count]
+        result += np.concatenate([[0.0], reached])[count]
+        return result
 
     def exceedance(self, x: float) -> float:  # noqa: D102
         if not self._total > 0:

@@ -109,7 +109,7 @@ class ArmSection(Section):
         if problem.trajectory is None or self._contact_begin is None:
             return np.asarray(problem.start["point_velocity"])
         t = np.array([self._contact_begin])
-        return point_motion(problem.trajectory, problem.robot, problem.contact_point, t)[0][0]
+        return np.asarray(point_motion(problem.trajectory, problem.robot, problem.contact_point, t)[0][0])
 
     def _draw(self, figure: Figure) -> None:
         draw_views(figure, self._chain, self._draw_view)

@@ -82,11 +82,15 @@ class Rollouts:
     def nearest(self, p: float) -> Rollout:
         """The run whose peak force is nearest the law's quantile at ``p``.
 
-        Where that quantile lies in the undetected share: an undetected run with a middling offset.
+        Where that quantile lies in the undetected share: an undetected run with a middling offset. In a trajectory: the
+        run nearest the quantile of all sampled forces, as those of undetected runs are known.
         """
         peak, offset, tick = self._runs["peak_force"], self._runs["offset"], self._runs["tick"]
         wanted = self._law.peak_force.quantile(p)
-        if math.isfinite(wanted):
+        if isinstance(self._law, TrajectoryLaw):
+            # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
+            missed = np.abs(peak - np.quantile(peak, p))
+        elif math.isfinite(wanted):
             # Runs never detected count as beyond every quantile, whatever force the end of the motion leaves them.
             missed = np.where(tick >= 0, np.abs(peak - wanted), math.inf)
         else:
