@@ -294,6 +294,25 @@ def test_a_point_that_stands_still_meets_nobody(tmp_path: Path) -> None:
     assert (bs.evaluate(law.scenario, samples=500).runs or {})["contact_time"].min() > 0.485
 
 
+@pytest.mark.parametrize("contact_time", ["uniform", 0.11])
+def test_quantiles_and_tails_belong_together(contact_time: float | str, tmp_path: Path) -> None:
+    t, q = waves(3, 0.24, rows=12, size=0.25)
+    write_csv(tmp_path / "path.csv", t, q)
+    law = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_time=contact_time), robot="sia5d"))
+    for quantity in (law.peak_force, law.pressure, law.force_at_detection, law.detection_delay):
+        for p in (1e-9, 0.01, 0.3, 0.5, 0.77, 0.95, 0.999, 1 - 1e-7):
+            x = quantity.quantile(p)
+            if not math.isfinite(x):
+                assert law.undetected_probability > 1 - p
+                continue
+            assert quantity.exceedance(x) <= (1 - p) * (1 + 1e-6)
+            if x > 0:
+                assert quantity.exceedance(x * (1 - 1e-6)) >= (1 - p) * (1 - 1e-3) - 1e-6
+        edges = np.linspace(0, quantity.quantile(0.5) * 3, 60)
+        mass = float((quantity.density(edges) * np.diff(edges)).sum())
+        assert mass == pytest.approx(quantity.exceedance(0.0) - quantity.exceedance(edges[-1]), abs=1e-12)
+
+
 def test_sampled_runs_do_not_depend_on_threads(tmp_path: Path) -> None:
     t, q = waves(2, 0.4, rows=10)
     write_csv(tmp_path / "path.csv", t, q)
