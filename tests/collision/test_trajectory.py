@@ -169,6 +169,7 @@ def test_contact_before_the_end(tmp_path: Path) -> None:
     assert law.undetected_probability > 0.99
     assert law.peak_force.mean == pytest.approx(20000 * rest, rel=1e-3)
     assert law.verdict.acceptable is None
+    assert not any("still moves" in note for note in law.notes), "it comes to rest"
     assert isinstance(law, TrajectoryLaw)
     assert law.greatest_undetected == pytest.approx(20000 * rest, rel=1e-3)
     assert math.isinf(law.peak_force.quantile(0.5)), "collisions never detected are beyond every quantile"
@@ -289,6 +290,7 @@ def test_a_point_that_stands_still_meets_nobody(tmp_path: Path) -> None:
     law = bs.evaluate(scenario(tmp_path, trajectory_motion()))
     assert isinstance(law, TrajectoryLaw)
     assert law.times.still == pytest.approx(0.49, abs=0.015)
+    assert any("ends while the arm still moves" in note for note in law.notes)
     (note,) = [note for note in law.notes if "does not move toward a body" in note]
     assert f"{law.times.still:.2%}" in note
     assert (bs.evaluate(law.scenario, samples=500).runs or {})["contact_time"].min() > 0.485

@@ -161,6 +161,8 @@ class ForceLaw:
                 f"Some collisions are not detected within {self.scenario.motion.duration_s:g} s; their force has no "
                 "bound and the mean is not given."
             )
+        if self.no_contact_probability > NEGLIGIBLE:
+            notes.append(f"In {self.no_contact_probability:.2g} of cases the motion ends before contact.")
         return notes
 
     @cached_property
@@ -368,8 +370,6 @@ def _notes(law: ForceLaw) -> list[str]:
             f"Limits: {limits.table}, {limits.label}; force: {limits.force_source} (status: {limits.force_status})."
         )
     notes += law.end_notes()
-    if law.no_contact_probability > NEGLIGIBLE:
-        notes.append(f"In {law.no_contact_probability:.2g} of cases the motion ends before contact.")
     unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
     if unwatched:
         notes.append(f"Not watched: joint {', '.join(unwatched)}.")

@@ -347,12 +347,28 @@ class TrajectoryLaw(ForceLaw):
                 f"The trajectory's own joint accelerations are up to {self.kernel.excess:.3g} times those of the "
                 "reaction: there the arm brakes as far as it can with the least excess."
             )
+        if _stops_short(_trajectory(self.problem)):
+            notes.append(
+                "The trajectory ends while the arm still moves. It is taken to stand still there at once, so contact "
+                "near the end is harder than it says."
+            )
+        if self.no_contact_probability > NEGLIGIBLE:
+            notes.append(
+                f"In {self.no_contact_probability:.2g} of cases the point turns back within a simulation step, and "
+                "nothing is touched."
+            )
         if self.undetected_probability > NEGLIGIBLE:
             notes.append(
                 f"In {self.undetected_probability:.2g} of cases the motion ends without a detection. They count as "
                 f"over every limit, whatever their force; the greatest of it is {self.greatest_undetected:.4g} N."
             )
         return notes
+
+
+def _stops_short(trajectory: Trajectory) -> bool:
+    """The last row is no place of rest: a joint is faster there than a hundredth of its greatest speed."""
+    rates = np.abs(trajectory.at(np.linspace(0, trajectory.duration, 500), 1))
+    return bool((rates[-1] > 0.01 * rates.max()).any())
 
 
 class _Reactions:
