@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+import pinocchio as pin
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests"))
@@ -20,7 +21,9 @@ import bumpstop as bs  # noqa: E402
 import twin  # noqa: E402
 import twin.twin as twin_module  # noqa: E402
 from bumpstop import kernels  # noqa: E402
+from bumpstop.model import inverse_dynamics  # noqa: E402
 from collision.cases import control_group, twin_of  # noqa: E402
+from model.dynamics_cases import general_arm, pinocchio_model  # noqa: E402
 
 FLAGS = {
     "baseline": [],
@@ -76,16 +79,50 @@ def random_poses(robot: bs.Robot, count: int) -> tuple[np.ndarray, np.ndarray]:
     return q, direction * rng.normal(0.010, 0.002, size=(count, 1))
 
 
-def substep() -> tuple[int, float, float, float]:
-    """Lanes, then ns per lane and sub-step for 6 of 7 joints, 7 joints, and a plain double."""
+def figures(name: str) -> list[float]:
+    """What a C++ program of this folder prints, compiled as the kernels are."""
     compiler = os.environ.get("CXX", "c++")
     with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "substep"
+        program = Path(folder) / name
         command = [compiler, *COMMON, "-Wno-psabi", *FLAGS[kernels.target]]
-        command += ["-I", str(REPOSITORY / "include"), str(REPOSITORY / "benchmarks/substep.cpp"), "-o", str(program)]
+        command += ["-I", str(REPOSITORY / "include"), str(REPOSITORY / f"benchmarks/{name}.cpp"), "-o", str(program)]
         subprocess.run(command, check=True)
-        lanes, six, seven, scalar = subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()
-    return int(lanes), float(six), float(seven), float(scalar)
+        return [float(x) for x in subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()]
+
+
+def substep() -> tuple[int, float, float, float]:
+    """Lanes, then ns per lane and sub-step for 6 of 7 joints, 7 joints, and a plain double."""
+    lanes, six, seven, scalar = figures("substep")
+    return int(lanes), six, seven, scalar
+
+
+def newton_euler() -> None:
+    """Inverse dynamics of seven joints, sines and cosines included, beside Pinocchio through its binding."""
+    robot = general_arm()
+    model = pinocchio_model(robot)
+    data = model.createData()
+    q, qd, qdd = np.random.default_rng(7).normal(size=(3, 4000, robot.dof))
+
+    def one_by_one() -> None:
+        for row in zip(q, qd, qdd, strict=True):
+            pin.rnea(model, data, *row)
+
+    theirs = seconds(one_by_one, 9) / len(q) * 1e9
+    lanes, wide, scalar = figures("dynamics")
+    batch = seconds(lambda: inverse_dynamics(robot, q, qd, qdd), 9) / len(q) * 1e9
+    row("", "measured", "target", None, "Pinocchio / ours")
+    # The target is for eight lanes.
+    target = 25 * 8 / lanes
+    row(
+        f"Newton-Euler per lane, {lanes:.0f} lanes",
+        f"{wide:.1f} ns",
+        f"<= {target:.0f}",
+        wide <= target,
+        f"{theirs / wide:.1f}",
+    )
+    row("Newton-Euler, one double", f"{scalar:.0f} ns", "<= 150", scalar <= 150, f"{theirs / scalar:.1f}")
+    row(f"inverse_dynamics of {len(q)} rows, from Python, each", f"{batch:.0f} ns", "", None, f"{theirs / batch:.1f}")
+    row("Pinocchio's rnea from Python, each", f"{theirs:.0f} ns", "", None)
 
 
 def main() -> None:
@@ -155,6 +192,8 @@ def main() -> None:
         f"{literal / seven:.0f}",
     )
     row("controller sub-step, one double", f"{scalar:.0f} ns", "", None, f"{literal / scalar:.0f}")
+
+    newton_euler()
 
     command = [sys.executable, "-c", "from bumpstop.cli.main import main; main()"]
     example = str(REPOSITORY / "examples/01_hand_downward.toml")

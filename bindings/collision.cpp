@@ -75,6 +75,11 @@ struct Curve {
     Setup setup;
     std::vector<double> q;
     StoppingCurve curve;
+
+    FreePaths free_paths() const {
+        return bumpstop::free_paths<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, curve,
+                                       q.data());
+    }
 };
 
 nb::dict start_of(const Setup& setup, Vector q, Vector velocity) {
@@ -105,11 +110,15 @@ nb::dict start_of(const Setup& setup, Vector q, Vector velocity) {
 }
 
 Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector* detector, double stiffness,
-            double largest_offset) {
+            double largest_offset, double body_mass) {
     nb::gil_scoped_release unlocked;
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
     const Point3<double> v{velocity(0), velocity(1), velocity(2)};
-    if (detector != nullptr) {
+    if (detector != nullptr && body_mass > 0) {
+        CertainParting<double> finished({stiffness, body_mass}, setup.timing, setup.motion.step, largest_offset);
+        LineTracer<double, CertainParting<double>>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
+            .trace(result.q.data(), v, &result.curve.path, 1);
+    } else if (detector != nullptr) {
         CertainDetection<double> finished(*detector, setup.timing, setup.motion.step, stiffness, largest_offset);
         LineTracer<double, CertainDetection<double>>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
             .trace(result.q.data(), v, &result.curve.path, 1);
@@ -164,15 +173,21 @@ struct Law {
 
 nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
                 double offset_size, std::uint64_t seed, std::int64_t first_run, std::int64_t runs, bool with_noise,
-                int threads) {
+                int threads, std::optional<Matrix> residuals, std::int64_t block_rows, double body_mass) {
     const std::size_t n = std::size_t(runs), dof = std::size_t(curve.setup.chain.dof);
     NewArray<double> offset({n}), noise({with_noise ? n : 0, dof}), residual({with_noise ? n : 0, dof});
     NewArray<std::int32_t> tick({n});
     NewArray<std::uint32_t> triggers({n});
+    const std::size_t free_runs = body_mass > 0 ? n : 0;
+    NewArray<double> peak_force({free_runs}), duration({free_runs}), force_at_detection({free_runs});
     {
         nb::gil_scoped_release unlocked;
+        const FreePaths free = body_mass > 0 ? curve.free_paths() : FreePaths{};
+        ResidualRecord record;
+        if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
         const Sampler<L> sampler(curve.curve, curve.setup.timing, curve.setup.motion, detector, stiffness,
-                                 offset_law(offset_kind, offset_size), seed);
+                                 offset_law(offset_kind, offset_size), seed, residuals ? &record : nullptr,
+                                 body_mass > 0 ? &free : nullptr, body_mass);
         // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.
         constexpr std::int64_t block = 1 << 16;
         std::atomic<std::int64_t> next{0};
@@ -182,6 +197,11 @@ nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double st
                 if (with_noise) {
                     out.noise = noise.data.get() + begin * std::int64_t(dof);
                     out.residual = residual.data.get() + begin * std::int64_t(dof);
+                }
+                if (body_mass > 0) {
+                    out.peak_force = peak_force.data.get() + begin;
+                    out.duration = duration.data.get() + begin;
+                    out.force_at_detection = force_at_detection.data.get() + begin;
                 }
                 sampler.run(first_run + begin, std::min(block, runs - begin), out);
             }
@@ -197,6 +217,11 @@ nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double st
     out["triggers"] = triggers.release();
     out["noise"] = noise.release();
     out["residual"] = residual.release();
+    if (body_mass > 0) {
+        out["peak_force"] = peak_force.release();
+        out["duration"] = duration.release();
+        out["force_at_detection"] = force_at_detection.release();
+    }
     return out;
 }
 
@@ -259,11 +284,13 @@ void bind_collision(nb::module_& module) {
         .def("start", &start_of, nb::arg("q"), nb::arg("velocity"),
              "Joint rates and contact point velocity at the start of the motion, and what is wrong with them.")
         .def("trace", &trace, nb::arg("q"), nb::arg("velocity"), nb::arg("detector").none(), nb::arg("stiffness"),
-             nb::arg("largest_offset"), "The stopping curve from a pose; with a detector, as far as its law needs it.");
+             nb::arg("largest_offset"), nb::arg("body_mass") = 0.0,
+             "The stopping curve from a pose; with a detector, as far as its law needs it.");
     nb::class_<ThresholdDetector>(module, "Detector", "Thresholds and white noise per joint.")
         .def(
             "__init__",
-            [](ThresholdDetector* self, Vector threshold, Vector sd, Vector mean, double arming_delay) {
+            [](ThresholdDetector* self, Vector threshold, Vector sd, Vector mean, double arming_delay,
+               double correlation, double filter) {
                 new (self) ThresholdDetector();
                 for (std::size_t j = 0; j < threshold.shape(0); ++j) {
                     self->noise_sd[j] = sd(j);
@@ -271,8 +298,11 @@ void bind_collision(nb::module_& module) {
                     if (std::isfinite(threshold(j))) self->watch(int(j), threshold(j), sd(j), mean(j));
                 }
                 self->arming_delay = arming_delay;
+                self->correlation = correlation;
+                self->filter = filter;
             },
-            nb::arg("threshold"), nb::arg("sd"), nb::arg("mean"), nb::arg("arming_delay"))
+            nb::arg("threshold"), nb::arg("sd"), nb::arg("mean"), nb::arg("arming_delay"), nb::arg("correlation"),
+            nb::arg("filter"))
         .def(
             "alarm_probability",
             [](const ThresholdDetector& self, Vector torque) {
@@ -326,15 +356,21 @@ void bind_collision(nb::module_& module) {
         .def(
             "exact_law",
             [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
-               double offset_size, int refinement) {
+               double offset_size, int refinement, double body_mass) {
                 nb::gil_scoped_release unlocked;
-                const LawSettings settings{stiffness, offset_law(offset_kind, offset_size), refinement};
+                LawSettings settings{stiffness, offset_law(offset_kind, offset_size), refinement};
+                const FreePaths free = body_mass > 0 ? self.free_paths() : FreePaths{};
+                if (body_mass > 0) {
+                    settings.free = &free;
+                    settings.body_mass = body_mass;
+                }
                 return Law{
                     ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings).build(),
                     self.setup.chain.dof};
             },
             nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"),
-            nb::arg("refinement"))
+            nb::arg("refinement"), nb::arg("body_mass") = 0.0,
+            "With a body mass [kg] the contact is free; without one the body is clamped.")
         .def(
             "tail_directly",
             [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
@@ -348,7 +384,8 @@ void bind_collision(nb::module_& module) {
             "P(peak force > force) of detected collisions, with all its digits however small.")
         .def("sample", &sample, nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"),
              nb::arg("offset_size"), nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("with_noise"),
-             nb::arg("threads"));
+             nb::arg("threads"), nb::arg("residuals").none() = nb::none(), nb::arg("block_rows") = 1,
+             nb::arg("body_mass") = 0.0);
     nb::class_<Law>(module, "Law", "An exact law.")
         .def_prop_ro("false_alarm", [](const Law& self) { return self.law.false_alarm; })
         .def_prop_ro("harmless", [](const Law& self) { return self.law.harmless; })
@@ -392,6 +429,19 @@ void bind_collision(nb::module_& module) {
                 return upper_quantile<L>(self.law.pieces, self.quantity(name), allowed, never);
             },
             nb::arg("quantity"), nb::arg("allowed"), nb::arg("never"))
+        .def(
+            "free_nodes",
+            [](const Law& self) {
+                const LawPieces& p = self.law.pieces;
+                const std::array<std::size_t, 3> shape{std::size_t(p.slots), std::size_t(p.order),
+                                                       std::size_t(p.panels)};
+                nb::dict out;
+                out["peak_force"] = array_of(self.law.free.peak_force, {shape[0], shape[1], shape[2]});
+                out["duration"] = array_of(self.law.free.duration, {shape[0], shape[1], shape[2]});
+                out["force_at_detection"] = array_of(self.law.free.force_at_detection, {shape[0], shape[1], shape[2]});
+                return out;
+            },
+            "Free contact: values at the Gauss nodes, (slots, order, panels) [N, s, N].")
         .def_prop_ro("slots_before", [](const Law& self) { return self.law.pieces.slots_before; })
         .def_prop_ro(
             "coefficients",
@@ -418,6 +468,16 @@ void bind_collision(nb::module_& module) {
     module.def("batch", &batch, nb::arg("setup"), nb::arg("q"), nb::arg("velocity"), nb::arg("detector"),
                nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("probability"),
                nb::arg("limit"), nb::arg("threads"));
+    module.def(
+        "residual_rows",
+        [](std::uint64_t seed, std::int64_t run, std::int64_t ticks, std::int64_t rows, std::int64_t block_rows) {
+            const ResidualRecord record{nullptr, rows, 0, block_rows};
+            NewArray<std::int64_t> out({std::size_t(ticks)});
+            for (std::int64_t k = 0; k < ticks; ++k) out.data[k] = record.row_of(seed, run, k);
+            return out.release();
+        },
+        nb::arg("seed"), nb::arg("run"), nb::arg("ticks"), nb::arg("rows"), nb::arg("block_rows"),
+        "The rows of a record of residuals that play the ticks of a run.");
     module.def(
         "offsets",
         [](std::uint64_t seed, std::int64_t first_run, std::size_t runs, const std::string& kind, double size) {

@@ -49,8 +49,23 @@ inline NewArray<double>::Array array_of(const std::vector<double>& values, std::
     return array.release();
 }
 
+// A register of rows, from `first` on, by columns. Past the end the last row is repeated.
+inline void load_rows(Matrix rows, std::size_t first, NativeLanes* column) {
+    const std::size_t n = rows.shape(0), width = rows.shape(1);
+    const double* row[native_lanes];
+    for (int lane = 0; lane < native_lanes; ++lane) row[lane] = rows.data() + std::min(first + lane, n - 1) * width;
+    for (std::size_t j = 0; j < width; ++j)
+        for (int lane = 0; lane < native_lanes; ++lane) set_lane(column[j], lane, row[lane][j]);
+}
+// The first `count` lanes into rows of `width` numbers.
+inline void store_rows(const NativeLanes* column, int width, std::size_t first, int count, double* rows) {
+    for (int lane = 0; lane < count; ++lane)
+        for (int j = 0; j < width; ++j) rows[(first + lane) * std::size_t(width) + j] = column[j][lane];
+}
+
 void bind_math(nb::module_& module);
 void bind_model(nb::module_& module);
+void bind_dynamics(nb::module_& module);
 void bind_collision(nb::module_& module);
 void bind_trajectory(nb::module_& module);
 

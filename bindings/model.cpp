@@ -27,12 +27,9 @@ void for_registers(const Chain& chain, Matrix q, Visit visit) {
     const std::size_t n = q.shape(0);
     for (std::size_t first = 0; first < n; first += native_lanes) {
         L position[max_joints];
+        load_rows(q, first, position);
         JointAngles<L> angle;
-        for (int j = 0; j < chain.dof; ++j) {
-            for (int lane = 0; lane < native_lanes; ++lane)
-                set_lane(position[j], lane, q.data()[std::min(first + lane, n - 1) * chain.dof + j]);
-            angle.set(chain, j, position[j]);
-        }
+        angle.set(chain, position);
         Posture<L> posture;
         forward_kinematics(chain, position, angle, posture);
         visit(first, int(std::min<std::size_t>(native_lanes, n - first)), posture);

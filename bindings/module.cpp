@@ -6,6 +6,7 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     module.attr("lanes") = bumpstop::native_lanes;
     bumpstop::bind_math(module);
     bumpstop::bind_model(module);
+    bumpstop::bind_dynamics(module);
     bumpstop::bind_collision(module);
     bumpstop::bind_trajectory(module);
 }

@@ -66,6 +66,21 @@ def as_number(value: Any, field: str, *, finite: bool = True) -> float:
     return number
 
 
+def as_rows(value: Any, field: str, width: int) -> tuple[FloatArray, bool]:
+    """Turn ``value`` of shape (width,) or (N, width) into (N, width), and say whether it was a single row.
+
+    Raises:
+        InputError: as ``as_float_array``.
+    """
+    try:
+        single = np.ndim(value) == 1
+    except ValueError:  # rows of different lengths, refused by the same door as everything else
+        single = False
+    if single:
+        return as_float_array(value, field, (width,))[None], True
+    return as_float_array(value, field, (None, width)), False
+
+
 def _words(shape: tuple[int | None, ...]) -> str:
     names = ["N" if n is None else str(n) for n in shape]
     return "(" + ", ".join(names) + ("," if len(names) == 1 else "") + ")"

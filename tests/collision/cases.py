@@ -90,6 +90,48 @@ VARIED: dict[str, Scenario] = {
 }
 
 
+def fixed(offset_mm: float, **changes: Any) -> Scenario:
+    """The control group with a body at a known distance."""
+    return control_group(contact__offset_law="fixed", contact__offset_mm=offset_mm, **changes)
+
+
+# Detectors whose ticks are not judged each by itself.
+REMEMBERING: dict[str, Scenario] = {
+    "noise correlated by one half": control_group(detector__noise_correlation=0.5),
+    "noise correlated by nine tenths": control_group(detector__noise_correlation=0.9, contact__offset_law="uniform"),
+    "alternating noise, two joints": control_group(
+        detector__noise_correlation=-0.5, motion__velocity_mm_s=[0, 50, 0], contact__offset_law="uniform"
+    ),
+    "correlated false alarms": control_group(
+        detector__noise_correlation=0.7, detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8], contact__offset_sd_s=0.05
+    ),
+    "observer": control_group(detector__residual="observer"),
+    "slow observer, correlated noise": control_group(
+        detector__residual="observer",
+        detector__observer_gain_1_s=12.0,
+        detector__noise_correlation=0.95,
+        contact__offset_law="uniform",
+    ),
+    "armed after contact, correlated": fixed(1.0, detector__arming_delay_s=0.05, detector__noise_correlation=0.8),
+    "noise mean, one joint without noise, correlated": control_group(
+        detector__noise_mean_Nm=[0, 3, 0, -6, 0, 0, 0],
+        detector__noise_sd_Nm=[3, 2, 3, 0, 3, 3, 3],
+        detector__noise_correlation=0.6,
+        contact__offset_law="uniform",
+    ),
+    "UR10e, observer, correlated": ur10e(
+        detector__residual="observer", detector__observer_gain_1_s=90.0, detector__noise_correlation=0.4
+    ),
+    "false alarms whose stopping path arrives, correlated": fixed(
+        6.0,
+        detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8],
+        detector__noise_correlation=0.85,
+        motion__duration_s=0.1,
+        reaction__latency_s=0.03,
+    ),
+}
+
+
 def twin_of(scenario: Scenario, **changes: Any) -> TwinSettings:
     """The slow twin's settings for a scenario."""
     problem = Problem.from_scenario(scenario)

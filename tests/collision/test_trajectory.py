@@ -253,20 +253,29 @@ def test_uniform_is_the_average_of_fixed_times(tmp_path: Path) -> None:
         )
 
 
-@pytest.mark.parametrize("seed", range(3))
+DETECTORS: dict[str, dict[str, Any]] = {
+    "white": {},
+    "correlated": {"noise_correlation": 0.6},
+    "observer": {"residual": "observer", "observer_gain_1_s": 60.0},
+}
+
+
+@pytest.mark.parametrize("name", list(DETECTORS))
 @pytest.mark.parametrize("kind", ["stop", "reverse"])
-def test_exact_and_sampled_agree(seed: int, kind: str, tmp_path: Path) -> None:
-    t, q = waves(20 + seed, 0.7, rows=15, size=0.2)
+def test_exact_and_sampled_agree(name: str, kind: str, tmp_path: Path) -> None:
+    number = list(DETECTORS).index(name)
+    t, q = waves(20 + number, 0.7, rows=15, size=0.2)
     write_csv(tmp_path / "path.csv", t, q)
+    noise = {"thresholds_Nm": [16.0, 12, 16, 12, 9, 9, 5], "noise_sd_Nm": 3.6, "arming_delay_s": 0.02}
     compare(
         scenario(
             tmp_path,
             trajectory_motion(),
             robot="sia5d",
-            detector={"thresholds_Nm": [16.0, 12, 16, 12, 9, 9, 5], "noise_sd_Nm": 3.6, "arming_delay_s": 0.02},
-            reaction={"kind": kind, "joint_acceleration_rad_s2": 6.0, "latency_s": 0.004 * seed},
+            detector=noise | DETECTORS[name],
+            reaction={"kind": kind, "joint_acceleration_rad_s2": 6.0, "latency_s": 0.004 * number},
         ),
-        40_000,
+        40_000 if name == "white" else 15_000,
         seed=5,
     )
 

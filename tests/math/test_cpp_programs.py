@@ -36,6 +36,7 @@ BUILDS = {
 CASES = [
     *((ROOT / "tests/math/lanes.cpp", build) for build in BUILDS),
     *((ROOT / "tests/model/min_norm.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/model/dynamics.cpp", build) for build in BUILDS),
     *((ROOT / "tests/math/quadrature.cpp", build) for build in ("sanitized", "clang++-14")),
     *((ROOT / "tests/model/chain.cpp", build) for build in ("sanitized", "clang++-14")),
 ]

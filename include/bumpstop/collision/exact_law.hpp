@@ -1,10 +1,9 @@
 // The exact law: the distribution over contact offset and white sensor noise, integrated instead of sampled.
 #pragma once
 
+#include "bumpstop/collision/free_impact.hpp"
 #include "bumpstop/collision/law_pieces.hpp"
 #include "bumpstop/collision/offset_law.hpp"
-#include "bumpstop/collision/stopping_curve.hpp"
-#include "bumpstop/detection/threshold.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -12,14 +11,18 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 // 1e-12.
 inline constexpr double outcome_tolerance = 1e-10;
 
-// Survival below this ends a panel's ticks: nothing that is printed can feel it.
-inline constexpr double negligible_survival = 1e-18;
-
 struct LawSettings {
     double stiffness = 0;  // N/m
     OffsetLaw offset;
-    int refinement = 1;  // multiplies the order of the quadrature; 2 shows that 1 is converged
-    bool delays = true;  // detection delays are wanted: panels are then cut where the path bends in time
+    int refinement = 1;               // multiplies the order of the quadrature; 2 shows that 1 is converged
+    bool delays = true;               // detection delays are wanted: panels are then cut where the path bends in time
+    const FreePaths* free = nullptr;  // of free contact; null: the body is clamped
+    double body_mass = 0;             // of free contact [kg]
+};
+
+// Free contact: quantities at the Gauss nodes, [slot][node][panel]. They bend with the offset.
+struct FreeNodes {
+    std::vector<double> peak_force, duration, force_at_detection;  // N, s, N
 };
 
 struct ExactLaw {
@@ -32,6 +35,7 @@ struct ExactLaw {
     double no_contact = 0;            // the motion ends before contact, no alarm
     double several = 0;               // two or more joints over their threshold at the tick of detection
     double trigger[max_joints] = {};  // joint over its threshold at the tick of detection
+    FreeNodes free;                   // of free contact, instead of the forces above
     bool interpolated = false;        // detection probabilities come from a few panels (see D below)
 };
 
@@ -43,14 +47,20 @@ class CertainDetection {
                      T largest_offset)
         : detector_(detector), stiffness_(stiffness), largest_(largest_offset) {
         while ((double(blind_ticks_) * timing.period + 1) * step < detector.arming_delay - 1e-12) ++blind_ticks_;
+        for (int w = 0; w < detector.watched; ++w) residual_[w] = 0.0;
     }
     // Called at every tick in turn.
     MaskOf<T> operator()(const T& s, const T* torque_per_N) {
         const T force = maximum(s - largest_, T(0.0)) * stiffness_;
+        for (int w = 0; detector_.filter != 0 && w < detector_.watched; ++w)
+            residual_[w] = detector_.filtered(residual_[w], T(torque_per_N[detector_.joint[w]] * force));
         if (tick_++ >= blind_ticks_ && any(force > T(0.0))) {
-            const auto chance =
-                any_alarm<T>(detector_, [&](int w) { return torque_per_N[detector_.joint[w]] * force; });
-            survival_ *= select(force > T(0.0), chance.silent, T(1.0));
+            const auto chance = any_alarm<T>(detector_, [&](int w) {
+                return detector_.filter != 0 ? residual_[w] : T(torque_per_N[detector_.joint[w]] * force);
+            });
+            const T silent = select(force > T(0.0), chance.silent, T(1.0));
+            // Ticks with common noise do not multiply, but no silence is more probable than that of its loudest tick.
+            survival_ = detector_.correlation != 0 ? minimum(survival_, silent) : survival_ * silent;
         }
         return survival_ < T(negligible_survival * 1e-2);
     }
@@ -59,6 +69,7 @@ class CertainDetection {
     const ThresholdDetector& detector_;
     double stiffness_;
     T largest_;
+    T residual_[max_joints];          // noiseless
     int tick_ = 0, blind_ticks_ = 0;  // ticks before the detector is armed see nothing
     T survival_ = 1.0;
 };
@@ -77,47 +88,36 @@ Moments peak_force_moments(const ExactLaw& law) {
                       weight * (1 - weight) * apart * apart)};
 }
 
-namespace detail {
-
-// Offsets low..high, whose first tick in contact is `tick`.
-struct Panel {
-    double low, high;
-    int tick;
-};
-
-// What happens in a panel given that nothing alarmed before contact, at the Gauss nodes of every panel of a
-// list. The list is padded to whole registers by repeating its last panel.
-struct Outcomes {
-    int panels = 0;                             // padded
-    std::vector<std::vector<double>> detected;  // [slot after contact][node][panel]: D, detected at that tick
-    std::vector<double> survived;               // [node][panel]: not detected by the end
-    std::vector<double> trigger;                // [watched joint][node][panel]
-    std::vector<double> several;                // [node][panel]
-};
-
-}  // namespace detail
-
 template <class T>
 class ExactLawBuilder {
   public:
     ExactLawBuilder(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
                     const ThresholdDetector& detector, const LawSettings& settings)
-        : curve_(curve), timing_(timing), motion_(motion), detector_(detector), settings_(settings) {}
+        : curve_(curve),
+          timing_(timing),
+          motion_(motion),
+          detector_(detector),
+          settings_(settings),
+          quiet_(detector, timing, motion.step, curve.path.ticks),
+          find_(curve.path, timing, detector, quiet_),
+          body_{settings.stiffness, settings.body_mass} {}
 
     ExactLaw build() {
         place_ticks();
         choose_order();
-        const std::vector<detail::Panel> panels =
-            settings_.offset.kind == OffsetKind::fixed ? fixed_panel() : cut_panels();
+        const std::vector<Panel> panels = settings_.offset.kind == OffsetKind::fixed ? fixed_panel() : cut_panels();
         if (panels.empty()) {  // a motion that ends where it begins
-            law_.false_alarm = alarm_before_ = -std::expm1(armed_before(curve_.path.ticks) * log_idle_silence_);
-            law_.no_contact = silence_before(curve_.path.ticks);
+            law_.false_alarm = alarm_before_ = quiet_.alarm_before(curve_.path.ticks);
+            law_.no_contact = quiet_.silence_before(curve_.path.ticks);
             law_.harmless = 1;
+            contact_from_.assign(std::size_t(curve_.path.ticks) + 1, 0.0);
+            contact_from_.back() = 1;
             share_false_alarms();
             return std::move(law_);
         }
         assemble(panels, know(panels));
         quantities();
+        if (settings_.free != nullptr) free_quantities();
         return std::move(law_);
     }
 
@@ -131,11 +131,11 @@ class ExactLawBuilder {
         const double depth = force / settings_.stiffness;
         // Detection at tick k passes the force where the offset is below farthest - depth: cut every panel
         // there.
-        std::vector<detail::Panel> panels;
+        std::vector<Panel> panels;
         if (fixed) {
             panels = fixed_panel();
         } else {
-            for (const detail::Panel& panel : plain_panels()) {
+            for (const Panel& panel : plain_panels()) {
                 std::vector<double> cuts{panel.high};
                 for (int k = 0; k < ticks; ++k) {
                     const double cut = curve_.farthest[k] - depth;
@@ -151,20 +151,20 @@ class ExactLawBuilder {
         }
         if (panels.empty()) return 0;
         const GaussRule& rule = gauss_rule(order_);
-        const detail::Outcomes outcomes = evaluate(panels);
+        const Outcomes outcomes = find(panels);
         double total = 0;
         for (std::size_t p = 0; p < panels.size(); ++p) {
-            const detail::Panel& panel = panels[p];
+            const Panel& panel = panels[p];
             const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
             for (int k = 0; k < ticks; ++k) {
                 if (!(curve_.farthest[k] - depth >= (fixed ? mid * (1 + 1e-15) : panel.high))) continue;
                 const int slot = k - panel.tick;
-                if (slot >= int(outcomes.detected.size()) || (slot < 0 && !armed(k))) continue;
+                if (slot >= int(outcomes.detected.size()) || (slot < 0 && !quiet_.armed(k))) continue;
                 for (int g = 0; g < order_; ++g) {
                     const double density = fixed ? 0.5 : settings_.offset.density(mid + half * rule.node[g]) * half;
                     const double chance =
-                        slot < 0 ? silence_before(k) * idle_.alarm
-                                 : silence_before(panel.tick) *
+                        slot < 0 ? quiet_.silence_before(k) * quiet_.idle(k).alarm
+                                 : quiet_.silence_before(panel.tick) *
                                        outcomes.detected[std::size_t(slot)][std::size_t(g) * outcomes.panels + p];
                     total += rule.weight[g] * density * chance;
                 }
@@ -176,50 +176,28 @@ class ExactLawBuilder {
   private:
     static constexpr int lanes = Scalar<T>::lanes;
 
-    // What may happen at an armed tick without contact.
-    struct IdleTick {
-        double alarm = 0, silent = 1, one = 0;    // any joint, none, exactly one over its threshold
-        std::array<double, max_joints> single{};  // by watched joint
-    };
+    Outcomes find(const std::vector<Panel>& panels) const {
+        if (settings_.free != nullptr) return find_(FreeContact{*settings_.free, body_}, panels, order_);
+        return find_(ClampedContact{settings_.stiffness}, panels, order_);
+    }
 
     static int padded(int n) { return (n + lanes - 1) / lanes * lanes; }
 
     double s_tick(int k) const { return curve_.path.at_tick(k, timing_.period); }
-    double tick_time(int k) const { return (double(k) * timing_.period + 1) * motion_.step; }
-    bool armed(int k) const { return tick_time(k) >= detector_.arming_delay - 1e-12; }
-
     // Contact begins at the first tick whose distance passes the offset, so edges follow the running greatest
     // distance.
     void place_ticks() {
         const int ticks = curve_.path.ticks;
         edge_.resize(ticks + 2);
         edge_[0] = 0;
-        armed_before_.resize(ticks + 1);
-        armed_before_[0] = 0;
-        for (int k = 0; k < ticks; ++k) {
-            edge_[k + 1] = std::max(edge_[k], s_tick(k));
-            armed_before_[k + 1] = armed_before_[k] + armed(k);
-        }
+        for (int k = 0; k < ticks; ++k) edge_[k + 1] = std::max(edge_[k], s_tick(k));
         // Contact between the last tick and the end of the motion is contact all the same.
         const auto& s = curve_.path.s;
         const auto end = s.begin() + std::ptrdiff_t(end_step()) + 1;
         edge_[ticks + 1] = std::max(edge_[ticks], *std::max_element(s.begin(), end));
         overrun_end_ = edge_.back();
         for (double farthest : curve_.farthest) overrun_end_ = std::max(overrun_end_, farthest);
-        idle_ = {};
-        for (int w = 0; w < detector_.watched; ++w) {
-            const AlarmProbability<double> joint = joint_alarm(detector_, w, 0.0);
-            idle_.alarm += idle_.silent * joint.alarm;
-            idle_.one = idle_.one * joint.silent + idle_.silent * joint.alarm;
-            idle_.silent *= joint.silent;
-            idle_.single[w] = joint.alarm;
-        }
-        log_idle_silence_ = std::log1p(-idle_.alarm);
     }
-
-    // Probability of no alarm in all armed ticks before tick k, without contact.
-    double silence_before(int k) const { return std::exp(armed_before(k) * log_idle_silence_); }
-    int armed_before(int k) const { return armed_before_[std::min(k, curve_.path.ticks)]; }
 
     // Sensor noise sets the scale on which probabilities change: sharpness is the residual's growth over one
     // tick of travel in standard deviations of the noise.
@@ -229,7 +207,9 @@ class ExactLawBuilder {
         for (int w = 0; w < detector_.watched; ++w) {
             most = std::max(most, std::fabs(a[detector_.joint[w]]) * detector_.scale[w] * std::numbers::sqrt2);
         }
-        return most * settings_.stiffness * (edge_[k + 1] - edge_[k]);
+        // What remembered noise adds from tick to tick is narrower than the noise.
+        const double narrower = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
+        return most * settings_.stiffness * (edge_[k + 1] - edge_[k]) / narrower;
     }
 
     void choose_order() {
@@ -241,7 +221,8 @@ class ExactLawBuilder {
         }
         // While the residual grows slowly a panel may hold several ticks. The kink where contact begins is as weak as
         // what a little force adds to the idle alarms, which must be rare for that.
-        if (!settings_.delays && settings_.refinement == 1 && idle_.alarm < rare_alarm) {
+        if (!settings_.delays && settings_.refinement == 1 && !detector_.remembers() && curve_.path.ticks > 0 &&
+            quiet_.idle(curve_.path.ticks - 1).alarm < rare_alarm) {
             double growth = most / slow_growth;  // in a tick, of what a panel may span: noise and offset density
             if (settings_.offset.kind == OffsetKind::half_normal) {
                 for (int k = 0; k < curve_.path.ticks; ++k)
@@ -261,7 +242,7 @@ class ExactLawBuilder {
         order_ = std::min(max_order, int(std::ceil((8 + 2 * per_part) * settings_.refinement)));
     }
 
-    std::vector<detail::Panel> fixed_panel() const {
+    std::vector<Panel> fixed_panel() const {
         const double o = settings_.offset.size;
         const int ticks = curve_.path.ticks;
         for (int k = 0; k <= ticks; ++k) {
@@ -272,7 +253,7 @@ class ExactLawBuilder {
 
     // Offsets the motion reaches only after its last tick, and those beyond its end that a stopping path still may: the
     // former's first tick in contact is numbered `ticks`, the latter's `ticks` + 1, and neither exists.
-    void add_end_panels(std::vector<detail::Panel>& panels) const {
+    void add_end_panels(std::vector<Panel>& panels) const {
         const int ticks = curve_.path.ticks;
         const double largest = settings_.offset.largest();
         auto add = [&](double low, double high, int tick) {
@@ -293,12 +274,12 @@ class ExactLawBuilder {
 
     // Panels by part, then by tick. The first `regular_` ticks-in-a-row of every part are alike enough to
     // interpolate.
-    std::vector<detail::Panel> cut_panels() {
+    std::vector<Panel> cut_panels() {
         const double largest = settings_.offset.largest();
         const int ticks = curve_.path.ticks;
         int last = 0;  // contact ticks are 0..last-1
         while (last < ticks && edge_[last] < largest) ++last;
-        std::vector<detail::Panel> panels;
+        std::vector<Panel> panels;
         auto add_part = [&](int k, int end, int part) {
             const double low = edge_[k], high = std::min(edge_[end], largest);
             if (!(high > low)) return;
@@ -307,8 +288,9 @@ class ExactLawBuilder {
         };
         // Tick 0 comes one step after the start, not a whole period: its panel is of another size. The last
         // panel may be cut short.
-        const int first_regular = 1, groups = (last - 1 - first_regular) / group_;
-        const bool bent = settings_.delays && bends();
+        const int first_regular = std::max(1, quiet_.settled()), groups = (last - 1 - first_regular) / group_;
+        // How a free body gets away depends on where in a step it is touched.
+        const bool bent = settings_.free != nullptr || (settings_.delays && bends());
         bool advances = true;  // at every tick; near a singularity an arm may fall back
         for (int k = first_regular; k < last - 1; ++k) advances = advances && edge_[k + 1] > edge_[k];
         if (!split_by_transitions_ && !bent && advances && detector_.arming_delay <= motion_.step &&
@@ -317,7 +299,8 @@ class ExactLawBuilder {
             const int end_regular = first_regular + groups * group_;
             for (int part = 0; part < parts_; ++part)
                 for (int k = first_regular; k < end_regular; k += group_) add_part(k, k + group_, part);
-            for (int part = 0; part < parts_; ++part) add_part(0, 1, part);
+            for (int k = 0; k < first_regular; ++k)
+                for (int part = 0; part < parts_; ++part) add_part(k, k + 1, part);
             for (int part = 0; part < parts_; ++part) add_part(end_regular, last, part);
             add_end_panels(panels);
             return panels;
@@ -333,16 +316,16 @@ class ExactLawBuilder {
         for (int k = 0; k < curve_.path.ticks; ++k) {
             const double here =
                 settings_.offset.probability_beyond(edge_[k]) - settings_.offset.probability_beyond(edge_[k + 1]);
-            total += here * -std::expm1(armed_before(k) * log_idle_silence_);
+            total += here * quiet_.alarm_before(k);
         }
-        return total - settings_.offset.probability_beyond(edge_[curve_.path.ticks]) *
-                           std::expm1(armed_before(curve_.path.ticks) * log_idle_silence_);
+        return total +
+               settings_.offset.probability_beyond(edge_[curve_.path.ticks]) * quiet_.alarm_before(curve_.path.ticks);
     }
 
     // Every tick's panel by itself, as far as the offsets go.
-    std::vector<detail::Panel> plain_panels() const {
+    std::vector<Panel> plain_panels() const {
         const double largest = settings_.offset.largest();
-        std::vector<detail::Panel> panels;
+        std::vector<Panel> panels;
         for (int k = 0; k < curve_.path.ticks && edge_[k] < largest; ++k) cut_one(k, k + 1, largest, false, panels);
         add_end_panels(panels);
         return panels;
@@ -363,7 +346,7 @@ class ExactLawBuilder {
 
     // The panel of the ticks k .. end - 1 on its own: cut at simulation steps where the path bends, and around every offset
     // at which some joint's residual passes its threshold at some tick, where the noise is narrow.
-    void cut_one(int k, int end, double largest, bool bent, std::vector<detail::Panel>& panels) const {
+    void cut_one(int k, int end, double largest, bool bent, std::vector<Panel>& panels) const {
         const double low = edge_[k], high = std::min(edge_[end], largest);
         if (!(high > low)) return;
         std::vector<double> cuts{low, high};
@@ -409,93 +392,19 @@ class ExactLawBuilder {
         }
     }
 
-    // Detection probabilities of the panels, tick by tick, at the Gauss nodes.
-    detail::Outcomes evaluate(const std::vector<detail::Panel>& panels) const {
-        const LinePath& path = curve_.path;
-        const GaussRule& rule = gauss_rule(order_);
-        const int real = int(panels.size()), n = padded(real);
-        detail::Outcomes out;
-        out.panels = n;
-        const std::size_t block = std::size_t(order_) * n;
-        out.survived.assign(block, 0.0);
-        out.several.assign(block, 0.0);
-        out.trigger.assign(block * detector_.watched, 0.0);
-        std::vector<T> offset(order_), survival(order_), several(order_), trigger(std::size_t(order_) * max_joints);
-        for (int first = 0; first < real; first += lanes) {
-            int tick[lanes], most_left = 0;
-            T low, high;
-            for (int lane = 0; lane < lanes; ++lane) {
-                const detail::Panel& panel = panels[std::min(first + lane, real - 1)];
-                tick[lane] = panel.tick;
-                most_left = std::max(most_left, path.ticks - panel.tick);
-                set_lane(low, lane, panel.low);
-                set_lane(high, lane, panel.high);
-            }
-            for (int g = 0; g < order_; ++g) {
-                offset[g] = 0.5 * (low + high) + 0.5 * (high - low) * rule.node[g];
-                survival[g] = 1.0;
-                several[g] = 0.0;
-                for (int w = 0; w < detector_.watched; ++w) trigger[g * max_joints + w] = 0.0;
-            }
-            for (int i = 0; i < most_left; ++i) {
-                T s, watch = 1.0, torque[max_joints];
-                for (int lane = 0; lane < lanes; ++lane) {
-                    const int k = std::min(tick[lane] + i, path.ticks - 1);
-                    if (tick[lane] + i >= path.ticks || !armed(k)) set_lane(watch, lane, 0.0);
-                    set_lane(s, lane, s_tick(k));
-                    const double* a = &path.torque_per_N[std::size_t(k) * path.dof];
-                    for (int w = 0; w < detector_.watched; ++w) set_lane(torque[w], lane, a[detector_.joint[w]]);
-                }
-                if (std::size_t(i) == out.detected.size()) out.detected.emplace_back(block, 0.0);
-                T most_survival = 0.0;
-                for (int g = 0; g < order_; ++g) {
-                    const T force = maximum(s - offset[g], T(0.0)) * settings_.stiffness;
-                    T alarm = idle_.alarm, silent = idle_.silent, one = idle_.one, single[max_joints];
-                    if (any(force > T(0.0))) {
-                        alarm = 0.0, silent = 1.0, one = 0.0;
-                        for (int w = 0; w < detector_.watched; ++w) {
-                            const AlarmProbability<T> joint = joint_alarm(detector_, w, torque[w] * force);
-                            alarm = alarm + silent * joint.alarm;
-                            one = one * joint.silent + silent * joint.alarm;  // exactly one so far
-                            silent = silent * joint.silent;
-                            single[w] = joint.alarm;
-                        }
-                    } else {
-                        for (int w = 0; w < detector_.watched; ++w) single[w] = idle_.single[w];
-                    }
-                    const T weight = survival[g] * watch;
-                    for (int w = 0; w < detector_.watched; ++w) trigger[g * max_joints + w] += weight * single[w];
-                    several[g] += weight * maximum(alarm - one, T(0.0));
-                    store(weight * alarm, &out.detected[i][std::size_t(g) * n + first]);
-                    survival[g] = select(watch > T(0.0), survival[g] * silent, survival[g]);
-                    most_survival = maximum(most_survival, survival[g]);
-                }
-                if (all(most_survival < T(negligible_survival))) break;
-            }
-            for (int g = 0; g < order_; ++g) {
-                const std::size_t at = std::size_t(g) * n + first;
-                store(survival[g], &out.survived[at]);
-                store(several[g], &out.several[at]);
-                for (int w = 0; w < detector_.watched; ++w)
-                    store(trigger[g * max_joints + w], &out.trigger[w * block + at]);
-            }
-        }
-        return out;
-    }
-
     // Outcomes known at some panels, and how those of every panel follow from them. While the arm moves
     // steadily the panels differ only by the slow change of the Jacobian, so what happens at a given node and
     // slot is smooth in the tick: a few panels of every part are worked out and the others interpolated.
     struct KnownOutcomes {
-        detail::Outcomes outcomes;
+        Outcomes outcomes;
         int nodes = 0;               // of the interpolation; 0: every panel is known
         int stride = 0;              // known panels of a part: the nodes and the checks
         std::vector<double> weight;  // [node][regular panel]
         int irregular = 0;           // the first known panel that stands for itself
     };
 
-    KnownOutcomes know(const std::vector<detail::Panel>& panels) {
-        if (regular_ == 0) return {evaluate(panels), 0, 0, {}, 0};
+    KnownOutcomes know(const std::vector<Panel>& panels) {
+        if (regular_ == 0) return {find(panels), 0, 0, {}, 0};
         const int count = regular_;
         constexpr int check_count = 2;
         for (int nodes : {fewest_nodes, 12, most_nodes}) {
@@ -503,14 +412,14 @@ class ExactLawBuilder {
             const Interpolation interpolation(interpolation_nodes(0, count - 1, nodes));
             const std::vector<int>& node = interpolation.nodes();
             const int check[check_count] = {(node[0] + node[1]) / 2, (node[nodes / 2] + node[nodes / 2 - 1]) / 2};
-            std::vector<detail::Panel> sample;
+            std::vector<Panel> sample;
             for (int part = 0; part < parts_; ++part) {
                 for (int k : node) sample.push_back(panels[part * count + k]);
                 for (int k : check) sample.push_back(panels[part * count + k]);
             }
             const int irregular = int(sample.size());
             sample.insert(sample.end(), panels.begin() + std::ptrdiff_t(parts_) * count, panels.end());
-            KnownOutcomes known{evaluate(sample), nodes, nodes + check_count, {}, irregular};
+            KnownOutcomes known{find(sample), nodes, nodes + check_count, {}, irregular};
             if (!agrees(known.outcomes, interpolation, check, known.stride)) continue;
             law_.interpolated = true;
             known.weight.resize(std::size_t(nodes) * count);
@@ -521,11 +430,11 @@ class ExactLawBuilder {
             }
             return known;
         }
-        return {evaluate(panels), 0, 0, {}, 0};
+        return {find(panels), 0, 0, {}, 0};
     }
 
     // Do interpolated and direct outcomes agree at the check panels?
-    bool agrees(const detail::Outcomes& known, const Interpolation& interpolation, const int* check, int stride) const {
+    bool agrees(const Outcomes& known, const Interpolation& interpolation, const int* check, int stride) const {
         double weight[most_nodes];
         const int nodes = interpolation.size();
         for (int c = 0; c < stride - nodes; ++c) {
@@ -576,8 +485,8 @@ class ExactLawBuilder {
 
     // Joins outcomes, offsets and the silence before contact into the pieces and the probabilities without a
     // force.
-    void assemble(const std::vector<detail::Panel>& panels, const KnownOutcomes& known) {
-        const detail::Outcomes& outcomes = known.outcomes;
+    void assemble(const std::vector<Panel>& panels, const KnownOutcomes& known) {
+        const Outcomes& outcomes = known.outcomes;
         const LinePath& path = curve_.path;
         const GaussRule& rule = gauss_rule(order_);
         const bool fixed = settings_.offset.kind == OffsetKind::fixed;
@@ -602,17 +511,19 @@ class ExactLawBuilder {
             }
         }
         int before = 0;
+        contact_from_.assign(std::size_t(path.ticks) + 1, 0.0);
         for (int p = 0; p < real; ++p) {
-            const detail::Panel& panel = panels[p];
+            const Panel& panel = panels[p];
             pieces.first_tick[p] = panel.tick;
-            const double silence = silence_before(panel.tick);
+            const double silence = quiet_.silence_before(panel.tick);
             double total = 0;
             for (int g = 0; g < order_; ++g) {
                 const std::size_t at = std::size_t(g) * n + p;
                 weight[at] = offset[at] * silence;
                 total += rule.weight[g] * offset[at];
             }
-            alarm_before_ += total * -std::expm1(armed_before(panel.tick) * log_idle_silence_);
+            alarm_before_ += total * quiet_.alarm_before(panel.tick);
+            contact_from_[std::size_t(std::min(panel.tick, path.ticks))] += total;
             if (panel.tick > path.ticks) {
                 law_.no_contact += total * silence;
                 for (int g = 0; g < order_; ++g) weight[std::size_t(g) * n + p] = 0;
@@ -622,11 +533,12 @@ class ExactLawBuilder {
                 reach = panel.tick - k;
             before = std::max(before, reach);
         }
-        if (!(idle_.alarm > 0)) before = 0;
+        if (!(quiet_.alarm_before(path.ticks) > 0)) before = 0;
         const double beyond = fixed ? 0 : settings_.offset.probability_beyond(overrun_end_);
-        alarm_before_ += beyond * -std::expm1(armed_before_[path.ticks] * log_idle_silence_);
+        alarm_before_ += beyond * quiet_.alarm_before(path.ticks);
+        contact_from_.back() += beyond;
         law_.false_alarm = group_ == 1 ? alarm_before_ : false_alarm_by_tick();
-        law_.no_contact += beyond * silence_before(path.ticks);
+        law_.no_contact += beyond * quiet_.silence_before(path.ticks);
 
         pieces.slots_before = before;
         pieces.slots = before + int(outcomes.detected.size()) + 1;
@@ -644,8 +556,8 @@ class ExactLawBuilder {
         for (int slot = 0; slot < before; ++slot) {
             for (int p = 0; p < real; ++p) {
                 const int k = panels[p].tick + slot - before;
-                if (k < 0 || k >= path.ticks || !armed(k)) continue;
-                const double chance = silence_before(k) * idle_.alarm;
+                if (k < 0 || k >= path.ticks || !quiet_.armed(k)) continue;
+                const double chance = quiet_.silence_before(k) * quiet_.idle(k).alarm;
                 double* series = pieces.series(slot, p);
                 for (int l = 0; l < order_; ++l) {
                     double c = 0;
@@ -691,7 +603,7 @@ class ExactLawBuilder {
 
     void triggers(const GaussRule& rule, const KnownOutcomes& known, const std::vector<double>& weight, int real,
                   int n) {
-        const detail::Outcomes& outcomes = known.outcomes;
+        const Outcomes& outcomes = known.outcomes;
         std::vector<double> run(n, 0.0);
         auto integral = [&](const double* value) {
             double total = 0;
@@ -710,12 +622,17 @@ class ExactLawBuilder {
         share_false_alarms();
     }
 
-    // Alarms before contact that no outcome holds are split over the joints as one idle tick's alarm is.
+    // Alarms before contact that no outcome holds are split over the joints as those of idle ticks are.
     void share_false_alarms() {
-        if (!(idle_.alarm > 0)) return;
-        for (int w = 0; w < detector_.watched; ++w)
-            law_.trigger[detector_.joint[w]] += alarm_before_ * idle_.single[w] / idle_.alarm;
-        law_.several += alarm_before_ * std::max(0.0, idle_.alarm - idle_.one) / idle_.alarm;
+        double waiting = 0;  // probability of contact after tick k
+        for (int k = curve_.path.ticks - 1; k >= 0; --k) {
+            waiting += contact_from_[std::size_t(k) + 1];
+            if (!quiet_.armed(k)) continue;
+            const IdleTick& idle = quiet_.idle(k);
+            const double here = waiting * quiet_.silence_before(k);
+            for (int w = 0; w < detector_.watched; ++w) law_.trigger[detector_.joint[w]] += here * idle.single[w];
+            law_.several += here * std::max(0.0, idle.alarm - idle.one);
+        }
     }
 
     void quantities() {
@@ -751,13 +668,52 @@ class ExactLawBuilder {
                 if (slot < before) continue;
                 const std::size_t at = std::size_t(slot - before) * n + p;
                 law_.force_at_detection.centre[at] = K * (s_tick(k) - pieces.mid[p]);
-                law_.detection_delay.centre[at] = tick_time(k) - 0.5 * (early + late);
+                law_.detection_delay.centre[at] = quiet_.time(k) - 0.5 * (early + late);
             }
         }
         summarise(pieces, law_.peak_force);
         summarise(pieces, law_.end_force);
         summarise(pieces, law_.force_at_detection);
         summarise(pieces, law_.detection_delay);
+    }
+
+    // What a free body suffers, offset by offset and tick by tick.
+    void free_quantities() {
+        const LawPieces& pieces = law_.pieces;
+        const GaussRule& rule = gauss_rule(order_);
+        const int n = pieces.panels, before = pieces.slots_before, last = pieces.slots - 1;
+        const std::size_t block = std::size_t(order_) * n;
+        FreeNodes& free = law_.free;
+        for (std::vector<double>* values : {&free.peak_force, &free.duration, &free.force_at_detection})
+            values->assign(block * pieces.slots, 0.0);
+        for (int p = 0; p < n; p += lanes) {
+            int tick[lanes];
+            for (int lane = 0; lane < lanes; ++lane) tick[lane] = pieces.first_tick[p + lane];
+            for (int g = 0; g < order_; ++g) {
+                const T offset = load<T>(&pieces.mid[p]) + load<T>(&pieces.half[p]) * rule.node[g];
+                const FreeCollision<T> collision(*settings_.free, body_, tick, offset);
+                for (int slot = 0; slot < pieces.slots; ++slot) {
+                    const std::size_t at = block * slot + std::size_t(g) * n + p;
+                    bool matters = false;
+                    int since[lanes];
+                    for (int lane = 0; lane < lanes; ++lane) {
+                        since[lane] = slot - before;
+                        matters = matters || *pieces.series(slot, p + lane) != 0;
+                    }
+                    if (!matters) continue;
+                    T peak = collision.peak, duration = collision.duration;
+                    if (slot < last) {
+                        const auto outcome = collision.detected(since);
+                        peak = outcome.peak;
+                        duration = outcome.duration;
+                    }
+                    store(peak, &free.peak_force[at]);
+                    store(duration, &free.duration[at]);
+                    if (slot >= before && slot < last && std::size_t(slot - before) < collision.force.size())
+                        store(collision.force[std::size_t(slot - before)], &free.force_at_detection[at]);
+                }
+            }
+        }
     }
 
     // The step in which the undetected motion ends.
@@ -784,13 +740,14 @@ class ExactLawBuilder {
     const MotionSettings& motion_;
     const ThresholdDetector& detector_;
     const LawSettings& settings_;
-    double alarm_before_ = 0;        // probability of an alarm before the first tick of the panel
-    int group_ = 1;                  // ticks in a panel
-    double overrun_end_ = 0;         // the farthest any stopping path gets [m]
-    std::vector<double> edge_;       // panel of tick k: edge_[k]..edge_[k + 1]
-    std::vector<int> armed_before_;  // armed ticks before tick k
-    IdleTick idle_;
-    double log_idle_silence_ = 0;
+    const QuietTicks quiet_;
+    const OutcomeFinder<T> find_;
+    const FreeBody body_;
+    double alarm_before_ = 0;           // probability of an alarm before the first tick of the panel
+    int group_ = 1;                     // ticks in a panel
+    double overrun_end_ = 0;            // the farthest any stopping path gets [m]
+    std::vector<double> edge_;          // panel of tick k: edge_[k]..edge_[k + 1]
+    std::vector<double> contact_from_;  // by first tick in contact: probability; the last is all later ones
     int order_ = 1, parts_ = 1, regular_ = 0;
     bool split_by_transitions_ = false;
     ExactLaw law_;

@@ -4,20 +4,45 @@
 #include <array>
 #include <cstdint>
 
+#include "bumpstop/collision/free_impact.hpp"
 #include "bumpstop/collision/offset_law.hpp"
-#include "bumpstop/collision/stopping_curve.hpp"
-#include "bumpstop/detection/threshold.hpp"
 #include "bumpstop/math/philox.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 // The runs' results, one entry a run; noise and residual (run-major, dof wide) may be null.
 struct SampledRuns {
-    double* offset;              // [m]
-    std::int32_t* tick;          // of detection; -1: never
-    std::uint32_t* triggers;     // bit j: joint j over its threshold at that tick
-    double* noise = nullptr;     // at that tick [Nm or N]; zero when never
-    double* residual = nullptr;  // noise and contact torque
+    double* offset;                        // [m]
+    std::int32_t* tick;                    // of detection; -1: never
+    std::uint32_t* triggers;               // bit j: joint j over its threshold at that tick
+    double* noise = nullptr;               // at that tick [Nm or N]; zero when never
+    double* residual = nullptr;            // noise and contact torque
+    double* peak_force = nullptr;          // of free contact [N]
+    double* duration = nullptr;            // [s]
+    double* force_at_detection = nullptr;  // [N]; zero when never, or before contact
+};
+
+// Measured residuals of free motion, resampled in blocks so that their correlation between joints and in time is kept: a
+// run is made of blocks of consecutive rows, each begun at a random row, the first entered at a random place.
+struct ResidualRecord {
+    const double* row = nullptr;  // [row][dof], at the feedback rate [Nm or N]
+    std::int64_t rows = 0;
+    int dof = 0;
+    std::int64_t block = 1;  // rows in a block, at most `rows`
+
+    // The row that plays tick k of a run.
+    std::int64_t row_of(std::uint64_t seed, std::int64_t run, std::int64_t k) const {
+        const std::int64_t place = k + number_below(seed, run, 0, block);
+        const std::int64_t first = number_below(seed, run, 1 + place / block, rows - block + 1);
+        return first + place % block;
+    }
+
+  private:
+    static std::int64_t number_below(std::uint64_t seed, std::int64_t run, std::int64_t draw, std::int64_t bound) {
+        const SignedProbability<double> u =
+            signed_probability<double>(noise_block<std::int64_t>(seed, run, block_tick, int(draw)), 0);
+        return std::min(std::int64_t((u.negative ? 1 - u.p : u.p) * double(bound)), bound - 1);
+    }
 };
 
 // Offset of a run: a half-normal, uniform or fixed distance from its own stream.
@@ -48,8 +73,16 @@ template <class T>
 class Sampler {
   public:
     Sampler(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-            const ThresholdDetector& detector, double stiffness, const OffsetLaw& offset, std::uint64_t seed)
-        : curve_(curve), detector_(detector), stiffness_(stiffness), offset_(offset), seed_(seed) {
+            const ThresholdDetector& detector, double stiffness, const OffsetLaw& offset, std::uint64_t seed,
+            const ResidualRecord* record = nullptr, const FreePaths* free = nullptr, double body_mass = 0)
+        : curve_(curve),
+          detector_(detector),
+          stiffness_(stiffness),
+          offset_(offset),
+          seed_(seed),
+          record_(record),
+          free_(free),
+          body_{stiffness, body_mass} {
         const int ticks = curve.path.ticks;
         s_.resize(ticks);
         for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, timing.period);
@@ -114,6 +147,18 @@ class Sampler {
             out.triggers[index[lane]] = 0;
         }
         const IntOf<T> runs = run_lanes<T>(number);
+        if (free_ != nullptr) {
+            int touch[lanes];
+            for (int lane = 0; lane < lanes; ++lane) touch[lane] = first_beyond(lane_of(offset, lane));
+            const FreeCollision<T> collision(*free_, body_, touch, offset);
+            tick_by_tick(number, runs, offset, open, index, used, out, touch, &collision);
+            keep_free(collision, touch, index, used, out);
+            return;
+        }
+        if (record_ != nullptr || detector_.remembers()) {
+            tick_by_tick(number, runs, offset, open, index, used, out, nullptr, nullptr);
+            return;
+        }
         int remaining = used;
         const int dof = curve_.path.dof;
         for (int k = first_armed_; k < curve_.path.ticks && remaining > 0; ++k) {
@@ -164,6 +209,99 @@ class Sampler {
         if (out.noise != nullptr) describe(first_run, index, used, out);
     }
 
+    // The first tick at which the arm is beyond an offset; the number of ticks if none is.
+    int first_beyond(double offset) const {
+        for (std::size_t k = 0; k < s_.size(); ++k) {
+            if (s_[k] > offset) return int(k);
+        }
+        return int(s_.size());
+    }
+
+    void keep_free(const FreeCollision<T>& collision, const int* touch, const std::int64_t* index, int used,
+                   const SampledRuns& out) const {
+        int since[lanes] = {};
+        for (int lane = 0; lane < used; ++lane) {
+            const int tick = out.tick[index[lane]];
+            since[lane] = tick < 0 ? 0 : tick - touch[lane];
+        }
+        const auto detected = collision.detected(since);
+        for (int lane = 0; lane < used; ++lane) {
+            const std::int64_t i = index[lane];
+            const bool known = out.tick[i] >= 0;
+            out.peak_force[i] = lane_of(known ? detected.peak : collision.peak, lane);
+            out.duration[i] = lane_of(known ? detected.duration : collision.duration, lane);
+            const bool felt = known && since[lane] >= 0 && std::size_t(since[lane]) < collision.force.size();
+            out.force_at_detection[i] = felt ? lane_of(collision.force[std::size_t(since[lane])], lane) : 0.0;
+        }
+    }
+
+    // Runs whose noise or noiseless residual depends on the ticks before: every tick is played from the first on.
+    // Free contact comes with its collision and the first tick in contact of every lane.
+    void tick_by_tick(const std::int64_t* number, IntOf<T> runs, T offset, bool* open, const std::int64_t* index,
+                      int used, const SampledRuns& out, const int* touch, const FreeCollision<T>* collision) const {
+        const int dof = curve_.path.dof;
+        const double fresh = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
+        T noise[max_joints], contact[max_joints];  // by joint, watched or not
+        for (int j = 0; j < dof; ++j) contact[j] = 0.0;
+        int remaining = used;
+        for (int k = 0; k < curve_.path.ticks && remaining > 0; ++k) {
+            T force = maximum(s_[k] - offset, T(0.0)) * stiffness_;
+            for (int lane = 0; collision != nullptr && lane < lanes; ++lane) {
+                const int i = k - touch[lane];
+                const bool known = i >= 0 && std::size_t(i) < collision->force.size();
+                set_lane(force, lane, known ? lane_of(collision->force[std::size_t(i)], lane) : 0.0);
+                // A body that has got away cannot be felt.
+                const bool away = i >= 0 && (!known || !(lane_of(collision->touched[std::size_t(i)], lane) > 0.5));
+                if (away && open[lane]) {
+                    open[lane] = false;
+                    --remaining;
+                }
+            }
+            for (int j = 0; j < dof; ++j)
+                contact[j] = detector_.filtered(contact[j], curve_.path.torque_per_N[std::size_t(k) * dof + j] * force);
+            if (k < first_armed_) continue;
+            if (record_ != nullptr) {
+                for (int lane = 0; lane < used; ++lane) {
+                    const double* row = record_->row + record_->row_of(seed_, number[lane], k) * dof;
+                    for (int j = 0; j < dof; ++j) set_lane(noise[j], lane, row[j] + detector_.noise_mean[j]);
+                }
+            } else {
+                PhiloxBlock<IntOf<T>> block{};
+                for (int j = 0; j < dof; ++j) {
+                    if (j % 2 == 0) block = noise_block(seed_, runs, k, j / 2);
+                    const T white = signed_probability<T>(block, j % 2).normal() * detector_.noise_sd[j];
+                    const double mean = detector_.noise_mean[j];
+                    noise[j] = k == first_armed_ ? white + mean
+                                                 : detector_.correlation * (noise[j] - mean) + fresh * white + mean;
+                }
+            }
+            MaskOf<T> fired = T(0.0) > T(1.0), over[max_joints];
+            for (int w = 0; w < detector_.watched; ++w) {
+                const int j = detector_.joint[w];
+                over[w] = absolute(noise[j] + contact[j]) > T(detector_.threshold[w]);
+                fired = fired | over[w];
+            }
+            if (!any(fired)) continue;
+            for (int lane = 0; lane < used; ++lane) {
+                if (!open[lane] || !lane_of(fired, lane)) continue;
+                open[lane] = false;
+                --remaining;
+                const std::int64_t i = index[lane];
+                out.tick[i] = k;
+                for (int w = 0; w < detector_.watched; ++w)
+                    if (lane_of(over[w], lane)) out.triggers[i] |= 1u << detector_.joint[w];
+                for (int j = 0; out.noise != nullptr && j < dof; ++j) {
+                    out.noise[i * dof + j] = lane_of(noise[j], lane);
+                    out.residual[i * dof + j] = lane_of(noise[j], lane) + lane_of(contact[j], lane);
+                }
+            }
+        }
+        for (int lane = 0; out.noise != nullptr && lane < used; ++lane) {
+            for (int j = 0; out.tick[index[lane]] < 0 && j < dof; ++j)
+                out.noise[index[lane] * dof + j] = out.residual[index[lane] * dof + j] = 0;
+        }
+    }
+
     // Noise and residual of all joints at the tick of detection, watched or not.
     void describe(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
         const int dof = curve_.path.dof;
@@ -190,6 +328,9 @@ class Sampler {
     double stiffness_;
     OffsetLaw offset_;
     std::uint64_t seed_;
+    const ResidualRecord* record_;  // measured noise instead of Gaussian; may be null
+    const FreePaths* free_;         // of free contact; may be null
+    const FreeBody body_;
     std::vector<double> s_;
     int first_armed_ = 0;
     bool quiet_ = true;  // every noise mean lies inside its thresholds

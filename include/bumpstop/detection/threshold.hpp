@@ -16,6 +16,18 @@ struct ThresholdDetector {
     std::array<double, max_joints> scale{};                   // 1 / (sqrt 2 sd), large for no noise
     std::array<double, max_joints> noise_sd{}, noise_mean{};  // by joint, watched or not
     double arming_delay = 0;                                  // ticks earlier than this never alarm [s]
+    double correlation = 0;  // of the noise from tick to tick; sd stays its stationary value
+    // The observer's first-order filter: the share of the old residual that a tick keeps; 0: the direct residual.
+    double filter = 0;
+
+    // Ticks are not judged each by itself.
+    bool remembers() const { return correlation != 0 || filter != 0; }
+
+    // The noiseless residual of a joint whose contact torque is `torque`, from that of the tick before.
+    template <class T>
+    T filtered(T before, T torque) const {
+        return filter == 0 ? torque : torque + filter * (before - torque);
+    }
 
     void watch(int j, double limit, double noise_sd, double noise_mean) {
         joint[watched] = j;

@@ -97,7 +97,7 @@ struct Lanes {
     Real v;
 
     Lanes() = default;
-    Lanes(double x) : v(Real{} + x) {}
+    Lanes(double x) : v(x - Real{}) {}  // x - 0 is x for a compiler too; x + 0 is not, where x is -0
     static Lanes of(Real v) {
         Lanes r;
         r.v = v;

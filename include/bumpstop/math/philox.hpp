@@ -81,8 +81,9 @@ SignedProbability<T> signed_probability(const PhiloxBlock<IntOf<T>>& block, int 
     return {unit * 0.5 + 0x1p-54, (high & I(0x100000)) == I(0x100000)};
 }
 
-// Numbered streams of one run. Ticks count from zero below `offset_tick`.
+// Numbered streams of one run. Ticks count from zero below the streams that are no tick.
 inline constexpr std::int64_t offset_tick = 0xFFFFFFFF;
+inline constexpr std::int64_t block_tick = 0xFFFFFFFE;  // where blocks of a residual record begin
 
 // The block of joints 2 pair and 2 pair + 1 at one tick of one run. run < 2^62.
 template <class I>

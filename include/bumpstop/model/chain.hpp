@@ -55,6 +55,7 @@ struct JointSpec {
 struct Chain {
     struct Joint {
         bool prismatic = false;
+        double turns = 1;                     // 0 for a prismatic joint: its angle without a branch is q turns + offset
         double cos_alpha = 1, sin_alpha = 0;  // turn about x before the joint
         double offset = 0;       // added to a revolute joint's angle; a prismatic joint's constant angle [rad]
         Vector3 displacement{};  // from the frame before to this joint, in the frame before [m]
@@ -86,6 +87,7 @@ struct Chain {
             }
             Joint& j = joint[i];
             j.prismatic = spec.prismatic;
+            j.turns = spec.prismatic ? 0 : 1;
             j.cos_alpha = std::cos(alpha);
             j.sin_alpha = std::sin(alpha);
             j.offset = gamma;

@@ -45,6 +45,26 @@ struct JointAngles {
         sin[j] = sc.sin;
         cos[j] = sc.cos;
     }
+    // Of every joint. A plain double goes through lanes of joints.
+    void set(const Chain& chain, const T* q) {
+        constexpr int width = Scalar<T>::lanes == 1 ? native_lanes : 1;
+        if constexpr (width == 1) {
+            for (int j = 0; j < chain.dof; ++j) set(chain, j, q[j]);
+        } else {
+            static_assert(max_joints % width == 0);
+            for (int first = 0; first < chain.dof; first += width) {
+                Lanes<width> x;
+                BUMPSTOP_UNROLL
+                for (int lane = 0; lane < width; ++lane) {
+                    const int j = std::min(first + lane, chain.dof - 1);
+                    set_lane(x, lane, q[j] * chain.joint[j].turns + chain.joint[j].offset);
+                }
+                const SinCos<Lanes<width>> sc = sincos(x);
+                store(sc.sin, &sin[first]);
+                store(sc.cos, &cos[first]);
+            }
+        }
+    }
 };
 
 // Where every joint axis is, and where the chain ends: all in the base frame.

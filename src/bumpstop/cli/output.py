@@ -58,6 +58,8 @@ def settings_toml(law: ForceLaw) -> str:
     if law.scenario.contact.body is not None and (limits.endswith(".toml") or "/" in limits):
         # Relative paths start at the scenario's folder, which the copy has left.
         data["contact"]["limits"] = str((law.scenario.folder / limits).resolve())
+    if law.scenario.detector.residuals is not None:
+        data["detector"]["residuals"] = str((law.scenario.folder / law.scenario.detector.residuals).resolve())
     if law.scenario.robot_path is not None:
         data["robot"] = str(law.scenario.robot_path.resolve())
     if law.scenario.motion.file is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +32,22 @@ class ContactSpans:
         paths = curve.reaction_paths([int(k) for k in ticks], [float(o) for o in least_offset])
         self._path = {int(k): path for k, path in zip(ticks, paths, strict=True)}
         self._distance = curve.distance
+        self._stays = problem.scenario.reaction.kind == "stop"
+
+    def phases(self, tick: int, offset: FloatArray, first_s: float) -> tuple[FloatArray, FloatArray]:
+        """Deepest compression in the first ``first_s`` seconds of contact, and after: two arrays like ``offset`` [m].
+
+        An arm that stops in contact stays there; one that reverses has let go when its path ends.
+        """
+        path = np.concatenate([self._distance[: self._begin[tick]], self._path[tick]])
+        touch = np.nan_to_num(contact_times(path, offset, self._step), nan=np.inf)
+        turn = np.minimum(np.ceil((touch + first_s) / self._step - 1e-9), path.size).astype(np.int64)
+        reached = np.maximum.accumulate(path)
+        rest = path[-1] if self._stays else -np.inf
+        ahead = np.append(np.maximum.accumulate(np.append(path, rest)[::-1])[::-1][: path.size], rest)
+        first = np.where(np.isfinite(touch), reached[np.maximum(turn - 1, 0)] - offset, 0.0)
+        late = np.where(np.isfinite(touch), ahead[turn] - offset, 0.0)
+        return np.maximum(first, 0.0), np.maximum(late, 0.0)
 
     def farthest(self, tick: int) -> float:
         """Greatest distance [m] of the case that is detected at a tick."""
@@ -61,8 +79,28 @@ def contact_times(distance: FloatArray, offset: FloatArray, step: float) -> Floa
     return np.where(inside, (last - 1 + part) * step, np.nan)
 
 
-def exact_contact_time(problem: Problem, curve: Any, law: Any) -> CellDistribution:
-    """Contact time [s] of the exact law, given that the reaction ends a contact."""
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The exact law's detections at one tick, cut into cells of offset.
+
+    Attributes:
+        spans: the paths of these collisions.
+        tick: of detection.
+        edge: ends of the cells (pieces, cells + 1) [m].
+        mass: probability of each cell (pieces, cells).
+        node, node_mass: offsets [m] and probabilities of a quadrature (pieces, nodes), finer than cells.
+    """
+
+    spans: ContactSpans
+    tick: int
+    edge: FloatArray
+    mass: FloatArray
+    node: FloatArray
+    node_mass: FloatArray
+
+
+def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
+    """Cut all detections of an exact law into cells, tick by tick."""
     coefficients = law.coefficients
     mid, half, first_tick = law.panel_mid, law.panel_half, law.panel_first_tick
     slots, order, _ = coefficients.shape
@@ -73,10 +111,10 @@ def exact_contact_time(problem: Problem, curve: Any, law: Any) -> CellDistributi
             if 0 <= tick < curve.ticks:
                 pieces.setdefault(tick, []).append((slot, int(panel)))
     ticks = np.array(sorted(pieces), dtype=np.int64)
-    parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
-    if ticks.size:
-        least = np.array([min(mid[p] - half[p] for _, p in pieces[int(k)]) for k in ticks])
-        spans = ContactSpans(problem, curve, ticks, least)
+    if not ticks.size:
+        return
+    least = np.array([min(mid[p] - half[p] for _, p in pieces[int(k)]) for k in ticks])
+    spans = ContactSpans(problem, curve, ticks, least)
     for k in ticks:
         slot, panel = np.array(pieces[int(k)]).T
         # Where a stopping path barely arrives, its contact grows from nothing like a square root: the panel ends at the
@@ -89,20 +127,29 @@ def exact_contact_time(problem: Problem, curve: Any, law: Any) -> CellDistributi
         edge = top - width * np.linspace(1.0, 0.0, _CELLS + 1) ** power
         node = top - width * _UNIT_NODES**power
         series = coefficients[slot, :, panel]
-        below = np.einsum("pel,pl->pe", _antiderivatives(edge, order), series)
+        below = np.einsum("pel,pl->pe", antiderivatives(edge, order), series)
         density = np.einsum("pnl,pl->pn", np.polynomial.legendre.legvander(node, order - 1), series)
-        ends = _durations(spans, int(k), mid[panel], half[panel], edge)
-        value = _durations(spans, int(k), mid[panel], half[panel], node)
+        place = mid[panel][:, None], half[panel][:, None]
+        yield Cells(
+            spans=spans,
+            tick=int(k),
+            edge=place[0] + place[1] * edge,
+            mass=np.diff(below, axis=1),
+            node=place[0] + place[1] * node,
+            node_mass=density * width * power * _UNIT_NODES ** (power - 1) * _UNIT_WEIGHTS,
+        )
+
+
+def exact_contact_time(problem: Problem, curve: Any, law: Any) -> CellDistribution:
+    """Contact time [s] of the exact law, given that the reaction ends a contact."""
+    parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
+    for cells in exact_cells(problem, curve, law):
+        ends = cells.spans.at(cells.tick, cells.edge.ravel()).reshape(cells.edge.shape)
+        value = cells.spans.at(cells.tick, cells.node.ravel()).reshape(cells.node.shape)
         low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
         known, lasts = np.isfinite(low) & np.isfinite(high), np.isfinite(value)
-        mass, value_mass = np.diff(below, axis=1), density * width * power * _UNIT_NODES ** (power - 1) * _UNIT_WEIGHTS
-        parts.append((low[known], high[known], mass[known], value[lasts], value_mass[lasts]))
+        parts.append((low[known], high[known], cells.mass[known], value[lasts], cells.node_mass[lasts]))
     return CellDistribution(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-
-
-def _durations(spans: ContactSpans, tick: int, mid: FloatArray, half: FloatArray, x: FloatArray) -> FloatArray:
-    offset = mid[:, None] + half[:, None] * x
-    return spans.at(tick, offset.ravel()).reshape(offset.shape)
 
 
 def sampled_contact_time(problem: Problem, curve: Any, tick: np.ndarray, offset: FloatArray) -> FloatArray:
@@ -120,7 +167,7 @@ def sampled_contact_time(problem: Problem, curve: Any, tick: np.ndarray, offset:
     return result
 
 
-def _antiderivatives(x: FloatArray, order: int) -> FloatArray:
+def antiderivatives(x: FloatArray, order: int) -> FloatArray:
     """Antiderivative of every Legendre polynomial below ``order`` at x, (..., order)."""
     values = np.polynomial.legendre.legvander(x, order)
     result = np.empty((*x.shape, order))

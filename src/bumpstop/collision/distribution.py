@@ -215,28 +215,33 @@ class CellDistribution(Distribution):
         return self._moments[1]
 
     @cached_property
-    def _tail(self) -> tuple[FloatArray, FloatArray]:
-        """P(quantity > x) at every end of a cell, x ascending; straight between them."""
-        width = np.maximum(self.high - self.low, 1e-12)
-        ends = np.concatenate([self.low, self.low + width])
-        slope = np.concatenate([self.mass / width, -self.mass / width])
-        order = np.argsort(ends, kind="stable")
-        x = ends[order]
-        density = np.cumsum(slope[order])[:-1]
-        below = np.concatenate([[0.0], np.cumsum(density * np.diff(x))])
-        return x, np.clip(1 - below / self._total, 0.0, 1.0)
+    def _atoms(self) -> npt.NDArray[np.bool_]:
+        """Cells so narrow that their probability is at a point."""
+        return self.high - self.low <= 1e-9 * np.maximum(1e-9, np.abs(self.high))
 
     def exceedance(self, x: float) -> float:  # noqa: D102
         if not self._total > 0:
             return math.nan
-        return float(np.interp(x, *self._tail))
+        width = np.where(self._atoms, 1.0, self.high - self.low)
+        above = np.where(self._atoms, self.low > x, np.clip((self.high - x) / width, 0.0, 1.0))
+        return min(1.0, float(self.mass @ above) / self._total)
 
     def quantile(self, p: float) -> float:  # noqa: D102
         check_probability(p)
         if not self._total > 0:
             return math.nan
-        x, tail = self._tail
-        return float(np.interp(p, 1 - tail, x))
+        low, high = float(self.low.min()), float(self.high.max())
+        if self.exceedance(low) <= 1 - p:
+            return low
+        while high - low > 1e-12 * abs(high):
+            middle = 0.5 * (low + high)
+            if middle in (low, high):
+                break
+            if self.exceedance(middle) > 1 - p:
+                low = middle
+            else:
+                high = middle
+        return high
 
     def scaled(self, factor: float) -> CellDistribution:  # noqa: D102
         return replace(self, low=self.low * factor, high=self.high * factor, node=self.node * factor)

@@ -13,12 +13,18 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.contact_time import contact_times, exact_contact_time, sampled_contact_time
 from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, ExactDistribution, SampledDistribution
+from bumpstop.collision.free_law import FreeQuantities, ImpactBounds, impact_bounds
 from bumpstop.collision.problem import Problem
+from bumpstop.collision.two_phase import FIRST_PHASE_S, TwoPhaseUse
 from bumpstop.collision.verdict import Verdict, judge
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario import Scenario
+
+
+# Runs of a law that can only be sampled, where their number is not given.
+RESAMPLED_RUNS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +82,7 @@ class ForceLaw:
         undetected_probability: contact, but no detection by the end of the motion.
         no_contact_probability: neither contact nor alarm by the end of the motion.
         runs: of the sampled law: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and residual.
+        free_contact_time: of free contact, until the body has got away [s].
     """
 
     problem: Problem
@@ -93,6 +100,7 @@ class ForceLaw:
     seed: int | None = None
     runs: dict[str, npt.NDArray[Any]] | None = None
     kernel: Any = None
+    free_contact_time: Distribution | None = None
 
     @property
     def scenario(self) -> Scenario:
@@ -108,11 +116,13 @@ class ForceLaw:
     @property
     def compression(self) -> Distribution:
         """Deepest compression of the body [mm]: peak force over stiffness."""
-        return self.peak_force.scaled(1e3 / self.problem.stiffness)
+        return self.peak_force.scaled(1e3 / self.problem.body_stiffness)
 
     @cached_property
     def contact_time(self) -> Distribution | None:
-        """From contact until the reversing arm has let go [s], given that; None where the arm stops in contact."""
+        """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
+        if self.problem.body_mass is not None:
+            return self.free_contact_time
         if self.scenario.reaction.kind == "stop":
             return None
         if self.kind == "exact":
@@ -129,8 +139,11 @@ class ForceLaw:
             self.pressure,
             self.problem.limits,
             self.false_alarm_probability,
-            self.undetected_probability,
+            # A body that rebounds unnoticed has its peak force all the same: no failure by itself.
+            self.undetected_probability if self.problem.body_mass is None else 0.0,
             self.scenario.verdict,
+            transient=self.problem.transient_limits,
+            over=self._over_in_two_phases,
         )
 
     def motion_notes(self) -> list[str]:
@@ -156,7 +169,8 @@ class ForceLaw:
             notes.append(ends[curve.end])
         if curve.kernel.velocity_limited:
             notes.append("A joint-velocity limit slows the motion below the speed asked for.")
-        if curve.end == "horizon" and self.undetected_probability > NEGLIGIBLE:
+        bounded = curve.end != "horizon" or self.problem.body_mass is not None
+        if not bounded and self.undetected_probability > NEGLIGIBLE:
             notes.append(
                 f"Some collisions are not detected within {self.scenario.motion.duration_s:g} s; their force has no "
                 "bound and the mean is not given."
@@ -164,6 +178,24 @@ class ForceLaw:
         if self.no_contact_probability > NEGLIGIBLE:
             notes.append(f"In {self.no_contact_probability:.2g} of cases the motion ends before contact.")
         return notes
+
+    @cached_property
+    def _over_in_two_phases(self) -> tuple[float, float | None] | None:
+        """Probability of passing the force and the pressure limit of either phase; None where contact has one phase."""
+        transient, lasting = self.problem.transient_limits, self.problem.limits
+        if transient is None or lasting is None:
+            return None
+        if not transient.permitted:
+            return 1.0, 1.0
+        use = TwoPhaseUse.of(self, transient, lasting)
+        undetected = self.undetected_probability
+        pressure = None if use.pressure is None else use.over(use.pressure, undetected)
+        return use.over(use.force, undetected), pressure
+
+    @cached_property
+    def impact_bounds(self) -> ImpactBounds | None:
+        """Peak force of an undetected free impact by formula; None for clamped contact."""
+        return impact_bounds(self.problem)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -187,6 +219,8 @@ class ForceLaw:
             "no_contact_probability": self.no_contact_probability,
             "law": self.kind,
         }
+        if self.impact_bounds is not None:
+            result["impact_bounds"] = self.impact_bounds.to_json()
         if self.kind == "sampled":
             result |= {"samples": self.samples, "seed": self.seed}
         return result | {"verdict": self.verdict.to_json(), "notes": list(self.notes)}
@@ -212,6 +246,7 @@ def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
         None if whole else problem.detector,
         problem.stiffness,
         problem.largest_offset,
+        problem.moving_mass,
     )
     period, step = problem.period_steps, problem.scenario.simulation.step_s
     distance = kernel.distance
@@ -238,7 +273,8 @@ def evaluate(
 
     Args:
         scenario: what happens.
-        samples: None for the exact law; else the number of runs of the sampled law.
+        samples: None for the exact law; else the number of runs of the sampled law. Measured residuals know no exact
+            law: None then means 100 000 runs.
         seed: of the sampled law, 0 to 2^64 - 1. The same seed gives the same runs, whatever the threads.
         threads: for the sampled law.
         refinement: multiplies the order of the exact law's quadrature. 2 shows that 1 is converged.
@@ -256,32 +292,46 @@ def evaluate(
             return exact_trajectory_law(problem, refinement=refinement)
         return sampled_trajectory_law(problem, samples=samples, seed=seed, threads=threads)
     curve = stopping_curve(problem)
+    if samples is None and problem.residuals is not None:
+        samples = RESAMPLED_RUNS
     if samples is None:
         return exact_law(problem, curve, refinement=refinement)
     return sampled_law(problem, curve, samples=samples, seed=seed, threads=threads)
 
 
 def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) -> ForceLaw:
-    """Integrate over contact offset and white noise on a stopping curve of this problem's pose, motion and reaction."""
+    """Integrate over contact offset and noise on a stopping curve of this problem's pose, motion and reaction."""
+    if problem.residuals is not None:
+        raise InputError("detector.residuals", "measured residuals have no exact law", "draw it: give samples")
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
-    law = curve.kernel.exact_law(*question, refinement)
+    law = curve.kernel.exact_law(*question, refinement, problem.moving_mass)
     undetected = min(1.0, max(0.0, law.undetected))
     after_contact = law.total("force_at_detection")
     detected = after_contact + law.false_alarm
     with np.errstate(invalid="ignore"):
         triggers = np.asarray(law.trigger) / (detected if detected > 0 else math.nan)
-    return ForceLaw(
-        problem=problem,
-        curve=curve,
-        kind="exact",
-        peak_force=ExactDistribution(
+    if problem.body_mass is not None:
+        free = FreeQuantities(law)
+        peak_force: Distribution = free.peak_force()
+        force_at_detection: Distribution = free.force_at_detection()
+        contact_time: Distribution | None = free.contact_time()
+    else:
+        peak_force = ExactDistribution(
             law,
             "peak_force",
             undetected=undetected,
             bounded=curve.end != "horizon",
             far_tail=lambda force: float(curve.kernel.tail_directly(*question, force)),
-        ),
-        force_at_detection=ExactDistribution(law, "force_at_detection", condition=after_contact),
+        )
+        force_at_detection = ExactDistribution(law, "force_at_detection", condition=after_contact)
+        contact_time = None
+    return ForceLaw(
+        problem=problem,
+        curve=curve,
+        kind="exact",
+        peak_force=peak_force,
+        force_at_detection=force_at_detection,
+        free_contact_time=contact_time,
         detection_delay=ExactDistribution(law, "detection_delay", condition=after_contact),
         trigger_joint_probability=triggers,
         several_joints_probability=law.several / detected if detected > 0 else math.nan,
@@ -305,6 +355,9 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
         samples,
         True,
         threads,
+        problem.residuals.rows if problem.residuals is not None else None,
+        problem.residuals.block_rows if problem.residuals is not None else 1,
+        problem.moving_mass,
     )
     offset, tick = runs["offset"], runs["tick"]
     detected = tick >= 0
@@ -318,6 +371,10 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
     unbounded = curve.end == "horizon"
     peak = np.where(detected, peak, np.where(touches & unbounded, math.inf, end))
     force = K * np.maximum(0.0, curve.tick_distance[at] - offset)
+    free_contact_time = None
+    if problem.body_mass is not None:
+        peak, force = runs["peak_force"], np.where(detected, runs["force_at_detection"], 0.0)
+        free_contact_time = SampledDistribution(runs["duration"][runs["duration"] > 0])
     felt = detected & (force > 0)
     delay = curve.tick_time[at] - contact_times(curve.distance, offset, step)
     dof = problem.robot.dof
@@ -327,7 +384,8 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
         problem=problem,
         curve=curve,
         kind="sampled",
-        peak_force=SampledDistribution(peak, undetected=~detected & touches),
+        peak_force=SampledDistribution(peak, undetected=~detected & touches if problem.body_mass is None else None),
+        free_contact_time=free_contact_time,
         force_at_detection=SampledDistribution(force[felt]),
         detection_delay=SampledDistribution(delay[felt]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(dof, math.nan),
@@ -357,25 +415,80 @@ def _notes(law: ForceLaw) -> list[str]:
     scenario, limits = problem.scenario, problem.limits
     notes = list(problem.notes)
     contact, detector = scenario.contact, scenario.detector
-    notes.append(
-        "The arm is position-driven: contact does not slow it, and the body is clamped behind a linear spring of "
-        f"{problem.stiffness:g} N/m."
-    )
-    notes.append("Noise is Gaussian and white: independent from tick to tick and joint to joint.")
-    notes += law.motion_notes()
+    notes.extend(_contact_notes(law))
+    notes.extend(_noise_notes(law))
+    notes.extend(law.motion_notes())
     if contact.peak_factor == 1 and limits is not None:
         notes.append("Pressure is taken as even over the contact area (peak factor 1).")
     if limits is not None:
         notes.append(
             f"Limits: {limits.table}, {limits.label}; force: {limits.force_source} (status: {limits.force_status})."
         )
-    notes += law.end_notes()
+    transient = problem.transient_limits
+    if transient is not None and limits is not None:
+        notes.append(
+            f"Contact is judged in two phases: by {transient.force_N:g} N in its first {FIRST_PHASE_S:g} s, by "
+            f"{limits.force_N:g} N after them."
+        )
+    notes.extend(law.end_notes())
     unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
     if unwatched:
         notes.append(f"Not watched: joint {', '.join(unwatched)}.")
     if detector.arming_delay_s > 0:
         notes.append(f"The detector is blind for the first {detector.arming_delay_s:g} s.")
     notes.append("This is an engineering estimate, not a certified safety function.")
+    return notes
+
+
+def _contact_notes(law: ForceLaw) -> list[str]:
+    problem = law.problem
+    if problem.body_mass is None:
+        return [
+            "The arm is position-driven: contact does not slow it, and the body is clamped behind a linear spring of "
+            f"{problem.stiffness:g} N/m."
+        ]
+    notes = [
+        f"The body can get away: a mass of {problem.body_mass:g} kg behind a linear spring of {problem.stiffness:g} "
+        "N/m, judged by transient limits. Contact ends where body and arm part."
+    ]
+    bounds = law.impact_bounds
+    assert bounds is not None
+    if problem.scenario.contact.arm == "two_mass":
+        notes.append(
+            f"Arm and body are two masses: {problem.moving_mass:.4g} kg reduced, the arm's share from its "
+            f"{bounds.status} inertia."
+        )
+    else:
+        notes.append("The arm is position-driven: contact does not slow it.")
+    undetected = f"Undetected, the impact comes to {bounds.position_driven:.4g} N"
+    if bounds.reduced_mass is None:
+        notes.append(f"{undetected}; the arm's inertia is not known, so there is no bound by the reduced mass.")
+    else:
+        notes.append(
+            f"{undetected}, or {bounds.reduced_mass:.4g} N if the arm gives way as a free mass of "
+            f"{bounds.arm_mass:.4g} kg (its inertia is {bounds.status})."
+        )
+    return notes
+
+
+def _noise_notes(law: ForceLaw) -> list[str]:
+    problem, detector = law.problem, law.scenario.detector
+    notes = []
+    if problem.residuals is not None:
+        notes.append("Noise is measured: its correlation between joints and in time is kept within blocks.")
+    elif detector.noise_correlation != 0:
+        notes.append(
+            f"Noise is Gaussian, correlated by {detector.noise_correlation:g} from tick to tick, independent from "
+            "joint to joint."
+        )
+    else:
+        notes.append("Noise is Gaussian and white: independent from tick to tick and joint to joint.")
+    if detector.residual == "observer":
+        notes.append(
+            f"The residual is a momentum observer's with gain {detector.observer_gain_1_s:g} 1/s: it follows a contact "
+            f"torque with a time constant of {1e3 / detector.observer_gain_1_s:.3g} ms. The noise given is that of the "
+            "observer's residual."
+        )
     return notes
 
 

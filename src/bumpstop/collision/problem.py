@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.contact import ContactLimits, LimitTable
+from bumpstop.detection import ResidualRecord
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.model import Robot
@@ -31,12 +32,15 @@ class Problem:
         scenario: as given.
         robot: the arm.
         limits: of the body region hit, or None where only a stiffness was given.
-        stiffness: of the body [N/m].
+        stiffness: of the body, in series with the arm's padding if there is one [N/m].
+        body_stiffness: of the body alone [N/m].
+        body_mass: of free contact [kg]; None: the body is clamped.
         q: start pose (dof,) [rad or m].
         velocity: of the tip along a line, base frame (3,) [m/s]; zero with a trajectory.
         thresholds, noise_sd, noise_mean: per joint (dof,) [Nm or N].
         period_steps, latency_steps: in simulation steps.
         notes: what was assumed while reading the scenario.
+        residuals: measured noise, or None for Gaussian noise; ``noise_sd`` is then its own.
         trajectory: the motion, where it is no line.
     """
 
@@ -53,6 +57,9 @@ class Problem:
     period_steps: int
     latency_steps: int
     notes: tuple[str, ...]
+    residuals: ResidualRecord | None = None
+    body_stiffness: float = 0.0
+    body_mass: float | None = None
     trajectory: Trajectory | None = None
 
     @classmethod
@@ -75,7 +82,17 @@ class Problem:
         if stiffness is None:
             assert limits is not None
             stiffness = limits.stiffness_N_m
+        body_stiffness = stiffness
+        if contact.padding_N_m is not None:
+            stiffness = 1 / (1 / stiffness + 1 / contact.padding_N_m)
+            notes.append(
+                f"Padding of {contact.padding_N_m:g} N/m in series with the body: {stiffness:.5g} N/m together."
+            )
         step = scenario.simulation.step_s
+        residuals = None
+        if detector.residuals is not None:
+            residuals = ResidualRecord.load(scenario.folder / detector.residuals, robot.dof, detector.feedback_period_s)
+            notes.extend(residuals.notes)
         latency = math.ceil(reaction.latency_s / step - 1e-9)
         if abs(latency * step - reaction.latency_s) > 1e-9 * step:
             notes.append(f"Reaction latency rounded up to {latency * step * 1e3:g} ms, whole simulation steps.")
@@ -92,7 +109,7 @@ class Problem:
             q=_pose(scenario, robot) if trajectory is None else trajectory.position[0].copy(),
             velocity=np.array(scenario.motion.velocity) if trajectory is None else np.zeros(3),
             thresholds=_per_joint(detector.thresholds_Nm, robot, "detector.thresholds_Nm", each=True),
-            noise_sd=_per_joint(detector.noise_sd_Nm, robot, "detector.noise_sd_Nm"),
+            noise_sd=_noise_sd(scenario, robot, residuals),
             noise_mean=_per_joint(detector.noise_mean_Nm, robot, "detector.noise_mean_Nm"),
             joint_acceleration=_per_joint(
                 reaction.joint_acceleration_rad_s2, robot, "reaction.joint_acceleration_rad_s2"
@@ -100,6 +117,9 @@ class Problem:
             period_steps=_period_steps(detector.feedback_period_s, step),
             latency_steps=latency,
             notes=tuple(notes),
+            residuals=residuals,
+            body_stiffness=body_stiffness,
+            body_mass=_body_mass(scenario, limits),
             trajectory=trajectory,
         )
         if trajectory is None:
@@ -193,7 +213,28 @@ class Problem:
             sd=self.noise_sd,
             mean=self.noise_mean,
             arming_delay=self.scenario.detector.arming_delay_s,
+            correlation=self.scenario.detector.noise_correlation,
+            filter=self.observer_memory,
         )
+
+    @property
+    def observer_memory(self) -> float:
+        """Share of its old value that the observer's residual keeps from tick to tick; 0 for the direct residual.
+
+        The momentum observer answers a torque as a first-order filter of its gain K: r' = K (tau - r), so over a
+        feedback period T it keeps exp(-K T) of what it was and takes the rest from the torque.
+        """
+        detector = self.scenario.detector
+        if detector.residual == "direct":
+            return 0.0
+        return math.exp(-detector.observer_gain_1_s * self.period_steps * self.scenario.simulation.step_s)
+
+    @property
+    def first_armed_tick(self) -> int:
+        """Number of the first tick that may alarm, from 0."""
+        step = self.scenario.simulation.step_s
+        delay = (self.scenario.detector.arming_delay_s - 1e-12) / step
+        return max(0, math.ceil((delay - 1) / self.period_steps))
 
     @cached_property
     def start(self) -> dict[str, Any]:
@@ -231,6 +272,36 @@ class Problem:
         """Offset beyond which the law has no probability [m]."""
         return 7.0 * self.offset_size if self.offset_kind == "half_normal" else self.offset_size
 
+    @cached_property
+    def transient_limits(self) -> ContactLimits | None:
+        """Limits of the first half second of clamped contact; None where one set of limits judges all of it."""
+        contact = self.scenario.contact
+        if contact.body is None or contact.kind == "free" or self.scenario.verdict.clamped_limit == "quasi_static":
+            return None
+        table = LimitTable.load(contact.limits, relative_to=self.scenario.folder)
+        return table.contact_limits(contact.body, "free", contact.pressure_area)
+
+    @cached_property
+    def moving_mass(self) -> float:
+        """Mass behind the spring of free contact [kg], 0 for clamped contact.
+
+        The body's; with ``arm = "two_mass"`` that of body and arm reduced to one.
+        """
+        if self.body_mass is None:
+            return 0.0
+        if self.scenario.contact.arm == "position_driven":
+            return self.body_mass
+        from bumpstop.collision.free_law import arm_mass, reduced_mass
+
+        arm = arm_mass(self)
+        if arm is None:
+            raise InputError(
+                "contact.arm",
+                f"'two_mass' needs the inertia of {self.robot.name}, which is not known",
+                "valid: 'position_driven'",
+            )
+        return reduced_mass(self.body_mass, arm)
+
     def _check_motion(self) -> None:
         start = self.start
         if start["singular"] and self.scenario.motion.damping == 0:
@@ -259,6 +330,32 @@ def _robot(scenario: Scenario) -> Robot:
         if error.field in ("base", "tip"):
             raise
         raise InputError("robot", f"{error.field}: {error.problem}", error.valid) from None
+
+
+def _body_mass(scenario: Scenario, limits: ContactLimits | None) -> float | None:
+    contact = scenario.contact
+    if contact.kind == "clamped":
+        return None
+    mass = contact.body_mass_kg
+    if mass is None and limits is not None:
+        mass = limits.effective_mass_kg
+    if mass is None:
+        assert limits is not None
+        raise InputError(
+            "contact.body_mass_kg",
+            "is missing",
+            f"free contact needs it: {limits.table} gives no mass of a body region",
+        )
+    return mass
+
+
+def _noise_sd(scenario: Scenario, robot: Robot, residuals: ResidualRecord | None) -> FloatArray:
+    if residuals is not None:
+        measured: FloatArray = residuals.rows.std(axis=0)
+        return measured
+    sd = scenario.detector.noise_sd_Nm
+    assert sd is not None
+    return _per_joint(sd, robot, "detector.noise_sd_Nm")
 
 
 def _pose(scenario: Scenario, robot: Robot) -> FloatArray:

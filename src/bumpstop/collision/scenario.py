@@ -39,14 +39,6 @@ _MOST_DOTS = 500  # in a line
 # The table that ``settings.toml`` has more than a scenario.
 MADE_BY = "made_by"
 
-# Values that later versions of the format know and this one does not compute.
-_NOT_YET = {
-    ("contact", "kind"): {"free"},
-    ("contact", "arm"): {"two_mass"},
-    ("detector", "residual"): {"observer"},
-    ("verdict", "clamped_limit"): {"two_phase"},
-}
-
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -120,15 +112,17 @@ class Contact(_Table):
 
     body: Annotated[str, Field(description="the name of a body region (bumpstop bodies lists them)")] | None = None
     limits: Annotated[str, Field(description="the name of a limit table, or a path")] = "bgia2011"
-    kind: Literal["clamped"] = "clamped"
+    kind: Literal["clamped", "free"] = "clamped"
     area_cm2: Annotated[float, _between(1e-4, 1e4)] = 1.0
     stiffness_N_m: Annotated[float, _between(1, 1e9)] | None = None
+    padding_N_m: Annotated[float, _between(1, 1e9)] | None = None
+    body_mass_kg: Annotated[float, _between(1e-3, 1e4)] | None = None
     pressure_area: Annotated[str, Field(description="the name of a pressure area")] | None = None
     peak_factor: Annotated[float, _between(1, 1e3)] = 1.0
     link: Annotated[str, Field(description="the name of a link of the robot")] | None = None
     point_m: Point = [0.0, 0.0, 0.0]
     normal: Direction | None = None
-    arm: Literal["position_driven"] = "position_driven"
+    arm: Literal["position_driven", "two_mass"] = "position_driven"
     offset_law: Literal["half_normal", "uniform", "fixed"] = "uniform"
     offset_sd_s: Annotated[float, _between(1e-6, 1e4)] = 0.1
     offset_mm: Annotated[float, _between(0, 1e6)] | None = None
@@ -139,6 +133,11 @@ class Contact(_Table):
             raise InputError(
                 "contact.body", "is missing", "name a body region, or give contact.stiffness_N_m without one"
             )
+        for key in ("body_mass_kg", "arm"):
+            if self.kind == "clamped" and key in self.model_fields_set and getattr(self, key) != "position_driven":
+                raise InputError(f"contact.{key}", "has no meaning in clamped contact", 'give contact.kind = "free"')
+        if self.kind == "free" and self.body is None and self.body_mass_kg is None:
+            raise InputError("contact.body_mass_kg", "is missing", "free contact needs the mass behind the stiffness")
         if self.normal is not None and math.hypot(*self.normal) < 1e-6:
             raise InputError(
                 "contact.normal", f"{as_written(self.normal)} is no direction", "wanted three numbers, not all zero"
@@ -155,13 +154,20 @@ class Contact(_Table):
 
 
 class Detector(_Table):
-    """Thresholds and noise of the residual (estimated minus predicted motor torque), per joint."""
+    """Thresholds and noise of the residual (estimated minus predicted motor torque), per joint.
+
+    Noise is first-order correlated (``noise_correlation`` from tick to tick, ``noise_sd_Nm`` its stationary value), or
+    resampled from measured ``residuals``.
+    """
 
     thresholds_Nm: list[float]
-    noise_sd_Nm: NoiseSd | list[NoiseSd]
+    noise_sd_Nm: NoiseSd | list[NoiseSd] | None = None
     noise_mean_Nm: NoiseMean | list[NoiseMean] = 0.0
+    noise_correlation: Annotated[float, _between(-0.99, 0.995)] = 0.0
+    residuals: Annotated[str, Field(description="the path of a Parquet file with measured residuals")] | None = None
     feedback_period_s: Annotated[float, _between(1e-5, 1)] = 0.004
-    residual: Literal["direct"] = "direct"
+    residual: Literal["direct", "observer"] = "direct"
+    observer_gain_1_s: Annotated[float, _between(1e-3, 1e5)] = 50.0
     arming_delay_s: Annotated[float, _between(0, 1e5)] = 0.0
 
     @model_validator(mode="after")
@@ -173,6 +179,22 @@ class Detector(_Table):
                     f"{threshold:g} cannot be used",
                     f"wanted a number from {_short(_LEAST_THRESHOLD_NM)} to {_short(_LARGEST_THRESHOLD_NM)}, or inf to "
                     "leave the joint unwatched",
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _one_noise(self) -> Detector:
+        if self.residuals is None:
+            if self.noise_sd_Nm is None:
+                raise InputError(
+                    "detector.noise_sd_Nm", "is missing", "give it, or measured detector.residuals in its place"
+                )
+            return self
+        for key in ("noise_mean_Nm", "noise_correlation"):
+            value = getattr(self, key)
+            if any(value) if isinstance(value, list) else value:
+                raise InputError(
+                    f"detector.{key}", "has no meaning with detector.residuals", "leave one of the two out"
                 )
         return self
 
@@ -207,7 +229,7 @@ class VerdictSettings(_Table):
 
     risk: Probability = 1e-3
     max_false_alarm: Probability = 1e-3
-    clamped_limit: Literal["quasi_static"] = "quasi_static"
+    clamped_limit: Literal["quasi_static", "two_phase"] = "quasi_static"
 
 
 class Scenario(_Table):
@@ -257,6 +279,16 @@ class Scenario(_Table):
                         'has no meaning with motion.kind = "trajectory"',
                         "leave it out: motion.contact_time says when contact begins",
                     )
+            for key, value, wanted in (
+                ("contact.kind", self.contact.kind, "clamped"),
+                ("verdict.clamped_limit", self.verdict.clamped_limit, "quasi_static"),
+            ):
+                if value != wanted:
+                    problem = f'{value!r} is not available with motion.kind = "trajectory"'
+                    raise InputError(key, problem, f"valid: {wanted!r}")
+            if self.detector.residuals is not None:
+                problem = 'is not available with motion.kind = "trajectory"'
+                raise InputError("detector.residuals", problem, "give detector.noise_sd_Nm")
             return self
         if (self.pose_deg is None) == (self.pose_rad is None):
             problem = "is missing" if self.pose_deg is None else "and pose_rad are both given"
@@ -283,7 +315,6 @@ class Scenario(_Table):
             del tables[MADE_BY]
         if "folder" in tables:
             raise _unknown_key(("folder",))
-        _refuse_later_keys(tables)
         try:
             return cls.model_validate({**tables, "folder": Path(folder)})
         except ValidationError as error:
@@ -309,6 +340,8 @@ class Scenario(_Table):
             data["contact"].pop(key, None)
         if "area_cm2" not in self.contact.model_fields_set:
             del data["contact"]["area_cm2"]
+        if self.contact.kind == "clamped":
+            del data["contact"]["arm"]
         return data
 
 
@@ -422,28 +455,6 @@ def _unknown_key(path: tuple[Any, ...]) -> InputError:
 
 def _key_as_written(key: Any) -> str:
     return key if isinstance(key, str) and re.fullmatch("[A-Za-z0-9_-]{1,60}", key) else as_written(key)
-
-
-def _refuse_later_keys(data: dict[str, Any]) -> None:
-    """Name keys and values that the format knows and this version does not compute."""
-    for (table, key), values in _NOT_YET.items():
-        here = data.get(table)
-        if isinstance(here, dict) and isinstance(here.get(key), str) and here[key] in values:
-            raise InputError(
-                f"{table}.{key}", f"{here[key]!r} is not available in this version", f"valid: {_words((table, key))}"
-            )
-    for table, key, idle in (
-        ("contact", "body_mass_kg", None),
-        ("detector", "noise_correlation", 0.0),
-        ("detector", "residuals", None),
-        ("detector", "observer_gain_1_s", None),
-    ):
-        here = data.get(table)
-        if isinstance(here, dict) and key in here:
-            if idle is not None and here[key] == idle and not isinstance(here[key], bool):
-                del here[key]
-                continue
-            raise InputError(f"{table}.{key}", "is not available in this version", "leave the key out")
 
 
 def _explain(error: ValidationError) -> InputError:

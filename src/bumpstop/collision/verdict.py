@@ -17,6 +17,8 @@ class Verdict:
 
     Attributes:
         limits: what it is judged by, or None where no body was named.
+        transient: what the first phase of clamped contact is judged by, where it is judged in two; ``limits`` then hold
+            for what comes after.
         p_over_force, p_over_pressure: probability that the peak passes its limit; collisions never detected count
             as over. None where there is no limit.
         false_alarm_probability, risk, max_false_alarm: as found, and as accepted.
@@ -24,6 +26,7 @@ class Verdict:
     """
 
     limits: ContactLimits | None
+    transient: ContactLimits | None = None
     p_over_force: float | None
     p_over_pressure: float | None
     false_alarm_probability: float
@@ -68,6 +71,12 @@ class Verdict:
                 "limit_pressure_source": limits.pressure_source,
                 "limit_pressure_status": limits.pressure_status,
             }
+        if self.transient:
+            result |= {
+                "limit_kind": "two_phase",
+                "limit_transient_force_N": self.transient.force_N,
+                "limit_transient_pressure_N_cm2": self.transient.pressure_N_cm2,
+            }
         return result
 
 
@@ -78,16 +87,32 @@ def judge(
     false_alarm_probability: float,
     undetected_probability: float,
     settings: VerdictSettings,
+    transient: ContactLimits | None = None,
+    over: tuple[float, float | None] | None = None,
 ) -> Verdict:
-    """Judge peak force [N] and pressure [N/cm2] by limits."""
+    """Judge peak force [N] and pressure [N/cm2] by limits.
+
+    Args:
+        peak_force: distribution [N].
+        pressure: distribution [N/cm2].
+        limits: None without a body region.
+        false_alarm_probability: alarm before contact.
+        undetected_probability: contact, and no detection.
+        settings: what is accepted.
+        transient: limits of the first phase of contact, where it has two.
+        over: the probabilities of passing force and pressure limits in either phase, then.
+    """
     p_force = p_pressure = None
-    if limits is not None:
+    if limits is not None and over is not None:
+        p_force, p_pressure = over
+    elif limits is not None:
         p_force = peak_force.exceedance(limits.force_N)
         if limits.pressure_N_cm2 is not None and pressure is not None:
             p_pressure = pressure.exceedance(limits.pressure_N_cm2)
-    reason = _reason(limits, p_force, p_pressure, false_alarm_probability, undetected_probability, settings)
+    reason = _reason(limits, transient, p_force, p_pressure, false_alarm_probability, undetected_probability, settings)
     return Verdict(
         limits=limits,
+        transient=transient,
         p_over_force=p_force,
         p_over_pressure=p_pressure,
         false_alarm_probability=false_alarm_probability,
@@ -99,6 +124,7 @@ def judge(
 
 def _reason(
     limits: ContactLimits | None,
+    transient: ContactLimits | None,
     p_force: float | None,
     p_pressure: float | None,
     false_alarm: float,
@@ -107,13 +133,18 @@ def _reason(
 ) -> str:
     if limits is None or p_force is None:
         return "No body region is named, so there is no limit to judge by."
-    if not limits.permitted:
-        return limits.reason
+    for judge_of in (limits, transient):
+        if judge_of is not None and not judge_of.permitted:
+            return judge_of.reason
+    force, pressure = f"{limits.force_N:g} N", f"{limits.pressure_N_cm2 or 0:g} N/cm2"
+    if transient is not None:
+        force = f"{transient.force_N:g} N at first or {force} later"
+        pressure = f"{transient.pressure_N_cm2 or 0:g} N/cm2 at first or {pressure} later"
     faults = []
     if p_force > settings.risk:
-        faults.append(f"the peak force exceeds {limits.force_N:g} N with probability {_percent(p_force)}")
+        faults.append(f"the peak force exceeds {force} with probability {_percent(p_force)}")
     if p_pressure is not None and p_pressure > settings.risk:
-        faults.append(f"the pressure exceeds {limits.pressure_N_cm2:g} N/cm2 with probability {_percent(p_pressure)}")
+        faults.append(f"the pressure exceeds {pressure} with probability {_percent(p_pressure)}")
     accepted = f", more than the accepted {_percent(settings.risk)}" if faults else ""
     if undetected > settings.risk:
         faults.append(f"{_percent(undetected)} of collisions are never detected")

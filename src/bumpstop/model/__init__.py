@@ -1,7 +1,31 @@
-"""Robots and their kinematics."""
+"""Robots, their kinematics and their dynamics."""
 
+from bumpstop.model.dynamics import (
+    coriolis_torque,
+    effective_mass,
+    gravity_torque,
+    inverse_dynamics,
+    manipulability,
+    mass_matrix,
+    singular_values,
+)
 from bumpstop.model.inertia import LinkInertia
 from bumpstop.model.robot import Frame, Joint, Robot, robots, rotation_from_rpy
 from bumpstop.model.robot_file import robot_from_dict
 
-__all__ = ["Frame", "Joint", "LinkInertia", "Robot", "robot_from_dict", "robots", "rotation_from_rpy"]
+__all__ = [
+    "Frame",
+    "Joint",
+    "LinkInertia",
+    "Robot",
+    "coriolis_torque",
+    "effective_mass",
+    "gravity_torque",
+    "inverse_dynamics",
+    "manipulability",
+    "mass_matrix",
+    "robot_from_dict",
+    "robots",
+    "rotation_from_rpy",
+    "singular_values",
+]

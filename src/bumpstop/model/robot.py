@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.arrays import FloatArray, as_float_array, as_number, as_rows
 from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
 from bumpstop.model.inertia import LinkInertia, Matrix3, Vector3
@@ -198,6 +198,21 @@ class Robot:
             axis=axes / np.linalg.norm(axes, axis=1, keepdims=True),
         )
 
+    @cached_property
+    def dynamics(self) -> Any:
+        """The chain with its inertia in the kernels' form; every link must have one."""
+        unknown = [joint.link for joint in self.joints if joint.inertia is None]
+        if unknown:
+            raise InputError("robot", f"{self.name}: no inertia of link {unknown[0]!r} is known", "dynamics needs it")
+        links = [joint.inertia for joint in self.joints if joint.inertia is not None]
+        return core.Dynamics(
+            chain=self.chain,
+            mass=np.array([link.mass for link in links], dtype=np.float64),
+            center=np.array([link.center for link in links], dtype=np.float64),
+            tensor=np.array([link.tensor for link in links], dtype=np.float64),
+            rotor=np.array([joint.rotor_inertia for joint in self.joints], dtype=np.float64),
+        )
+
     @property
     def span(self) -> float:
         """Length of the chain stretched out from its first joint to the tip [m]: no pose reaches farther from there.
@@ -300,11 +315,7 @@ class Robot:
         return self._batched(q, self.chain.jacobians, number, offset)
 
     def _batched(self, q: npt.ArrayLike, function: Any, number: int, offset: FloatArray) -> FloatArray:
-        try:
-            single = np.ndim(q) == 1
-        except ValueError:  # rows of different lengths, refused by the same door as everything else
-            single = False
-        rows = as_float_array(q, "q", (self.dof,))[None] if single else as_float_array(q, "q", (None, self.dof))
+        rows, single = as_rows(q, "q", self.dof)
         result: FloatArray = function(rows, number, np.ascontiguousarray(offset))
         return result[0] if single else result
 

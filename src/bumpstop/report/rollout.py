@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import sampled_law
+from bumpstop.collision.noise import contact_residual, noise_of_run
 from bumpstop.collision.trajectory_law import TrajectoryLaw, sampled_trajectory_law
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from bumpstop.collision import ForceLaw
@@ -121,8 +121,8 @@ class Rollouts:
         ticks = tick + 1 if tick >= 0 else curve.ticks
         force = problem.stiffness * np.maximum(0.0, curve.tick_distance[:ticks] - offset)
         torque = curve.torque_per_newton[:ticks] * force[:, None]
-        noise = core.standard_noise(self.seed, run, 1, ticks, problem.robot.dof)[0] * problem.noise_sd
-        residual = torque + noise + problem.noise_mean
+        torque = contact_residual(problem, torque)
+        residual = torque + noise_of_run(problem, self.seed, run, ticks)
         # Among joints that nobody watches, the one the force bears on most.
         over = np.abs(residual[-1]) / problem.thresholds
         joint = int(np.argmax(over if over.any() else np.abs(torque[-1])))

@@ -1,0 +1,123 @@
+// Noise that remembers: the density of a residual that has not alarmed yet, carried from tick to tick.
+#pragma once
+
+#include <algorithm>
+#include <numbers>
+#include <vector>
+
+#include "bumpstop/detection/threshold.hpp"
+#include "bumpstop/math/quadrature.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// One joint's first-order noise e(k) = c e(k-1) + s w(k), w white, s = sd sqrt(1 - c^2), so that sd is the stationary
+// standard deviation and c the correlation from tick to tick. No alarm up to a tick leaves the residual inside its
+// thresholds; the nodes lie there, and nowhere farther than `reach` standard deviations from where the noise is
+// centred.
+struct NoiseMemory {
+    static constexpr double reach = 9;
+
+    double threshold = 0, sd = 0, mean = 0, correlation = 0;
+    double innovation = 0;             // s
+    std::vector<double> node, weight;  // on [-1, 1]
+
+    NoiseMemory(double limit, double noise_sd, double noise_mean, double noise_correlation)
+        : threshold(limit), sd(noise_sd), mean(noise_mean), correlation(noise_correlation) {
+        innovation = sd * std::sqrt((1 - correlation) * (1 + correlation));
+        // The integrand is a product of two bells as narrow as the innovation; nodes this close leave 1e-13 of it.
+        const double half = std::min(threshold, reach * sd);
+        const int count = std::max(12, int(std::ceil(5.5 * half / innovation)) + 8);
+        const int pieces = (count + max_order - 1) / max_order;
+        const GaussRule& rule = gauss_rule((count + pieces - 1) / pieces);
+        for (int piece = 0; piece < pieces; ++piece) {
+            for (int g = 0; g < rule.order; ++g) {
+                node.push_back((2 * piece + 1 + rule.node[g]) / pieces - 1);
+                weight.push_back(rule.weight[g] / pieces);
+            }
+        }
+    }
+    int size() const { return int(node.size()); }
+};
+
+// Density of the residual given no alarm so far.
+template <class T>
+struct TruncatedDensity {
+    std::vector<T> value;  // at the nodes, per Nm; integrates to one
+    T low, high;           // where the nodes lie [Nm or N]
+    T centre;              // what the noise is added to: contact torque and noise mean
+    T known = 0.0;         // 0: nothing has been watched yet, so the noise is as it always is; else 1
+
+    void forget(const NoiseMemory& memory) {
+        value.assign(std::size_t(memory.size()), T(0.0));
+        low = -memory.threshold;
+        high = memory.threshold;
+        centre = memory.mean;
+        known = 0.0;
+    }
+};
+
+// The next tick: noise moves on, the noiseless residual becomes `torque`, alarms are taken out. `work` holds two values
+// a node.
+template <class T>
+AlarmProbability<T> watch_tick(const NoiseMemory& memory, TruncatedDensity<T>& density, T torque,
+                               std::vector<T>& work) {
+    const int n = memory.size();
+    const double s = memory.innovation, root_half = 0.70710678118654752440, per_root = 0.39894228040143267794;
+    const T centre = torque + memory.mean;
+    const double furthest = NoiseMemory::reach * memory.sd;
+    // Where the residual lies beyond reach of its thresholds the range shrinks to next to nothing, not to less.
+    const double least = 1e-3 * std::min(memory.sd, memory.threshold);
+    const T low = minimum(maximum(T(-memory.threshold), centre - furthest), T(memory.threshold - least));
+    const T high = maximum(minimum(T(memory.threshold), centre + furthest), low + least);
+    const T middle = 0.5 * (low + high), half = 0.5 * (high - low);
+    const auto known = density.known > T(0.5);
+
+    work.resize(std::size_t(2 * n));
+    T* arrival = work.data();  // centre of the next residual, by node
+    T* mass = work.data() + n;
+    const T old_middle = 0.5 * (density.low + density.high), old_half = 0.5 * (density.high - density.low);
+    T alarm = 0.0;
+    for (int l = 0; l < n; ++l) {
+        arrival[l] = centre + memory.correlation * (old_middle + old_half * memory.node[l] - density.centre);
+        mass[l] = old_half * memory.weight[l] * density.value[l];
+        const T above = erfc((memory.threshold - arrival[l]) * (root_half / s));
+        const T below = erfc((memory.threshold + arrival[l]) * (root_half / s));
+        alarm += mass[l] * (0.5 * (above + below));
+    }
+    const T fresh_alarm = 0.5 * (erfc((memory.threshold - centre) * (root_half / memory.sd)) +
+                                 erfc((memory.threshold + centre) * (root_half / memory.sd)));
+    alarm = select(known, alarm, fresh_alarm);
+
+    T silent = 0.0;
+    const bool any_known = any(known), all_known = all(known);
+    std::vector<T>& value = density.value;
+    for (int i = 0; i < n; ++i) {
+        const T x = middle + half * memory.node[i];
+        T sum = 0.0;
+        if (any_known) {
+            for (int l = 0; l < n; ++l) {
+                const T z = (x - arrival[l]) * (1 / s);
+                const T exponent = 0.5 * z * z;
+                if (!any(exponent < T(40.0))) continue;
+                sum += mass[l] * exp_negative(minimum(exponent, T(700.0)), T(0.0));
+            }
+            sum *= per_root / s;
+        }
+        if (!all_known) {
+            const T z = (x - centre) * (1 / memory.sd);
+            const T fresh = exp_negative(minimum(T(0.5 * z * z), T(700.0)), T(0.0)) * (per_root / memory.sd);
+            sum = select(known, sum, fresh);
+        }
+        value[i] = sum;
+        silent += half * memory.weight[i] * sum;
+    }
+    const T scale = 1.0 / maximum(silent, T(1e-290));
+    for (int i = 0; i < n; ++i) value[i] *= scale;
+    density.low = low;
+    density.high = high;
+    density.centre = centre;
+    density.known = 1.0;
+    return {minimum(alarm, T(1.0)), minimum(silent, T(1.0))};
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,87 @@
+// How well a point of the arm can be moved: singular values of its Jacobian, for a double or for lanes.
+#pragma once
+
+#include "bumpstop/model/kinematics.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// Singular values of a matrix of `Rows` rows, largest first. One-sided Jacobi: pairs of rows are turned against each
+// other until all are orthogonal; then their lengths are the singular values. Every lane goes on until the last is done.
+// `row` is overwritten.
+template <int Rows, class T>
+void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
+    constexpr int sweeps = 20;  // six rows take some eight
+    const auto product = [&](int a, int b) {
+        T sum = 0.0;
+        for (int j = 0; j < columns; ++j) sum += row[a][j] * row[b][j];
+        return sum;
+    };
+    T total = 0.0;
+    for (int a = 0; a < Rows; ++a) total += product(a, a);
+    const T rounding = total * 1e-32;  // the square of what is zero beside the largest
+    for (int sweep = 0; sweep < sweeps; ++sweep) {
+        MaskOf<T> turned = T(1.0) < T(0.0);
+        for (int a = 0; a < Rows; ++a) {
+            for (int b = a + 1; b < Rows; ++b) {
+                const T aa = product(a, a), bb = product(b, b), ab = product(a, b);
+                const MaskOf<T> oblique = (ab * ab > aa * bb * 1e-30) & (minimum(aa, bb) > rounding);
+                turned = turned | oblique;
+                // The smaller of the two angles that make them orthogonal.
+                const T cotangent = (bb - aa) / select(oblique, 2.0 * ab, T(1.0));
+                const T sign = select(cotangent < T(0.0), T(-1.0), T(1.0));
+                const T tangent = sign / (absolute(cotangent) + square_root(cotangent * cotangent + 1.0));
+                const T c = select(oblique, 1.0 / square_root(tangent * tangent + 1.0), T(1.0));
+                const T s = select(oblique, c * tangent, T(0.0));
+                for (int j = 0; j < columns; ++j) {
+                    const T x = row[a][j], y = row[b][j];
+                    row[a][j] = x * c - y * s;
+                    row[b][j] = x * s + y * c;
+                }
+            }
+        }
+        if (!any(turned)) break;
+    }
+    for (int a = 0; a < Rows; ++a) {
+        values[a] = square_root(product(a, a));
+        for (int b = a; b > 0; --b) {
+            const T high = maximum(values[b - 1], values[b]), low = minimum(values[b - 1], values[b]);
+            values[b - 1] = high;
+            values[b] = low;
+        }
+    }
+    for (int a = columns; a < Rows; ++a) values[a] = 0.0;
+}
+
+// Those of the Jacobian at a point of a link, largest first: of its linear rows with `Rows` 3 [m/rad], of all with 6,
+// where m/rad and 1 are mixed.
+template <int Rows, class T>
+void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPoint& point, T* values) noexcept {
+    static_assert(Rows == 3 || Rows == 6);
+    const Point3<T> p = posture.position(point);
+    T row[Rows][max_joints];
+    for (int j = 0; j <= point.link; ++j) {
+        const Point3<T> linear = linear_column(chain, posture, p, j);
+        row[0][j] = linear.x;
+        row[1][j] = linear.y;
+        row[2][j] = linear.z;
+        if constexpr (Rows == 6) {
+            const T turns = chain.joint[j].turns;
+            row[3][j] = posture.axis[j].x * turns;
+            row[4][j] = posture.axis[j].y * turns;
+            row[5][j] = posture.axis[j].z * turns;
+        }
+    }
+    singular_values_of<Rows>(row, point.link + 1, values);
+}
+
+// Yoshikawa's measure, sqrt(det(J J')): the product of the singular values.
+template <int Rows, class T>
+T manipulability(const Chain& chain, const Posture<T>& posture, const LinkPoint& point) noexcept {
+    T values[Rows];
+    singular_values<Rows>(chain, posture, point, values);
+    T product = values[0];
+    for (int a = 1; a < Rows; ++a) product *= values[a];
+    return product;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,133 @@
+"""Free contact in the exact law: forces that bend with the offset, as cells and quadratures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision.contact_time import antiderivatives
+from bumpstop.collision.distribution import CellDistribution
+from bumpstop.errors import InputError
+from bumpstop.model import effective_mass
+
+if TYPE_CHECKING:
+    from bumpstop.collision.problem import Problem
+
+# Cells per panel: inside a panel, which ends where contact begins in another simulation step, forces bend little.
+_CELLS = 16
+
+
+class FreeQuantities:
+    """Peak force, contact time and force at detection of an exact law of free contact."""
+
+    def __init__(self, kernel: Any) -> None:
+        """Take the kernels' law apart."""
+        self._nodes = kernel.free_nodes()
+        coefficients: FloatArray = kernel.coefficients
+        self._before = int(kernel.slots_before)
+        self._harmless = float(kernel.harmless)
+        order = coefficients.shape[1]
+        node, weight = np.polynomial.legendre.leggauss(order)
+        edge = np.linspace(-1.0, 1.0, _CELLS + 1)
+        self._mass = np.maximum(
+            np.diff(np.einsum("el,slp->sep", antiderivatives(edge, order), coefficients), axis=1), 0
+        )
+        density = np.einsum("gl,slp->sgp", np.polynomial.legendre.legvander(node, order - 1), coefficients)
+        self._node_mass = density * weight[:, None]
+        # From the nodes to the ends of the cells: the polynomial through the nodes.
+        to_series = np.linalg.inv(np.polynomial.legendre.legvander(node, order - 1))
+        self._to_edges = np.polynomial.legendre.legvander(edge, order - 1) @ to_series
+
+    def peak_force(self) -> CellDistribution:
+        """Peak force [N] of every collision, detected or not; no contact is no force."""
+        return self._distribution("peak_force", slice(None), self._harmless)
+
+    def contact_time(self) -> CellDistribution:
+        """Time in contact [s], given contact."""
+        return self._distribution("duration", slice(None), 0.0, positive=True)
+
+    def force_at_detection(self) -> CellDistribution:
+        """Force at the tick of detection [N], given a detection in contact."""
+        return self._distribution("force_at_detection", slice(self._before, -1), 0.0)
+
+    def _distribution(self, name: str, slots: slice, at_zero: float, *, positive: bool = False) -> CellDistribution:
+        value = self._nodes[name][slots]
+        ends = np.maximum(np.einsum("eg,sgp->sep", self._to_edges, value), 0.0)
+        mass, node_mass = self._mass[slots], self._node_mass[slots]
+        low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
+        cell, point = mass > 0, node_mass != 0
+        if positive:
+            cell &= high > 0
+            point &= value > 0
+        zero = [0.0] if at_zero > 0 else []
+        return CellDistribution(
+            low=np.concatenate([low[cell], zero]),
+            high=np.concatenate([high[cell], zero]),
+            mass=np.concatenate([mass[cell], [at_zero] * len(zero)]),
+            node=np.concatenate([value[point], zero]),
+            node_mass=np.concatenate([node_mass[point], [at_zero] * len(zero)]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactBounds:
+    """What an undetected impact at the approach speed comes to, without a simulation.
+
+    Attributes:
+        position_driven: the arm keeps its speed whatever it hits, v sqrt(m K) [N].
+        reduced_mass: the arm is a free mass too, v sqrt(mu K) with 1 / mu = 1 / m + 1 / arm_mass [N]; None where the
+            arm's inertia is not known.
+        arm_mass: effective mass of the arm along the contact normal, 1 / (n' J M^-1 J' n) [kg], or None.
+        status: of the arm's inertia: ``"published"``, ``"assumed"`` or ``"unknown"``.
+    """
+
+    position_driven: float
+    reduced_mass: float | None
+    arm_mass: float | None
+    status: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``bumpstop evaluate --json`` gives it."""
+        return {
+            "position_driven_N": self.position_driven,
+            "reduced_mass_N": self.reduced_mass,
+            "arm_effective_mass_kg": self.arm_mass,
+            "arm_inertia": self.status,
+        }
+
+
+def impact_bounds(problem: Problem) -> ImpactBounds | None:
+    """Bounds on the peak force of free contact; None for clamped contact."""
+    mass = problem.body_mass
+    if mass is None:
+        return None
+    speed, stiffness = problem.approach_speed, problem.stiffness
+    arm = arm_mass(problem)
+    reduced = None if arm is None else speed * (stiffness * reduced_mass(mass, arm)) ** 0.5
+    return ImpactBounds(
+        position_driven=speed * (mass * stiffness) ** 0.5,
+        reduced_mass=reduced,
+        arm_mass=arm,
+        status=problem.robot.inertia_status,
+    )
+
+
+def reduced_mass(body: float, arm: float) -> float:
+    """Mass with which two free bodies meet [kg]."""
+    return body if np.isinf(arm) else body * arm / (body + arm)
+
+
+def arm_mass(problem: Problem) -> float | None:
+    """Effective mass of the arm at the contact point along the normal [kg]; None where its inertia is not known."""
+    if any(joint.inertia is None for joint in problem.robot.joints):
+        return None
+    contact = problem.scenario.contact
+    normal = np.array(contact.normal if contact.normal is not None else problem.start["point_velocity"])
+    try:
+        mass = effective_mass(problem.robot, problem.q, normal / np.linalg.norm(normal), contact.link, contact.point_m)
+    except InputError:  # a mass matrix without an inverse says nothing
+        return None
+    return float(mass)

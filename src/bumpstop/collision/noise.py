@@ -1,0 +1,52 @@
+"""What one run's detector sees: its noise tick by tick, and the residual a contact makes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.kernels import core
+
+if TYPE_CHECKING:
+    from bumpstop.collision.problem import Problem
+
+
+def noise_of_run(problem: Problem, seed: int, run: int, ticks: int) -> FloatArray:
+    """Noise of a run of the sampled law at its first ``ticks`` ticks, mean included: (ticks, dof) [Nm or N].
+
+    The same numbers as the law's own; before the detector is armed it is not watched and taken as it is when it is.
+    """
+    if problem.residuals is not None:
+        record = problem.residuals
+        rows = core.residual_rows(seed, run, ticks, record.rows.shape[0], record.block_rows)
+        played: FloatArray = record.rows[rows]
+        return played
+    white = core.standard_noise(seed, run, 1, ticks, problem.robot.dof)[0] * problem.noise_sd
+    correlation = problem.scenario.detector.noise_correlation
+    if correlation != 0:
+        first = problem.first_armed_tick
+        fresh = np.sqrt((1 - correlation) * (1 + correlation))
+        for k in range(first + 1, ticks):
+            white[k] = correlation * white[k - 1] + fresh * white[k]
+    noise: FloatArray = white + problem.noise_mean
+    return noise
+
+
+def contact_residual(problem: Problem, torque: FloatArray) -> FloatArray:
+    """What the detector makes of contact torques, without noise: the torques themselves, or an observer's of them.
+
+    Args:
+        problem: says which.
+        torque: (ticks, dof) [Nm or N].
+    """
+    keep = problem.observer_memory
+    if keep == 0:
+        return torque
+    residual = np.empty_like(torque)
+    here = np.zeros(torque.shape[1])
+    for k in range(torque.shape[0]):
+        here = torque[k] + keep * (here - torque[k])
+        residual[k] = here
+    return residual

@@ -1,0 +1,148 @@
+"""Residuals recorded in free motion, and how long their memory is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.errors import InputError
+
+# An interval this far from the feedback period, as a share of it, is a gap.
+_UNEVEN = 0.1
+_MOST_UNEVEN = 0.01  # share of the intervals
+_FEWEST_ROWS = 100
+# A block this many correlation times long keeps nine tenths and more of the correlation inside blocks.
+_TIMES = 10
+# Sokal's window: the sum of correlations ends at this many times itself.
+_WINDOW = 5
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualRecord:
+    """Residuals of free motion at the feedback rate, to be resampled in blocks of rows.
+
+    Attributes:
+        rows: (N, dof) residual, estimated minus predicted motor torque [Nm or N].
+        block_rows: rows in a block: ten times the longest correlation time of any joint, at least 1 and at most a
+            tenth of the record.
+        correlation_rows: (dof,) integrated correlation time of each joint, in rows; 1 for white noise.
+        notes: what is unusual about the record.
+    """
+
+    rows: FloatArray
+    block_rows: int
+    correlation_rows: FloatArray
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def from_rows(cls, rows: FloatArray, notes: tuple[str, ...] = ()) -> ResidualRecord:
+        """Choose the block length of a record.
+
+        Args:
+            rows: (N, dof), at least 100 of them [Nm or N].
+            notes: what is already known of the record.
+        """
+        rows = as_float_array(rows, "residuals", (None, None))
+        count = rows.shape[0]
+        if count < _FEWEST_ROWS:
+            raise InputError("residuals", f"{count} rows", f"wanted at least {_FEWEST_ROWS}")
+        times = np.array([correlation_time(rows[:, j]) for j in range(rows.shape[1])])
+        wanted = math.ceil(_TIMES * float(times.max()))
+        block = max(1, min(wanted, count // 10))
+        more = [f"Noise is resampled from {count} measured rows in blocks of {block}."]
+        if block < wanted:
+            more.append(
+                f"The residuals are correlated over {times.max():.3g} rows: blocks of {wanted} would be wanted, more "
+                "than a tenth of the record. A longer recording would say more."
+            )
+        return cls(rows, block, times, (*notes, *more))
+
+    @classmethod
+    def load(cls, path: str | Path, dof: int, period: float) -> ResidualRecord:
+        """Read a Parquet file with the columns ``t, residual_1 .. residual_n``.
+
+        Args:
+            path: of the file.
+            dof: joints of the robot.
+            period: feedback period that the rows must have [s].
+
+        Raises:
+            InputError: the file cannot be read, columns are missing or unknown, a value is not finite, time runs
+                backwards, or the rate is not the feedback rate.
+        """
+        import polars as pl
+
+        where = "detector.residuals"
+        wanted = "wanted a Parquet file with columns t, residual_1 .. residual_n"
+        if not Path(path).is_file():
+            raise InputError(where, f"{str(path)!r} is no file", wanted)
+        try:
+            table = pl.read_parquet(path)
+        except Exception as error:  # polars raises many kinds for a damaged file
+            raise InputError(where, f"{str(path)!r} cannot be read ({_first_line(error)})", wanted) from None
+        names = [f"residual_{j + 1}" for j in range(dof)]
+        for name in ("t", *names):
+            if name not in table.columns:
+                raise InputError(where, f"{str(path)!r} has no column {name!r}", f"wanted t, residual_1 .. {names[-1]}")
+        extra = [name for name in table.columns if name.startswith("residual_") and name not in names]
+        if extra:
+            raise InputError(where, f"{str(path)!r} has a column {extra[0]!r}", f"the robot has {dof} joints")
+        columns = []
+        for name in ("t", *names):
+            if not table[name].dtype.is_numeric():
+                raise InputError(where, f"column {name!r} of {str(path)!r} does not hold numbers", wanted)
+            column = table[name].cast(pl.Float64).to_numpy()
+            bad = np.flatnonzero(~np.isfinite(column))
+            if bad.size:
+                raise InputError(where, f"column {name!r}, row {bad[0] + 1} of {str(path)!r} is not a finite number")
+            columns.append(column)
+        rows = np.stack(columns[1:], axis=1)
+        if rows.shape[0] < _FEWEST_ROWS:
+            raise InputError(where, f"{str(path)!r} has {rows.shape[0]} rows", f"wanted at least {_FEWEST_ROWS}")
+        return cls.from_rows(rows, _check_time(columns[0], period, where, str(path)))
+
+
+def correlation_time(x: FloatArray) -> float:
+    """Integrated correlation time of a series, in samples: 1 + 2 sum of its correlations, at least 1.
+
+    The sum ends at five times itself (A. Sokal, "Monte Carlo methods in statistical mechanics", 1996): beyond that the
+    estimates of the correlations are noise.
+
+    Args:
+        x: (N,) evenly sampled series.
+    """
+    centred = np.asarray(x, dtype=np.float64) - np.mean(x)
+    n = centred.size
+    power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
+    correlation = np.fft.irfft(power)[:n]
+    if not correlation[0] > 0:
+        return 1.0
+    sums = 2 * np.cumsum(correlation / correlation[0]) - 1
+    ends = np.flatnonzero(np.arange(n) >= _WINDOW * sums)
+    return max(1.0, float(sums[ends[0]] if ends.size else sums[-1]))
+
+
+def _check_time(t: FloatArray, period: float, where: str, path: str) -> tuple[str, ...]:
+    steps = np.diff(t)
+    backwards = np.flatnonzero(steps <= 0)
+    if backwards.size:
+        raise InputError(where, f"time does not grow at row {backwards[0] + 2} of {path!r}", "wanted rising t in s")
+    typical = float(np.median(steps))
+    if abs(typical - period) > 0.01 * period:
+        raise InputError(
+            where,
+            f"{path!r} has a row every {typical:.6g} s",
+            f"wanted the feedback period, detector.feedback_period_s = {period:g}",
+        )
+    uneven = int(np.count_nonzero(np.abs(steps - period) > _UNEVEN * period))
+    if uneven > _MOST_UNEVEN * steps.size:
+        raise InputError(where, f"{uneven} of {steps.size} intervals of {path!r} are uneven", "at most 1 % may be")
+    return (f"{uneven} uneven intervals of the measured residuals are taken as even.",) if uneven else ()
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]

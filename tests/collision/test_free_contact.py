@@ -1,0 +1,197 @@
+"""Free contact: against closed forms, another integrator, MuJoCo and the sampled law."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import bumpstop as bs
+from collision.cases import control_group
+from collision.test_two_laws import compare
+
+NEVER = {"detector__thresholds_Nm": [math.inf] * 7}
+
+
+def free(mass: float, **changes: Any) -> bs.Scenario:
+    return control_group(contact__kind="free", contact__body_mass_kg=mass, **changes)
+
+
+FREE: dict[str, bs.Scenario] = {
+    # The law of a body that mostly gets away unnoticed is nearly a point, which no share above a quantile can be told
+    # from: here most are noticed.
+    "light, mostly noticed": free(
+        2.0,
+        detector__thresholds_Nm=[4, 2, 4, 4, 4, 4, 4],
+        detector__noise_sd_Nm=0.5,
+        motion__velocity_mm_s=[0, 0, -40],
+        contact__offset_sd_s=0.02,
+    ),
+    "trunk": free(40.0, contact__stiffness_N_m=25000, contact__offset_sd_s=0.02),
+    "fast, detected while it rises": free(40.0, motion__velocity_mm_s=[0, 0, -150], contact__offset_law="uniform"),
+    "latency, stop": free(
+        8.0, motion__velocity_mm_s=[0, 0, -250], contact__offset_law="uniform", reaction__latency_s=0.006,
+        reaction__kind="stop",
+    ),
+    "observer, correlated noise": free(
+        12.0, motion__velocity_mm_s=[0, 0, -250], contact__offset_law="uniform", detector__residual="observer",
+        detector__noise_correlation=0.5,
+    ),
+    "false alarms before contact": free(
+        20.0, detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8], motion__velocity_mm_s=[0, 60, 0],
+        contact__offset_sd_s=0.03,
+    ),
+    "soft and heavy, fixed": free(
+        60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=1.3
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", list(FREE))
+def test_exact_within_four_standard_errors_of_sampled(name: str) -> None:
+    compare(FREE[name], 60_000, seed=21)
+
+
+@pytest.mark.parametrize(("mass", "stiffness"), [(0.6, 75000.0), (4.4, 25000.0), (40.0, 9000.0), (0.05, 400000.0)])
+@pytest.mark.parametrize("kind", ["uniform", "half_normal"])
+def test_undetected_impact_is_v_root_mk(mass: float, stiffness: float, kind: str) -> None:
+    scenario = free(
+        mass, contact__stiffness_N_m=stiffness, contact__offset_law=kind, contact__offset_sd_s=0.01, **NEVER
+    )
+    law = bs.evaluate(scenario)
+    expected = law.problem.approach_speed * math.sqrt(mass * stiffness)
+    assert law.peak_force.mean == pytest.approx(expected, rel=1e-6)
+    assert law.peak_force.quantile(0.999) == pytest.approx(expected, rel=2e-6)
+    assert law.undetected_probability == pytest.approx(1)
+    assert law.impact_bounds is not None
+    assert law.impact_bounds.position_driven == pytest.approx(expected, rel=1e-12)
+    assert law.contact_time is not None
+    assert law.contact_time.mean == pytest.approx(math.pi * math.sqrt(mass / stiffness), rel=1e-4)
+    # A rebound that nobody notices is no failure by itself.
+    assert "never detected" not in law.verdict.reason
+
+
+def test_one_detected_collision_against_a_general_integrator() -> None:
+    """A fixed offset without noise is one path; the same equation by an adaptive Runge-Kutta method."""
+    offset = 0.7e-3
+    scenario = free(
+        15.0, motion__velocity_mm_s=[0, 0, -120], contact__offset_law="fixed", contact__offset_mm=0.7,
+        detector__noise_sd_Nm=0.0,
+    )  # fmt: skip
+    law = bs.evaluate(scenario)
+    problem, curve = law.problem, law.curve
+    drawn = bs.evaluate(scenario, samples=1)
+    assert drawn.runs is not None
+    tick = int(drawn.runs["tick"][0])
+    begin = tick * problem.period_steps + 1
+    reaction = curve.kernel.reaction_paths([tick], [-1.0])[0]
+    path = np.concatenate([curve.distance[:begin], reaction])
+    # Every simulation step by itself: the path is straight inside it.
+    body, peak, at_tick = np.zeros(2), 0.0, 0.0
+    for i in range(path.size - 1):
+
+        def motion(t: float, state: np.ndarray, i: int = i) -> list[float]:
+            y = path[i] + (path[i + 1] - path[i]) * t / 1e-3 - offset - state[0]
+            return [state[1], problem.stiffness * max(0.0, y) / 15.0]
+
+        solution = solve_ivp(motion, (0, 1e-3), body, rtol=1e-9, atol=1e-13, max_step=1e-4, dense_output=True)
+        body = solution.y[:, -1]
+        t = np.linspace(0, 1e-3, 201)
+        forces = problem.stiffness * (path[i] + (path[i + 1] - path[i]) * t / 1e-3 - offset - solution.sol(t)[0])
+        peak = max(peak, float(forces.max()))
+        if i + 1 == begin:
+            at_tick = float(forces[-1])
+        if peak > 0 and forces[-1] < 0:
+            break
+    assert law.peak_force.mean == pytest.approx(peak, rel=1e-5)
+    assert law.force_at_detection.mean == pytest.approx(at_tick, rel=1e-6)
+
+
+def test_against_mujoco() -> None:
+    """A mass behind a spring and a light pad, struck by a driven pusher: the spring's greatest force."""
+    mass, stiffness, speed = 4.4, 25000.0, 0.25
+    model = mujoco.MjModel.from_xml_string(
+        f"""
+        <mujoco><option timestep="2e-5" gravity="0 0 0" integrator="implicitfast"/>
+        <worldbody>
+          <body name="pusher" mocap="true" pos="-0.11 0 0"><geom name="tool" type="sphere" size="0.05"
+            solref="0.0002 1" solimp="0.99 0.999 0.0001"/></body>
+          <body name="body"><joint name="away" type="slide" axis="1 0 0"/>
+            <geom type="sphere" size="0.01" pos="0.3 0 0" mass="{mass}" contype="0" conaffinity="0"/>
+            <body name="pad"><joint name="spring" type="slide" axis="1 0 0" stiffness="{stiffness}"/>
+              <geom name="skin" type="sphere" size="0.05" mass="{mass / 1000}" solref="0.0002 1"
+                solimp="0.99 0.999 0.0001"/></body></body>
+        </worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    spring = model.joint("spring").qposadr[0]
+    greatest = 0.0
+    for step in range(int(0.12 / 2e-5)):
+        data.mocap_pos[0, 0] = -0.11 + speed * step * 2e-5
+        mujoco.mj_step(model, data)
+        greatest = max(greatest, stiffness * data.qpos[spring])
+    law = bs.evaluate(
+        free(mass, contact__stiffness_N_m=stiffness, motion__velocity_mm_s=[0, 0, -250],
+             contact__offset_law="uniform", **NEVER)
+    )  # fmt: skip
+    assert greatest == pytest.approx(law.peak_force.mean, rel=0.02)
+
+
+def test_two_masses_and_the_reduced_mass_bound() -> None:
+    driven, shared = bs.evaluate(free(4.0, **NEVER)), bs.evaluate(free(4.0, contact__arm="two_mass", **NEVER))
+    bounds = driven.impact_bounds
+    assert bounds is not None
+    assert bounds.arm_mass is not None
+    assert bounds.reduced_mass is not None
+    reduced = 4.0 * bounds.arm_mass / (4.0 + bounds.arm_mass)
+    speed = driven.problem.approach_speed
+    assert bounds.reduced_mass == pytest.approx(speed * math.sqrt(reduced * driven.problem.stiffness))
+    assert shared.peak_force.mean == pytest.approx(bounds.reduced_mass, rel=1e-6)
+    assert any("assumed" in note for note in driven.notes)
+
+
+def test_a_very_heavy_body_is_clamped() -> None:
+    changes: dict[str, Any] = {"contact__offset_law": "uniform", "motion__velocity_mm_s": [0, 0, -60]}
+    heavy, clamped = bs.evaluate(free(9000.0, **changes)), bs.evaluate(control_group(**changes))
+    # Some 60 N for 50 ms move nine tonnes by 8 um, 0.6 N.
+    assert heavy.peak_force.mean == pytest.approx(clamped.peak_force.mean, rel=1e-2)
+    assert heavy.detection_delay.mean == pytest.approx(clamped.detection_delay.mean, rel=1e-2)
+
+
+def test_limits_of_free_contact_are_transient() -> None:
+    law = bs.evaluate(free(0.6, contact__limits="ts15066"))
+    assert law.problem.limits is not None
+    assert (law.problem.limits.kind, law.problem.limits.force_N) == ("free", 280)
+    head = bs.evaluate(free(4.4, contact__limits="ts15066", contact__body="face"))
+    assert head.verdict.acceptable is False
+    assert "does not permit" in head.verdict.reason
+
+
+def test_padding_is_a_spring_in_series() -> None:
+    padded = bs.evaluate(control_group(contact__padding_N_m=25000.0))
+    together = 1 / (1 / 75000 + 1 / 25000)
+    same = bs.evaluate(control_group(contact__stiffness_N_m=together))
+    assert padded.problem.stiffness == pytest.approx(together)
+    assert padded.peak_force.mean == pytest.approx(same.peak_force.mean, rel=1e-12)
+    # The body takes its share of the compression only.
+    assert padded.compression.mean == pytest.approx(padded.peak_force.mean / 75000 * 1e3, rel=1e-12)
+    assert padded.peak_force.mean < bs.evaluate(control_group()).peak_force.mean
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"contact__kind": "free"}, "contact.body_mass_kg: is missing"),
+        ({"contact__body_mass_kg": 2.0}, "contact.body_mass_kg: has no meaning"),
+        ({"contact__arm": "two_mass"}, "contact.arm: has no meaning"),
+        ({"contact__kind": "free", "contact__body_mass_kg": 0.0}, "contact.body_mass_kg"),
+        ({"contact__padding_N_m": -1.0}, "contact.padding_N_m"),
+    ],
+)
+def test_refused_by_name(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(bs.InputError, match=message):
+        bs.evaluate(control_group(**changes))

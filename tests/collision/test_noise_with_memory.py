@@ -1,0 +1,198 @@
+"""Correlated noise, the observer's filter and resampled residuals: against closed forms and the sampled law."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy import stats
+
+import bumpstop as bs
+from bumpstop.collision.noise import contact_residual, noise_of_run
+from bumpstop.detection.residuals import ResidualRecord, correlation_time
+from collision.cases import REMEMBERING, control_group, fixed
+from collision.test_exact_law import figures
+from collision.test_two_laws import RUNS, compare
+
+
+@pytest.mark.parametrize("name", list(REMEMBERING))
+def test_within_four_standard_errors(name: str) -> None:
+    compare(REMEMBERING[name], RUNS, seed=12)
+
+
+@pytest.mark.parametrize("kind", ["half_normal", "uniform"])
+def test_correlation_zero_is_the_white_law(kind: str) -> None:
+    """A correlation that cannot matter goes the long way round, through the densities."""
+    white = bs.evaluate(control_group(contact__offset_law=kind))
+    carried = bs.evaluate(control_group(contact__offset_law=kind, detector__noise_correlation=1e-18))
+    np.testing.assert_allclose(figures(carried), figures(white), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("correlation", [-0.6, 0.3, 0.9])
+def test_detection_tick_by_tick_against_the_multivariate_normal(correlation: float) -> None:
+    """One watched joint and a fixed offset: survival is the mass of a box under a normal law of several ticks."""
+    scenario = control_group(
+        contact__offset_law="fixed",
+        contact__offset_mm=0.05,
+        detector__thresholds_Nm=[math.inf, 10, *[math.inf] * 5],
+        detector__noise_sd_Nm=4.0,
+        detector__noise_correlation=correlation,
+        detector__noise_mean_Nm=[0, 1.5, 0, 0, 0, 0, 0],
+    )
+    law = bs.evaluate(scenario)
+    curve, problem = law.curve, law.problem
+    force = problem.stiffness * np.maximum(0, curve.tick_distance - 0.05e-3)
+    mean = curve.torque_per_newton[:, 1] * force + 1.5
+    survival = [1.0]
+    for n in range(1, 5):
+        lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        noise = stats.multivariate_normal(mean[:n], 16.0 * correlation**lag, maxpts=2_000_000, abseps=1e-9, releps=1e-9)
+        survival.append(float(noise.cdf(np.full(n, 10.0), lower_limit=np.full(n, -10.0))))
+    detected = -np.diff(survival)
+    first_in_contact = int(np.argmax(force > 0))
+    mass = [2 * law.kernel.coefficients[law.kernel.slots_before + i, 0, 0] for i in range(4 - first_in_contact)]
+    np.testing.assert_allclose(mass, detected[first_in_contact:], atol=3e-7)
+    assert law.false_alarm_probability == pytest.approx(detected[:first_in_contact].sum(), abs=3e-7)
+
+
+def test_observer_against_its_step_response() -> None:
+    """A step of torque leaves 1 - exp(-K t) of itself in the residual of a momentum observer of gain K."""
+    problem = bs.Problem.from_scenario(control_group(detector__residual="observer", detector__observer_gain_1_s=40.0))
+    torque = np.zeros((60, 7))
+    torque[10:] = np.arange(1.0, 8.0)
+    residual = contact_residual(problem, torque)
+    t = (np.arange(60) - 9) * 0.004
+    step = np.where(t > 0, 1 - np.exp(-40.0 * t), 0.0)
+    np.testing.assert_allclose(residual, step[:, None] * np.arange(1.0, 8.0), rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("gain", [15.0, 60.0, 400.0])
+def test_observer_without_noise_detects_at_the_tick_its_filter_says(gain: float) -> None:
+    scenario = fixed(0.4, detector__residual="observer", detector__observer_gain_1_s=gain, detector__noise_sd_Nm=0.0)
+    law = bs.evaluate(scenario)
+    curve, problem = law.curve, law.problem
+    force = problem.stiffness * np.maximum(0, curve.tick_distance - 0.4e-3)
+    residual = np.abs(contact_residual(problem, curve.torque_per_newton * force[:, None]))
+    tick = int(np.argmax((residual > problem.thresholds).any(axis=1)))
+    expected = problem.stiffness * (curve.farthest[tick] - 0.4e-3)
+    assert law.peak_force.mean == pytest.approx(expected, rel=1e-12)
+    drawn = bs.evaluate(scenario, samples=3, seed=1)
+    assert drawn.runs is not None
+    np.testing.assert_array_equal(drawn.runs["tick"], tick)
+
+
+def test_a_faster_observer_hits_more_softly() -> None:
+    means = [
+        bs.evaluate(control_group(detector__residual="observer", detector__observer_gain_1_s=gain)).peak_force.mean
+        for gain in (20.0, 50.0, 200.0, 5000.0)
+    ]
+    assert means == sorted(means, reverse=True)
+    assert means[-1] == pytest.approx(bs.evaluate(control_group()).peak_force.mean, rel=1e-3)
+
+
+def record_file(folder: Path, rows: np.ndarray, period: float = 0.004, **other: Any) -> Path:
+    path = folder / "free_motion.parquet"
+    columns = {"t": np.arange(len(rows)) * period} | {f"residual_{j + 1}": rows[:, j] for j in range(rows.shape[1])}
+    pl.DataFrame(columns | other).write_parquet(path)
+    return path
+
+
+def with_record(path: Path, **changes: Any) -> bs.Scenario:
+    return control_group(detector__residuals=str(path), **changes)
+
+
+def correlated_rows(n: int, correlation: float, sd: np.ndarray, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    white = rng.normal(size=(n, sd.size))
+    rows = white.copy()
+    for k in range(1, n):
+        rows[k] = correlation * rows[k - 1] + math.sqrt(1 - correlation**2) * white[k]
+    return rows * sd
+
+
+def test_resampled_gaussian_noise_gives_back_the_gaussian_law(tmp_path: Path) -> None:
+    """Planted truth: a long record of correlated Gaussian noise, against the exact law of that noise."""
+    sd = np.full(7, 4.0)
+    sd[1] = 2.5
+    path = record_file(tmp_path, correlated_rows(200_000, 0.8, sd, seed=4))
+    drawn = bs.evaluate(with_record(path), samples=100_000, seed=3, threads=2)
+    exact = bs.evaluate(control_group(detector__noise_sd_Nm=sd.tolist(), detector__noise_correlation=0.8))
+    assert drawn.problem.residuals is not None
+    assert 50 < drawn.problem.residuals.block_rows < 130
+    # The record itself is one sample of 200 000 rows with a correlation time of nine: errors of both.
+    assert drawn.peak_force.mean == pytest.approx(exact.peak_force.mean, rel=3e-3)
+    assert drawn.peak_force.sd == pytest.approx(exact.peak_force.sd, rel=2e-2)
+    np.testing.assert_allclose(drawn.trigger_joint_probability, exact.trigger_joint_probability, atol=0.01)
+
+
+def test_resampling_keeps_rows_whole_and_in_order(tmp_path: Path) -> None:
+    rows = np.random.default_rng(1).normal(size=(500, 7))
+    path = record_file(tmp_path, rows)
+    problem = bs.Problem.from_scenario(with_record(path))
+    assert problem.residuals is not None
+    block = problem.residuals.block_rows
+    noise = noise_of_run(problem, 9, 5, 200)
+    places = [int(np.flatnonzero((rows == row).all(axis=1))[0]) for row in noise]
+    breaks = np.flatnonzero(np.diff(places) != 1) + 1
+    assert np.all(np.diff(breaks) % block == 0)
+    drawn = bs.evaluate(with_record(path), samples=50, seed=9)
+    again = bs.evaluate(with_record(path), samples=50, seed=9, threads=2)
+    assert drawn.runs is not None
+    assert again.runs is not None
+    np.testing.assert_array_equal(drawn.runs["noise"], again.runs["noise"])
+    tick = int(drawn.runs["tick"][5])
+    np.testing.assert_array_equal(drawn.runs["noise"][5], noise[tick])
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.95])
+def test_correlation_time_of_a_first_order_series(correlation: float) -> None:
+    x = correlated_rows(400_000, correlation, np.ones(1), seed=2)[:, 0]
+    assert correlation_time(x) == pytest.approx((1 + correlation) / (1 - correlation), rel=0.1)
+
+
+def test_a_record_too_short_for_its_memory_says_so() -> None:
+    rows = correlated_rows(400, 0.98, np.ones(2), seed=3)
+    record = ResidualRecord.from_rows(rows)
+    assert record.block_rows <= 40
+    assert any("longer recording" in note for note in record.notes)
+
+
+def test_measured_residuals_are_drawn_by_default_and_have_no_exact_law(tmp_path: Path) -> None:
+    path = record_file(tmp_path, correlated_rows(2000, 0.0, np.full(7, 2.0), seed=6))
+    law = bs.evaluate(with_record(path), seed=1)
+    assert (law.kind, law.samples) == ("sampled", 100_000)
+    with pytest.raises(bs.InputError, match="no exact law"):
+        bs.exact_law(law.problem, law.curve)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda t: t.drop("residual_3"), "no column 'residual_3'"),
+        (lambda t: t.drop("t"), "no column 't'"),
+        (lambda t: t.with_columns(residual_8=pl.lit(1.0)), "residual_8"),
+        (lambda t: t.with_columns(residual_2=pl.when(pl.col("t") > 1).then(math.nan).otherwise(0.0)), "'residual_2'"),
+        (lambda t: t.with_columns(residual_2=pl.lit("much")), "does not hold numbers"),
+        (lambda t: t.with_columns(t=pl.col("t") * 2), "a row every 0.008 s"),
+        (lambda t: t.with_columns(t=-pl.col("t")), "time does not grow"),
+        (lambda t: t.head(20), "20 rows"),
+    ],
+)
+def test_records_that_cannot_be_used(tmp_path: Path, spoil: Any, message: str) -> None:
+    path = record_file(tmp_path, np.zeros((1000, 7)))
+    spoil(pl.read_parquet(path)).write_parquet(path)
+    with pytest.raises(bs.InputError, match=message):
+        bs.Problem.from_scenario(with_record(path))
+
+
+def test_files_that_are_no_records(tmp_path: Path) -> None:
+    with pytest.raises(bs.InputError, match="is no file"):
+        bs.Problem.from_scenario(with_record(tmp_path / "absent.parquet"))
+    damaged = tmp_path / "damaged.parquet"
+    damaged.write_bytes(b"PAR1 but not really")
+    with pytest.raises(bs.InputError, match="cannot be read"):
+        bs.Problem.from_scenario(with_record(damaged))

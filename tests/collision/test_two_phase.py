@@ -1,0 +1,81 @@
+"""Clamped contact judged in two phases."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from collision.cases import control_group
+
+
+def two_phase(**changes: Any) -> bs.ForceLaw:
+    return bs.evaluate(
+        control_group(
+            **{"contact__limits": "ts15066", "verdict__clamped_limit": "two_phase", "contact__offset_law": "uniform"}
+            | changes
+        )
+    )
+
+
+def test_a_short_contact_is_judged_by_the_transient_limit() -> None:
+    """The arm has let go long before half a second is over."""
+    law = two_phase(motion__velocity_mm_s=[0, 0, -110], contact__area_cm2=20.0)
+    assert law.contact_time is not None
+    assert law.contact_time.quantile(0.999) < 0.4
+    assert law.problem.transient_limits is not None
+    limit = law.problem.transient_limits.force_N
+    assert limit == 280
+    assert 0.01 < law.peak_force.exceedance(limit) < 0.99
+    assert law.verdict.p_over_force == pytest.approx(law.peak_force.exceedance(limit), abs=2e-4)
+    assert law.verdict.p_over_force < law.peak_force.exceedance(140.0)
+
+
+def test_an_arm_that_stays_is_judged_by_the_lasting_limit() -> None:
+    law = two_phase(motion__velocity_mm_s=[0, 0, -72], contact__area_cm2=20.0, reaction__kind="stop")
+    share = law.peak_force.exceedance(140.0)
+    assert 0.001 < share < 0.999
+    assert law.verdict.p_over_force == pytest.approx(share, abs=2e-4)
+
+
+@pytest.mark.parametrize("reaction", ["stop", "reverse"])
+def test_exact_against_sampled_and_against_each_path(reaction: str) -> None:
+    """Slow joints keep contact longer than the first phase: both limits have a say."""
+    changes = {
+        "motion__velocity_mm_s": [0, 0, -100], "contact__stiffness_N_m": 9000.0, "contact__area_cm2": 4.0,
+        "reaction__joint_acceleration_rad_s2": 0.35, "reaction__kind": reaction,
+        "detector__thresholds_Nm": [9, 5, 9, 9, 9, 9, 9], "detector__noise_sd_Nm": 1.6,
+    }  # fmt: skip
+    law = two_phase(**changes)
+    drawn = bs.evaluate(law.scenario, samples=4000, seed=2)
+    for ours, theirs in (
+        (law.verdict.p_over_force, drawn.verdict.p_over_force),
+        (law.verdict.p_over_pressure, drawn.verdict.p_over_pressure),
+    ):
+        assert ours is not None
+        assert theirs is not None
+        assert abs(ours - theirs) < 4 * np.sqrt(max(ours * (1 - ours), 1 / 4000) / 4000) + 1e-6
+    assert drawn.runs is not None
+    over = []
+    for run in range(0, 4000, 100):
+        offset, tick = float(drawn.runs["offset"][run]), int(drawn.runs["tick"][run])
+        begin = tick * law.problem.period_steps + 1
+        reaction_path = law.curve.kernel.reaction_paths([tick], [offset])[0]
+        path = np.concatenate([law.curve.distance[:begin], reaction_path])
+        path = np.append(path, np.full(2000, path[-1] if reaction == "stop" else -1.0))
+        force = 9000.0 * np.maximum(0.0, path - offset)
+        touch = np.flatnonzero(force > 0)[0] - 1
+        first, late = force[: touch + 500].max(), force[touch + 502 :].max()
+        over.append(first > 280 or late > 140)
+    share = float(np.mean(over))
+    assert law.verdict.p_over_force is not None
+    assert abs(share - law.verdict.p_over_force) < 4 * np.sqrt(max(share * (1 - share), 1 / 40) / 40)
+
+
+def test_a_head_is_never_acceptable() -> None:
+    law = two_phase(contact__body="face", motion__velocity_mm_s=[0, 0, -10])
+    assert law.verdict.acceptable is False
+    assert "does not permit transient contact" in law.verdict.reason
+    assert law.verdict.to_json()["limit_kind"] == "two_phase"
