@@ -67,5 +67,6 @@ void bind_math(nb::module_& module);
 void bind_model(nb::module_& module);
 void bind_dynamics(nb::module_& module);
 void bind_collision(nb::module_& module);
+void bind_trajectory(nb::module_& module);
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -8,4 +8,5 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_model(module);
     bumpstop::bind_dynamics(module);
     bumpstop::bind_collision(module);
+    bumpstop::bind_trajectory(module);
 }

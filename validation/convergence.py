@@ -30,7 +30,8 @@ TAILS = (1e-1, 1e-4, 1e-8, 1e-12, 1e-15, 1e-17, 1e-20, 1e-30, 1e-60)
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Refine every example, then evaluate the tails of a small scenario in two ways."""
-    examples = sorted((REPOSITORY / "examples").glob("*.toml"))
+    # Over the time of contact in a trajectory another rule is used; its own tests say how far it is right.
+    examples = [path for path in sorted((REPOSITORY / "examples").glob("*.toml")) if "trajectory" not in path.stem]
     findings.say(
         "The exact law integrates over the contact offset with Gauss's rule on panels. Doubling the rule's order "
         "(refinement 2) must not change any probability as it is printed, and means and quantiles only far beyond the "

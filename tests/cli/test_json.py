@@ -84,6 +84,19 @@ def test_the_examples_have_the_documented_shape() -> None:
     assert False in found.values()
 
 
+def test_trajectories_in_every_output(tmp_path: Path) -> None:
+    example = REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"
+    for changes in ((), ("motion.contact_time=1.4", "reaction.kind=reverse")):
+        for options in ((), ("--sampled", 200)):
+            law = check(evaluate(*changes, scenario=example, options=(*options, "--out", tmp_path)))
+            assert any("follows a joint trajectory" in note for note in law["notes"])
+            assert any("Contact begins" in note for note in law["notes"])
+            assert (tmp_path / "law.parquet").stat().st_size > 0
+            # The copy of the scenario finds the file from anywhere.
+            again = check(evaluate(scenario=tmp_path / "settings.toml", options=options))
+            assert again == law
+
+
 def test_units_agree_with_one_another() -> None:
     law = check(evaluate("contact.area_cm2=2.5", "contact.peak_factor=1.5", "contact.stiffness_N_m=50000"))
     for name in SIX:

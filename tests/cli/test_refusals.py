@@ -50,7 +50,7 @@ def check_refusal(result: Result, *words: str) -> None:
         ("contact.limits=/tmp", "contact.limits: cannot read '/tmp': Is a directory"),
         ("contact.kind=free", "contact.body_mass_kg: is missing; free contact needs it: bgia2011 gives no mass"),
         ("detector.residuals=absent.parquet", "detector.residuals: "),
-        ("motion.kind=trajectory", "motion.kind: 'trajectory' is not available in this version; valid: 'line'"),
+        ("motion.kind=trajectory", 'motion.velocity_mm_s: has no meaning with kind = "trajectory"; leave it out'),
         ("detector.thresholds_Nm=[1, 2]", "detector.thresholds_Nm: has 2 values; sia5d has 7 joints"),
         ("detector.thresholds_Nm=[1, 0, 3, 4, 5, 6, 7]", "detector.thresholds_Nm[2]: 0 cannot be used"),
         ("detector.noise_sd_Nm=nan", "detector.noise_sd_Nm: nan cannot be used; wanted a number from 0 to 1e6, or"),

@@ -5,6 +5,7 @@
 
 #include "bumpstop/collision/batch.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
+#include "bumpstop/collision/trajectory.hpp"
 
 using namespace bumpstop;
 using L = Lanes<native_lanes>;
@@ -123,6 +124,42 @@ void check_batch(const Arm& arm) {
     for (int i = 0; i < poses; ++i) require(quantile[2 * i] <= quantile[2 * i + 1], "quantiles are in order");
 }
 
+// A motion of two cubics from rest to rest, hit at its very beginning, near its end and between.
+void check_trajectory(const Arm& arm, ReactionKind reaction, double duration) {
+    const int dof = arm.chain.dof;
+    JointSpline spline;
+    spline.dof = dof;
+    spline.time = {0, duration / 2, duration};
+    for (int piece = 0; piece < 2; ++piece) {
+        // q = start + way (3 x^2 - 2 x^3), in powers of the time since the piece began.
+        const double x = piece * 0.5, d = duration;
+        const double power[4] = {-2 / (d * d * d), (3 - 6 * x) / (d * d), (6 * x - 6 * x * x) / d,
+                                 3 * x * x - 2 * x * x * x};
+        for (int c = 0; c < 4; ++c)
+            for (int j = 0; j < dof; ++j)
+                spline.coefficient.push_back(0.2 * duration * power[c] + (c == 3 ? arm.q[j] : 0));
+    }
+    const TrajectorySettings settings{arm.contact.point, arm.motion, 4, arm.timing.latency, reaction};
+    const ArmTrajectory trajectory(arm.chain, spline, settings);
+    for (double share : {0.001, 0.3, 0.5, 0.8, 0.999}) {
+        const double begin = share * duration, h = 1e-6 * duration;
+        const Point3<double> way = trajectory.point_at(begin + h) - trajectory.point_at(begin - h);
+        const double length = std::sqrt(dot(way, way));
+        const Point3<double> normal{way.x / length, way.y / length, way.z / length};
+        const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000);
+        double total = law.harmless + law.undetected;
+        for (const ContactLaw::Detection& one : law.detection) {
+            total += one.probability;
+            require(one.tick >= 0 && one.tick < trajectory.ticks(), "detections are at ticks");
+            require(one.farthest >= one.distance, "the farthest point is ahead");
+            if (reaction != ReactionKind::reverse || !(one.farthest > 0)) continue;
+            require(trajectory.contact_span(one.tick, begin) > 0, "a reversing arm lets go");
+            require(trajectory.reaction_distances(one.tick, begin, normal).back() <= 0, "and is back before the body");
+        }
+        require(std::fabs(total - 1) < 1e-8, "probabilities add up");
+    }
+}
+
 }  // namespace
 
 int main() {
@@ -132,6 +169,7 @@ int main() {
             check_case(arm, reaction, {OffsetKind::half_normal, 0.004});
             check_case(arm, reaction, {OffsetKind::uniform, 0.0003});
             check_case(arm, reaction, {OffsetKind::fixed, 0.0011});
+            for (double duration : {0.0015, 0.05, 0.9}) check_trajectory(arm, reaction, duration);
             arm.timing.latency = 3;
             arm.timing.from_rest = !arm.timing.from_rest;
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import copy
 import doctest
 import math
 import os
@@ -93,6 +94,7 @@ def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
 def test_python_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = ROOT / "docs" / "collision.md"
     (tmp_path / "scenario.toml").write_text(blocks(page, "toml")[0], encoding="utf-8")
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     sessions = blocks(page, "pycon")
     test = doctest.DocTestParser().get_doctest("\n".join(sessions), {}, page.name, str(page), 0)
@@ -318,13 +320,18 @@ def test_limits_of_thresholds() -> None:
 
 
 def test_what_is_not_available_is_refused_by_name() -> None:
-    scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
+    data = bs.load_scenario(ROOT / "examples" / "06_pick_and_place_trajectory.toml").to_dict()
     asked = [text for row in rows(read("docs/collision.md"), "key") if len(row) == 2 for text in code(row[0])]
-    assert len(asked) == 1
+    assert len(asked) == 3
     for text in asked:
         key, _, value = text.partition(" = ")
-        with pytest.raises(bs.InputError, match="not available in this version") as refused:
-            bs.Problem.from_scenario(scenario.with_values({key: value.strip('"') if value else 0.5}))
+        changed = copy.deepcopy(data)
+        table, name = key.split(".")
+        changed[table][name] = value.strip('"') if value else "free_motion.parquet"
+        if name == "residuals":
+            del changed["detector"]["noise_sd_Nm"], changed["detector"]["noise_mean_Nm"]
+        with pytest.raises(bs.InputError, match="not available with") as refused:
+            bs.Scenario.from_dict(changed, ROOT / "examples")
         assert refused.value.field == key
 
 

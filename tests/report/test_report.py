@@ -8,6 +8,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
 from io import BytesIO
+from pathlib import Path
 
 import matplotlib
 import matplotlib.image
@@ -19,6 +20,7 @@ from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError
 from bumpstop.report import write_report
 from bumpstop.report.page import FIGURES, Page
+from bumpstop.report.rollout import Rollouts
 from bumpstop.report.words import probability
 from report.cases import evaluate, with_limits
 
@@ -309,6 +311,38 @@ def test_other_laws_render(changes, samples):
         ElementTree.fromstring(figure.svg)
     if samples is not None:
         assert f"sampled law: {samples} collisions, seed 0" in outline.text
+
+
+@pytest.mark.parametrize("samples", [None, 60])
+@pytest.mark.parametrize("changes", [{}, {"motion.contact_time": 1.4, "reaction.kind": "reverse"}])
+def test_trajectories_render(changes, samples):
+    path = Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml"
+    law = bs.evaluate(bs.load_scenario(path, changes), samples=samples)
+    page = Page(law)
+    outline = Outline(page.html())
+    assert [text for tag, text in outline.headings if tag == "h2"] == _SECTIONS
+    assert "SIA5D along a trajectory of 3 s against Lower arm/Wrist" in outline.text
+    assert "hardest moment to be hit: contact that begins after" in outline.text
+    assert "cannot feel it" in outline.text, "joint 7 does not, all others do at the moment that is shown"
+    assert outline.text.count("cannot feel it") == 1
+    for note in law.notes:
+        assert " ".join(note.split()) in outline.text
+    for figure in page.figures:
+        ElementTree.fromstring(figure.svg)
+
+
+def test_rollouts_of_a_trajectory_are_its_runs():
+    path = Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml"
+    law = bs.evaluate(bs.load_scenario(path, {"reaction.kind": "reverse"}), samples=200)
+    rollouts = Rollouts(law)
+    for run in range(40):
+        rollout = rollouts.rollout(run)
+        assert rollout.peak_force == pytest.approx(law.runs["peak_force"][run], rel=1e-3, abs=1e-6)
+        if law.runs["tick"][run] >= 0:
+            assert rollout.touch == 0
+            assert rollout.detection + law.runs["contact_time"][run] == pytest.approx(
+                0.004 * law.runs["tick"][run] + 0.001, abs=2e-4
+            )
 
 
 def test_a_folder_used_again_keeps_no_figure_of_another_law(tmp_path):

@@ -62,6 +62,8 @@ def settings_toml(law: ForceLaw) -> str:
         data["detector"]["residuals"] = str((law.scenario.folder / law.scenario.detector.residuals).resolve())
     if law.scenario.robot_path is not None:
         data["robot"] = str(law.scenario.robot_path.resolve())
+    if law.scenario.motion.file is not None:
+        data["motion"]["file"] = str((law.scenario.folder / law.scenario.motion.file).resolve())
     options = f" --sampled {law.samples} --seed {law.seed}" if law.kind == "sampled" else ""
     return f"# To repeat: bumpstop evaluate settings.toml{options}\n" + to_toml(data | {MADE_BY: made_by})
 

@@ -26,8 +26,7 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
     }[verdict.acceptable]
     robot, limits = law.problem.robot, law.problem.limits
     body = f"{limits.label} ({limits.table})" if limits else f"a spring of {law.problem.stiffness:g} N/m"
-    speed = math.hypot(*law.scenario.motion.velocity_mm_s)
-    console.print(f"{robot.title or robot.name} at {speed:g} mm/s against {body}", style="bold")
+    console.print(f"{robot.title or robot.name} {law.problem.motion_in_words} against {body}", style="bold")
     console.print(Text(f" {word} ", style=style), verdict.reason)
 
     table = Table(box=None, pad_edge=False)

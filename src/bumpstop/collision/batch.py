@@ -67,6 +67,8 @@ def evaluate_batch(
         InputError: a shape or value cannot be used; names the first pose.
     """
     problem = Problem.from_scenario(scenario)
+    if problem.trajectory is not None:
+        raise InputError("motion.kind", "batches are computed for straight lines only", "wanted 'line'")
     robot = problem.robot
     poses = as_float_array(q, "q", (None, robot.dof))
     velocities = as_float_array(velocity, "velocity", (len(poses), 3))

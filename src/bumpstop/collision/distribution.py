@@ -66,7 +66,8 @@ class Distribution(ABC):
         return {name: value if math.isfinite(value) else None for name, value in figures.items()}
 
 
-def _check_probability(p: float) -> None:
+def check_probability(p: float) -> None:
+    """Refuse what is no probability of a quantile."""
     if not 0 < p < 1:
         raise InputError("p", f"{p} is not a probability", "wanted 0 < p < 1")
 
@@ -122,7 +123,7 @@ class ExactDistribution(Distribution):
         return float(min(1.0, (tail + self.undetected) / self.condition))
 
     def quantile(self, p: float) -> float:  # noqa: D102
-        _check_probability(p)
+        check_probability(p)
         if not self.condition > 0:
             return math.nan
         return float(self.law.upper_quantile(self.name, (1 - p) * self.condition, self.undetected)) * self.scale
@@ -166,7 +167,7 @@ class SampledDistribution(Distribution):
         return float(above / self.values.size) if self.values.size else math.nan
 
     def quantile(self, p: float) -> float:  # noqa: D102
-        _check_probability(p)
+        check_probability(p)
         if not self.values.size:
             return math.nan
         # The value with at most a share 1 - p above it. Rounding must not turn 0.95 x 100 into 96.
@@ -226,7 +227,7 @@ class CellDistribution(Distribution):
         return min(1.0, float(self.mass @ above) / self._total)
 
     def quantile(self, p: float) -> float:  # noqa: D102
-        _check_probability(p)
+        check_probability(p)
         if not self._total > 0:
             return math.nan
         low, high = float(self.low.min()), float(self.high.max())

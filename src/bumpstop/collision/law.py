@@ -40,7 +40,8 @@ class StoppingCurve:
         distance: (steps + 1,) distance after every simulation step [m]; entry 0 is the start.
         start, normal: contact point at the start [m] and contact normal, base frame (3,).
         approach_speed: of the contact point along the normal at full speed [m/s].
-        end: why the curve ends: ``"horizon"``, ``"joint_limit"``, ``"singularity"`` or ``"certain_detection"``.
+        end: why the curve ends: ``"horizon"``, ``"joint_limit"``, ``"singularity"``, ``"certain_detection"`` or
+            ``"trajectory"``, with the trajectory.
         end_joint: the joint at its limit, from 1, or None.
     """
 
@@ -53,7 +54,7 @@ class StoppingCurve:
     start: FloatArray
     normal: FloatArray
     approach_speed: float
-    end: Literal["horizon", "joint_limit", "singularity", "certain_detection"]
+    end: Literal["horizon", "joint_limit", "singularity", "certain_detection", "trajectory"]
     end_joint: int | None
 
     @property
@@ -145,6 +146,39 @@ class ForceLaw:
             over=self._over_in_two_phases,
         )
 
+    def motion_notes(self) -> list[str]:
+        """Where the body is."""
+        problem, contact = self.problem, self.scenario.contact
+        if contact.offset_law == "half_normal":
+            return [
+                f"The body is a half-normal distance away, sd {problem.offset_size * 1e3:.4g} mm "
+                f"({contact.offset_sd_s:g} s of travel)."
+            ]
+        if contact.offset_law == "uniform":
+            return [f"The body is 0 to {problem.offset_size * 1e3:.4g} mm away, evenly: one feedback period of travel."]
+        return []
+
+    def end_notes(self) -> list[str]:
+        """How the motion ends, where that is not as asked for."""
+        curve, notes = self.curve, []
+        ends = {
+            "joint_limit": f"The motion ends after {_end_time(self):.3g} s: joint {curve.end_joint} reaches its limit.",
+            "singularity": f"The motion ends after {_end_time(self):.3g} s near a singularity.",
+        }
+        if curve.end in ends:
+            notes.append(ends[curve.end])
+        if curve.kernel.velocity_limited:
+            notes.append("A joint-velocity limit slows the motion below the speed asked for.")
+        bounded = curve.end != "horizon" or self.problem.body_mass is not None
+        if not bounded and self.undetected_probability > NEGLIGIBLE:
+            notes.append(
+                f"Some collisions are not detected within {self.scenario.motion.duration_s:g} s; their force has no "
+                "bound and the mean is not given."
+            )
+        if self.no_contact_probability > NEGLIGIBLE:
+            notes.append(f"In {self.no_contact_probability:.2g} of cases the motion ends before contact.")
+        return notes
+
     @cached_property
     def _over_in_two_phases(self) -> tuple[float, float | None] | None:
         """Probability of passing the force and the pressure limit of either phase; None where contact has one phase."""
@@ -204,6 +238,8 @@ def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
         whole: trace to the end of the motion. By default the curve ends where even the farthest body would have been
             noticed for certain, which is all that a law needs.
     """
+    if problem.trajectory is not None:
+        raise InputError("motion.kind", "a trajectory has a stopping curve for every time of contact", "wanted 'line'")
     kernel = problem.setup.trace(
         problem.q,
         problem.velocity,
@@ -247,6 +283,14 @@ def evaluate(
         InputError: the scenario cannot be computed.
     """
     problem = Problem.from_scenario(scenario)
+    if samples is not None:
+        _check_sample(samples, seed)
+    if problem.trajectory is not None:
+        from bumpstop.collision.trajectory_law import exact_trajectory_law, sampled_trajectory_law
+
+        if samples is None:
+            return exact_trajectory_law(problem, refinement=refinement)
+        return sampled_trajectory_law(problem, samples=samples, seed=seed, threads=threads)
     curve = stopping_curve(problem)
     if samples is None and problem.residuals is not None:
         samples = RESAMPLED_RUNS
@@ -300,10 +344,7 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
 
 def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1) -> ForceLaw:
     """Draw single collisions on a stopping curve of this problem's pose, motion and reaction."""
-    if samples < 1:
-        raise InputError("samples", f"{samples} is too few", "wanted at least 1")
-    if not 0 <= seed < 2**64:
-        raise InputError("seed", f"{seed} is out of range", "valid: 0 to 2^64 - 1")
+    _check_sample(samples, seed)
     runs = curve.kernel.sample(
         problem.detector,
         problem.stiffness,
@@ -358,26 +399,25 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
     )
 
 
+def _check_sample(samples: int, seed: int) -> None:
+    if samples < 1:
+        raise InputError("samples", f"{samples} is too few", "wanted at least 1")
+    if not 0 <= seed < 2**64:
+        raise InputError("seed", f"{seed} is out of range", "valid: 0 to 2^64 - 1")
+
+
 def _horizon(problem: Problem) -> int:
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
 
 
 def _notes(law: ForceLaw) -> list[str]:
-    problem, curve = law.problem, law.curve
+    problem = law.problem
     scenario, limits = problem.scenario, problem.limits
     notes = list(problem.notes)
     contact, detector = scenario.contact, scenario.detector
     notes.extend(_contact_notes(law))
     notes.extend(_noise_notes(law))
-    if contact.offset_law == "half_normal":
-        notes.append(
-            f"The body is a half-normal distance away, sd {problem.offset_size * 1e3:.4g} mm "
-            f"({contact.offset_sd_s:g} s of travel)."
-        )
-    elif contact.offset_law == "uniform":
-        notes.append(
-            f"The body is 0 to {problem.offset_size * 1e3:.4g} mm away, evenly: one feedback period of travel."
-        )
+    notes.extend(law.motion_notes())
     if contact.peak_factor == 1 and limits is not None:
         notes.append("Pressure is taken as even over the contact area (peak factor 1).")
     if limits is not None:
@@ -390,21 +430,7 @@ def _notes(law: ForceLaw) -> list[str]:
             f"Contact is judged in two phases: by {transient.force_N:g} N in its first {FIRST_PHASE_S:g} s, by "
             f"{limits.force_N:g} N after them."
         )
-    ends = {
-        "joint_limit": f"The motion ends after {_end_time(law):.3g} s: joint {curve.end_joint} reaches its limit.",
-        "singularity": f"The motion ends after {_end_time(law):.3g} s near a singularity.",
-    }
-    if curve.end in ends:
-        notes.append(ends[curve.end])
-    if curve.kernel.velocity_limited:
-        notes.append("A joint-velocity limit slows the motion below the speed asked for.")
-    if curve.end == "horizon" and law.undetected_probability > NEGLIGIBLE and problem.body_mass is None:
-        notes.append(
-            f"Some collisions are not detected within {scenario.motion.duration_s:g} s; their force has no bound and "
-            "the mean is not given."
-        )
-    if law.no_contact_probability > NEGLIGIBLE:
-        notes.append(f"In {law.no_contact_probability:.2g} of cases the motion ends before contact.")
+    notes.extend(law.end_notes())
     unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
     if unwatched:
         notes.append(f"Not watched: joint {', '.join(unwatched)}.")

@@ -18,6 +18,7 @@ from bumpstop.model import Robot
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario import Scenario
+    from bumpstop.collision.trajectory import Trajectory
 
 # A day of ticks at a kilohertz would exhaust memory long before anything is learned from it.
 _MOST_STEPS = 2_000_000
@@ -35,11 +36,12 @@ class Problem:
         body_stiffness: of the body alone [N/m].
         body_mass: of free contact [kg]; None: the body is clamped.
         q: start pose (dof,) [rad or m].
-        velocity: of the tip, base frame (3,) [m/s].
+        velocity: of the tip along a line, base frame (3,) [m/s]; zero with a trajectory.
         thresholds, noise_sd, noise_mean: per joint (dof,) [Nm or N].
         period_steps, latency_steps: in simulation steps.
         notes: what was assumed while reading the scenario.
         residuals: measured noise, or None for Gaussian noise; ``noise_sd`` is then its own.
+        trajectory: the motion, where it is no line.
     """
 
     scenario: Scenario
@@ -58,6 +60,7 @@ class Problem:
     residuals: ResidualRecord | None = None
     body_stiffness: float = 0.0
     body_mass: float | None = None
+    trajectory: Trajectory | None = None
 
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> Problem:
@@ -93,13 +96,18 @@ class Problem:
         latency = math.ceil(reaction.latency_s / step - 1e-9)
         if abs(latency * step - reaction.latency_s) > 1e-9 * step:
             notes.append(f"Reaction latency rounded up to {latency * step * 1e3:g} ms, whole simulation steps.")
+        trajectory = None
+        if scenario.motion.kind == "trajectory":
+            from bumpstop.collision.trajectory import load_trajectory
+
+            trajectory = load_trajectory(scenario, robot)
         problem = cls(
             scenario=scenario,
             robot=robot,
             limits=limits,
             stiffness=stiffness,
-            q=_pose(scenario, robot),
-            velocity=np.array(scenario.motion.velocity),
+            q=_pose(scenario, robot) if trajectory is None else trajectory.position[0].copy(),
+            velocity=np.array(scenario.motion.velocity) if trajectory is None else np.zeros(3),
             thresholds=_per_joint(detector.thresholds_Nm, robot, "detector.thresholds_Nm", each=True),
             noise_sd=_noise_sd(scenario, robot, residuals),
             noise_mean=_per_joint(detector.noise_mean_Nm, robot, "detector.noise_mean_Nm"),
@@ -112,8 +120,10 @@ class Problem:
             residuals=residuals,
             body_stiffness=body_stiffness,
             body_mass=_body_mass(scenario, limits),
+            trajectory=trajectory,
         )
-        problem._check_motion()
+        if trajectory is None:
+            problem._check_motion()
         return problem
 
     @cached_property
@@ -132,6 +142,22 @@ class Problem:
     def _joint_range(self) -> str:
         return f"valid: 1 to {self.robot.dof}"
 
+    @property
+    def motion_in_words(self) -> str:
+        """How the arm moves, to follow its name: ``at 50 mm/s``."""
+        if self.trajectory is not None:
+            return f"along a trajectory of {self.trajectory.duration:.4g} s"
+        return f"at {1e3 * math.hypot(*self.scenario.motion.velocity):g} mm/s"
+
+    @cached_property
+    def contact_point(self) -> tuple[int, FloatArray]:
+        """Number of the link that hits, from 0, and the contact point in its frame (3,) [m]."""
+        contact = self.scenario.contact
+        try:
+            return self.robot.frame(contact.link, contact.point_m)
+        except InputError as error:
+            raise InputError(f"contact.{error.field}", error.problem, error.valid) from None
+
     @cached_property
     def setup(self) -> Any:
         """Arm, motion, contact point and reaction for the kernels."""
@@ -145,10 +171,7 @@ class Problem:
             valid = 'wanted task = "position"' if len(free) >= 3 else "fewer joints held"
             raise InputError("motion.task", f"{motion.task!r} needs {rows} free joints, {len(free)} are free", valid)
         tip_link, tip_point = robot.frame(None)
-        try:
-            link, point = robot.frame(contact.link, contact.point_m)
-        except InputError as error:
-            raise InputError(f"contact.{error.field}", error.problem, error.valid) from None
+        link, point = self.contact_point
         steps = round(motion.duration_s / step)
         if not 1 <= steps <= _MOST_STEPS:
             raise InputError(

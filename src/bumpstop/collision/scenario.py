@@ -39,35 +39,57 @@ _MOST_DOTS = 500  # in a line
 # The table that ``settings.toml`` has more than a scenario.
 MADE_BY = "made_by"
 
-# Values that later versions of the format know and this one does not compute.
-_NOT_YET = {
-    ("motion", "kind"): {"trajectory"},
-}
-
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class Motion(_Table):
-    """A straight line of the tip at constant speed, base frame."""
+# Keys of [motion] that belong to one kind of motion alone.
+_OF_LINE = ("velocity_mm_s", "start", "duration_s", "task", "held_joints", "damping")
+_OF_TRAJECTORY = ("file", "contact_time")
+# Where the body is, is how far the line still goes to it; in a trajectory it is when contact begins.
+_OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
 
-    kind: Literal["line"] = "line"
-    velocity_mm_s: Velocity
+
+class Motion(_Table):
+    """A straight line of the tip at constant speed, base frame, or a joint trajectory."""
+
+    # Of the kind that is meant where none is given.
+    model_config = ConfigDict(json_schema_extra={"required": ["velocity_mm_s"]})
+
+    kind: Literal["line", "trajectory"] = "line"
+    velocity_mm_s: Velocity | None = None
     start: Literal["moving", "rest"] = "moving"
     duration_s: Annotated[float, _between(1e-5, 1e5)] = 5.0
     task: Literal["pose", "position"] = "pose"
     held_joints: list[int] = []
     damping: Annotated[float, _between(0, 10)] = 0.0
+    file: Annotated[str, Field(description="the path of a .csv, .yaml, .yml or .json file")] | None = None
+    contact_time: Literal["uniform"] | Annotated[float, _between(0, 1e5)] = "uniform"
 
     @property
     def velocity(self) -> tuple[float, float, float]:
-        """Velocity of the tip, base frame [m/s]."""
+        """Velocity of the tip along a line, base frame [m/s]."""
+        assert self.velocity_mm_s is not None
         x, y, z = (v / 1e3 for v in self.velocity_mm_s)
         return x, y, z
 
+    @property
+    def other_keys(self) -> tuple[str, ...]:
+        """Keys of the other kind of motion, which have no meaning with this one."""
+        return _OF_TRAJECTORY if self.kind == "line" else _OF_LINE
+
     @model_validator(mode="after")
-    def _moves(self) -> Motion:
+    def _complete(self) -> Motion:
+        for key in self.other_keys:
+            if key in self.model_fields_set:
+                raise InputError(f"motion.{key}", f'has no meaning with kind = "{self.kind}"', "leave it out")
+        if self.kind == "trajectory":
+            if self.file is None:
+                raise InputError("motion.file", "is missing", f"wanted {_words(('motion', 'file'))}")
+            return self
+        if self.velocity_mm_s is None:
+            raise InputError("motion.velocity_mm_s", "is missing", f"wanted {_words(('motion', 'velocity_mm_s'))}")
         if not any(self.velocity_mm_s):
             raise InputError(
                 "motion.velocity_mm_s", "is zero", "an arm that does not move hits nothing: give a direction"
@@ -246,6 +268,28 @@ class Scenario(_Table):
 
     @model_validator(mode="after")
     def _one_pose(self) -> Scenario:
+        if self.motion.kind == "trajectory":
+            for key in ("pose_deg", "pose_rad"):
+                if getattr(self, key) is not None:
+                    raise InputError(key, 'has no meaning with motion.kind = "trajectory"', "leave it out")
+            for key in _OFFSET:
+                if key in self.contact.model_fields_set:
+                    raise InputError(
+                        f"contact.{key}",
+                        'has no meaning with motion.kind = "trajectory"',
+                        "leave it out: motion.contact_time says when contact begins",
+                    )
+            for key, value, wanted in (
+                ("contact.kind", self.contact.kind, "clamped"),
+                ("verdict.clamped_limit", self.verdict.clamped_limit, "quasi_static"),
+            ):
+                if value != wanted:
+                    problem = f'{value!r} is not available with motion.kind = "trajectory"'
+                    raise InputError(key, problem, f"valid: {wanted!r}")
+            if self.detector.residuals is not None:
+                problem = 'is not available with motion.kind = "trajectory"'
+                raise InputError("detector.residuals", problem, "give detector.noise_sd_Nm")
+            return self
         if (self.pose_deg is None) == (self.pose_rad is None):
             problem = "is missing" if self.pose_deg is None else "and pose_rad are both given"
             raise InputError("pose_deg", problem, "give pose_deg or pose_rad, one of them")
@@ -271,7 +315,6 @@ class Scenario(_Table):
             del tables[MADE_BY]
         if "folder" in tables:
             raise _unknown_key(("folder",))
-        _refuse_later_keys(tables)
         try:
             return cls.model_validate({**tables, "folder": Path(folder)})
         except ValidationError as error:
@@ -291,6 +334,10 @@ class Scenario(_Table):
     def to_dict(self) -> dict[str, Any]:
         """The scenario as nested dictionaries: defaults are spelt out, but a contact area that was assumed is not."""
         data = self.model_dump(exclude_none=True, mode="python")
+        for key in self.motion.other_keys:
+            data["motion"].pop(key, None)
+        for key in _OFFSET if self.motion.kind == "trajectory" else ():
+            data["contact"].pop(key, None)
         if "area_cm2" not in self.contact.model_fields_set:
             del data["contact"]["area_cm2"]
         if self.contact.kind == "clamped":
@@ -410,16 +457,6 @@ def _key_as_written(key: Any) -> str:
     return key if isinstance(key, str) and re.fullmatch("[A-Za-z0-9_-]{1,60}", key) else as_written(key)
 
 
-def _refuse_later_keys(data: dict[str, Any]) -> None:
-    """Name keys and values that the format knows and this version does not compute."""
-    for (table, key), values in _NOT_YET.items():
-        here = data.get(table)
-        if isinstance(here, dict) and isinstance(here.get(key), str) and here[key] in values:
-            raise InputError(
-                f"{table}.{key}", f"{here[key]!r} is not available in this version", f"valid: {_words((table, key))}"
-            )
-
-
 def _explain(error: ValidationError) -> InputError:
     """Turn pydantic's first complaint into one sentence with the field, the value and what would be valid."""
     details = error.errors()
@@ -478,6 +515,8 @@ def _words(path: tuple[str, ...], *, item: bool = False) -> str:
 def _schema_words(schema: dict[str, Any]) -> str:
     if "anyOf" in schema:
         branches = [branch for branch in schema["anyOf"] if branch["type"] != "null"]
+        if len(branches) > 1 and branches[1]["type"] != "array":
+            return " or ".join(_schema_words(branch) for branch in branches)
         if len(branches) > 1:
             return f"{_schema_words(branches[0])}, or a list of one per joint"
         return _schema_words(branches[0])

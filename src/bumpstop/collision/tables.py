@@ -48,7 +48,7 @@ def _run_table(law: ForceLaw) -> pl.DataFrame:
     assert law.runs is not None
     problem, curve, runs = law.problem, law.curve, law.runs
     scenario, robot = law.scenario, law.problem.robot
-    offset, tick = runs["offset"], runs["tick"]
+    offset, tick, trajectory = runs["offset"], runs["tick"], problem.trajectory
     n = tick.size
     detected = tick >= 0
     at = np.where(detected, tick, 0)
@@ -56,7 +56,7 @@ def _run_table(law: ForceLaw) -> pl.DataFrame:
     nothing = np.full(n, np.nan)
     columns: dict[str, np.ndarray] = {
         "run": np.arange(n),
-        "offset_m": offset,
+        **({"offset_m": offset} if trajectory is None else {"contact_time_s": runs["contact_time"]}),
         "detected": detected,
         "detection_tick": tick,
         "detection_time_s": np.where(detected, curve.tick_time[at], nothing),
@@ -66,11 +66,12 @@ def _run_table(law: ForceLaw) -> pl.DataFrame:
         "pressure_N_cm2": peak * scenario.contact.peak_factor / scenario.contact.area_cm2,
         "compression_mm": peak / problem.stiffness * 1e3,
     }
-    for axis, component in zip("xyz", curve.normal, strict=True):
+    place, normal = _contacts(law)
+    for i, axis in enumerate("xyz"):
         # A run without bound has none along an axis the normal has no part in either.
-        share = abs(component)
-        columns[f"peak_force_{axis}_N"] = peak * share if share > 0 else np.zeros(n)
-        columns[f"contact_{axis}_m"] = curve.start["xyz".index(axis)] + offset * component
+        share = np.abs(normal[:, i])
+        columns[f"peak_force_{axis}_N"] = np.multiply(peak, share, out=np.zeros(n), where=share > 0)
+        columns[f"contact_{axis}_m"] = place[:, i]
     for j in range(robot.dof):
         columns[f"triggered_{j + 1}"] = (runs["triggers"] >> np.uint32(j)) & np.uint32(1) == 1
         columns[f"residual_at_detection_{j + 1}_Nm"] = np.where(detected, runs["residual"][:, j], nothing)
@@ -84,7 +85,7 @@ def _run_table(law: ForceLaw) -> pl.DataFrame:
         "feedback_period_s": scenario.detector.feedback_period_s,
         "stiffness_N_m": problem.stiffness,
     }
-    for axis, v in zip("xyz", problem.velocity, strict=True):
+    for axis, v in zip("xyz", problem.velocity, strict=True) if trajectory is None else ():
         constants[f"velocity_{axis}_m_s"] = float(v)
     for j in range(robot.dof):
         constants[f"q_start_{j + 1}"] = float(problem.q[j])
@@ -96,16 +97,32 @@ def _run_table(law: ForceLaw) -> pl.DataFrame:
     return table.with_columns(pl.lit(value).alias(name) for name, value in constants.items())
 
 
+def _contacts(law: ForceLaw) -> tuple[FloatArray, FloatArray]:
+    """Where contact begins in every run [m] and the normal there, base frame (runs, 3) each."""
+    assert law.runs is not None
+    problem, curve, offset = law.problem, law.curve, law.runs["offset"]
+    if problem.trajectory is None:
+        return curve.start + offset[:, None] * curve.normal, np.tile(curve.normal, (offset.size, 1))
+    from bumpstop.collision.trajectory_law import approach
+
+    begin, contact = law.runs["contact_time"], law.scenario.contact
+    poses = problem.robot.pose(problem.trajectory.at(begin), contact.link, contact.point_m)
+    return poses[:, :3, 3], approach(problem, begin)[0]
+
+
 def _singular_values(law: ForceLaw, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Singular values of the six-row tip Jacobian (runs, min(6, dof)) and their ratio at a tick of every run.
 
     As in the source, rotational and translational rows are mixed: the figures depend on the unit of length.
     """
     problem, curve = law.problem, law.curve
-    states = curve.kernel.reaction_state
-    q = np.tile(problem.q, (max(1, curve.ticks), 1))
-    free = [j for j in range(problem.robot.dof) if j not in problem.held]
-    q[: len(states), free] = states[:, 0]
+    if problem.trajectory is not None:
+        q = problem.trajectory.at(np.minimum(curve.tick_time, problem.trajectory.duration))
+    else:
+        states = curve.kernel.reaction_state
+        q = np.tile(problem.q, (max(1, curve.ticks), 1))
+        free = [j for j in range(problem.robot.dof) if j not in problem.held]
+        q[: len(states), free] = states[:, 0]
     values = np.linalg.svd(problem.robot.jacobian(q), compute_uv=False)
     with np.errstate(divide="ignore"):
         return values[tick], (values[:, 0] / values[:, -1])[tick]

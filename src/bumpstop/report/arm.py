@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.trajectory import point_motion
+from bumpstop.collision.trajectory_law import TrajectoryLaw
 from bumpstop.report.chain import View, chain_points, draw_chain, draw_views
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import LAW, LIMIT, Picture
@@ -35,22 +37,33 @@ class ArmSection(Section):
         """Where the contact is, and the pose as a table."""
         law, problem, curve = self.law, self.law.problem, self.law.curve
         contact, motion = law.scenario.contact, law.scenario.motion
-        speed = math.hypot(*motion.velocity_mm_s)
         rows = [
             (
                 str(j + 1),
                 joint.name,
                 f"{math.degrees(q):.4g} deg" if joint.kind == "revolute" else f"{q:.4g} m",
-                "held still" if j in problem.held else "moves",
+                "held still" if self._contact_begin is None and j in problem.held else "moves",
             )
-            for j, (joint, q) in enumerate(zip(problem.robot.joints, problem.q, strict=True))
+            for j, (joint, q) in enumerate(zip(problem.robot.joints, self._q, strict=True))
         ]
         where = contact.link or problem.robot.tip_name
+        if self._contact_begin is not None:
+            assert problem.trajectory is not None
+            return [
+                paragraph(
+                    f"{arm(law)} follows a joint trajectory of {problem.trajectory.duration:.4g} s. Drawn is the "
+                    f"hardest moment to be hit: contact that begins after {self._contact_begin:.3f} s. The "
+                    f"contact point on {where} then is at {_vector(curve.start)} m and meets {what_is_hit(law)} along "
+                    f"{_vector(curve.normal)} at {1e3 * curve.approach_speed:.4g} mm/s."
+                ),
+                table(("joint", "name", "position", ""), rows, caption="Pose at that moment"),
+            ]
+        speed = math.hypot(*motion.velocity)
         start = "already at full speed" if motion.start == "moving" else "from rest"
         return [
             paragraph(
-                f"{arm(law)} moves its tip ({problem.robot.tip_name}) at {speed:g} mm/s along "
-                f"{_vector(np.array(motion.velocity_mm_s) / speed)} in the base frame, {start}. The contact point on "
+                f"{arm(law)} moves its tip ({problem.robot.tip_name}) at {1e3 * speed:g} mm/s along "
+                f"{_vector(np.array(motion.velocity) / speed)} in the base frame, {start}. The contact point on "
                 f"{where} starts at {_vector(curve.start)} m and meets {what_is_hit(law)} along "
                 f"{_vector(curve.normal)} at {1e3 * curve.approach_speed:.4g} mm/s."
             ),
@@ -74,7 +87,29 @@ class ArmSection(Section):
     @cached_property
     def _chain(self) -> FloatArray:
         """Base, every joint and the tip (dof + 2, 3) [m]."""
-        return chain_points(self.law.problem.robot, self.law.problem.q)
+        return chain_points(self.law.problem.robot, self._q)
+
+    @property
+    def _contact_begin(self) -> float | None:
+        """When the contact that is drawn begins in its trajectory [s]; None: the motion is a line."""
+        return self.law.contact_begin if isinstance(self.law, TrajectoryLaw) else None
+
+    @property
+    def _q(self) -> FloatArray:
+        """Pose that is drawn (dof,) [rad or m]."""
+        trajectory = self.law.problem.trajectory
+        if trajectory is None or self._contact_begin is None:
+            return self.law.problem.q
+        return trajectory.at(self._contact_begin)
+
+    @cached_property
+    def _velocity(self) -> FloatArray:
+        """Of the contact point in that pose (3,) [m/s]."""
+        problem = self.law.problem
+        if problem.trajectory is None or self._contact_begin is None:
+            return np.asarray(problem.start["point_velocity"])
+        t = np.array([self._contact_begin])
+        return np.asarray(point_motion(problem.trajectory, problem.robot, problem.contact_point, t)[0][0])
 
     def _draw(self, figure: Figure) -> None:
         draw_views(figure, self._chain, self._draw_view)
@@ -86,14 +121,14 @@ class ArmSection(Section):
 
     def _aim(self, half: float) -> FloatArray:
         """From the contact point to the tip of the motion's arrow, a few points on the way (5, 3) [m]."""
-        velocity = np.asarray(self.law.problem.start["point_velocity"])
+        velocity = self._velocity
         way = np.linspace(0, _GAP * half, 5)[:, None] * velocity / np.linalg.norm(velocity)
         return np.asarray(self.law.curve.start + way)
 
     def _draw_contact(self, panel: Axes, view: View, half: float) -> None:
         curve = self.law.curve
         point = view.flat(curve.start)
-        velocity = np.asarray(self.law.problem.start["point_velocity"])
+        velocity = self._velocity
         direction = velocity / np.linalg.norm(velocity)
         panel.plot(*point, marker="D", markersize=6.5, color=LIMIT, markeredgecolor="white", zorder=6)
         gap = _GAP * half

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.trajectory_law import TrajectoryLaw
 from bumpstop.report.distribution import bins, draw_density
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, Picture, axes
@@ -41,7 +42,8 @@ class DetectionSection(Section):
         ]
         if not self._detects:
             text.append(paragraph("Nothing is ever detected, so no joint is the one that notices."))
-        caption = "Joints as sensors at the start of the motion"
+        moving = isinstance(law, TrajectoryLaw)
+        caption = f"Joints as sensors at the {'hardest moment of contact' if moving else 'start of the motion'}"
         headings = (
             "joint", "threshold", "noise sd", "noise mean", "residual per 100 N", "force to reach the threshold",
             "over at detection",
@@ -58,9 +60,13 @@ class DetectionSection(Section):
     def _joints(self) -> list[tuple[str, ...]]:
         law, problem = self.law, self.law.problem
         rows: list[tuple[str, ...]] = []
+        # Before contact begins in a trajectory, a joint feels nothing of it.
+        first = 0
+        if isinstance(law, TrajectoryLaw):
+            first = int(np.searchsorted(law.curve.tick_time[:-1], law.contact_begin, side="right"))
         for j, joint in enumerate(problem.robot.joints):
             unit = "N" if joint.kind == "prismatic" else "Nm"
-            lever = abs(float(law.curve.torque_per_newton[0, j])) if law.curve.ticks else math.nan
+            lever = abs(float(law.curve.torque_per_newton[first, j])) if law.curve.ticks else math.nan
             threshold = float(problem.thresholds[j])
             watched = math.isfinite(threshold)
             # Dust of the arithmetic is no lever: a joint that cannot feel the force needs an infinite one.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.collision.trajectory_law import TrajectoryLaw
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
 from bumpstop.report.rollout import Rollout, Rollouts
@@ -96,6 +97,8 @@ def _which(law: ForceLaw, p: float) -> str:
     quantile = law.peak_force.quantile(p)
     if math.isfinite(quantile):
         return f"p{100 * p:g} of the peak force is {number(quantile)} N"
+    if isinstance(law, TrajectoryLaw):
+        return f"about p{100 * p:g} of the forces, those of collisions never detected included"
     return f"the p{100 * p:g} collision is never detected: its force has no bound"
 
 

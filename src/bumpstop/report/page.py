@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -46,8 +45,7 @@ class Page:
 
     def __init__(self, law: ForceLaw, details: Mapping[str, str] | None = None) -> None:
         self._law = law
-        speed = math.hypot(*law.scenario.motion.velocity_mm_s)
-        self.title = f"{arm(law)} at {speed:g} mm/s against {what_is_hit(law)}"
+        self.title = f"{arm(law)} {law.problem.motion_in_words} against {what_is_hit(law)}"
         sections: list[Section] = [
             VerdictSection(law),
             ArmSection(law),

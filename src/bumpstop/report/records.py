@@ -180,7 +180,9 @@ class AssumptionsSection(Section):
             "Compliance of the gears and the controller is not modelled; it lowers the force the body feels, and it "
             "can delay detection.",
             "Probabilities far below the accepted risk are statements about the model's tails, not about an arm.",
-            "One pose, one direction and one contact point are judged. Others may be worse.",
+            "One motion and one contact point are judged. Others may be worse."
+            if law.problem.trajectory is not None
+            else "One pose, one direction and one contact point are judged. Others may be worse.",
         ]
         found = [element("h3", "What was assumed"), bullets(law.notes)]
         if law.kind == "sampled":

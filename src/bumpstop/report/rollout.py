@@ -13,6 +13,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import sampled_law
 from bumpstop.collision.noise import contact_residual, noise_of_run
+from bumpstop.collision.trajectory_law import TrajectoryLaw, sampled_trajectory_law
 
 if TYPE_CHECKING:
     from bumpstop.collision import ForceLaw
@@ -27,7 +28,7 @@ class Rollout:
 
     Attributes:
         run, seed: which sampled run it is.
-        offset: distance from the start to the body along the normal [m].
+        offset: distance from the start to the body along the normal [m]; zero in a trajectory.
         stiffness: of the body [N/m].
         time: of every simulation step (steps,) [s].
         distance: of the contact point along the normal at those times (steps,) [m].
@@ -72,7 +73,7 @@ class Rollouts:
 
     def __init__(self, law: ForceLaw) -> None:
         self._law = law
-        sampled = law if law.runs is not None else sampled_law(law.problem, law.curve, samples=_SAMPLES, seed=0)
+        sampled = law if law.runs is not None else _sampled(law)
         assert sampled.runs is not None
         assert sampled.seed is not None
         self._runs: dict[str, npt.NDArray[Any]] = sampled.runs
@@ -81,11 +82,15 @@ class Rollouts:
     def nearest(self, p: float) -> Rollout:
         """The run whose peak force is nearest the law's quantile at ``p``.
 
-        Where that quantile lies in the undetected share: an undetected run with a middling offset.
+        Where that quantile lies in the undetected share: an undetected run with a middling offset. In a trajectory: the
+        run nearest the quantile of all sampled forces, as those of undetected runs are known.
         """
         peak, offset, tick = self._runs["peak_force"], self._runs["offset"], self._runs["tick"]
         wanted = self._law.peak_force.quantile(p)
-        if math.isfinite(wanted):
+        if isinstance(self._law, TrajectoryLaw):
+            # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
+            missed = np.abs(peak - np.quantile(peak, p))
+        elif math.isfinite(wanted):
             # Runs never detected count as beyond every quantile, whatever force the end of the motion leaves them.
             missed = np.where(tick >= 0, np.abs(peak - wanted), math.inf)
         else:
@@ -97,6 +102,8 @@ class Rollouts:
     def rollout(self, run: int) -> Rollout:
         """Follow one run from the start of the motion until the force is gone, or the motion ends."""
         problem, curve = self._law.problem, self._law.curve
+        if isinstance(self._law, TrajectoryLaw):
+            curve = self._law.curve_at(float(self._runs["contact_time"][run]))
         offset, tick = float(self._runs["offset"][run]), int(self._runs["tick"][run])
         step, period = problem.scenario.simulation.step_s, problem.period_steps
         distance: FloatArray = curve.distance
@@ -135,6 +142,12 @@ class Rollouts:
             contact_torque=torque[:, joint],
             threshold=float(problem.thresholds[joint]),
         )
+
+
+def _sampled(law: ForceLaw) -> ForceLaw:
+    if isinstance(law, TrajectoryLaw):
+        return sampled_trajectory_law(law.problem, samples=_SAMPLES, seed=0)
+    return sampled_law(law.problem, law.curve, samples=_SAMPLES, seed=0)
 
 
 def _first_passage(distance: FloatArray, time: FloatArray, offset: float) -> float | None:

@@ -1,0 +1,300 @@
+// Motions given as joint trajectories. The arm follows them whatever it hits; once it reacts it slows down along their
+// path. Contact may begin at any time on the way.
+#pragma once
+
+#include "bumpstop/collision/exact_law.hpp"
+#include "bumpstop/collision/sampled_law.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// Joint positions as cubics in time, piece by piece. The parameter of the path, u, is the time at which the undisturbed
+// arm passes a place.
+struct JointSpline {
+    int dof = 0;
+    std::vector<double> time;         // ends of the pieces, from 0 on [s]
+    std::vector<double> coefficient;  // [piece][power 3, 2, 1, 0 of the time since the piece began][dof]
+
+    double duration() const { return time.back(); }
+
+    // Position and its first two derivatives by u (dof each). An arm past the end stands still.
+    void at(double u, double* q, double* first, double* second) const {
+        const bool past = u >= duration();
+        u = std::clamp(u, 0.0, duration());
+        const auto above = std::upper_bound(time.begin() + 1, time.end() - 1, u);
+        const std::size_t piece = std::size_t(above - time.begin()) - 1;
+        const double x = u - time[piece];
+        const double* c = &coefficient[piece * 4 * std::size_t(dof)];
+        for (int j = 0; j < dof; ++j) {
+            const double c3 = c[j], c2 = c[dof + j], c1 = c[2 * dof + j], c0 = c[3 * dof + j];
+            q[j] = c0 + x * (c1 + x * (c2 + x * c3));
+            first[j] = past ? 0 : c1 + x * (2 * c2 + x * 3 * c3);
+            second[j] = past ? 0 : 2 * c2 + x * 6 * c3;
+        }
+    }
+};
+
+struct TrajectorySettings {
+    LinkPoint point;        // where the arm hits
+    MotionSettings motion;  // step, sub-steps and acceleration limits
+    int period = 4;         // simulation steps between two feedback ticks
+    int latency = 0;        // steps from a tick to the beginning of the reaction
+    ReactionKind reaction = ReactionKind::stop;
+};
+
+// What the arm does along its path after a tick, by simulation step from the reaction's beginning.
+struct PathReaction {
+    std::vector<double> u;              // until the reaction's final speed is reached [s]
+    std::vector<Point3<double>> point;  // of contact, as long as the arm goes forward and one step more [m]
+    double reach = 0;                   // the greatest u
+};
+
+// Acceleration along the path, du/dt' <= 0, that brakes hardest while no joint passes its limit:
+// |first_j w + second_j v^2| <= limit_j. Where the path's own curvature passes a limit at this speed, the one that passes
+// it least; `excess` then is by how much (1: not at all).
+inline double hardest_braking(int dof, const double* first, const double* second, const double* limit, double v,
+                              double& excess) {
+    constexpr double at_once = 1e12;  // an arm that stands still needs no time
+    auto lowest = [&](double level, double& low) {
+        double high = 0;
+        low = -at_once;
+        for (int j = 0; j < dof; ++j) {
+            const double own = second[j] * v * v, most = level * limit[j];
+            if (std::fabs(first[j]) * at_once <= most) {
+                if (std::fabs(own) > most) return false;
+                continue;
+            }
+            const double a = (most - own) / first[j], b = (-most - own) / first[j];
+            low = std::max(low, std::min(a, b));
+            high = std::min(high, std::max(a, b));
+        }
+        return low <= high;
+    };
+    double w;
+    excess = 1;
+    if (lowest(1, w)) return w;
+    // At constant speed the excess is that of the curvature alone, so the least lies below.
+    double allowed = 0, below = 1;
+    for (int j = 0; j < dof; ++j) allowed = std::max(allowed, std::fabs(second[j]) * v * v / limit[j]);
+    allowed *= 1 + 1e-12;
+    for (int i = 0; i < 40; ++i) {
+        const double middle = 0.5 * (below + allowed);
+        (lowest(middle, w) ? allowed : below) = middle;
+    }
+    excess = allowed;
+    return lowest(allowed, w) ? std::min(w, 0.0) : 0.0;
+}
+
+// Everything about a trajectory that does not depend on when contact begins.
+class ArmTrajectory {
+  public:
+    ArmTrajectory(const Chain& chain, JointSpline spline, const TrajectorySettings& settings)
+        : chain_(chain), spline_(std::move(spline)), settings_(settings) {
+        steps_ = std::max(1, int(std::ceil(spline_.duration() / step() - 1e-9)));
+        ticks_ = (steps_ - 1) / settings_.period + 1;
+        timing_ = {steps_, settings_.period, settings_.latency, false};
+        Posture<double> posture;
+        for (int i = 0; i <= steps_; ++i) {
+            pose(i * step(), posture);
+            point_.push_back(posture.position(settings_.point));
+            if (i < 1 || (i - 1) % settings_.period != 0) continue;
+            for (int j = 0; j < chain_.dof; ++j) {
+                lever_.push_back(j > settings_.point.link ? Point3<double>{0, 0, 0}
+                                                          : linear_column(chain_, posture, point_.back(), j));
+            }
+        }
+        for (int k = 0; k < ticks_; ++k) reaction_.push_back(react(k));
+    }
+
+    int dof() const { return chain_.dof; }
+    int steps() const { return steps_; }
+    int ticks() const { return ticks_; }
+    double step() const { return settings_.motion.step; }
+    double excess() const { return excess_; }
+    const TrajectorySettings& settings() const { return settings_; }
+    const Timing& timing() const { return timing_; }
+    const std::vector<Point3<double>>& points() const { return point_; }
+    const PathReaction& reaction(int tick) const { return reaction_[std::size_t(tick)]; }
+    int first_step(int tick) const { return tick * settings_.period + 1; }
+
+    Point3<double> point_at(double u) const {
+        Posture<double> posture;
+        pose(u, posture);
+        return posture.position(settings_.point);
+    }
+
+    // The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
+    // on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
+    // the curve ends where contact has been noticed for certain.
+    StoppingCurve curve(double begin, const Point3<double>& normal, const ThresholdDetector* detector,
+                        double stiffness) const {
+        StoppingCurve curve;
+        LinePath& path = curve.path;
+        path.dof = chain_.dof;
+        path.normal = {normal.x, normal.y, normal.z};
+        const Point3<double> origin = point_at(begin);
+        path.start = {origin.x, origin.y, origin.z};
+        path.s.reserve(std::size_t(steps_) + 1);
+        ThresholdDetector nobody;
+        CertainDetection<double> certain(detector ? *detector : nobody, timing_, step(), stiffness, 0.0);
+        const std::size_t n = std::size_t(chain_.dof);
+        double greatest = 0;  // distance since contact began
+        std::vector<double> torque(n);
+        for (int i = 0; i <= steps_; ++i) {
+            const double s = dot(point_[std::size_t(i)] - origin, normal);
+            const bool touched = i * step() > begin;
+            path.s.push_back(touched ? s : std::min(s, 0.0));
+            if (touched) greatest = std::max(greatest, s);
+            if (i < 1 || (i - 1) % settings_.period != 0) continue;
+            const int k = path.ticks++;
+            for (std::size_t j = 0; j < n; ++j) torque[j] = touched ? dot(lever_[std::size_t(k) * n + j], normal) : 0.0;
+            path.torque_per_N.insert(path.torque_per_N.end(), torque.begin(), torque.end());
+            curve.farthest.push_back(farthest(k, begin, origin, normal, greatest));
+            if (detector && certain(path.s.back(), torque.data())) {
+                path.end = PathEnd::certain_detection;
+                break;
+            }
+        }
+        return curve;
+    }
+
+    // Distances after every simulation step of the reaction to a tick; one that reverses is followed until the arm is
+    // back before the place where contact begins.
+    std::vector<double> reaction_distances(int tick, double begin, const Point3<double>& normal) const {
+        const Point3<double> origin = point_at(begin);
+        std::vector<double> distance;
+        auto visit = [&](double u) {
+            const double s = dot(point_at(u) - origin, normal);
+            distance.push_back(u > begin ? s : std::min(s, 0.0));
+        };
+        const PathReaction& reaction = reaction_[std::size_t(tick)];
+        for (double u : reaction.u) visit(u);
+        double u = reaction.u.back();
+        while (settings_.reaction == ReactionKind::reverse && u > begin) visit(u -= step());
+        return distance;
+    }
+
+    // From touch until the reversing arm is back where contact began [s]; NaN where it never arrives there.
+    double contact_span(int tick, double begin) const {
+        const PathReaction& reaction = reaction_[std::size_t(tick)];
+        const std::vector<double>& u = reaction.u;
+        const double from = (first_step(tick) + settings_.latency) * step();
+        if (!(reaction.reach > begin)) return std::numeric_limits<double>::quiet_NaN();
+        double touch = begin;
+        for (std::size_t i = 1; begin > u[0] && i < u.size(); ++i) {
+            if (u[i] <= begin) continue;
+            touch = from + (double(i) - 1 + (begin - u[i - 1]) / (u[i] - u[i - 1])) * step();
+            break;
+        }
+        const std::size_t last = u.size() - 1;
+        if (u[last] >= begin) return from + double(last) * step() + (u[last] - begin) - touch;
+        std::size_t i = last;
+        while (u[i - 1] <= begin) --i;
+        return from + (double(i) - (begin - u[i]) / (u[i - 1] - u[i])) * step() - touch;
+    }
+
+  private:
+    void pose(double u, Posture<double>& posture) const {
+        ArmState<double> state;
+        double second[max_joints];
+        spline_.at(u, state.q, state.qd, second);
+        state.refresh_angles(chain_);
+        forward_kinematics(chain_, state.q, state.angle, posture);
+    }
+
+    // One acceleration along the path a simulation step; speed and place follow in the controller's sub-steps.
+    PathReaction react(int tick) {
+        const MotionSettings& motion = settings_.motion;
+        const double end = spline_.duration();
+        const double target = settings_.reaction == ReactionKind::reverse ? -1 : 0;
+        PathReaction reaction;
+        ArmState<double> state;
+        Posture<double> posture;
+        double second[max_joints];
+        double u = std::min((first_step(tick) + settings_.latency) * step(), end), v = 1;
+        bool forward = true;
+        for (int i = 0;; ++i) {
+            reaction.u.push_back(u);
+            reaction.reach = std::max(reaction.reach, u);
+            spline_.at(u, state.q, state.qd, second);
+            if (forward) {
+                state.refresh_angles(chain_);
+                forward_kinematics(chain_, state.q, state.angle, posture);
+                reaction.point.push_back(posture.position(settings_.point));
+            }
+            if (v == target || i >= longest_reaction_steps) return reaction;
+            forward = v > 0;
+            double excess = 1;
+            const double w = hardest_braking(chain_.dof, state.qd, second, motion.acceleration_limit.data(), v, excess);
+            excess_ = std::max(excess_, excess);
+            for (int sub = 0; sub < motion.substeps; ++sub) {
+                v = std::max(target, v + motion.substep() * w);
+                u = std::clamp(u + motion.substep() * v, 0.0, end);
+            }
+        }
+    }
+
+    // The greatest distance at a step from tick k on. Where the arm reverses it passes all places since contact again.
+    double farthest(int k, double begin, const Point3<double>& origin, const Point3<double>& normal,
+                    double greatest) const {
+        const PathReaction& reaction = reaction_[std::size_t(k)];
+        if (!(reaction.reach > begin)) return 0;
+        const int first = first_step(k);
+        double most = settings_.reaction == ReactionKind::reverse ? greatest : 0;
+        for (int i = first; i <= std::min(first + settings_.latency, steps_); ++i)
+            if (i * step() > begin) most = std::max(most, dot(point_[std::size_t(i)] - origin, normal));
+        for (std::size_t i = 0; i < reaction.point.size(); ++i)
+            if (reaction.u[i] > begin) most = std::max(most, dot(reaction.point[i] - origin, normal));
+        return most;
+    }
+
+    Chain chain_;
+    JointSpline spline_;
+    TrajectorySettings settings_;
+    Timing timing_;
+    int steps_ = 0, ticks_ = 0;
+    double excess_ = 1;                  // of the path's own acceleration over the limits while braking
+    std::vector<Point3<double>> point_;  // by step
+    std::vector<Point3<double>> lever_;  // [tick][joint]: linear column of the Jacobian at the contact point
+    std::vector<PathReaction> reaction_;
+};
+
+// The exact law of one contact time: what happens at which tick.
+struct ContactLaw {
+    struct Detection {
+        int tick;
+        double probability, farthest, distance;  // distance at the tick; negative: a false alarm
+    };
+    std::vector<Detection> detection;
+    double false_alarm, undetected, no_contact, several;
+    double harmless;  // false alarms whose stopping path does not arrive, and no contact
+    double greatest;  // distance of the undisturbed motion from contact to its end
+    double trigger[max_joints];
+};
+
+template <class T>
+ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Point3<double>& normal,
+                       const ThresholdDetector& detector, double stiffness) {
+    const StoppingCurve curve = trajectory.curve(begin, normal, &detector, stiffness);
+    const LawSettings settings{stiffness, {OffsetKind::fixed, 0.0}};
+    const ExactLaw law =
+        ExactLawBuilder<T>(curve, trajectory.timing(), trajectory.settings().motion, detector, settings).build();
+    ContactLaw out;
+    out.false_alarm = law.false_alarm;
+    out.undetected = law.undetected;
+    out.no_contact = law.no_contact;
+    out.several = law.several;
+    out.harmless = law.harmless;
+    out.greatest = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
+    std::copy(law.trigger, law.trigger + trajectory.dof(), out.trigger);
+    const LawPieces& pieces = law.pieces;
+    for (int slot = 0; slot + 1 < pieces.slots; ++slot) {
+        const int k = pieces.first_tick[0] + slot - pieces.slots_before;
+        const double probability = 2 * *pieces.series(slot, 0);
+        if (k < 0 || k >= curve.path.ticks || !(probability > 0)) continue;
+        const double distance = slot < pieces.slots_before ? -1 : curve.path.at_tick(k, trajectory.timing().period);
+        out.detection.push_back({k, probability, curve.farthest[std::size_t(k)], distance});
+    }
+    return out;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
