@@ -90,6 +90,51 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
     require(std::fabs(over / runs - half) < 5 * std::sqrt(0.25 / runs), "exact and sampled agree");
 }
 
+// Noise that remembers, an observer, and a body that gets away.
+void check_memory_and_free_contact(Arm arm) {
+    const Point3<double> velocity{0.03, -0.02, 0.04};
+    const OffsetLaw offset{OffsetKind::uniform, 0.0005};
+    const FreeBody body{20000, 3.0};
+    arm.timing.steps = 60;
+    for (const auto& [correlation, filter] : {std::pair{0.0, 0.0}, std::pair{0.6, 0.7}}) {
+        arm.detector.correlation = correlation;
+        arm.detector.filter = filter;
+        check_case(arm, ReactionKind::reverse, {OffsetKind::fixed, 0.0004});
+        CertainParting<double> finished(body, arm.timing, arm.motion.step, offset.largest());
+        StoppingCurve curve;
+        LineTracer<double, CertainParting<double>>(arm.chain, arm.motion, arm.contact, arm.timing, finished)
+            .trace(arm.q.data(), velocity, &curve.path, 1);
+        complete_curves<L>(
+            arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, &curve, 1,
+            [&](int) { return arm.q.data(); }, [](int) { return FarthestTolerance{}; });
+        const FreePaths paths =
+            free_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, curve, arm.q.data());
+        LawSettings settings{body.stiffness, offset, 1, true, &paths, body.mass};
+        const ExactLaw law = ExactLawBuilder<L>(curve, arm.timing, arm.motion, arm.detector, settings).build();
+        // No body is struck harder than by an arm that never reacts.
+        const double most = curve.path.approach_speed * std::sqrt(body.stiffness * body.mass) * 1.01;
+        for (double force : law.free.peak_force) require(force <= most && force >= 0, "free contact is bounded");
+
+        constexpr int runs = 129;
+        std::vector<double> offsets(runs), peak(runs), duration(runs), force(runs);
+        std::vector<double> noise(std::size_t(runs) * arm.chain.dof), residual(noise.size());
+        std::vector<std::int32_t> tick(runs);
+        std::vector<std::uint32_t> triggers(runs);
+        SampledRuns out{offsets.data(), tick.data(), triggers.data(), noise.data(), residual.data()};
+        out.peak_force = peak.data();
+        out.duration = duration.data();
+        out.force_at_detection = force.data();
+        std::vector<double> rows(std::size_t(40) * arm.chain.dof, 0.5);
+        const ResidualRecord record{rows.data(), 40, arm.chain.dof, 7};
+        for (const ResidualRecord* noise_of : {static_cast<const ResidualRecord*>(nullptr), &record}) {
+            Sampler<L>(curve, arm.timing, arm.motion, arm.detector, body.stiffness, offset, 42, noise_of, &paths,
+                       body.mass)
+                .run(0, runs, out);
+            for (int i = 0; i < runs; ++i) require(peak[i] <= most && peak[i] >= 0, "so are single runs");
+        }
+    }
+}
+
 void check_batch(const Arm& arm) {
     constexpr int poses = 7;
     const int dof = arm.chain.dof;
@@ -174,6 +219,7 @@ int main() {
             arm.timing.from_rest = !arm.timing.from_rest;
         }
         check_batch(arm);
+        if (dof == 6) check_memory_and_free_contact(arm);
         // A motion that ends at a joint limit before the body is reached.
         arm.motion.upper[0] = arm.q[0] + 0.001;
         arm.motion.lower[0] = arm.q[0] - 0.001;
