@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import bodies, evaluate, robots
+from bumpstop.cli import bodies, evaluate, identify, robots
 from bumpstop.errors import BumpstopError
 
 app = typer.Typer(
@@ -21,6 +21,8 @@ app = typer.Typer(
 app.command("evaluate")(evaluate.command)
 app.add_typer(robots.app, name="robots")
 app.command("bodies")(bodies.bodies)
+app.command("identify")(identify.identify)
+app.command("validate")(identify.validate)
 
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 2 bad input, 1 our fault.
 BAD_INPUT = 2

@@ -1,0 +1,111 @@
+"""Files of fitted dynamics: TOML, read as strictly as it is written."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bumpstop.errors import InputError
+from bumpstop.identification.dynamics_fit import DynamicsFit, column_names
+from bumpstop.model import Robot
+
+_KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
+_KEYS |= {"rows_used", "sign_speed", "couplings", "parameter"}
+
+
+def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], created_from: list[str]) -> None:
+    """Write a fit.
+
+    Args:
+        fit: what was found.
+        path: of the file.
+        robot: ``robot`` as a scenario names it, with ``base`` and ``tip`` where a URDF needs them.
+        created_from: the recordings.
+    """
+    lines = ['kind = "dynamics"', *(f"{key} = {_text(value)}" for key, value in robot.items())]
+    lines += [
+        f"created_from = [{', '.join(_text(name) for name in created_from)}]",
+        f"cutoff_hz = {fit.cutoff_hz!r}  # of the zero-phase filter of the motion",
+        f"rows_used = {fit.rows_used}",
+        f"sign_speed = {[float(value) for value in fit.sign_speed]}  # rad/s or m/s, over which Coulomb friction turns",
+        f"couplings = {[[[j + 1, share] for j, share in group] for group in fit.couplings]}",
+    ]
+    names = column_names(fit.robot, fit.couplings)
+    for column, name, value, error in zip(fit.columns, fit.names, fit.values, fit.standard_errors, strict=True):
+        lines += [
+            "",
+            "[[parameter]]",
+            f"column = {_text(names[column])}",
+            f"name = {_text(name)}",
+            f"value = {float(value)!r}",
+            f"standard_error = {float(error)!r}",
+        ]
+    try:
+        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+
+
+def load_fit(path: str | Path) -> DynamicsFit:
+    """Read a fit.
+
+    Raises:
+        InputError: the file is absent, damaged, or not of this kind.
+    """
+    where = str(path)
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(where, f"cannot be read ({error.strerror})", "wanted a file that identify wrote") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(where, f"is not valid TOML: {error}") from None
+    unknown = sorted(set(data) - _KEYS)
+    if data.get("kind") != "dynamics" or unknown:
+        problem = f"has an unknown key {unknown[0]!r}" if unknown else "is no file of fitted dynamics"
+        raise InputError(where, problem, 'wanted kind = "dynamics", as identify writes it')
+    robot = _robot(data, Path(path).parent)
+    try:
+        couplings = tuple(tuple((int(j) - 1, float(share)) for j, share in group) for group in data["couplings"])
+        names = column_names(robot, couplings)
+        parameters = data["parameter"]
+        return DynamicsFit(
+            robot=robot,
+            columns=tuple(names.index(parameter["column"]) for parameter in parameters),
+            names=tuple(str(parameter["name"]) for parameter in parameters),
+            values=_finite([parameter["value"] for parameter in parameters]),
+            standard_errors=_finite([parameter["standard_error"] for parameter in parameters]),
+            sign_speed=_finite(data["sign_speed"]),
+            couplings=couplings,
+            cutoff_hz=float(data["cutoff_hz"]),
+            held_out={},
+            unseen=(),
+            rows_used=int(data["rows_used"]),
+        )
+    except KeyError as error:
+        raise InputError(where, f"has no key {error.args[0]!r}", "wanted a file that identify wrote") from None
+    except (TypeError, ValueError) as error:
+        raise InputError(where, f"cannot be used ({error})", "wanted a file that identify wrote") from None
+
+
+def _robot(data: dict[str, Any], folder: Path) -> Robot:
+    name = data.get("robot")
+    if not isinstance(name, str):
+        raise InputError("robot", "is missing", "wanted a built-in name or the path of a URDF")
+    if Path(name).suffix or "/" in name:
+        return Robot.from_urdf(folder / name, data.get("base"), data.get("tip"))
+    return Robot.load(name)
+
+
+def _finite(values: Any) -> Any:
+    array = np.array([float(value) for value in values])
+    if not np.isfinite(array).all():
+        raise ValueError("a figure is not finite")
+    return array
+
+
+def _text(value: str) -> str:
+    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'

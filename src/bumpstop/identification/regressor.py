@@ -1,0 +1,80 @@
+"""The torque of a chain as a linear function of its unknown parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.kernels import core
+
+if TYPE_CHECKING:
+    from bumpstop.model import Robot
+
+INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+"""Parameters of a link: mass [kg], first moments [kg m] and second moments about the origin of its frame [kg m2]."""
+
+# Places of the second moments in a tensor.
+_TENSOR = {"Ixx": (0, 0), "Iyy": (1, 1), "Izz": (2, 2), "Ixy": (0, 1), "Ixz": (0, 2), "Iyz": (1, 2)}
+
+
+def inertial_names(robot: Robot) -> list[str]:
+    """Names of the columns of :func:`inertial_regressor`, ``m_1`` to ``Iyz_n``; links are numbered from 1."""
+    return [f"{name}_{link + 1}" for link in range(robot.dof) for name in INERTIAL]
+
+
+def inertial_regressor(
+    robot: Robot, q: FloatArray, qd: FloatArray, qdd: FloatArray, gravity: tuple[float, float, float]
+) -> FloatArray:
+    """Columns Y with tau = Y p for the inertial parameters p of every link.
+
+    Newton-Euler torque is linear in mass, first moments and second moments about the link's origin, so every column is
+    what Newton-Euler says of a chain with one parameter at one and all others at zero.
+
+    Args:
+        robot: its chain; inertia it may have is not used.
+        q: joint positions (N, dof) [rad or m].
+        qd: joint velocities (N, dof).
+        qdd: joint accelerations (N, dof).
+        gravity: acceleration of free fall, base frame [m/s2].
+
+    Returns:
+        (N, dof, 10 dof) [Nm or N per unit of the parameter].
+    """
+    dof, rows = robot.dof, q.shape[0]
+    columns = np.empty((rows, dof, 10 * dof))
+    for link in range(dof):
+        of_mass = _torque(robot, q, qd, qdd, gravity, link, 1.0, np.zeros(3), np.zeros((3, 3)))
+        columns[:, :, 10 * link] = of_mass
+        for axis in range(3):
+            center = np.eye(3)[axis]
+            # A unit mass off the origin has second moments there; a negative tensor about its centre takes them away.
+            tensor = np.outer(center, center) - np.eye(3)
+            shifted = _torque(robot, q, qd, qdd, gravity, link, 1.0, center, tensor)
+            columns[:, :, 10 * link + 1 + axis] = shifted - of_mass
+        for place, name in enumerate(INERTIAL[4:], start=4):
+            tensor = np.zeros((3, 3))
+            row, column = _TENSOR[name]
+            tensor[row, column] = tensor[column, row] = 1.0
+            columns[:, :, 10 * link + place] = _torque(robot, q, qd, qdd, gravity, link, 0.0, np.zeros(3), tensor)
+    return columns
+
+
+def _torque(
+    robot: Robot,
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+    gravity: tuple[float, float, float],
+    link: int,
+    mass: float,
+    center: FloatArray,
+    tensor: FloatArray,
+) -> FloatArray:
+    dof = robot.dof
+    masses, centers, tensors = np.zeros(dof), np.zeros((dof, 3)), np.zeros((dof, 3, 3))
+    masses[link], centers[link], tensors[link] = mass, center, tensor
+    kernel = core.Dynamics(chain=robot.chain, mass=masses, center=centers, tensor=tensors, rotor=np.zeros(dof))
+    torque: FloatArray = kernel.inverse_dynamics(q, qd, qdd, np.array(gravity), None, 0, np.zeros(3))
+    return torque

@@ -1,0 +1,162 @@
+"""Planted parameters recovered from simulated torques, and real arms predicted on data not used in the fit."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bumpstop.recording import Recording
+
+import bumpstop as bs
+from bumpstop.identification import (
+    DynamicsFit,
+    identify_dynamics,
+    inertial_names,
+    inertial_regressor,
+    load_fit,
+    save_fit,
+)
+from bumpstop.model import inverse_dynamics
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = Path(os.environ.get("BUMPSTOP_SHARED", ROOT.parent / "shared"))
+COULOMB, VISCOUS, ROTOR, OFFSET = 4.0, 2.5, 0.3, 0.7  # of every joint, times what makes joints differ
+
+
+def excited(robot: bs.Robot, seconds: float, rate: float, seed: int) -> tuple[np.ndarray, ...]:
+    """A smooth motion with five harmonics in every joint: t, q, qd, qdd."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, seconds, 1 / rate)
+    middle = np.where(np.isfinite(robot.lower + robot.upper), (robot.lower + robot.upper) / 2, 0.0)
+    q, qd, qdd = (np.zeros((t.size, robot.dof)) for _ in range(3))
+    for harmonic in range(1, 6):
+        w = 2 * np.pi * 0.11 * harmonic
+        a, b = rng.normal(size=(2, robot.dof)) * 0.5 / harmonic
+        q += a * np.sin(np.outer(t, [w] * robot.dof)) + b * np.cos(np.outer(t, [w] * robot.dof))
+        qd += w * (a * np.cos(np.outer(t, [w] * robot.dof)) - b * np.sin(np.outer(t, [w] * robot.dof)))
+        qdd -= w * w * (a * np.sin(np.outer(t, [w] * robot.dof)) + b * np.cos(np.outer(t, [w] * robot.dof)))
+    return t, q + middle, qd, qdd
+
+
+def planted(robot: bs.Robot, seed: int, *, noise: float = 0.6, seconds: float = 25.0) -> Recording:
+    """Torques of a robot with its own inertia and known friction; noise correlated by 0.8 from sample to sample."""
+    t, q, qd, qdd = excited(robot, seconds, 100.0, seed)
+    factor = 1 / (1 + np.arange(robot.dof))
+    tau = inverse_dynamics(robot, q, qd, qdd)
+    tau += factor * (COULOMB * np.sign(qd) + VISCOUS * qd + ROTOR * qdd + OFFSET)
+    rng = np.random.default_rng(1000 + seed)
+    white, coloured = rng.normal(size=tau.shape), np.zeros_like(tau)
+    for k in range(1, t.size):
+        coloured[k] = 0.8 * coloured[k - 1] + 0.6 * white[k]
+    return Recording(t=t, q=q, qd=qd, tau=tau + noise * factor * coloured)
+
+
+def parameter(fit: DynamicsFit, name: str) -> tuple[float, float]:
+    place = [own.split()[0] for own in fit.names].index(name)
+    return float(fit.values[place]), float(fit.standard_errors[place])
+
+
+def test_regressor_times_parameters_is_newton_euler() -> None:
+    robot = bs.Robot.load("panda")
+    rng = np.random.default_rng(3)
+    q, qd, qdd = rng.normal(size=(3, 40, robot.dof))
+    values = []
+    for joint in robot.joints:
+        link = joint.inertia
+        assert link is not None
+        c, m = np.array(link.center), link.mass
+        about_origin = np.array(link.tensor) + m * (c @ c * np.eye(3) - np.outer(c, c))
+        values += [m, *(m * c), *about_origin.diagonal(), *about_origin[[0, 0, 1], [1, 2, 2]]]
+    columns = inertial_regressor(robot, q, qd, qdd, (0.0, 0.0, -9.80665))
+    assert len(inertial_names(robot)) == columns.shape[2] == 70
+    bare = inverse_dynamics(robot, q, qd, qdd) - [joint.rotor_inertia for joint in robot.joints] * qdd
+    np.testing.assert_allclose(columns @ values, bare, rtol=1e-9, atol=1e-9)
+
+
+def test_planted_friction_is_recovered_and_unseen_motion_predicted() -> None:
+    robot = bs.Robot.load("ur10e")
+    fit = identify_dynamics(planted(robot, 1), robot, cutoff_hz=8.0)
+    for j in range(robot.dof):
+        for name, truth in (("viscous", VISCOUS), ("coulomb", COULOMB)):
+            value, error = parameter(fit, f"{name}_{j + 1}")
+            assert abs(value - truth / (1 + j)) < 5 * error + 0.02 * truth / (1 + j), (name, j)
+    other = planted(robot, 2, noise=0.0)
+    assert min(score.r2 for score in fit.score(other)) > 0.995
+    # A vertical first axis: gravity does not act about it, and only one of its moments can be seen.
+    assert {"m_1", "mx_1", "Ixx_1", "Ixy_1"} <= set(fit.unseen)
+
+
+def test_intervals_hold_under_correlated_noise() -> None:
+    """Pooled over joints and seeds, 95 % intervals of viscous friction hold the truth about that often."""
+    robot = bs.Robot.load("ur10e")
+    inside = []
+    for seed in range(4):
+        fit = identify_dynamics(planted(robot, seed, seconds=20.0), robot, cutoff_hz=6.0)
+        for j in range(robot.dof):
+            value, error = parameter(fit, f"viscous_{j + 1}")
+            inside.append(abs(value - VISCOUS / (1 + j)) < 1.96 * error)
+    # 24 intervals: fewer than 20 inside has one chance in 300, by the binomial law.
+    assert sum(inside) >= 20
+
+
+def test_the_cut_off_is_chosen_by_held_out_error() -> None:
+    robot = bs.Robot.load("ur5e")
+    fit = identify_dynamics(planted(robot, 4, seconds=8.0), robot)
+    assert fit.held_out[fit.cutoff_hz] <= 1.01 * min(fit.held_out.values())
+    assert len(fit.held_out) > 3
+
+
+def test_files_repeat_the_fit(tmp_path: Path) -> None:
+    robot = bs.Robot.load("ur5e")
+    log = planted(robot, 5, seconds=12.0)
+    fit = identify_dynamics(log, robot, cutoff_hz=6.0, couplings=[[(4, 1.0), (5, 1.0)]])
+    path = tmp_path / "model.toml"
+    save_fit(fit, path, robot={"robot": "ur5e"}, created_from=["here"])
+    again = load_fit(path)
+    assert again.names == fit.names
+    assert [score.rmse for score in again.score(log)] == [score.rmse for score in fit.score(log)]
+    for spoil, message in (
+        (lambda text: text.replace('kind = "dynamics"', 'kind = "other"'), "no file of fitted dynamics"),
+        (lambda text: text.replace("rows_used", "rows"), "unknown key 'rows'"),
+        (lambda text: text.replace('column = "', 'column = "x'), "cannot be used"),
+        (lambda text: text.replace("value = ", "value = nan # "), "cannot be used"),
+        (lambda text: text[:40], "is not valid TOML"),
+    ):
+        path.write_text(spoil(path.read_text(encoding="utf-8")), encoding="utf-8")
+        with pytest.raises(bs.InputError, match=message):
+            load_fit(path)
+        save_fit(fit, path, robot={"robot": "ur5e"}, created_from=["here"])
+
+
+def test_what_cannot_be_fitted_is_refused() -> None:
+    robot = bs.Robot.load("ur5e")
+    log = planted(robot, 6, seconds=5.0)
+    with pytest.raises(bs.InputError, match="has no joint torque"):
+        identify_dynamics(Recording(t=log.t, q=log.q), robot)
+    with pytest.raises(bs.InputError, match="has 6 joints"):
+        identify_dynamics(log, bs.Robot.load("panda"))
+    with pytest.raises(bs.InputError, match="wanted at least 50"):
+        identify_dynamics(Recording(t=log.t[:20], q=log.q[:20], tau=log.tau[:20]), robot, cutoff_hz=5.0)
+
+
+REAL = {
+    "ur10": ("ur10_ros2/ur10_exciting_trajectory.db3", 8.0, [0.977, 0.991, 0.995, 0.988, 0.972, 0.969]),
+    "panda": ("panda_ros2/panda_exciting_trajectory.db3", 4.0, [0.80, 0.999, 0.997, 0.996, 0.955, 0.996, 0.973]),
+}
+
+
+@pytest.mark.parametrize("name", list(REAL))
+def test_real_arms_on_the_last_quarter(name: str) -> None:
+    """R2 on data not used in the fit, beside that of a generic least-squares fit of others."""
+    file, filter_hz, others = REAL[name]
+    if not (SHARED / "data" / file).exists():
+        pytest.skip(f"{SHARED / 'data' / file} is absent: set BUMPSTOP_SHARED")
+    robot = bs.Robot.load(name)
+    log = Recording.load(SHARED / "data" / file)
+    split = log.t[0] + 0.75 * (log.t[-1] - log.t[0])
+    fit = identify_dynamics(log.between(log.t[0], split), robot)
+    found = np.array([score.r2 for score in fit.score(log.between(split, log.t[-1]), filter_hz=filter_hz)])
+    assert np.all(found > np.array(others) - 0.015)
+    assert found.mean() > np.mean(others)
