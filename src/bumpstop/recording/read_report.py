@@ -1,0 +1,32 @@
+"""What reading a recording found: rows, bad rows, gaps, notes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadReport:
+    """What was read and what was left out.
+
+    Attributes:
+        rows_read: rows of the file, bad ones included.
+        dropped: the first 20 bad rows: their number and why they were dropped (reason, then the value).
+        counts: number of dropped rows by reason.
+        gaps: (start [s], length [s]) of every interval longer than three times the median one.
+        notes: what is unusual about the recording, one sentence each.
+        numbered: what the row numbers count: ``"line"`` of a text file, ``"row"`` or ``"message"``, from 1.
+    """
+
+    rows_read: int = 0
+    dropped: tuple[tuple[int, str], ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+    gaps: tuple[tuple[float, float], ...] = ()
+    notes: tuple[str, ...] = ()
+    numbered: str = "row"
+
+    @property
+    def rows_dropped(self) -> int:
+        """Number of all dropped rows."""
+        return sum(self.counts.values())

@@ -1,0 +1,154 @@
+"""The way from any file to the fields of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.model import Robot
+from bumpstop.recording.checks import checked
+from bumpstop.recording.choose import choose
+from bumpstop.recording.columns import Columns, Coupling
+from bumpstop.recording.memory import check_memory
+from bumpstop.recording.table import RawRecording, Table
+
+_BY_ENDING = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".tsv": "csv",
+    ".dat": "csv",
+    ".parquet": "parquet",
+    ".db3": "ros2bag",
+    ".mcap": "mcap",
+    ".xlsx": "xlsx",
+    ".mat": "mat",
+}
+_FIELDS = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau", "wrench": "wrench"}
+
+
+def read(
+    path: Path, columns: str | Path | Mapping[str, Any] | None, max_bad: float, robot: Robot | None, topic: str | None
+) -> dict[str, Any]:
+    """Fields of a ``Recording``; arguments and errors as ``Recording.load``."""
+    if not 0 <= max_bad <= 1:
+        raise InputError("max_bad", f"is {max_bad:g}", "wanted a share from 0 to 1")
+    if not path.exists():
+        raise InputError(str(path), "there is no such file")
+    given = Columns.load(columns, path.parent)
+    kind = _format(path, given)
+    notes = check_memory(path, kind)
+    raw = _raw(path, kind, given, robot, topic)
+    raw = _on_joint_side(raw, given)
+    n = raw.values["position"].shape[1]
+    _check_widths(raw, robot, path)
+    values, report = checked(replace(raw, notes=(*notes, *raw.notes)), robot, max_bad, path)
+    names = raw.joint_names or given.joint_names
+    if len(names) != n:
+        names = tuple(joint.name for joint in robot.joints) if robot is not None else ()
+    fields: dict[str, Any] = {_FIELDS[name]: value for name, value in values.items() if name != "t"}
+    return fields | {
+        "t": values["t"][:, 0],
+        "joint_names": names,
+        "robot": robot.name if robot is not None else raw.robot,
+        "source": str(path),
+        "report": report,
+    }
+
+
+def _format(path: Path, columns: Columns) -> str:
+    if columns.format:
+        return columns.format
+    if path.is_dir():
+        return "ros2bag"
+    kind = _BY_ENDING.get(path.suffix.lower())
+    if kind is None:
+        known = ", ".join(_BY_ENDING)
+        raise InputError(
+            str(path), f"{path.suffix!r} is no known ending", f"valid: {known}, or format in a column file"
+        )
+    return kind
+
+
+def _raw(path: Path, kind: str, columns: Columns, robot: Robot | None, topic: str | None) -> RawRecording:
+    if kind in ("ros2bag", "mcap"):
+        from bumpstop.recording.ros import read_bag
+
+        return read_bag(path, columns, robot, topic)
+    if topic is not None:
+        raise InputError("topic", f"{str(path)!r} is no bag and has no topics")
+    if path.is_dir():
+        raise InputError(str(path), "is a folder", "wanted a file, or the folder of a bag")
+    if kind == "mat":
+        from bumpstop.recording.matlab import read_matlab
+
+        return read_matlab(path, columns)
+    open_table = _opener(kind, columns.header)
+    return choose(open_table(path), columns, path, open_table)
+
+
+def _opener(kind: str, header: bool | None) -> Callable[[Path], Table]:
+    def open_table(path: Path) -> Table:
+        if not path.is_file():
+            raise InputError(str(path), "there is no such file")
+        if path.stat().st_size == 0:
+            raise InputError(str(path), "is empty")
+        if kind == "csv":
+            from bumpstop.recording.delimited import read_delimited
+
+            return read_delimited(path, header)
+        from bumpstop.recording.frames import read_excel, read_parquet
+
+        return read_parquet(path) if kind == "parquet" else read_excel(path, header)
+
+    return open_table
+
+
+def _on_joint_side(raw: RawRecording, columns: Columns) -> RawRecording:
+    """Apply the coupling to what was measured at the motors."""
+    coupling = columns.coupling
+    at_motor = {name for name, quantity in columns.quantities.items() if quantity.side == "motor"}
+    if coupling is None:
+        if "torque" in at_motor:
+            raise InputError("columns.torque.side", '"motor" needs a [coupling]', 'give ratio, or side = "joint"')
+        return raw
+    n = raw.values["position"].shape[1]
+    if coupling.ratio.shape[0] != n:
+        raise InputError("columns.coupling.ratio", f"is for {coupling.ratio.shape[0]} joints, positions have {n}")
+    values = dict(raw.values)
+    with np.errstate(all="ignore"):  # garbage is still in there
+        inverse = np.linalg.inv(coupling.ratio).T
+        if "position" in at_motor or "position" not in columns.quantities:
+            values["position"] = _times(values["position"], inverse) + coupling.offset
+        if "velocity" in values and ("velocity" in at_motor or "velocity" not in columns.quantities):
+            values["velocity"] = _times(values["velocity"], inverse)
+        if "torque" in values:
+            if "torque" in at_motor:
+                values["torque"] = _times(values["torque"], coupling.ratio)
+            values["torque"] = values["torque"] * coupling.sign
+        if "current" in values:
+            values["current"] = values["current"] * coupling.sign
+    return replace(raw, values=values)
+
+
+def _times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Rows times a matrix; zeros in it keep garbage of one joint out of the others' columns."""
+    result = np.zeros_like(rows)
+    for i, j in zip(*np.nonzero(matrix), strict=True):
+        result[:, j] += rows[:, i] * matrix[i, j]
+    return result
+
+
+def _check_widths(raw: RawRecording, robot: Robot | None, path: Path) -> None:
+    n = raw.values["position"].shape[1]
+    if robot is not None and robot.dof != n:
+        raise InputError(str(path), f"holds {n} joints, {robot.name} has {robot.dof}", "is it the right robot?")
+    for name, value in raw.values.items():
+        width = {"t": 1, "wrench": 6}.get(name, n)
+        if value.shape[1] != width:
+            raise InputError(f"columns.{name}", f"{value.shape[1]} columns, positions have {n}", f"wanted {width}")

@@ -1,0 +1,142 @@
+"""A recording: what an arm measured of itself, over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.errors import InputError
+from bumpstop.model import Robot
+from bumpstop.recording.read_report import ReadReport
+
+_NOTHING_READ = ReadReport()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recording:
+    """Positions of the joints over time, and what else was measured. Immutable; every number is finite.
+
+    Attributes:
+        t: (N,) time, strictly rising [s]; intervals may differ.
+        q: (N, n) joint positions [rad or m].
+        qd: (N, n) joint speeds [rad/s or m/s], or None.
+        current: (N, n) motor currents, motor side, positive as the column file's sign says [A], or None.
+        tau: (N, n) joint torques, joint side, positive along +q [Nm or N], or None.
+        wrench: (N, 6) force [N] and torque [Nm] as the file gives them, or None.
+        joint_names: n names, or empty.
+        robot: its name, or empty.
+        source: the file it was read from.
+        report: what reading found.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray | None = None
+    current: FloatArray | None = None
+    tau: FloatArray | None = None
+    wrench: FloatArray | None = None
+    joint_names: tuple[str, ...] = ()
+    robot: str = ""
+    source: str = ""
+    report: ReadReport = _NOTHING_READ
+
+    def __post_init__(self) -> None:
+        t = as_float_array(self.t, "recording.t", (None,))
+        if t.size < 2:
+            raise InputError("recording.t", f"{t.size} rows", "wanted at least 2")
+        falling = np.flatnonzero(np.diff(t) <= 0)
+        if falling.size:
+            raise InputError(
+                f"recording.t[{falling[0] + 1}]", "is not later than the one before", "wanted rising times"
+            )
+        object.__setattr__(self, "t", t)
+        q = as_float_array(self.q, "recording.q", (t.size, None))
+        object.__setattr__(self, "q", q)
+        for name, width in (("qd", q.shape[1]), ("current", q.shape[1]), ("tau", q.shape[1]), ("wrench", 6)):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, as_float_array(value, f"recording.{name}", (t.size, width)))
+        if self.joint_names and len(self.joint_names) != q.shape[1]:
+            problem = f"{len(self.joint_names)} of them for {q.shape[1]} joints"
+            raise InputError("recording.joint_names", problem)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        *,
+        columns: str | Path | Mapping[str, Any] | None = None,
+        max_bad: float = 0.01,
+        robot: Robot | None = None,
+        topic: str | None = None,
+    ) -> Recording:
+        """Read a file: CSV, Parquet, Excel, MATLAB, or a ROS 2 bag.
+
+        Args:
+            path: of the file, or of a bag's folder.
+            columns: a column file or a dict of its keys; needed where names do not tell what the columns hold.
+            max_bad: share of bad rows up to which they are dropped and reported, 0 to 1.
+            robot: whose limits tell what is impossible and whose joint names order those of a bag.
+            topic: of the bag; default: the column file's, else the only one with joint states.
+
+        Raises:
+            InputError: the file, the column file or too many rows cannot be used.
+        """
+        from bumpstop.recording.reading import read
+
+        return cls(**read(Path(path), columns, as_number(max_bad, "max_bad"), robot, topic))
+
+    def save(self, path: str | Path) -> None:
+        """Write ``.parquet`` (everything), ``.csv`` (without names) or ``.mcap`` (``sensor_msgs/msg/JointState``).
+
+        A bag's effort is ``tau``, or ``current`` where there is no ``tau``; a wrench is not written to it.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        from bumpstop.recording.writing import write
+
+        write(self, Path(path))
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    @property
+    def duration(self) -> float:
+        """From the first row to the last [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def dt(self) -> float:
+        """Median interval [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def rate_hz(self) -> float:
+        """Median rate [Hz]."""
+        return 1.0 / self.dt
+
+    def between(self, start_s: float, end_s: float) -> Recording:
+        """The rows from ``start_s`` to ``end_s``, both included; times stay as they are [s].
+
+        Raises:
+            InputError: fewer than two rows lie there.
+        """
+        rows = slice(int(np.searchsorted(self.t, start_s, "left")), int(np.searchsorted(self.t, end_s, "right")))
+        if rows.stop - rows.start < 2:
+            problem = f"fewer than 2 rows lie between {start_s:g} s and {end_s:g} s"
+            raise InputError("between", problem, f"it lasts from {self.t[0]:g} s to {self.t[-1]:g} s")
+        cut = {
+            name: None if value is None else value[rows]
+            for name in ("t", "q", "qd", "current", "tau", "wrench")
+            for value in (getattr(self, name),)
+        }
+        gaps = tuple(gap for gap in self.report.gaps if start_s <= gap[0] and gap[0] + gap[1] <= end_s)
+        return replace(self, **cut, report=replace(self.report, gaps=gaps))

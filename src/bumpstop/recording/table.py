@@ -1,0 +1,62 @@
+"""What every reader hands on: numbers in file order with their row numbers, before any check of their values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+
+RowNumbers = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Table:
+    """A file of named columns whose values are fetched when they are wanted.
+
+    Attributes:
+        names: of the columns; empty for a file without a header.
+        width: number of columns.
+        rows: (N,) number of each readable row in its file.
+        first_row: number the first row of data has or would have.
+        faults: rows that could not be taken apart, with the reason.
+        rows_read: readable and unreadable ones.
+        numbered: what the numbers count.
+        fetch: columns by index, (N, k) in the file's units; NaN where no number stands.
+        joint_names, robot: what the file says of itself.
+        notes: what is unusual.
+    """
+
+    names: tuple[str, ...]
+    width: int
+    rows: RowNumbers
+    first_row: int
+    rows_read: int
+    numbered: str
+    fetch: Callable[[list[int]], FloatArray]
+    faults: tuple[tuple[int, str], ...] = ()
+    joint_names: tuple[str, ...] = ()
+    robot: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RawRecording:
+    """Quantities in SI on the side they were measured, unchecked.
+
+    Attributes:
+        values: ``t`` (N, 1), ``position`` and what else was recorded (N, k); NaN where no number stands.
+        rows, faults, rows_read, numbered, joint_names, robot, notes: as in ``Table``.
+    """
+
+    values: dict[str, FloatArray]
+    rows: RowNumbers
+    rows_read: int
+    numbered: str
+    faults: tuple[tuple[int, str], ...] = ()
+    joint_names: tuple[str, ...] = ()
+    robot: str = ""
+    notes: tuple[str, ...] = ()
