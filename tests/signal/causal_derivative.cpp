@@ -109,17 +109,16 @@ int main() {
     // The batch beside it, at the edges of its memory.
     for (std::size_t rows : {4u, 5u, 9u, 40u})
         for (std::size_t columns : {1u, 3u, 8u, 9u}) {
-            std::vector<double> t(rows), q(rows * columns), out[3];
+            std::vector<double> t(rows), q(rows * columns), position(q), rate(q), acceleration(q);
             for (std::size_t i = 0; i < rows; ++i) t[i] = 0.01 * double(i) + checks::uniform(0, 0.005);
-            for (std::size_t i = 0; i < rows * columns; ++i) q[i] = std::pow(t[i / columns], 3);
-            for (auto& o : out) o.resize(q.size());
+            for (std::size_t i = 0; i < q.size(); ++i) q[i] = std::pow(t[i / columns], 3);
             local_derivatives(t.data(), q.data(), rows, columns, 0.05, 3,
-                              {out[0].data(), out[1].data(), out[2].data()});
+                              {position.data(), rate.data(), acceleration.data()});
             for (std::size_t i = 0; i < q.size(); ++i) {
                 const double s = t[i / columns];
-                CHECK_NEAR(out[0][i], s * s * s, 1e-12);
-                CHECK_NEAR(out[1][i], 3 * s * s, 1e-10);
-                CHECK_NEAR(out[2][i], 6 * s, 1e-7);
+                CHECK_NEAR(position[i], s * s * s, 1e-12);
+                CHECK_NEAR(rate[i], 3 * s * s, 1e-10);
+                CHECK_NEAR(acceleration[i], 6 * s, 1e-7);
             }
         }
     return checks::result();

@@ -310,7 +310,7 @@ Q = [[0.0]] * 5
         (lambda: derivatives(T, Q, window_s=0), "window_s: is 0; wanted a width above 0"),
         (lambda: derivatives(T, Q, degree=1), "degree: is 1; wanted a whole number from 2 to 5"),
         (lambda: derivatives(T[:3], Q[:3]), "t: has 3 samples; a polynomial of degree 3 needs at least 4"),
-        (lambda: derivatives([0, 1, 1, 2, 3], Q), r"t\[2\]: 1.0 is not later than 1.0 before it; wanted increasing times"),
+        (lambda: derivatives([0, 1, 1, 2, 3], Q), r"t\[2\]: 1.0 is not later than 1.0 before it; times increase"),
         (lambda: derivatives(T, Q[:4]), r"q: has shape \(4, 1\); wanted \(5, N\)"),
         (lambda: derivatives(T, [[np.nan]] * 5), r"q\[0, 0\]: is nan"),
         (lambda: derivatives(T, np.zeros((5, 0))), "q: has shape .* at least one column"),

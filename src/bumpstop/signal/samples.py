@@ -38,6 +38,6 @@ def as_samples(
     if not (steps > 0).all():
         late = int(np.argmax(~(steps > 0))) + 1
         raise InputError(
-            f"t[{late}]", f"{float(times[late])} is not later than {float(times[late - 1])} before it", "wanted increasing times"
+            f"t[{late}]", f"{float(times[late])} is not later than {float(times[late - 1])} before it", "times increase"
         )
     return times, rows
