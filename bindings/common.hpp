@@ -66,6 +66,8 @@ inline void store_rows(const NativeLanes* column, int width, std::size_t first, 
 void bind_math(nb::module_& module);
 void bind_model(nb::module_& module);
 void bind_dynamics(nb::module_& module);
+void bind_signal(nb::module_& module);
+void bind_joint(nb::module_& module);
 void bind_collision(nb::module_& module);
 void bind_trajectory(nb::module_& module);
 

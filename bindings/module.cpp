@@ -7,6 +7,8 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_math(module);
     bumpstop::bind_model(module);
     bumpstop::bind_dynamics(module);
+    bumpstop::bind_signal(module);
+    bumpstop::bind_joint(module);
     bumpstop::bind_collision(module);
     bumpstop::bind_trajectory(module);
 }

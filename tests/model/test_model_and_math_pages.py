@@ -1,4 +1,4 @@
-"""The Python sessions of docs/model.md and docs/math.md, run; their C++ example, compiled and run."""
+"""The Python sessions of the pages of the rooms, run; the C++ example of docs/model.md, compiled and run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("page", ["model.md", "math.md"])
+@pytest.mark.parametrize("page", ["model.md", "math.md", "signal.md", "joint.md"])
 def test_sessions(page: str) -> None:
     session = doctest.DocTestParser().get_doctest("\n".join(blocks(page, "pycon")), {}, page, page, 0)
     assert session.examples

@@ -1,0 +1,145 @@
+"""Joint model files: TOML, read strictly and written back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.arrays import as_float_array, as_number
+from bumpstop.errors import InputError, near_matches
+from bumpstop.joint.model import (
+    COMMON,
+    DEFAULT_REST_SPEED,
+    OF_FRICTION,
+    OF_MAP,
+    JointParameters,
+    JointTorqueModel,
+    Parameter,
+)
+
+if TYPE_CHECKING:
+    from bumpstop.joint.model import CurrentMap, FrictionLaw
+
+_UNKNOWN = "unknown"
+_HEAD = ("robot", "created_from", "unit")
+_RANGES = ("current_range", "speed_range")
+_OPTIONAL = ("friction", "rest_speed", "friction_sd")
+
+
+def model_from_toml(content: bytes, file: str) -> JointTorqueModel:
+    """Build a model from a file (see docs/joint.md for its keys).
+
+    Raises:
+        InputError: damaged TOML; a key that is unknown, missing or has a value that cannot be used. Names file and key.
+    """
+    import tomllib
+
+    try:
+        data = tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:  # ValueError: bad TOML, bad UTF-8, absurd integers
+        raise InputError(file, f"damaged TOML: {error}") from error
+    try:
+        _check_keys(data, (*_HEAD, "note", "joint"), "")
+        head: dict[str, Any] = {key: _text(data, key, "") for key in _HEAD}
+        joints = _needed(data, "joint", "")
+        if not isinstance(joints, list):
+            raise InputError("joint", "is not a list of tables", "wanted one [[joint]] for every joint")
+        return JointTorqueModel(
+            **head,
+            note=_text(data, "note", "") if "note" in data else "",
+            joints=tuple(_joint(joint, number) for number, joint in enumerate(joints, start=1)),
+        )
+    except InputError as error:
+        raise InputError(f"{file} {error.field}", error.problem, error.valid) from None
+
+
+def model_to_toml(model: JointTorqueModel) -> str:
+    """The file :func:`model_from_toml` reads the same model from."""
+    lines = [f"{key} = {_quoted(getattr(model, key))}" for key in _HEAD]
+    if model.note:
+        lines.append(f"note = {_quoted(model.note)}")
+    for joint in model.joints:
+        lines += ["", "[[joint]]", *(f"{key} = {_quoted(getattr(joint, key))}" for key in ("name", "map", "friction"))]
+        lines += [f"{name} = {_parameter_text(parameter)}" for name, parameter in joint.parameters.items()]
+        for key in _RANGES:
+            given = getattr(joint, key)
+            lines.append(f"{key} = " + (_quoted(_UNKNOWN) if given is None else str([float(end) for end in given])))
+        lines.append(f"rest_speed = {float(joint.rest_speed)!r}")
+        if joint.friction_sd is not None:
+            lines.append(f"friction_sd = {float(joint.friction_sd)!r}")
+    return "\n".join(lines) + "\n"
+
+
+def _joint(data: Any, number: int) -> JointParameters:
+    if not isinstance(data, Mapping):
+        raise InputError(f"joint[{number}]", "is not a table", "wanted [[joint]]")
+    name = _text(data, "name", f"joint[{number}].")
+    where = f"joint {name} "
+    every = dict.fromkeys(key for keys in (*OF_MAP.values(), *OF_FRICTION.values(), COMMON) for key in keys)
+    _check_keys(data, ("name", "map", *_OPTIONAL, *_RANGES, *every), where)
+    kind: CurrentMap = _text(data, "map", where)  # type: ignore[assignment]
+    friction: FrictionLaw = _text({"friction": "power", **data}, "friction", where)  # type: ignore[assignment]
+    return JointParameters(
+        name=name,
+        map=kind,
+        friction=friction,
+        parameters={key: _parameter(data[key], key, where) for key in every if key in data},
+        current_range=_range(data, "current_range", where),
+        speed_range=_range(data, "speed_range", where),
+        rest_speed=data.get("rest_speed", DEFAULT_REST_SPEED),
+        friction_sd=data.get("friction_sd"),
+    )
+
+
+def _parameter(data: Any, key: str, where: str) -> Parameter | None:
+    if data == _UNKNOWN and key in COMMON:
+        return None
+    if not isinstance(data, Mapping):
+        other = f' or "{_UNKNOWN}"' if key in COMMON else ""
+        raise InputError(f"{where}{key}", f"{data!r} cannot be used", f"wanted {{ value, standard_error }}{other}")
+    _check_keys(data, ("value", "standard_error"), f"{where}{key}.")
+    error = _needed(data, "standard_error", f"{where}{key}.")
+    return Parameter(
+        as_number(_needed(data, "value", f"{where}{key}."), f"{where}{key}.value"),
+        None if error == _UNKNOWN else as_number(error, f"{where}{key}.standard_error"),
+    )
+
+
+def _range(data: Mapping[str, Any], key: str, where: str) -> tuple[float, float] | None:
+    given = _needed(data, key, where)
+    if given == _UNKNOWN:
+        return None
+    low, high = as_float_array(given, f"{where}{key}", (2,))
+    return float(low), float(high)
+
+
+def _check_keys(data: Mapping[str, Any], known: Iterable[str], where: str) -> None:
+    for key in data:
+        if key not in known:
+            raise InputError(f"{where}{key}", "is not a key of a joint model", near_matches(str(key), known))
+
+
+def _needed(data: Mapping[str, Any], key: str, where: str) -> Any:
+    if key not in data:
+        raise InputError(f"{where}{key}", "is missing")
+    return data[key]
+
+
+def _text(data: Mapping[str, Any], key: str, where: str) -> str:
+    value = _needed(data, key, where)
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f"{where}{key}", f"{value!r} cannot be used", "wanted text")
+    return value
+
+
+def _parameter_text(parameter: Parameter | None) -> str:
+    if parameter is None:
+        return _quoted(_UNKNOWN)
+    error = _quoted(_UNKNOWN) if parameter.standard_error is None else repr(float(parameter.standard_error))
+    return f"{{ value = {float(parameter.value)!r}, standard_error = {error} }}"
+
+
+def _quoted(text: str) -> str:
+    # A JSON string is a TOML string, but for one control character.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

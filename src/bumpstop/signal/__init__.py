@@ -1,0 +1,6 @@
+"""Rates and accelerations from positions sampled at uneven times."""
+
+from bumpstop.signal.derivatives import causal_derivatives, derivatives, differences
+from bumpstop.signal.lowpass import zero_phase_lowpass
+
+__all__ = ["causal_derivatives", "derivatives", "differences", "zero_phase_lowpass"]
