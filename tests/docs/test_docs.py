@@ -185,10 +185,10 @@ def test_console(
                 assert any(Path(file).match(pattern) for file in written), pattern
 
 
-@pytest.mark.parametrize(("command", "heading"), [("evaluate", "evaluate"), ("bodies", "bodies"), ("robots", "robots")])
-def test_options(command: str, heading: str) -> None:
+@pytest.mark.parametrize("command", ["evaluate", "bodies", "robots", "identify", "validate"])
+def test_options(command: str) -> None:
     parameters: Any = typer.main.get_command(app).commands[command].params  # type: ignore[attr-defined]
-    compare_options(parameters, heading)
+    compare_options(parameters, command)
 
 
 @pytest.mark.parametrize("command", ["show", "export"])
