@@ -22,7 +22,7 @@ def state(t: float, names: list[str], effort: bool = True) -> bytes:
     types = STORE.types
     stamp = types["builtin_interfaces/msg/Time"](sec=int(t), nanosec=round(1e9 * (t % 1)))
     header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
-    q = np.array([t + ord(name) for name in names])
+    q = np.array([t + ord(name[0]) for name in names])
     message: Any = types[STATE](
         header=header, name=names, position=q, velocity=2 * q, effort=3 * q if effort else np.zeros(0)
     )

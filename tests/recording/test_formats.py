@@ -138,13 +138,13 @@ def test_column_file_on_disk(tmp_path: Path) -> None:
 def test_damaged_files(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"this is something else" * 20)
     columns = {"time": {"variable": "t"}, "position": {"variable": "q"}} if name.endswith("mat") else None
-    with pytest.raises(InputError, match="cannot be read|damaged"):
+    with pytest.raises(InputError, match=r"cannot be read|damaged"):
         Recording.load(tmp_path / name, columns=columns)
 
 
 def test_text_without_names_asks_for_a_column_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no header; say with --columns"):
         Recording.load(written(tmp_path, lines()))
+    (tmp_path / "x.abc").touch()
     with pytest.raises(InputError, match="no known ending"):
-        recording().save(tmp_path / "x.parquet")
-        Recording.load((tmp_path / "x.parquet").rename(tmp_path / "x.abc"))
+        Recording.load(tmp_path / "x.abc")
