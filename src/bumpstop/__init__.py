@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from bumpstop.contact import ContactLimits, LimitTable
     from bumpstop.errors import BumpstopError, InputError
     from bumpstop.model import Joint, Robot, robots
+    from bumpstop.recording import Recording
 
 _HOME = {
     "bumpstop.collision": (
@@ -53,6 +54,7 @@ _HOME = {
     "bumpstop.contact": ("ContactLimits", "LimitTable"),
     "bumpstop.errors": ("BumpstopError", "InputError"),
     "bumpstop.model": ("Joint", "Robot", "robots"),
+    "bumpstop.recording": ("Recording",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -65,6 +67,7 @@ __all__ = [
     "Joint",
     "LimitTable",
     "Problem",
+    "Recording",
     "Robot",
     "Scenario",
     "StoppingCurve",

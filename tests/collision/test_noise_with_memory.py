@@ -13,7 +13,8 @@ from scipy import stats
 
 import bumpstop as bs
 from bumpstop.collision.noise import contact_residual, noise_of_run
-from bumpstop.detection.residuals import ResidualRecord, correlation_time
+from bumpstop.detection.residuals import ResidualRecord
+from bumpstop.signal import correlation_time
 from collision.cases import REMEMBERING, control_group, fixed
 from collision.test_exact_law import figures
 from collision.test_two_laws import RUNS, compare

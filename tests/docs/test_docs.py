@@ -91,9 +91,11 @@ def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
     assert 0 < law.peak_force.quantile(0.5) < math.inf
 
 
-def test_python_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = ROOT / "docs" / "collision.md"
-    (tmp_path / "scenario.toml").write_text(blocks(page, "toml")[0], encoding="utf-8")
+@pytest.mark.parametrize("name", ["collision.md", "recording.md"])
+def test_python_session(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = blocks(ROOT / "docs" / "collision.md", "toml")[0]
+    page = ROOT / "docs" / name
+    (tmp_path / "scenario.toml").write_text(scenario, encoding="utf-8")
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     sessions = blocks(page, "pycon")
@@ -195,6 +197,12 @@ def test_options(command: str) -> None:
 def test_options_of_robots(command: str) -> None:
     group: Any = typer.main.get_command(app).commands["robots"]  # type: ignore[attr-defined]
     compare_options(group.commands[command].params, f"robots {command}")
+
+
+@pytest.mark.parametrize("command", ["info", "convert"])
+def test_options_of_recording(command: str) -> None:
+    group: Any = typer.main.get_command(app).commands["recording"]  # type: ignore[attr-defined]
+    compare_options(group.commands[command].params, f"recording {command}")
 
 
 def compare_options(parameters: Any, heading: str) -> None:

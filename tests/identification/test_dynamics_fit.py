@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bumpstop.recording import Recording
 
 import bumpstop as bs
 from bumpstop.identification import (
@@ -19,6 +18,7 @@ from bumpstop.identification import (
     save_fit,
 )
 from bumpstop.model import inverse_dynamics
+from bumpstop.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get("BUMPSTOP_SHARED", ROOT.parent / "shared"))

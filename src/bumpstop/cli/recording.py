@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -122,9 +123,8 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
         console.print(f"note: {note}")
 
 
-def _counts(counts: object) -> str:
-    pairs = dict(counts) if isinstance(counts, dict) else {}
-    return f" ({', '.join(f'{reason} {count}' for reason, count in pairs.items())})" if pairs else ""
+def _counts(counts: Mapping[str, int]) -> str:
+    return f" ({', '.join(f'{reason} {count}' for reason, count in counts.items())})" if counts else ""
 
 
 def _print_table(recording: Recording, robot: Robot | None, console: Console) -> None:
@@ -137,13 +137,16 @@ def _print_table(recording: Recording, robot: Robot | None, console: Console) ->
     shown = {heading: value for heading, value in quantities.items() if value is not None}
     touched = {} if robot is None else limits_touched(recording, robot)
     table = Table(box=None, pad_edge=False)
-    for heading in ("", "joint", *shown, *(f"rows at {name} limit" for name in touched)):
-        table.add_column(heading, justify="left" if heading == "joint" else "right", overflow="fold")
+    for heading in ("", "joint", *shown, *(f"{name} limit" for name in touched)):
+        table.add_column(heading, justify="left" if heading == "joint" else "right", no_wrap=True)
     for j in range(recording.dof):
         ranges = (f"{value[:, j].min():.4g} to {value[:, j].max():.4g}" for value in shown.values())
         name = recording.joint_names[j] if recording.joint_names else "-"
         table.add_row(str(j + 1), name, *ranges, *(str(count[j]) for count in touched.values()))
     console.print(table)
+    if touched:
+        rows = sum(int(count.sum()) for count in touched.values())
+        console.print("limits touched: " + (f"{rows} times; rows by joint above" if rows else "none"))
 
 
 def _draw(recording: Recording, robot: Robot | None, path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
+from bumpstop.signal import correlation_time
 
 # An interval this far from the feedback period, as a share of it, is a gap.
 _UNEVEN = 0.1
@@ -17,8 +18,6 @@ _MOST_UNEVEN = 0.01  # share of the intervals
 _FEWEST_ROWS = 100
 # A block this many correlation times long keeps nine tenths and more of the correlation inside blocks.
 _TIMES = 10
-# Sokal's window: the sum of correlations ends at this many times itself.
-_WINDOW = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,26 +103,6 @@ class ResidualRecord:
         if rows.shape[0] < _FEWEST_ROWS:
             raise InputError(where, f"{str(path)!r} has {rows.shape[0]} rows", f"wanted at least {_FEWEST_ROWS}")
         return cls.from_rows(rows, _check_time(columns[0], period, where, str(path)))
-
-
-def correlation_time(x: FloatArray) -> float:
-    """Integrated correlation time of a series, in samples: 1 + 2 sum of its correlations, at least 1.
-
-    The sum ends at five times itself (A. Sokal, "Monte Carlo methods in statistical mechanics", 1996): beyond that the
-    estimates of the correlations are noise.
-
-    Args:
-        x: (N,) evenly sampled series.
-    """
-    centred = np.asarray(x, dtype=np.float64) - np.mean(x)
-    n = centred.size
-    power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
-    correlation = np.fft.irfft(power)[:n]
-    if not correlation[0] > 0:
-        return 1.0
-    sums = 2 * np.cumsum(correlation / correlation[0]) - 1
-    ends = np.flatnonzero(np.arange(n) >= _WINDOW * sums)
-    return max(1.0, float(sums[ends[0]] if ends.size else sums[-1]))
 
 
 def _check_time(t: FloatArray, period: float, where: str, path: str) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.motion import EvenMotion, even_motion, lowpass, onto
 from bumpstop.identification.regressor import inertial_names, inertial_regressor
+from bumpstop.signal import correlation_time
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -337,8 +338,6 @@ def _standard_errors(matrix: FloatArray, residual: FloatArray, joints: int) -> F
     Cluster-robust: blocks of consecutive rows, long against the residuals' memory, count as independent (a sandwich of
     the blocks' scores).
     """
-    from bumpstop.detection.residuals import correlation_time
-
     rows = residual.size // joints
     memory = max(correlation_time(residual.reshape(rows, joints)[:, j]) for j in range(joints))
     blocks = max(8, min(rows // max(1, math.ceil(5 * memory)), 400))

@@ -14,7 +14,7 @@ from bumpstop.errors import InputError
 from bumpstop.model import Robot
 from bumpstop.recording.checks import checked
 from bumpstop.recording.choose import choose
-from bumpstop.recording.columns import Columns, Coupling
+from bumpstop.recording.columns import Columns
 from bumpstop.recording.memory import check_memory
 from bumpstop.recording.table import RawRecording, Table
 
@@ -122,7 +122,7 @@ def _on_joint_side(raw: RawRecording, columns: Columns) -> RawRecording:
         raise InputError("columns.coupling.ratio", f"is for {coupling.ratio.shape[0]} joints, positions have {n}")
     values = dict(raw.values)
     with np.errstate(all="ignore"):  # garbage is still in there
-        inverse = np.linalg.inv(coupling.ratio).T
+        inverse: FloatArray = np.linalg.inv(coupling.ratio).T.astype(np.float64)
         if "position" in at_motor or "position" not in columns.quantities:
             values["position"] = _times(values["position"], inverse) + coupling.offset
         if "velocity" in values and ("velocity" in at_motor or "velocity" not in columns.quantities):

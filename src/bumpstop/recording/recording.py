@@ -106,7 +106,7 @@ class Recording:
     @property
     def dof(self) -> int:
         """Number of joints."""
-        return self.q.shape[1]
+        return int(self.q.shape[1])
 
     @property
     def duration(self) -> float:
@@ -133,7 +133,7 @@ class Recording:
         if rows.stop - rows.start < 2:
             problem = f"fewer than 2 rows lie between {start_s:g} s and {end_s:g} s"
             raise InputError("between", problem, f"it lasts from {self.t[0]:g} s to {self.t[-1]:g} s")
-        cut = {
+        cut: dict[str, Any] = {
             name: None if value is None else value[rows]
             for name in ("t", "q", "qd", "current", "tau", "wrench")
             for value in (getattr(self, name),)

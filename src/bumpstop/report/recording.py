@@ -25,14 +25,14 @@ _LINES = ("-", "--", "-.", ":")
 
 
 def recording_picture(recording: Recording, robot: Robot | None = None) -> Picture:
-    """The quantities of a recording over time, one panel each; times at a joint's limit are marked if a robot is given."""
+    """The quantities of a recording over time, one panel each; a robot's limits are marked where touched."""
     panels = [("q, rad", recording.q), ("qd, rad/s", recording.qd), ("current, A", recording.current)]
     panels += [("tau, Nm", recording.tau), ("wrench", recording.wrench)]
     shown = [(label, value) for label, value in panels if value is not None]
     height = 0.9 + 1.15 * len(shown)
 
     def draw(figure: Figure) -> None:
-        axes = stack(figure, [1.0] * len(shown), right=0.75)
+        axes = stack(figure, [1.0] * len(shown), left=0.72, right=0.75)
         for panel, (label, value) in zip(axes, shown, strict=True):
             for j in range(value.shape[1]):
                 t, x = _thinned(recording.t, value[:, j])

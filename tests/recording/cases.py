@@ -1,0 +1,54 @@
+"""Small recordings and the real ones beside the repository."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bumpstop.recording import Recording
+
+SHARED = Path(os.environ.get("BUMPSTOP_SHARED", Path(__file__).parents[2].parent / "shared")) / "data"
+JOINTS = ("a", "b")
+
+
+def real(name: str) -> Path:
+    """A real recording, or the test is skipped."""
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"{path} is not there (BUMPSTOP_SHARED names its folder)")
+    return path
+
+
+def recording(rows: int = 200, dt: float = 0.01, dof: int = 2) -> Recording:
+    """Sines with everything measured."""
+    t = dt * np.arange(rows)
+    phase = t[:, None] + np.arange(dof)
+    names = JOINTS if dof == 2 else tuple(f"j{i}" for i in range(dof))
+    return Recording(
+        t=t,
+        q=np.sin(phase),
+        qd=np.cos(phase),
+        current=2 * np.sin(phase),
+        tau=3 * np.cos(phase),
+        wrench=np.tile(np.sin(t)[:, None], 6),
+        joint_names=names,
+        robot="arm",
+    )
+
+
+def lines(rows: int = 200) -> list[str]:
+    """Headerless CSV: time, two positions, a text nobody wants."""
+    return [f"{0.01 * i:.2f},{np.sin(0.01 * i):.9f},{np.cos(0.01 * i):.9f},ok" for i in range(rows)]
+
+
+COLUMNS = {"time": {"column": 1}, "position": {"columns": [2, 3]}}
+
+
+def written(folder: Path, text: list[str]) -> Path:
+    """A CSV file of these lines."""
+    path = folder / "run.csv"
+    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+    return path

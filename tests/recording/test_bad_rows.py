@@ -1,0 +1,150 @@
+"""Bad rows: found, located, counted, never let through."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bumpstop import InputError, Robot
+from bumpstop.recording import Recording
+from bumpstop.recording.checks import _disorder
+from recording.cases import COLUMNS, lines, recording, written
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("0.50,0.1,0.2", "wrong field count"),
+        ("0.50,0.1", "wrong field count"),
+        ("0.50,0.1,0.2,ok,more", "wrong field count"),
+        ("0.50,x,0.2,ok", "not a number"),
+        ("0.50,,0.2,ok", "not a number"),
+        ("0.50,nan,0.2,ok", "not a number"),
+        ("0.50,inf,0.2,ok", "not finite"),
+        ("0.50,0.1,1e306,ok", "impossible value"),
+        ("1e306,0.1,0.2,ok", "impossible value"),
+        ("0.49,0.1,0.2,ok", "doubled time"),
+        ("0.30001,0.1,0.2,ok", "time runs backwards"),
+        ("1.50001,0.1,0.2,ok", "time runs backwards"),
+    ],
+)
+def test_bad_row_is_dropped_counted_and_located(line: str, reason: str, tmp_path: Path) -> None:
+    text = lines()
+    text[50] = line
+    found = Recording.load(written(tmp_path, text), columns=COLUMNS)
+    assert found.t.size == 199
+    assert found.report.rows_read == 200
+    assert found.report.counts == {reason: 1}
+    ((row, why),) = found.report.dropped
+    assert row == 51
+    assert why.startswith(reason)
+    assert np.abs(found.q).max() <= 1
+
+
+def test_too_many_bad_rows_are_refused(tmp_path: Path) -> None:
+    text = lines()
+    for i in (3, 5, 7):
+        text[i] = "garbage"
+    path = written(tmp_path, text)
+    with pytest.raises(InputError, match=r"3 of 200 rows are bad \(1.5 %\): line 4 .*at most 1 % may be"):
+        Recording.load(path, columns=COLUMNS)
+    assert Recording.load(path, columns=COLUMNS, max_bad=0.02).report.rows_dropped == 3
+
+
+def test_first_twenty_are_listed(tmp_path: Path) -> None:
+    text = lines()
+    for i in range(10, 60):
+        text[i] = "0,0"
+    report = Recording.load(written(tmp_path, text), columns=COLUMNS, max_bad=0.5).report
+    assert [row for row, _ in report.dropped] == list(range(11, 31))
+    assert report.rows_dropped == 50
+    assert report.gaps == ((pytest.approx(0.09), pytest.approx(0.51)),)
+
+
+def test_time_stands_still(tmp_path: Path) -> None:
+    text = [f"1.0,{i},0,ok" for i in range(20)]
+    with pytest.raises(InputError, match="time stands still"):
+        Recording.load(written(tmp_path, text), columns=COLUMNS)
+
+
+@pytest.mark.parametrize("text", ["", "\n", "t,q_1\n"])
+def test_empty(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match="is empty|has no row of data"):
+        Recording.load(path)
+
+
+def test_degrees_for_radians(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    robot = Robot.load("panda")
+    middle = np.degrees((robot.lower + robot.upper) / 2)
+    t = np.arange(100) * 0.01
+    degrees = Recording(t=t, q=middle + 60 * np.sin(t)[:, None] + np.linspace(0, 40, 100)[:, None])
+    degrees.save(path)
+    assert any("degrees" in note for note in Recording.load(path).report.notes)
+    most = Recording(t=t, q=np.full((100, 7), 90.0) + np.sin(t)[:, None])
+    most.save(path)
+    with pytest.raises(InputError, match="degrees taken for radians"):
+        Recording.load(path, robot=robot)
+    columns = {
+        "time": {"column": "t"},
+        "position": {"columns": [f"q_{j}" for j in range(1, 8)], "unit": "deg"},
+    }
+    assert Recording.load(path, robot=robot, columns=columns).q[0, 0] == pytest.approx(np.pi / 2)
+
+
+def test_robot_tells_what_is_impossible(tmp_path: Path) -> None:
+    q = np.zeros((300, 7))
+    q[7, 2] = 40.0
+    Recording(t=np.arange(300.0), q=q).save(tmp_path / "run.parquet")
+    assert Recording.load(tmp_path / "run.parquet").report.rows_dropped == 0
+    report = Recording.load(tmp_path / "run.parquet", robot=Robot.load("panda")).report
+    assert report.dropped == ((8, "impossible value: q_3 = 40"),)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.integers(0, 30), max_size=40))
+def test_fewest_rows_are_dropped_for_order(times: list[int]) -> None:
+    t = np.array(times, dtype=float)
+    doubled, backwards = _disorder(t)
+    kept = np.delete(t, np.concatenate([doubled, backwards]))
+    assert (np.diff(kept) > 0).all()
+    assert all(t[i] in t[:i] for i in doubled)
+    # By brute force: a longest rising chain through what is left without doubles.
+    left = np.delete(t, doubled)
+    best = [0] * left.size
+    for i in range(left.size):
+        best[i] = 1 + max((best[j] for j in range(i) if left[j] < left[i]), default=0)
+    assert kept.size == max(best, default=0)
+
+
+def test_uneven_time_is_kept() -> None:
+    steps = np.random.default_rng(1).uniform(0.005, 0.015, 999)
+    t = np.concatenate([[0], np.cumsum(steps)])
+    found = Recording(t=t, q=np.zeros((1000, 1)))
+    assert found.duration == pytest.approx(steps.sum())
+    assert 90 < found.rate_hz < 110
+
+
+def test_between() -> None:
+    whole = recording()
+    part = whole.between(0.5, 1.0)
+    assert part.t[0] == pytest.approx(0.5)
+    assert part.t[-1] == pytest.approx(1.0)
+    assert part.tau is not None
+    assert part.tau.shape == (51, 2)
+    with pytest.raises(InputError, match="fewer than 2 rows"):
+        whole.between(5, 6)
+
+
+@pytest.mark.parametrize("field", ["t", "q", "qd", "tau"])
+def test_nothing_unusable_enters_by_hand(field: str) -> None:
+    good = {"t": np.arange(3.0), "q": np.zeros((3, 2)), "qd": np.zeros((3, 2)), "tau": np.zeros((3, 2))}
+    broken = {**good, field: np.full_like(good[field], np.nan)}
+    with pytest.raises(InputError, match=field):
+        Recording(**broken)

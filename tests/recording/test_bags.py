@@ -1,0 +1,129 @@
+"""ROS 2 bags: topics, names, layouts, damage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from bumpstop import InputError
+from bumpstop.recording import Recording
+from recording.cases import recording
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+STATE = "sensor_msgs/msg/JointState"
+
+
+def state(t: float, names: list[str], effort: bool = True) -> bytes:
+    types = STORE.types
+    stamp = types["builtin_interfaces/msg/Time"](sec=int(t), nanosec=round(1e9 * (t % 1)))
+    header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+    q = np.array([t + ord(name[0]) for name in names])
+    message: Any = types[STATE](
+        header=header, name=names, position=q, velocity=2 * q, effort=3 * q if effort else np.zeros(0)
+    )
+    return bytes(STORE.serialize_cdr(message, STATE))
+
+
+def bag(folder: Path, plugin: StoragePlugin, topics: dict[str, list[bytes]], kind: str = STATE) -> Path:
+    with Writer(folder / "bag", version=9, storage_plugin=plugin) as writer:
+        for topic, bodies in topics.items():
+            connection = writer.add_connection(topic, kind, typestore=STORE)
+            for i, body in enumerate(bodies):
+                writer.write(connection, i * 10_000_000, body)
+    return folder / "bag"
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+@pytest.mark.parametrize("bare", [False, True])
+def test_folder_and_bare_file(plugin: StoragePlugin, bare: bool, tmp_path: Path) -> None:
+    path = bag(tmp_path, plugin, {"/joint_states": [state(5 + 0.01 * i, ["a", "b"]) for i in range(50)]})
+    if bare:
+        (path / "metadata.yaml").unlink()
+        (path,) = path.iterdir()
+    found = Recording.load(path)
+    assert found.joint_names == ("a", "b")
+    np.testing.assert_allclose(found.t, 0.01 * np.arange(50), atol=1e-9)
+    np.testing.assert_allclose(found.q[:, 1], 5 + found.t + ord("b"))
+    assert found.tau is not None
+    np.testing.assert_allclose(found.tau, 3 * found.q)
+    assert any("Time 0 is 5.0" in note for note in found.report.notes)
+
+
+def test_names_are_put_in_order_and_other_joints_left_out(tmp_path: Path) -> None:
+    bodies = [state(0.01 * i, ["c", "a", "b"] if i % 2 else ["b", "a", "grip"]) for i in range(50)]
+    bodies[10:20] = [state(0.01 * i, ["grip"]) for i in range(10, 20)]
+    found = Recording.load(bag(tmp_path, StoragePlugin.MCAP, {"/s": bodies}), columns={"joint_names": ["a", "b"]})
+    assert found.t.size == 40
+    np.testing.assert_allclose(found.q, found.t[:, None] + [ord("a"), ord("b")])
+    assert any("10 messages of other joints" in note for note in found.report.notes)
+    with pytest.raises(InputError, match="no joint is called 'z'"):
+        Recording.load(tmp_path / "bag", columns={"joint_names": ["a", "z"]})
+
+
+def test_effort_may_be_current_or_absent(tmp_path: Path) -> None:
+    path = bag(tmp_path, StoragePlugin.MCAP, {"/s": [state(0.1 * i, ["a"]) for i in range(5)]})
+    found = Recording.load(path, columns={"effort": "current"})
+    assert found.tau is None
+    assert found.current is not None
+    (tmp_path / "two").mkdir()
+    path = bag(tmp_path / "two", StoragePlugin.MCAP, {"/s": [state(0.1 * i, ["a"], effort=False) for i in range(5)]})
+    assert Recording.load(path).tau is None
+
+
+def test_topics(tmp_path: Path) -> None:
+    bodies = [state(0.1 * i, ["a"]) for i in range(5)]
+    path = bag(tmp_path, StoragePlugin.MCAP, {"/left": bodies, "/right": bodies})
+    with pytest.raises(InputError, match="two or more hold joint states: /left, /right; choose one with --topic"):
+        Recording.load(path)
+    assert Recording.load(path, topic="/left").dof == 1
+    with pytest.raises(InputError, match="no topic '/rigth'; did you mean '/right'"):
+        Recording.load(path, topic="/rigth")
+
+
+def test_other_message_type(tmp_path: Path) -> None:
+    kind = "std_msgs/msg/Float64"
+    body = bytes(STORE.serialize_cdr(STORE.types[kind](data=1.0), kind))
+    path = bag(tmp_path, StoragePlugin.SQLITE3, {"/x": [body]}, kind)
+    with pytest.raises(InputError, match=r"no topic holds sensor_msgs/msg/JointState; topics: /x \(std_msgs"):
+        Recording.load(path)
+    with pytest.raises(InputError, match="'/x' holds std_msgs/msg/Float64"):
+        Recording.load(path, topic="/x")
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_bag_that_ends_in_the_middle(plugin: StoragePlugin, tmp_path: Path) -> None:
+    many = [state(0.01 * i, ["a", "b"]) for i in range(20000)]
+    path = bag(tmp_path, plugin, {"/s": many})
+    (file,) = (inner for inner in path.iterdir() if inner.suffix != ".yaml")
+    data = file.read_bytes()
+    file.write_bytes(data[: int(0.7 * len(data))])
+    with pytest.raises(InputError, match="ends in the middle .* [1-9][0-9]+ messages are readable"):
+        Recording.load(file)
+
+
+def test_unreadable_message_is_a_bad_row(tmp_path: Path) -> None:
+    bodies = [state(0.01 * i, ["a", "b"]) for i in range(200)]
+    bodies[7] = bodies[7][:40]
+    report = Recording.load(bag(tmp_path, StoragePlugin.MCAP, {"/s": bodies})).report
+    assert report.counts == {"unreadable message": 1}
+    assert report.dropped[0][0] == 8
+    assert report.rows_read == 200
+
+
+def test_what_we_write_others_decode(tmp_path: Path) -> None:
+    before = recording()
+    before.save(tmp_path / "run.mcap")
+    with Reader(tmp_path / "run.mcap") as reader:
+        (connection,) = reader.connections
+        assert (connection.topic, connection.msgtype) == ("/joint_states", STATE)
+        messages: list[Any] = [STORE.deserialize_cdr(body, STATE) for *_, body in reader.messages()]
+    assert messages[3].name == ["a", "b"]
+    np.testing.assert_array_equal(np.array([message.position for message in messages]), before.q)
+    np.testing.assert_array_equal(np.array([message.effort for message in messages]), before.tau)
+    assert messages[150].header.stamp.sec == 1
+    assert messages[150].header.stamp.nanosec == 500_000_000

@@ -1,0 +1,76 @@
+"""``bumpstop recording``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bumpstop.recording import Recording
+from cli.support import run
+from recording.cases import COLUMNS, lines, recording, written
+
+TOML = "header = false\ntime = { column = 1 }\nposition = { columns = [2, 3] }\n"
+
+
+@pytest.mark.parametrize("ending", ["png", "svg"])
+def test_info(ending: str, tmp_path: Path) -> None:
+    text = lines()
+    text[50] = "1,1e306,0,x"
+    path = written(tmp_path, text)
+    (tmp_path / "c.toml").write_text(TOML)
+    picture = tmp_path / f"p.{ending}"
+    result = run("recording", "info", path, "--columns", tmp_path / "c.toml", "--picture", picture)
+    assert result.status == 0
+    assert "median rate 100 Hz" in result.out
+    assert "bad rows: 1 of 200 (impossible value 1)" in result.out
+    assert "line 51: impossible value: q_1 = 1e+306" in result.out
+    assert picture.stat().st_size > 1000
+
+
+def test_limits_touched(tmp_path: Path) -> None:
+    recording(dof=6).save(tmp_path / "run.parquet")
+    result = run("recording", "info", tmp_path / "run.parquet", "--robot", "ur10")
+    assert "limits touched: none" in result.out
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv", "mcap"])
+def test_convert(ending: str, tmp_path: Path) -> None:
+    recording().save(tmp_path / "run.parquet")
+    out = tmp_path / f"out.{ending}"
+    result = run("recording", "convert", tmp_path / "run.parquet", out)
+    assert result.status == 0, result.err
+    assert Recording.load(out).t.size == 200
+    assert ("not written" in result.out) == (ending != "parquet")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("info", "none.csv"), "error: none.csv: there is no such file"),
+        (("info", "run.csv"), "error: run.csv: has no header"),
+        (("info", "run.csv", "--columns", "none.toml"), "error: --columns: 'none.toml' cannot be read"),
+        (("info", "run.csv", "--picture", "p.gif"), "error: --picture"),
+        (("info", "run.csv", "--max-bad", "2"), "error: --max-bad: is 2; wanted a share from 0 to 1"),
+        (("info", "run.csv", "--topic", "/x"), "error: --topic: 'run.csv' is no bag"),
+        (("info", "run.csv", "--columns", "c.toml", "--robot", "ur10"), "error: run.csv: holds 2 joints, ur10 has 6"),
+        (("convert", "run.csv", "out.xyz", "--columns", "c.toml"), "error: out.xyz: '.xyz' is no ending"),
+        (("convert", "run.csv", "no/out.mcap", "--columns", "c.toml"), "error: no/out.mcap: cannot be written"),
+        (("convert", "run.csv", "no/out.parquet", "--columns", "c.toml"), "error: no/out.parquet: cannot be written"),
+    ],
+)
+def test_errors(arguments: tuple[str, ...], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, lines())
+    Path("c.toml").write_text(TOML)
+    result = run("recording", *arguments)
+    assert result.status == 2
+    assert result.err.startswith(message)
+    assert len(result.err.splitlines()) == 1
+
+
+def test_columns_of_the_cases_are_those_of_the_file(tmp_path: Path) -> None:
+    path = written(tmp_path, lines())
+    (tmp_path / "c.toml").write_text(TOML)
+    by_file, by_dict = Recording.load(path, columns=tmp_path / "c.toml"), Recording.load(path, columns=COLUMNS)
+    assert (by_file.q == by_dict.q).all()

@@ -1,0 +1,150 @@
+"""Every format, there and back, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from bumpstop import InputError
+from bumpstop.recording import Recording
+from recording.cases import COLUMNS, JOINTS, lines, recording, written
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".csv", ".mcap"])
+def test_there_and_back(ending: str, tmp_path: Path) -> None:
+    before = recording()
+    before.save(tmp_path / f"run{ending}")
+    after = Recording.load(tmp_path / f"run{ending}")
+    np.testing.assert_allclose(after.t, before.t, rtol=0, atol=1e-9)
+    fields = ("q", "qd", "tau") if ending == ".mcap" else ("q", "qd", "current", "tau", "wrench")
+    for field in fields:
+        np.testing.assert_array_equal(getattr(after, field), getattr(before, field))
+    assert after.joint_names == (() if ending == ".csv" else JOINTS)
+    assert after.robot == ("arm" if ending == ".parquet" else "")
+    assert after.report.rows_dropped == 0
+    assert after.report.notes == ()
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
+@pytest.mark.parametrize("header", [True, False])
+def test_separators_and_headers(separator: str, header: bool, tmp_path: Path) -> None:
+    text = [separator.join(line.split(",")[:3]) for line in lines(50)]
+    if separator == ";":
+        text = [line.replace(".", ",") for line in text]
+    path = written(tmp_path, [separator.join(("t", "q_1", "q_2")), *text] if header else text)
+    found = Recording.load(path, columns=None if header else COLUMNS)
+    assert found.q.shape == (50, 2)
+    np.testing.assert_allclose(found.q[:, 0], np.sin(0.01 * np.arange(50)), atol=1e-8)
+
+
+def test_windows_lines_comments_and_blank_lines(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(b"\xef\xbb\xbf# made by a logger\r\nt,q_1\r\n0,1\r\n\r\n1,2 \r\n2,3\r\n")
+    found = Recording.load(path)
+    assert found.q[:, 0].tolist() == [1, 2, 3]
+    assert found.report.rows_read == 3
+    path.write_text("# t q_1\n0 1\n1 2\n")
+    assert Recording.load(path).q[:, 0].tolist() == [1, 2]
+
+
+def test_units_and_coupling(tmp_path: Path) -> None:
+    motor = np.random.default_rng(2).uniform(-100, 100, (50, 2))
+    torque = np.random.default_rng(3).uniform(-1, 1, (50, 2))
+    text = [f"{10 * i},{a},{b},{c},{d}" for i, (a, b, c, d) in enumerate(np.hstack([motor, torque]))]
+    ratio = np.array([[45.0, 0.0], [32.0, 32.0]])
+    columns = {
+        "time": {"column": 1, "unit": "ms"},
+        "position": {"columns": [2, 3], "unit": "deg"},
+        "torque": {"columns": [4, 5], "side": "motor"},
+        "coupling": {"ratio": ratio.tolist(), "offset_rad": [0.1, -0.2], "sign": [1, -1]},
+    }
+    found = Recording.load(written(tmp_path, text), columns=columns)
+    q = np.linalg.solve(ratio, np.radians(motor).T).T + [0.1, -0.2]
+    np.testing.assert_allclose(found.q, q, rtol=1e-12)
+    assert found.tau is not None
+    np.testing.assert_allclose(found.tau, (ratio.T @ torque.T).T * [1, -1], rtol=1e-12)
+    assert found.t[1] == 0.01
+    # Power is the same on both sides, but for the sign that was asked for.
+    power = np.sum(found.tau * [1, -1] * np.linalg.solve(ratio, motor.T).T, axis=1)
+    np.testing.assert_allclose(power, np.sum(torque * motor, axis=1))
+
+
+def test_quantities_in_two_files_are_joined_row_by_row(tmp_path: Path) -> None:
+    text = lines()
+    text[20] = "short"
+    path = written(tmp_path, text)
+    other = [f"{i},{i}" for i in range(200)]
+    other[40] = "short"
+    (tmp_path / "current.csv").write_text("\n".join(["c_1,c_2", *other]) + "\n")
+    current = {"columns": ["c_1", "c_2"], "file": "current.csv"}
+    found = Recording.load(path, columns=COLUMNS | {"current": current})
+    assert found.current is not None
+    np.testing.assert_allclose(found.current[:, 0], 100 * found.t, atol=1e-9)
+    assert [row for row, _ in found.report.dropped] == [21, 41]
+
+
+def test_rate_stands_for_a_time_column(tmp_path: Path) -> None:
+    found = Recording.load(written(tmp_path, lines()), columns=COLUMNS | {"time": {"rate_hz": 500}})
+    assert found.rate_hz == pytest.approx(500)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_matlab(turned: bool, tmp_path: Path) -> None:
+    before = recording()
+    q = np.degrees(before.q)
+    scipy.io.savemat(tmp_path / "run.mat", {"rec": {"time": before.t, "q": q.T if turned else q}})
+    columns = {"time": {"variable": "rec.time"}, "position": {"variable": "rec.q", "unit": "deg"}}
+    found = Recording.load(tmp_path / "run.mat", columns=columns)
+    np.testing.assert_allclose(found.q, before.q, atol=1e-12)
+    columns["position"]["variable"] = "rec.p"
+    with pytest.raises(InputError, match=r"there is no 'rec.p'; did you mean 'rec.q'"):
+        Recording.load(tmp_path / "run.mat", columns=columns)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"position": {"columns": [2, 9]}}, "9 is no column of .*it has 4"),
+        ({"position": {"columns": ["q", "r"]}}, "no header: give numbers"),
+        ({"position": {"columns": [2, 3], "unit": "grad"}}, "columns.position.unit: 'grad' .*did you mean 'rad'"),
+        ({"positions": {}}, "did you mean 'position'"),
+        ({"current": {"columns": [2]}}, "1 columns, positions have 2"),
+        ({"torque": {"columns": [2, 3], "side": "motor"}}, r"needs a \[coupling\]"),
+        ({"coupling": {"ratio": [[1, 1], [1, 1]]}}, "cannot be inverted"),
+        ({"coupling": {"ratio": [[1]]}}, "is for 1 joints, positions have 2"),
+        ({"format": "xls"}, "did you mean 'xlsx'"),
+        ({"position": {"columns": [0, 1]}}, "0 is no column"),
+    ],
+)
+def test_column_file_errors(change: dict[str, object], match: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=match):
+        Recording.load(written(tmp_path, lines()), columns=COLUMNS | change)
+
+
+def test_column_file_on_disk(tmp_path: Path) -> None:
+    path = written(tmp_path, lines())
+    toml = tmp_path / "columns.toml"
+    toml.write_text('header = false\ntime = { column = 1 }\nposition = { columns = [2, 3], unit = "rad" }\n')
+    assert Recording.load(path, columns=toml).dof == 2
+    toml.write_text("time = ")
+    with pytest.raises(InputError, match="not valid TOML"):
+        Recording.load(path, columns=toml)
+
+
+@pytest.mark.parametrize("name", ["run.parquet", "run.xlsx", "run.mat", "run.mcap", "run.db3"])
+def test_damaged_files(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"this is something else" * 20)
+    columns = {"time": {"variable": "t"}, "position": {"variable": "q"}} if name.endswith("mat") else None
+    with pytest.raises(InputError, match=r"cannot be read|damaged"):
+        Recording.load(tmp_path / name, columns=columns)
+
+
+def test_text_without_names_asks_for_a_column_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no header; say with --columns"):
+        Recording.load(written(tmp_path, lines()))
+    (tmp_path / "x.abc").touch()
+    with pytest.raises(InputError, match="no known ending"):
+        Recording.load(tmp_path / "x.abc")
