@@ -53,20 +53,26 @@ static void exact_on_polynomials() {
         }
 }
 
-static void late_samples_and_reset() {
+static void samples_that_tell_nothing_and_reset() {
+    const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
     CausalDerivative<double> derivative(4, 2), undisturbed(4, 2);
     CausalEstimate<double> e, u;
+    CHECK(derivative.update(nan, 1.0).rate == 0 && derivative.samples() == 0);
     for (int i = 0; i < 6; ++i) {
         const double t = 0.01 * i, q = checks::normal();
         e = derivative.update(t, q);
         u = undisturbed.update(t, q);
         e = derivative.update(t, 1e6);
         e = derivative.update(t - 0.005, -1e6);
+        e = derivative.update(t + 0.005, nan);
+        e = derivative.update(t + 0.005, -infinity);
+        e = derivative.update(infinity, q);
         CHECK(e.rate == u.rate && e.acceleration == u.acceleration && e.known == u.known);
     }
     derivative.reset();
     CHECK(derivative.samples() == 0);
     CHECK(!derivative.update(0.0, 1.0).known);
+    CHECK(derivative.samples() == 1);
 }
 
 static void lanes_are_doubles() {
@@ -103,7 +109,7 @@ static void lanes_are_doubles() {
 int main() {
     const long before = allocations;
     exact_on_polynomials();
-    late_samples_and_reset();
+    samples_that_tell_nothing_and_reset();
     lanes_are_doubles();
     CHECK(allocations == before);
     // The batch beside it, at the edges of its memory.

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <limits>
 
 #include "bumpstop/signal/local_polynomial.hpp"
 
@@ -26,10 +27,11 @@ class CausalDerivative {
     // `window`: samples, more than `degree`, at most max_window. `degree`: of the polynomial, 2 to max_fit_degree.
     CausalDerivative(int window, int degree) noexcept : window_(window), degree_(degree) {}
 
-    // Takes a sample: time [s] and position [rad]. A time that is not later than the last adds nothing to what is known:
-    // the sample is dropped and the last estimate given again.
+    // Takes a sample: time [s] and position [rad]. One that is not later than the last, or not finite, tells nothing: it is
+    // dropped, as if lost, and the last estimate given again.
     CausalEstimate<T> update(double time, T position) noexcept {
-        if (samples_ > 0 && !(time > newest_)) return estimate_;
+        constexpr double largest = std::numeric_limits<double>::max();
+        if (!(time > newest_ && time <= largest && all(absolute(position) <= T(largest)))) return estimate_;
         newest_ = time;
         time_[slot_] = time;
         position_[slot_] = position;
@@ -42,6 +44,7 @@ class CausalDerivative {
     // Forgets all samples, as after a pause in which the arm may have done anything.
     void reset() noexcept {
         samples_ = slot_ = 0;
+        newest_ = -std::numeric_limits<double>::infinity();
         estimate_ = {};
     }
 
@@ -71,7 +74,7 @@ class CausalDerivative {
 
     int window_, degree_;
     int samples_ = 0, slot_ = 0;
-    double newest_ = 0;
+    double newest_ = -std::numeric_limits<double>::infinity();
     // A ring: the fit does not ask for the order of its samples.
     std::array<double, max_window> time_{};
     std::array<T, max_window> position_{};
