@@ -112,7 +112,7 @@ def test_options_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("evalute",), "No such command 'evalute'. Did you mean 'evaluate'?"),
+        (("evalute",), "No such command 'evalute'. Did you mean 'evaluate'"),
         (("xyzzy",), "No such command 'xyzzy'; see bumpstop --help"),
         (("--bogus",), "No such option: --bogus"),
         (("evaluate",), "Missing argument 'scenario'"),

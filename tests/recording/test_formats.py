@@ -62,7 +62,7 @@ def test_units_and_coupling(tmp_path: Path) -> None:
         "coupling": {"ratio": ratio.tolist(), "offset_rad": [0.1, -0.2], "sign": [1, -1]},
     }
     found = Recording.load(written(tmp_path, text), columns=columns)
-    q = np.linalg.solve(ratio, np.radians(motor).T).T + [0.1, -0.2]
+    q = np.linalg.solve(ratio, np.radians(motor).T).T + np.array([0.1, -0.2])
     np.testing.assert_allclose(found.q, q, rtol=1e-12)
     assert found.tau is not None
     np.testing.assert_allclose(found.tau, (ratio.T @ torque.T).T * [1, -1], rtol=1e-12)
