@@ -75,7 +75,7 @@ def test_time_stands_still(tmp_path: Path) -> None:
 def test_empty(text: str, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match="is empty|has no row of data"):
+    with pytest.raises(InputError, match=r"is empty|has no row of data"):
         Recording.load(path)
 
 
