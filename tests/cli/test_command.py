@@ -113,7 +113,12 @@ def test_completion_scripts(shell: str) -> None:
 def test_completion_answers() -> None:
     asked = {"_BUMPSTOP_COMPLETE": "complete_bash", "COMP_CWORD": "1"}
     assert bumpstop(COMP_WORDS="bumpstop ev", **asked).stdout.split() == ["evaluate"]
-    assert set(bumpstop(COMP_WORDS="bumpstop ", **asked).stdout.split()) == {"evaluate", "robots", "bodies"}
+    assert set(bumpstop(COMP_WORDS="bumpstop ", **asked).stdout.split()) == {
+        "evaluate",
+        "robots",
+        "bodies",
+        "recording",
+    }
     options = bumpstop(COMP_WORDS="bumpstop evaluate --s", **(asked | {"COMP_CWORD": "2"})).stdout.split()
     assert set(options) == {"--sampled", "--seed", "--set"}
 
