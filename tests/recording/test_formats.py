@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -132,6 +133,16 @@ def test_column_file_on_disk(tmp_path: Path) -> None:
     toml.write_text("time = ")
     with pytest.raises(InputError, match="not valid TOML"):
         Recording.load(path, columns=toml)
+
+
+def test_column_file_of_the_documentation(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "recording.md").read_text(encoding="utf-8")
+    (tmp_path / "c.toml").write_text(re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0])
+    path = written(tmp_path, [f"{i},90,45,1,1,2,3" for i in range(10)])
+    found = Recording.load(path, columns=tmp_path / "c.toml")
+    assert found.rate_hz == pytest.approx(1000)
+    assert found.tau is not None
+    assert found.tau[0].tolist() == [77, 32]
 
 
 @pytest.mark.parametrize("name", ["run.parquet", "run.xlsx", "run.mat", "run.mcap", "run.db3"])

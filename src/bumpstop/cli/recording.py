@@ -31,6 +31,7 @@ MaxBad = Annotated[
     float, typer.Option("--max-bad", metavar="SHARE", help="Share of bad rows up to which they are dropped.")
 ]
 _MOST_GAPS = 5
+_WIDEST = 160  # of the table: a figure cut short says nothing, a long line wraps
 
 
 @app.command("info")
@@ -51,7 +52,8 @@ def info(
     found = _load(file, columns, arm, topic, max_bad)
     if picture is not None:
         _draw(found, arm, picture)
-    _print(found, arm, Console(highlight=False, markup=False, soft_wrap=True))
+    width = max(Console().width, _WIDEST)
+    _print(found, arm, Console(highlight=False, markup=False, soft_wrap=True, width=width))
     if picture is not None:
         typer.echo(f"picture: {picture}")
 
@@ -137,7 +139,7 @@ def _print_table(recording: Recording, robot: Robot | None, console: Console) ->
     shown = {heading: value for heading, value in quantities.items() if value is not None}
     touched = {} if robot is None else limits_touched(recording, robot)
     table = Table(box=None, pad_edge=False)
-    for heading in ("", "joint", *shown, *(f"{name} limit" for name in touched)):
+    for heading in ("", "joint", *shown, *(f"at {name} limit" for name in touched)):
         table.add_column(heading, justify="left" if heading == "joint" else "right", no_wrap=True)
     for j in range(recording.dof):
         ranges = (f"{value[:, j].min():.4g} to {value[:, j].max():.4g}" for value in shown.values())

@@ -43,7 +43,10 @@ def read(
     given = Columns.load(columns, path.parent)
     kind = _format(path, given)
     notes = check_memory(path, kind)
-    raw = _raw(path, kind, given, robot, topic)
+    try:
+        raw = _raw(path, kind, given, robot, topic)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror or error})") from None
     raw = _on_joint_side(raw, given)
     n = raw.values["position"].shape[1]
     _check_widths(raw, robot, path)
