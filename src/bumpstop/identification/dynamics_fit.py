@@ -329,7 +329,9 @@ def _independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, f
 
 
 def _label(names: list[str], seen: np.ndarray, column: int, group: list[tuple[int, float]]) -> str:
-    return names[seen[column]] + "".join(f" {'+' if k > 0 else '-'} {abs(k):.4g} {names[seen[c]]}" for c, k in group)
+    return names[int(seen[column])] + "".join(
+        f" {'+' if k > 0 else '-'} {abs(k):.4g} {names[int(seen[c])]}" for c, k in group
+    )
 
 
 def _standard_errors(matrix: FloatArray, residual: FloatArray, joints: int) -> FloatArray:
