@@ -48,11 +48,11 @@ def main():
         for i, c in enumerate(previous):
             following[i] -= c
         previous, current = current, following
-    print("// Made by tools/erfc_coefficients.py; do not edit.")
+    print("/// @file\n/// Made by tools/erfc_coefficients.py; do not edit.")
     print("#pragma once")
     print("\nnamespace bumpstop::erfc_polynomial {\n")
     print(f"inline constexpr double shift = {mp.nstr(SHIFT, 17)};")
-    print("// (1 + 2x) exp(x^2) erfc(x) in powers of t = (x - shift) / (x + shift), lowest first.")
+    print("/// (1 + 2x) exp(x^2) erfc(x) in powers of t = (x - shift) / (x + shift), lowest first.")
     print(f"inline constexpr double coefficients[{DEGREE + 1}] = {{")
     for c in powers:
         print(f"    {float(c)!r},")

@@ -1,4 +1,5 @@
-// Complete laws of many poses.
+/// @file
+/// Complete laws of many poses.
 #pragma once
 
 #include <atomic>
@@ -8,17 +9,17 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// What a batch keeps of every law; one entry (or row) a pose.
+/// What a batch keeps of every law; one entry (or row) a pose.
 struct BatchResult {
-    double* mean;        // peak force [N]
-    double* sd;          // [N]
-    double* quantile;    // [pose][probability]; infinite in the undetected share
-    double* exceedance;  // [pose][limit]: P(peak force > limit), undetected counts as over
-    double* trigger;     // [pose][dof], given detection
+    double* mean;        ///< peak force [N]
+    double* sd;          ///< [N]
+    double* quantile;    ///< [pose][probability]; infinite in the undetected share
+    double* exceedance;  ///< [pose][limit]: P(peak force > limit), undetected counts as over
+    double* trigger;     ///< [pose][dof], given detection
     double* false_alarm;
     double* undetected;
     double* no_contact;
-    std::uint8_t* end;  // PathEnd; 255: singular start, nothing computed
+    std::uint8_t* end;  ///< PathEnd; 255: singular start, nothing computed
 };
 inline constexpr std::uint8_t batch_singular_start = 255;
 
@@ -29,22 +30,22 @@ struct BatchProblem {
     const Timing* timing;
     ReactionKind reaction;
     const ThresholdDetector* detector;
-    double stiffness;  // N/m
+    double stiffness;  ///< N/m
     OffsetKind offset_kind;
-    double offset_size;  // half-normal: sd in seconds of travel; uniform: upper end likewise; fixed: m
+    double offset_size;  ///< half-normal: sd in seconds of travel; uniform: upper end likewise; fixed: m
     int poses;
-    const double* q;         // [pose][dof]
-    const double* velocity;  // [pose][3], m/s
+    const double* q;         ///< [pose][dof]
+    const double* velocity;  ///< [pose][3], m/s
     int probabilities;
     const double* probability;
     int limits;
-    const double* limit;  // N
+    const double* limit;  ///< N
 };
 
 namespace detail {
 
-// How hard the start of a pose works its joints: the largest rate in units of its limit. Poses near a
-// singularity cannot leap, and their register waits for the slowest lane, so like goes with like.
+/// How hard the start of a pose works its joints: the largest rate in units of its limit. Poses near a
+/// singularity cannot leap, and their register waits for the slowest lane, so like goes with like.
 template <class L>
 std::vector<int> order_of_work(const BatchProblem& problem) {
     const int dof = problem.chain->dof;
@@ -72,7 +73,7 @@ std::vector<int> order_of_work(const BatchProblem& problem) {
     return order;
 }
 
-// The probability of an alarm at every tick when the body is as near as it can be: no collision's is greater.
+/// The probability of an alarm at every tick when the body is as near as it can be: no collision's is greater.
 template <class L>
 std::vector<double> most_alarm(const ThresholdDetector& detector, const Timing& timing, const LinePath& path,
                                double stiffness) {
@@ -167,8 +168,8 @@ void batch_group(const BatchProblem& problem, const int* pose_of_lane, int count
 
 }  // namespace detail
 
-// All poses, in registers handed to `threads` threads. Which thread takes a register does not touch its
-// numbers.
+/// All poses, in registers handed to `threads` threads. Which thread takes a register does not touch its
+/// numbers.
 template <class L>
 void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult& out) {
     constexpr int lanes = Scalar<L>::lanes;

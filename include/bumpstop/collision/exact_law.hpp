@@ -1,4 +1,5 @@
-// The exact law: the distribution over contact offset and white sensor noise, integrated instead of sampled.
+/// @file
+/// The exact law: the distribution over contact offset and white sensor noise, integrated instead of sampled.
 #pragma once
 
 #include "bumpstop/collision/free_impact.hpp"
@@ -7,39 +8,39 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Interpolated detection probabilities may be wrong by this much; rounding of the joint positions alone gives
-// 1e-12.
+/// Interpolated detection probabilities may be wrong by this much; rounding of the joint positions alone gives
+/// 1e-12.
 inline constexpr double outcome_tolerance = 1e-10;
 
 struct LawSettings {
-    double stiffness = 0;  // N/m
+    double stiffness = 0;  ///< N/m
     OffsetLaw offset;
-    int refinement = 1;               // multiplies the order of the quadrature; 2 shows that 1 is converged
-    bool delays = true;               // detection delays are wanted: panels are then cut where the path bends in time
-    const FreePaths* free = nullptr;  // of free contact; null: the body is clamped
-    double body_mass = 0;             // of free contact [kg]
+    int refinement = 1;               ///< multiplies the order of the quadrature; 2 shows that 1 is converged
+    bool delays = true;               ///< detection delays are wanted: panels are then cut where the path bends in time
+    const FreePaths* free = nullptr;  ///< of free contact; null: the body is clamped
+    double body_mass = 0;             ///< of free contact [kg]
 };
 
-// Free contact: quantities at the Gauss nodes, [slot][node][panel]. They bend with the offset.
+/// Free contact: quantities at the Gauss nodes, [slot][node][panel]. They bend with the offset.
 struct FreeNodes {
-    std::vector<double> peak_force, duration, force_at_detection;  // N, s, N
+    std::vector<double> peak_force, duration, force_at_detection;  ///< N, s, N
 };
 
 struct ExactLaw {
     LawPieces pieces;
-    LawQuantity peak_force, force_at_detection, detection_delay;  // of detected collisions [N, N, s]
-    LawQuantity end_force;                                        // of collisions never detected, at the end [N]
-    double false_alarm = 0;                                       // detection before contact
-    double harmless = 0;              // of those, and of motions that end before contact: no force at all
-    double undetected = 0;            // contact, and no detection by the end of the motion
-    double no_contact = 0;            // the motion ends before contact, no alarm
-    double several = 0;               // two or more joints over their threshold at the tick of detection
-    double trigger[max_joints] = {};  // joint over its threshold at the tick of detection
-    FreeNodes free;                   // of free contact, instead of the forces above
-    bool interpolated = false;        // detection probabilities come from a few panels (see D below)
+    LawQuantity peak_force, force_at_detection, detection_delay;  ///< of detected collisions [N, N, s]
+    LawQuantity end_force;                                        ///< of collisions never detected, at the end [N]
+    double false_alarm = 0;                                       ///< detection before contact
+    double harmless = 0;              ///< of those, and of motions that end before contact: no force at all
+    double undetected = 0;            ///< contact, and no detection by the end of the motion
+    double no_contact = 0;            ///< the motion ends before contact, no alarm
+    double several = 0;               ///< two or more joints over their threshold at the tick of detection
+    double trigger[max_joints] = {};  ///< joint over its threshold at the tick of detection
+    FreeNodes free;                   ///< of free contact, instead of the forces above
+    bool interpolated = false;        ///< detection probabilities come from a few panels (see D below)
 };
 
-// Tells the tracer when even the farthest body would have been noticed for certain.
+/// Tells the tracer when even the farthest body would have been noticed for certain.
 template <class T>
 class CertainDetection {
   public:
@@ -49,7 +50,7 @@ class CertainDetection {
         while ((double(blind_ticks_) * timing.period + 1) * step < detector.arming_delay - 1e-12) ++blind_ticks_;
         for (int w = 0; w < detector.watched; ++w) residual_[w] = 0.0;
     }
-    // Called at every tick in turn.
+    /// Called at every tick in turn.
     MaskOf<T> operator()(const T& s, const T* torque_per_N) {
         const T force = maximum(s - largest_, T(0.0)) * stiffness_;
         for (int w = 0; detector_.filter != 0 && w < detector_.watched; ++w)
@@ -69,12 +70,12 @@ class CertainDetection {
     const ThresholdDetector& detector_;
     double stiffness_;
     T largest_;
-    T residual_[max_joints];          // noiseless
-    int tick_ = 0, blind_ticks_ = 0;  // ticks before the detector is armed see nothing
+    T residual_[max_joints];          ///< noiseless
+    int tick_ = 0, blind_ticks_ = 0;  ///< ticks before the detector is armed see nothing
     T survival_ = 1.0;
 };
 
-// Mean and standard deviation of the peak force, counting the force at the end where nothing was detected.
+/// Mean and standard deviation of the peak force, counting the force at the end where nothing was detected.
 template <class T>
 Moments peak_force_moments(const ExactLaw& law) {
     const Moments detected = moments<T>(law.pieces, law.peak_force, law.harmless);
@@ -121,8 +122,8 @@ class ExactLawBuilder {
         return std::move(law_);
     }
 
-    // P(peak force > force) of detected collisions by itself: nothing is interpolated and only positive terms
-    // are added, so a probability of 1e-30 has as many digits as one of 0.3.
+    /// P(peak force > force) of detected collisions by itself: nothing is interpolated and only positive terms
+    /// are added, so a probability of 1e-30 has as many digits as one of 0.3.
     double tail_directly(double force) {
         place_ticks();
         choose_order();
@@ -184,8 +185,8 @@ class ExactLawBuilder {
     static int padded(int n) { return (n + lanes - 1) / lanes * lanes; }
 
     double s_tick(int k) const { return curve_.path.at_tick(k, timing_.period); }
-    // Contact begins at the first tick whose distance passes the offset, so edges follow the running greatest
-    // distance.
+    /// Contact begins at the first tick whose distance passes the offset, so edges follow the running greatest
+    /// distance.
     void place_ticks() {
         const int ticks = curve_.path.ticks;
         edge_.resize(ticks + 2);
@@ -199,8 +200,8 @@ class ExactLawBuilder {
         for (double farthest : curve_.farthest) overrun_end_ = std::max(overrun_end_, farthest);
     }
 
-    // Sensor noise sets the scale on which probabilities change: sharpness is the residual's growth over one
-    // tick of travel in standard deviations of the noise.
+    /// Sensor noise sets the scale on which probabilities change: sharpness is the residual's growth over one
+    /// tick of travel in standard deviations of the noise.
     double sharpness(int k) const {
         const double* a = &curve_.path.torque_per_N[std::size_t(k) * curve_.path.dof];
         double most = 0;
@@ -251,8 +252,8 @@ class ExactLawBuilder {
         return {{o, o, ticks + 1}};
     }
 
-    // Offsets the motion reaches only after its last tick, and those beyond its end that a stopping path still may: the
-    // former's first tick in contact is numbered `ticks`, the latter's `ticks` + 1, and neither exists.
+    /// Offsets the motion reaches only after its last tick, and those beyond its end that a stopping path still may: the
+    /// former's first tick in contact is numbered `ticks`, the latter's `ticks` + 1, and neither exists.
     void add_end_panels(std::vector<Panel>& panels) const {
         const int ticks = curve_.path.ticks;
         const double largest = settings_.offset.largest();
@@ -266,14 +267,14 @@ class ExactLawBuilder {
         add(edge_.back(), std::min(overrun_end_, largest), ticks + 1);
     }
 
-    // Into how many pieces a panel must be cut for the offset's density to be smooth in each.
+    /// Into how many pieces a panel must be cut for the offset's density to be smooth in each.
     int pieces_of_density(double width) const {
         if (settings_.offset.kind != OffsetKind::half_normal) return 1;
         return std::max(1, int(std::ceil(width / settings_.offset.size)));
     }
 
-    // Panels by part, then by tick. The first `regular_` ticks-in-a-row of every part are alike enough to
-    // interpolate.
+    /// Panels by part, then by tick. The first `regular_` ticks-in-a-row of every part are alike enough to
+    /// interpolate.
     std::vector<Panel> cut_panels() {
         const double largest = settings_.offset.largest();
         const int ticks = curve_.path.ticks;
@@ -310,7 +311,7 @@ class ExactLawBuilder {
         return panels;
     }
 
-    // Probability of an alarm before contact where panels hold several ticks.
+    /// Probability of an alarm before contact where panels hold several ticks.
     double false_alarm_by_tick() const {
         double total = 0;
         for (int k = 0; k < curve_.path.ticks; ++k) {
@@ -322,7 +323,7 @@ class ExactLawBuilder {
                settings_.offset.probability_beyond(edge_[curve_.path.ticks]) * quiet_.alarm_before(curve_.path.ticks);
     }
 
-    // Every tick's panel by itself, as far as the offsets go.
+    /// Every tick's panel by itself, as far as the offsets go.
     std::vector<Panel> plain_panels() const {
         const double largest = settings_.offset.largest();
         std::vector<Panel> panels;
@@ -331,7 +332,7 @@ class ExactLawBuilder {
         return panels;
     }
 
-    // Does the distance between two ticks depart from a straight line in time?
+    /// Does the distance between two ticks depart from a straight line in time?
     bool bends() const {
         const LinePath& path = curve_.path;
         for (int k = 0; k + 1 < path.ticks; ++k) {
@@ -344,8 +345,8 @@ class ExactLawBuilder {
         return false;
     }
 
-    // The panel of the ticks k .. end - 1 on its own: cut at simulation steps where the path bends, and around every offset
-    // at which some joint's residual passes its threshold at some tick, where the noise is narrow.
+    /// The panel of the ticks k .. end - 1 on its own: cut at simulation steps where the path bends, and around every offset
+    /// at which some joint's residual passes its threshold at some tick, where the noise is narrow.
     void cut_one(int k, int end, double largest, bool bent, std::vector<Panel>& panels) const {
         const double low = edge_[k], high = std::min(edge_[end], largest);
         if (!(high > low)) return;
@@ -392,9 +393,9 @@ class ExactLawBuilder {
         }
     }
 
-    // Outcomes known at some panels, and how those of every panel follow from them. While the arm moves
-    // steadily the panels differ only by the slow change of the Jacobian, so what happens at a given node and
-    // slot is smooth in the tick: a few panels of every part are worked out and the others interpolated.
+    /// Outcomes known at some panels, and how those of every panel follow from them. While the arm moves
+    /// steadily the panels differ only by the slow change of the Jacobian, so what happens at a given node and
+    /// slot is smooth in the tick: a few panels of every part are worked out and the others interpolated.
     struct KnownOutcomes {
         Outcomes outcomes;
         int nodes = 0;               // of the interpolation; 0: every panel is known
@@ -433,7 +434,7 @@ class ExactLawBuilder {
         return {find(panels), 0, 0, {}, 0};
     }
 
-    // Do interpolated and direct outcomes agree at the check panels?
+    /// Do interpolated and direct outcomes agree at the check panels?
     bool agrees(const Outcomes& known, const Interpolation& interpolation, const int* check, int stride) const {
         double weight[most_nodes];
         const int nodes = interpolation.size();
@@ -456,7 +457,7 @@ class ExactLawBuilder {
         return true;
     }
 
-    // Writes the values [node][panel] of one row of panels from the known ones [node][known panel].
+    /// Writes the values [node][panel] of one row of panels from the known ones [node][known panel].
     void spread(const KnownOutcomes& known, const double* from, int total, double* to) const {
         if (known.nodes == 0) {
             std::copy(from, from + total, to);
@@ -483,8 +484,8 @@ class ExactLawBuilder {
         std::copy(from + known.irregular, from + known.irregular + (total - parts_ * count), to + parts_ * count);
     }
 
-    // Joins outcomes, offsets and the silence before contact into the pieces and the probabilities without a
-    // force.
+    /// Joins outcomes, offsets and the silence before contact into the pieces and the probabilities without a
+    /// force.
     void assemble(const std::vector<Panel>& panels, const KnownOutcomes& known) {
         const Outcomes& outcomes = known.outcomes;
         const LinePath& path = curve_.path;
@@ -573,8 +574,8 @@ class ExactLawBuilder {
         triggers(rule, known, weight, real, n);
     }
 
-    // c_l = sum_g to_legendre[l][g] weight[g] value[g], for all panels. Four l at a time keep the adders
-    // busy.
+    /// c_l = sum_g to_legendre[l][g] weight[g] value[g], for all panels. Four l at a time keep the adders
+    /// busy.
     void transform(const GaussRule& rule, const std::vector<double>& value, const std::vector<double>& weight,
                    double* series, int n) const {
         for (int p = 0; p < n; p += lanes) {
@@ -622,7 +623,7 @@ class ExactLawBuilder {
         share_false_alarms();
     }
 
-    // Alarms before contact that no outcome holds are split over the joints as those of idle ticks are.
+    /// Alarms before contact that no outcome holds are split over the joints as those of idle ticks are.
     void share_false_alarms() {
         double waiting = 0;  // probability of contact after tick k
         for (int k = curve_.path.ticks - 1; k >= 0; --k) {
@@ -677,7 +678,7 @@ class ExactLawBuilder {
         summarise(pieces, law_.detection_delay);
     }
 
-    // What a free body suffers, offset by offset and tick by tick.
+    /// What a free body suffers, offset by offset and tick by tick.
     void free_quantities() {
         const LawPieces& pieces = law_.pieces;
         const GaussRule& rule = gauss_rule(order_);
@@ -716,10 +717,10 @@ class ExactLawBuilder {
         }
     }
 
-    // The step in which the undetected motion ends.
+    /// The step in which the undetected motion ends.
     std::size_t end_step() const { return std::min(curve_.path.s.size() - 1, std::size_t(timing_.steps)); }
 
-    // When the point passes offset o, first in contact at tick k: linear between simulation steps.
+    /// When the point passes offset o, first in contact at tick k: linear between simulation steps.
     double contact_time(double o, int k) const {
         const LinePath& path = curve_.path;
         const std::size_t last = std::min(std::size_t(k) * timing_.period + 1, path.s.size() - 1);
@@ -732,8 +733,8 @@ class ExactLawBuilder {
     }
 
     static constexpr int fewest_nodes = 8, most_nodes = 20;
-    static constexpr double slow_growth = 1.2;  // sharpness of a panel of several ticks
-    static constexpr double rare_alarm = 1e-5;  // probability of an idle alarm at a tick
+    static constexpr double slow_growth = 1.2;  ///< sharpness of a panel of several ticks
+    static constexpr double rare_alarm = 1e-5;  ///< probability of an idle alarm at a tick
 
     const StoppingCurve& curve_;
     const Timing& timing_;
@@ -743,11 +744,11 @@ class ExactLawBuilder {
     const QuietTicks quiet_;
     const OutcomeFinder<T> find_;
     const FreeBody body_;
-    double alarm_before_ = 0;           // probability of an alarm before the first tick of the panel
-    int group_ = 1;                     // ticks in a panel
-    double overrun_end_ = 0;            // the farthest any stopping path gets [m]
-    std::vector<double> edge_;          // panel of tick k: edge_[k]..edge_[k + 1]
-    std::vector<double> contact_from_;  // by first tick in contact: probability; the last is all later ones
+    double alarm_before_ = 0;           ///< probability of an alarm before the first tick of the panel
+    int group_ = 1;                     ///< ticks in a panel
+    double overrun_end_ = 0;            ///< the farthest any stopping path gets [m]
+    std::vector<double> edge_;          ///< panel of tick k: edge_[k]..edge_[k + 1]
+    std::vector<double> contact_from_;  ///< by first tick in contact: probability; the last is all later ones
     int order_ = 1, parts_ = 1, regular_ = 0;
     bool split_by_transitions_ = false;
     ExactLaw law_;

@@ -1,22 +1,23 @@
-// A body that can get away: struck by the arm's path, it answers as a spring with its mass behind it.
+/// @file
+/// A body that can get away: struck by the arm's path, it answers as a spring with its mass behind it.
 #pragma once
 
 #include "bumpstop/collision/outcomes.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Stiffness K in N/m and mass m in kg of the body. The arm is driven along its path s(t) whatever it hits, straight in
-// time between simulation steps; the body's surface, at offset o when it is at rest, answers
-//   y = s - o - x,  m x'' = K max(0, y),
-// until they part. Within a step y is a harmonic oscillation, whose highest value is taken and not only those at its
-// ends.
+/// Stiffness K in N/m and mass m in kg of the body. The arm is driven along its path s(t) whatever it hits, straight in
+/// time between simulation steps; the body's surface, at offset o when it is at rest, answers
+///   y = s - o - x,  m x'' = K max(0, y),
+/// until they part. Within a step y is a harmonic oscillation, whose highest value is taken and not only those at its
+/// ends.
 struct FreeBody {
     double stiffness = 0, mass = 0;
 
-    double frequency() const { return std::sqrt(stiffness / mass); }  // rad/s
+    double frequency() const { return std::sqrt(stiffness / mass); }  ///< rad/s
 };
 
-// One collision in each lane.
+/// One collision in each lane.
 template <class T>
 class FreeImpact {
   public:
@@ -27,13 +28,13 @@ class FreeImpact {
         sin_ = std::sin(body.frequency() * h);
     }
 
-    T compression = 0.0;  // y [m]; zero before contact and after the parting
-    T peak = 0.0;         // greatest y so far [m]
-    T since = 0.0;        // time in contact [s]
-    T parted = 0.0;       // 1 once the body has got away
+    T compression = 0.0;  ///< y [m]; zero before contact and after the parting
+    T peak = 0.0;         ///< greatest y so far [m]
+    T since = 0.0;        ///< time in contact [s]
+    T parted = 0.0;       ///< 1 once the body has got away
 
-    // Goes on by one simulation step, in which the arm goes straight from `from` to `to`; `offset` is where the body
-    // stands at rest. Lanes with `active` 0 stay as they are.
+    /// Goes on by one simulation step, in which the arm goes straight from `from` to `to`; `offset` is where the body
+    /// stands at rest. Lanes with `active` 0 stay as they are.
     void step(T from, T to, T offset, T active) {
         const double h = step_ / pieces_;
         const T speed = (to - from) * (1 / step_);
@@ -43,7 +44,7 @@ class FreeImpact {
         }
     }
 
-    // Takes one lane of another collision with the same body.
+    /// Takes one lane of another collision with the same body.
     void take_lane(const FreeImpact& other, int lane) {
         for (auto member : {&FreeImpact::compression, &FreeImpact::peak, &FreeImpact::since, &FreeImpact::parted,
                             &FreeImpact::body_speed_, &FreeImpact::touching_})
@@ -96,24 +97,24 @@ class FreeImpact {
 
     FreeBody body_;
     double step_;
-    int pieces_;  // of a step, each a small part of an oscillation
+    int pieces_;  ///< of a step, each a small part of an oscillation
     double cos_, sin_;
-    T body_speed_ = 0.0;  // x' [m/s]
-    T touching_ = 0.0;    // 1 since the first touch
+    T body_speed_ = 0.0;  ///< x' [m/s]
+    T touching_ = 0.0;    ///< 1 since the first touch
 };
 
-// All that free contact needs of a motion: its path, and the path of every reaction.
+/// All that free contact needs of a motion: its path, and the path of every reaction.
 struct FreePaths {
     const LinePath* path = nullptr;
-    int period = 0, latency = 0, end_step = 0;  // end_step: in which the undetected motion ends
+    int period = 0, latency = 0, end_step = 0;  ///< end_step: in which the undetected motion ends
     double step = 0;
-    std::vector<std::vector<double>> reaction;  // by tick, from the step in which it begins on; may be empty
+    std::vector<std::vector<double>> reaction;  ///< by tick, from the step in which it begins on; may be empty
 
-    // Distance after a step of the undetected motion. Before the start, and after the end, the arm stands.
+    /// Distance after a step of the undetected motion. Before the start, and after the end, the arm stands.
     double undisturbed(int i) const { return path->s[std::size_t(std::clamp(i, 0, end_step))]; }
     int tick_step(int k) const { return k * period + 1; }
     int reaction_step(int k) const { return tick_step(k) + latency; }
-    // Distance `i` steps into the reaction of tick k.
+    /// Distance `i` steps into the reaction of tick k.
     double reacting(int k, int i) const {
         const std::vector<double>& own = reaction[std::size_t(k)];
         if (own.empty()) return undisturbed(reaction_step(k) + i);
@@ -142,8 +143,8 @@ FreePaths free_paths(const Chain& chain, const MotionSettings& motion, const Con
     return paths;
 }
 
-// One offset in each lane, whose first tick beyond it is `tick`: force at every tick of the undetected collision, and
-// what a reaction makes of it.
+/// One offset in each lane, whose first tick beyond it is `tick`: force at every tick of the undetected collision, and
+/// what a reaction makes of it.
 template <class T>
 class FreeCollision {
   public:
@@ -170,15 +171,15 @@ class FreeCollision {
         duration = state_.since;
     }
 
-    std::vector<T> force;    // by tick in contact, before any reaction [N]
-    std::vector<T> touched;  // 1 where the body has not got away by then
-    T peak, duration;        // undetected: greatest force [N] and time in contact [s]
+    std::vector<T> force;    ///< by tick in contact, before any reaction [N]
+    std::vector<T> touched;  ///< 1 where the body has not got away by then
+    T peak, duration;        ///< undetected: greatest force [N] and time in contact [s]
 
     struct Outcome {
         T peak, duration;
     };
 
-    // The collision is detected at tick tick[lane] + i[lane] of each lane; i below zero: before contact.
+    /// The collision is detected at tick tick[lane] + i[lane] of each lane; i below zero: before contact.
     Outcome detected(const int* i) const {
         FreeImpact<T> state(body_, paths_.step);
         for (int lane = 0; lane < lanes; ++lane) {
@@ -204,7 +205,7 @@ class FreeCollision {
   private:
     int clamped(int lane, int i) const { return std::clamp(tick_[lane] + i, 0, paths_.path->ticks - 1); }
 
-    // Simulation step in a lane that is `r` steps after the tick before the first one in contact.
+    /// Simulation step in a lane that is `r` steps after the tick before the first one in contact.
     int absolute(int lane, int r) const { return paths_.tick_step(tick_[lane] - 1) + r; }
 
     bool moving() const {
@@ -234,11 +235,11 @@ class FreeCollision {
     T offset_;
     int tick_[lanes];
     FreeImpact<T> state_;
-    std::vector<FreeImpact<T>> history_;  // by simulation step from the tick before the first one in contact
+    std::vector<FreeImpact<T>> history_;  ///< by simulation step from the tick before the first one in contact
 };
 
-// Tells the tracer when even the farthest body has been struck and has got away: at constant speed that takes half an
-// oscillation, and three halves leave room for an arm that does not keep its speed.
+/// Tells the tracer when even the farthest body has been struck and has got away: at constant speed that takes half an
+/// oscillation, and three halves leave room for an arm that does not keep its speed.
 template <class T>
 class CertainParting {
   public:
@@ -252,11 +253,11 @@ class CertainParting {
 
   private:
     T largest_;
-    double patience_;  // ticks beyond the farthest body
+    double patience_;  ///< ticks beyond the farthest body
     T beyond_ = 0.0;
 };
 
-// Free contact as the outcomes' finder sees it.
+/// Free contact as the outcomes' finder sees it.
 struct FreeContact {
     const FreePaths& paths;
     const FreeBody& body;

@@ -1,4 +1,5 @@
-// A distribution made of pieces: offsets in a panel, detection at one tick.
+/// @file
+/// A distribution made of pieces: offsets in a panel, detection at one tick.
 #pragma once
 
 #include <algorithm>
@@ -10,38 +11,38 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Over panel p the offset is mid[p] + half[p] x, -1 <= x <= 1. The probability that the offset is there and
-// that the collision ends in slot i has the density sum_l coefficient(i, l, p) P_l(x) in x.
-//
-// Slots are numbered by the tick of detection relative to the first tick in contact: slot i is tick
-// first_tick[p] + i - slots_before. The last slot holds the collisions never detected.
+/// Over panel p the offset is mid[p] + half[p] x, -1 <= x <= 1. The probability that the offset is there and
+/// that the collision ends in slot i has the density sum_l coefficient(i, l, p) P_l(x) in x.
+///
+/// Slots are numbered by the tick of detection relative to the first tick in contact: slot i is tick
+/// first_tick[p] + i - slots_before. The last slot holds the collisions never detected.
 struct LawPieces {
-    int panels = 0;  // a multiple of the lanes; surplus panels have no probability
-    int order = 0;   // of the Legendre series
+    int panels = 0;  ///< a multiple of the lanes; surplus panels have no probability
+    int order = 0;   ///< of the Legendre series
     int slots_before = 0;
     int slots = 0;
-    std::vector<double> mid, half;  // [m]
+    std::vector<double> mid, half;  ///< [m]
     std::vector<int> first_tick;
-    std::vector<double> coefficient;  // [slot][order][panel]
+    std::vector<double> coefficient;  ///< [slot][order][panel]
 
     const double* series(int slot, int p) const { return &coefficient[(std::size_t(slot) * order) * panels + p]; }
     double* series(int slot, int p) { return &coefficient[(std::size_t(slot) * order) * panels + p]; }
 };
 
-// A quantity that falls linearly with the offset inside a panel: centre[slot][p] - spread[p] x, and nothing
-// below zero. Forces and delays are of this kind.
+/// A quantity that falls linearly with the offset inside a panel: centre[slot][p] - spread[p] x, and nothing
+/// below zero. Forces and delays are of this kind.
 struct LawQuantity {
-    int first_slot = 0, end_slot = 0;  // the slots it is defined on
-    std::vector<double> centre;        // [slot - first_slot][panel]
-    std::vector<double> spread;        // [panel]
-    std::vector<double> least, most;   // by slot: of the values in it
-    std::vector<double> mass;          // by slot
-    double total = 0;                  // probability that the quantity exists
+    int first_slot = 0, end_slot = 0;  ///< the slots it is defined on
+    std::vector<double> centre;        ///< [slot - first_slot][panel]
+    std::vector<double> spread;        ///< [panel]
+    std::vector<double> least, most;   ///< by slot: of the values in it
+    std::vector<double> mass;          ///< by slot
+    double total = 0;                  ///< probability that the quantity exists
 
     double at(int slot, int p, int panels) const { return centre[std::size_t(slot - first_slot) * panels + p]; }
 };
 
-// Fills least, most, mass and total of a quantity whose centre and spread are set.
+/// Fills least, most, mass and total of a quantity whose centre and spread are set.
 inline void summarise(const LawPieces& pieces, LawQuantity& quantity) {
     const int count = quantity.end_slot - quantity.first_slot;
     quantity.least.assign(count, std::numeric_limits<double>::infinity());
@@ -65,11 +66,11 @@ inline void summarise(const LawPieces& pieces, LawQuantity& quantity) {
 }
 
 struct TailAt {
-    double probability;  // that the quantity exceeds y
-    double density;      // minus its derivative
+    double probability;  ///< that the quantity exceeds y
+    double density;      ///< minus its derivative
 };
 
-// P(quantity > y) for y >= 0: whole slots where y lies outside their range, cut panels where it lies inside.
+/// P(quantity > y) for y >= 0: whole slots where y lies outside their range, cut panels where it lies inside.
 template <class T>
 TailAt tail(const LawPieces& pieces, const LawQuantity& quantity, double y) {
     TailAt result{0, 0};
@@ -108,8 +109,8 @@ struct Moments {
     double mean, sd;
 };
 
-// First and second moment, about `about`, of panels in which the quantity passes zero: below it the value is
-// zero.
+/// First and second moment, about `about`, of panels in which the quantity passes zero: below it the value is
+/// zero.
 template <class T>
 struct CutMoments {
     T first, second;
@@ -131,8 +132,8 @@ CutMoments<T> cut_moments(const GaussRule& rule, int order, Coefficient coeffici
     return sum;
 }
 
-// Mean and standard deviation over the probability where the quantity exists, plus `extra` probability at
-// value zero.
+/// Mean and standard deviation over the probability where the quantity exists, plus `extra` probability at
+/// value zero.
 template <class T>
 Moments moments(const LawPieces& pieces, const LawQuantity& quantity, double extra) {
     // Two passes: the second about the mean of the first, so that a narrow law far from zero keeps its
@@ -179,8 +180,8 @@ Moments moments(const LawPieces& pieces, const LawQuantity& quantity, double ext
     return {about, std::sqrt(std::max(0.0, second / total - offset * offset))};
 }
 
-// The smallest y with P(quantity > y) <= beyond * scale, to 1e-13 of the largest value. `never` is
-// probability that counts as beyond every y. Infinite where `never` alone is too much.
+/// The smallest y with P(quantity > y) <= beyond * scale, to 1e-13 of the largest value. `never` is
+/// probability that counts as beyond every y. Infinite where `never` alone is too much.
 template <class T>
 double upper_quantile(const LawPieces& pieces, const LawQuantity& quantity, double allowed, double never) {
     if (never > allowed) return std::numeric_limits<double>::infinity();

@@ -1,4 +1,5 @@
-// Many controller sub-steps in one, where the rates are smooth enough for the sum to be known.
+/// @file
+/// Many controller sub-steps in one, where the rates are smooth enough for the sum to be known.
 #pragma once
 
 #include <cmath>
@@ -9,10 +10,10 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 inline constexpr int leap_order = 6;
 inline constexpr int leap_levels = 5;  // leaps go over 1, 2, 4, 8 or 16 stretches
-// Values that must be known for every second of them to make a history of twice the stride.
+/// Values that must be known for every second of them to make a history of twice the stride.
 inline constexpr int doubling_order = 2 * leap_order - 1;
 
-// Lagrange's polynomials for the nodes 0, -1, ..., -5, as coefficients of powers: l_j(x) = sum_p [j][p] x^p.
+/// Lagrange's polynomials for the nodes 0, -1, ..., -5, as coefficients of powers: l_j(x) = sum_p [j][p] x^p.
 inline constexpr auto lagrange_coefficients = [] {
     std::array<std::array<double, leap_order>, leap_order> made{};
     for (int j = 0; j < leap_order; ++j) {
@@ -35,19 +36,19 @@ constexpr double lagrange(int j, double x) {
     return value;
 }
 
-// While the arm follows the line with its rates reached, each sub-step adds h f(q) to the positions, f being
-// the resolved rates. Along the path f is a smooth function of the sub-step's number, so the sum over the
-// next `count` of them follows from its values at six moments behind, `stride` sub-steps apart: the sum is taken of
-// the polynomial through them. This is the Adams-Bashforth method with its integral replaced by the very sum the
-// controller forms, so the leap lands where the sub-steps would, not where the ideal motion would.
+/// While the arm follows the line with its rates reached, each sub-step adds h f(q) to the positions, f being
+/// the resolved rates. Along the path f is a smooth function of the sub-step's number, so the sum over the
+/// next `count` of them follows from its values at six moments behind, `stride` sub-steps apart: the sum is taken of
+/// the polynomial through them. This is the Adams-Bashforth method with its integral replaced by the very sum the
+/// controller forms, so the leap lands where the sub-steps would, not where the ideal motion would.
 struct LeapWeights {
-    double sum[leap_order];          // of the rates, newest first: positions gained, in units of the sub-step
-    double sum_of_sums[leap_order];  // as `sum`, summed once more: positions from changes of rates
-    double predict[leap_order];      // the rates after `count` sub-steps, extrapolated
-    double last[leap_order];         // the rates of the last of those sub-steps
+    double sum[leap_order];          ///< of the rates, newest first: positions gained, in units of the sub-step
+    double sum_of_sums[leap_order];  ///< as `sum`, summed once more: positions from changes of rates
+    double predict[leap_order];      ///< the rates after `count` sub-steps, extrapolated
+    double last[leap_order];         ///< the rates of the last of those sub-steps
 };
 
-// Weights of every leap over whole stretches.
+/// Weights of every leap over whole stretches.
 class LeapTable {
   public:
     explicit LeapTable(int sub_steps) {
@@ -67,7 +68,7 @@ class LeapTable {
             }
         }
     }
-    // For a history whose values are 2^level stretches apart, after that many stretches or fewer.
+    /// For a history whose values are 2^level stretches apart, after that many stretches or fewer.
     const LeapWeights& after(int level, int stretches) const { return weights_[index(level, stretches)]; }
     const LeapWeights& full(int level) const { return after(level, 1 << level); }
 
@@ -92,7 +93,7 @@ class LeapTable {
     std::array<LeapWeights, (1 << leap_levels) - 1> weights_;
 };
 
-// Rates, or their changes, at the beginnings of the last strides of 2^level stretches, newest first.
+/// Rates, or their changes, at the beginnings of the last strides of 2^level stretches, newest first.
 template <class T>
 class RateHistory {
   public:
@@ -117,7 +118,7 @@ class RateHistory {
         known_ = leap_order;
         ++level_;
     }
-    // The values between are those of the polynomial that was good enough to leap with.
+    /// The values between are those of the polynomial that was good enough to leap with.
     void halve_stride(int free_count) {
         for (int f = 0; f < free_count; ++f) {
             T between[leap_order];
@@ -132,22 +133,22 @@ class RateHistory {
     }
 
   private:
-    static constexpr int places = 16;  // doubling_order and a power of two, so that the remainder is cheap
+    static constexpr int places = 16;  ///< doubling_order and a power of two, so that the remainder is cheap
     T* at(int j) { return rate_[(newest_ + places - j) % places]; }
     const T* at(int j) const { return rate_[(newest_ + places - j) % places]; }
 
     int known_ = 0, level_ = 0, newest_ = 0;
-    T rate_[places][max_joints];  // by free joint
+    T rate_[places][max_joints];  ///< by free joint
 };
 
-// Extrapolated and resolved rates may differ by this much, relative to the largest rate, for a leap to stand.
-// Over a second at 1 rad/s the positions then stay within 1e-10 rad of those of the sub-steps.
+/// Extrapolated and resolved rates may differ by this much, relative to the largest rate, for a leap to stand.
+/// Over a second at 1 rad/s the positions then stay within 1e-10 rad of those of the sub-steps.
 inline constexpr double leap_tolerance = 1e-11;
-// The same for the changes of the rates while the arm brakes, where the error has no time to grow: over 0.1 s
-// at 5 rad/s^2 the positions stay within 1e-11 rad.
+/// The same for the changes of the rates while the arm brakes, where the error has no time to grow: over 0.1 s
+/// at 5 rad/s^2 the positions stay within 1e-11 rad.
 inline constexpr double braking_leap_tolerance = 1e-9;
-// Whether a stride may be doubled depends on roundings, which differ between instruction sets. So a longer leap must
-// be better by this factor, and the one before it by the next: whoever leaps then lands where the others do.
+/// Whether a stride may be doubled depends on roundings, which differ between instruction sets. So a longer leap must
+/// be better by this factor, and the one before it by the next: whoever leaps then lands where the others do.
 inline constexpr double long_leap_margin = 1e-2;
 inline constexpr double doubling_margin = 1e-3;
 

@@ -1,4 +1,5 @@
-// The resolved-rate controller of an industrial arm that moves a tool along a straight line.
+/// @file
+/// The resolved-rate controller of an industrial arm that moves a tool along a straight line.
 #pragma once
 
 #include "bumpstop/model/kinematics.hpp"
@@ -6,26 +7,26 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Everything about the motion that is the same for every pose.
+/// Everything about the motion that is the same for every pose.
 struct MotionSettings {
-    LinkPoint tip;      // the point that follows the line
-    int task_rows = 6;  // 6 holds the orientation, 3 is position only
+    LinkPoint tip;      ///< the point that follows the line
+    int task_rows = 6;  ///< 6 holds the orientation, 3 is position only
     int free_count = 0;
-    std::array<int, max_joints> free_joint{};             // joints that may move
-    double damping = 0;                                   // of the least squares; 0 is exact
-    double step = 1e-3;                                   // simulation step [s]
-    int substeps = 5;                                     // controller sub-steps in it
-    std::array<double, max_joints> acceleration_limit{};  // rad/s^2 or m/s^2, by joint
-    std::array<double, max_joints> velocity_limit{};      // rad/s or m/s, by joint; infinite: none
-    std::array<double, max_joints> lower{}, upper{};      // joint limits [rad or m]
+    std::array<int, max_joints> free_joint{};             ///< joints that may move
+    double damping = 0;                                   ///< of the least squares; 0 is exact
+    double step = 1e-3;                                   ///< simulation step [s]
+    int substeps = 5;                                     ///< controller sub-steps in it
+    std::array<double, max_joints> acceleration_limit{};  ///< rad/s^2 or m/s^2, by joint
+    std::array<double, max_joints> velocity_limit{};      ///< rad/s or m/s, by joint; infinite: none
+    std::array<double, max_joints> lower{}, upper{};      ///< joint limits [rad or m]
 
     double substep() const { return step / substeps; }
 };
 
 template <class T>
 struct ArmState {
-    T q[max_joints];   // rad or m
-    T qd[max_joints];  // rad/s or m/s; zero for held joints
+    T q[max_joints];   ///< rad or m
+    T qd[max_joints];  ///< rad/s or m/s; zero for held joints
     JointAngles<T> angle;
 
     void refresh_angles(const Chain& chain) {
@@ -35,13 +36,13 @@ struct ArmState {
 
 template <class T>
 struct Rates {
-    T free[max_columns];  // by free joint
+    T free[max_columns];  ///< by free joint
     Conditioning<T> conditioning;
     MaskOf<T> velocity_limited;
 };
 
-// Joint rates that move the tip with `velocity` (base frame, m/s) and no rotation, scaled down as a whole
-// where one would pass its velocity limit.
+/// Joint rates that move the tip with `velocity` (base frame, m/s) and no rotation, scaled down as a whole
+/// where one would pass its velocity limit.
 template <class T>
 Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const Posture<T>& posture,
                         const Point3<T>& velocity) {
@@ -86,8 +87,8 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
     return rates;
 }
 
-// How the rates change in one controller sub-step toward `wanted` (by free joint): one ratio scales all joint
-// accelerations so that none passes its limit. Returns where the wanted rates are reached.
+/// How the rates change in one controller sub-step toward `wanted` (by free joint): one ratio scales all joint
+/// accelerations so that none passes its limit. Returns where the wanted rates are reached.
 template <class T>
 MaskOf<T> limited_change(const MotionSettings& motion, const T* wanted, const ArmState<T>& state, T* change) {
     const double h = motion.substep();
@@ -106,7 +107,7 @@ MaskOf<T> limited_change(const MotionSettings& motion, const T* wanted, const Ar
     return reached;
 }
 
-// One controller sub-step: the rates change, then the positions follow the new rates.
+/// One controller sub-step: the rates change, then the positions follow the new rates.
 template <class T>
 MaskOf<T> advance(const Chain& chain, const MotionSettings& motion, const T* wanted, ArmState<T>& state) {
     T change[max_joints];

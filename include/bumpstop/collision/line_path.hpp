@@ -1,4 +1,5 @@
-// The undisturbed path of the contact point along the line, traced once for a register full of poses.
+/// @file
+/// The undisturbed path of the contact point along the line, traced once for a register full of poses.
 #pragma once
 
 #include <limits>
@@ -9,44 +10,44 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Where and in which direction the arm hits.
+/// Where and in which direction the arm hits.
 struct ContactGeometry {
     LinkPoint point;
-    bool along_motion = true;  // the normal is the direction in which the point moves at the start
-    Vector3 normal{};          // else this unit vector, base frame
+    bool along_motion = true;  ///< the normal is the direction in which the point moves at the start
+    Vector3 normal{};          ///< else this unit vector, base frame
 };
 
-// How long the path is and how often the detector looks.
+/// How long the path is and how often the detector looks.
 struct Timing {
-    int steps = 5000;  // horizon in simulation steps
-    int period = 4;    // steps between two feedback ticks
-    int latency = 0;   // steps from a tick to the beginning of the reaction
+    int steps = 5000;  ///< horizon in simulation steps
+    int period = 4;    ///< steps between two feedback ticks
+    int latency = 0;   ///< steps from a tick to the beginning of the reaction
     bool from_rest = false;
 };
 
-// The arm stops following the line when ...
+/// The arm stops following the line when ...
 enum class PathEnd { horizon, joint_limit, singularity, certain_detection };
 
-// One pose's path, all that the force law needs of it.
+/// One pose's path, all that the force law needs of it.
 struct LinePath {
     int dof = 0, free_count = 0;
     int ticks = 0;
-    std::vector<double> s;               // distance along the normal after step i; s[0] = 0 [m]
-    std::vector<double> torque_per_N;    // [tick][dof]: J_v' n at the tick
-    std::vector<double> reaction_state;  // [tick][free]: q then qd at the step in which the reaction would begin
+    std::vector<double> s;               ///< distance along the normal after step i; s[0] = 0 [m]
+    std::vector<double> torque_per_N;    ///< [tick][dof]: J_v' n at the tick
+    std::vector<double> reaction_state;  ///< [tick][free]: q then qd at the step in which the reaction would begin
     Vector3 start{}, normal{}, velocity{};
-    double approach_speed = 0;  // of the point along the normal when the motion has its full speed [m/s]
+    double approach_speed = 0;  ///< of the point along the normal when the motion has its full speed [m/s]
     PathEnd end = PathEnd::horizon;
     int end_joint = -1;
-    bool velocity_limited = false;  // a joint-velocity limit slowed the motion somewhere
+    bool velocity_limited = false;  ///< a joint-velocity limit slowed the motion somewhere
     bool singular_start = false;
 
     double at_tick(int k, int period) const { return s[std::size_t(k) * period + 1]; }
 };
 
-// Tells the tracer when nothing more can happen in a lane. `finished(s, torque_per_N)` is called at every
-// tick with the distance and the contact torques per newton of all lanes and returns the lanes that need no
-// further tick.
+/// Tells the tracer when nothing more can happen in a lane. `finished(s, torque_per_N)` is called at every
+/// tick with the distance and the contact torques per newton of all lanes and returns the lanes that need no
+/// further tick.
 struct NeverFinished {
     template <class T>
     MaskOf<T> operator()(const T&, const T*) {
@@ -54,7 +55,7 @@ struct NeverFinished {
     }
 };
 
-// Traces the paths of up to one register of poses.
+/// Traces the paths of up to one register of poses.
 template <class T, class Finished>
 class LineTracer {
   public:
@@ -68,8 +69,8 @@ class LineTracer {
           stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
           table_(stride_ * motion.substeps) {}
 
-    // Traces into paths[0..count). Lane l of q and velocity belongs to paths[l]; surplus lanes must repeat a
-    // valid pose.
+    /// Traces into paths[0..count). Lane l of q and velocity belongs to paths[l]; surplus lanes must repeat a
+    /// valid pose.
     void trace(const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
         begin(q, velocity, paths, count);
         step_ = 0;
@@ -141,13 +142,13 @@ class LineTracer {
         }
     }
 
-    // Posture and wanted rates where the arm is.
+    /// Posture and wanted rates where the arm is.
     void look() {
         forward_kinematics(chain_, state_.q, state_.angle, posture_);
         rates_ = resolved_rates(chain_, motion_, posture_, velocity_);
     }
 
-    // One simulation step of the controller as it runs.
+    /// One simulation step of the controller as it runs.
     void step() {
         for (int sub = 0; sub < motion_.substeps; ++sub) {
             if (sub > 0) look();
@@ -156,8 +157,8 @@ class LineTracer {
         look();
     }
 
-    // Keeps the rates for leaping; forgets all where some living lane did not have them over the whole
-    // stretch.
+    /// Keeps the rates for leaping; forgets all where some living lane did not have them over the whole
+    /// stretch.
     void remember() {
         bool smooth = true;
         for (int lane = 0; lane < lanes; ++lane) {
@@ -179,7 +180,7 @@ class LineTracer {
         return margin;
     }
 
-    // Goes over the longest stride for which the rates found at its end are those extrapolated; else stays.
+    /// Goes over the longest stride for which the rates found at its end are those extrapolated; else stays.
     Leap try_leap() {
         int left = std::numeric_limits<int>::max();  // steps until the first living lane's path is over
         for (int lane = 0; lane < lanes; ++lane) {
@@ -202,7 +203,7 @@ class LineTracer {
         return record_between(before) ? Leap::landed : Leap::all_done;
     }
 
-    // Puts the arm to the end of the stride. Is it where a leap may end?
+    /// Puts the arm to the end of the stride. Is it where a leap may end?
     bool lands(const ArmState<T>& before) {
         const LeapWeights& weights = table_.full(history_.level());
         place(before, weights);
@@ -239,7 +240,7 @@ class LineTracer {
         }
     }
 
-    // Writes what lies inside a leap, stretch by stretch, and stands at its end. False when no lane goes on.
+    /// Writes what lies inside a leap, stretch by stretch, and stands at its end. False when no lane goes on.
     bool record_between(const ArmState<T>& before) {
         const int stretches = 1 << history_.level();
         if (stretches > 1) {
@@ -260,8 +261,8 @@ class LineTracer {
         return true;
     }
 
-    // The distances at the simulation steps inside a leap, by the cubic through the last three strides and
-    // this one.
+    /// The distances at the simulation steps inside a leap, by the cubic through the last three strides and
+    /// this one.
     void fill_steps() {
         const T s = distance();
         for (int lane = 0; lane < lanes; ++lane) {
@@ -279,7 +280,7 @@ class LineTracer {
 
     T distance() const { return dot(posture_.position(contact_.point) - start_, normal_); }
 
-    // Writes what is at this step into the paths. False when no lane goes on.
+    /// Writes what is at this step into the paths. False when no lane goes on.
     bool record() {
         const int i = step_;
         const int n = motion_.free_count;
@@ -347,7 +348,7 @@ class LineTracer {
     const ContactGeometry& contact_;
     const Timing& timing_;
     Finished& finished_;
-    const int stride_;  // steps between the moments a path keeps: ticks, and beginnings of reactions
+    const int stride_;  ///< steps between the moments a path keeps: ticks, and beginnings of reactions
     const LeapTable table_;
 
     LinePath* paths_ = nullptr;
@@ -356,9 +357,9 @@ class LineTracer {
     Posture<T> posture_;
     Rates<T> rates_;
     RateHistory<T> history_;
-    bool may_double_ = false;  // the last leap landed so well that one of twice the stride may
-    int step_ = 0;             // steps behind us; posture and rates are those there
-    MaskOf<T> reached_;        // rates reached in every sub-step since the last `remember`
+    bool may_double_ = false;  ///< the last leap landed so well that one of twice the stride may
+    int step_ = 0;             ///< steps behind us; posture and rates are those there
+    MaskOf<T> reached_;        ///< rates reached in every sub-step since the last `remember`
     int last_step_[lanes];
     bool alive_[lanes];
 };

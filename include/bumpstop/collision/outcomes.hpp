@@ -1,32 +1,33 @@
-// When collisions are detected, offset by offset: the part of the exact law that knows the detector.
+/// @file
+/// When collisions are detected, offset by offset: the part of the exact law that knows the detector.
 #pragma once
 
 #include "bumpstop/collision/quiet_ticks.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Survival below this ends a panel's ticks: nothing that is printed can feel it.
+/// Survival below this ends a panel's ticks: nothing that is printed can feel it.
 inline constexpr double negligible_survival = 1e-18;
 
-// Offsets low..high, whose first tick in contact is `tick`.
+/// Offsets low..high, whose first tick in contact is `tick`.
 struct Panel {
     double low, high;
     int tick;
 };
 
-// What happens in a panel given that nothing alarmed before its first tick, at the Gauss nodes of every panel of a
-// list. The list is padded to whole registers by repeating its last panel.
+/// What happens in a panel given that nothing alarmed before its first tick, at the Gauss nodes of every panel of a
+/// list. The list is padded to whole registers by repeating its last panel.
 struct Outcomes {
-    int panels = 0;                             // padded
-    std::vector<std::vector<double>> detected;  // [slot after contact][node][panel]: D, detected at that tick
-    std::vector<double> survived;               // [node][panel]: not detected by the end
-    std::vector<double> trigger;                // [watched joint][node][panel]
-    std::vector<double> several;                // [node][panel]
+    int panels = 0;                             ///< padded
+    std::vector<std::vector<double>> detected;  ///< [slot after contact][node][panel]: D, detected at that tick
+    std::vector<double> survived;               ///< [node][panel]: not detected by the end
+    std::vector<double> trigger;                ///< [watched joint][node][panel]
+    std::vector<double> several;                ///< [node][panel]
 };
 
-// Clamped contact: the force follows from where the arm is.
+/// Clamped contact: the force follows from where the arm is.
 struct ClampedContact {
-    double stiffness;  // N/m
+    double stiffness;  ///< N/m
 
     template <class T>
     struct Collision {
@@ -44,7 +45,7 @@ struct ClampedContact {
     }
 };
 
-// Works out what happens to bodies of some kind of contact.
+/// Works out what happens to bodies of some kind of contact.
 template <class T>
 class OutcomeFinder {
   public:
@@ -92,7 +93,7 @@ class OutcomeFinder {
         T offset(double node) const { return 0.5 * (low + high) + 0.5 * (high - low) * node; }
     };
 
-    // What is the same at one slot for all offsets of the panels.
+    /// What is the same at one slot for all offsets of the panels.
     struct Slot {
         T s, watch = 1.0, torque[max_joints];  // watch: 1 where the tick exists and the detector is armed
     };
@@ -108,7 +109,7 @@ class OutcomeFinder {
         return made;
     }
 
-    // Alarms of one tick, joint by joint.
+    /// Alarms of one tick, joint by joint.
     struct Tick {
         T alarm = 0.0, silent = 1.0, one = 0.0, single[max_joints];  // one: exactly one so far
 
@@ -119,7 +120,7 @@ class OutcomeFinder {
             single[w] = joint.alarm;
         }
     };
-    // What has happened to one offset of every panel.
+    /// What has happened to one offset of every panel.
     struct Fate {
         T survival = 1.0, several = 0.0, trigger[max_joints];
 
@@ -177,7 +178,7 @@ class OutcomeFinder {
         for (int g = 0; g < rule.order; ++g) keep(fate[g], std::size_t(g) * out.panels + at.first, out);
     }
 
-    // The same where a tick depends on those before: correlated noise, or an observer.
+    /// The same where a tick depends on those before: correlated noise, or an observer.
     template <class Contact>
     void with_memory(const Contact& contact, const Register& at, const GaussRule& rule, Outcomes& out) const {
         std::vector<TruncatedDensity<T>> density(detector_.watched);
@@ -215,7 +216,7 @@ class OutcomeFinder {
         return chance;
     }
 
-    // The noise as the ticks before contact left it.
+    /// The noise as the ticks before contact left it.
     void begin(const Register& at, int w, TruncatedDensity<T>& density) const {
         density.forget(*quiet_.memory(w));
         for (int lane = 0; lane < lanes; ++lane) {

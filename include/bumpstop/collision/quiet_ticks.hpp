@@ -1,4 +1,5 @@
-// The ticks before contact: how long nothing alarms, and what the noise has become by then.
+/// @file
+/// The ticks before contact: how long nothing alarms, and what the noise has become by then.
 #pragma once
 
 #include "bumpstop/collision/stopping_curve.hpp"
@@ -6,10 +7,10 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// What may happen at an armed tick without contact, given no alarm before.
+/// What may happen at an armed tick without contact, given no alarm before.
 struct IdleTick {
-    double alarm = 0, silent = 1, one = 0;    // any joint, none, exactly one over its threshold
-    std::array<double, max_joints> single{};  // by watched joint
+    double alarm = 0, silent = 1, one = 0;    ///< any joint, none, exactly one over its threshold
+    std::array<double, max_joints> single{};  ///< by watched joint
 
     void add(int w, const AlarmProbability<double>& joint) {
         alarm += silent * joint.alarm;
@@ -35,18 +36,18 @@ class QuietTicks {
     double time(int k) const { return (double(k) * period_ + 1) * step_; }
     bool armed(int k) const { return time(k) >= detector_.arming_delay - 1e-12; }
 
-    // Probability of no alarm in all armed ticks before tick k, and of an alarm among them.
+    /// Probability of no alarm in all armed ticks before tick k, and of an alarm among them.
     double silence_before(int k) const { return std::exp(log_silence_[clamped(k)]); }
     double alarm_before(int k) const { return -std::expm1(log_silence_[clamped(k)]); }
 
-    // Tick k itself, given no alarm before it.
+    /// Tick k itself, given no alarm before it.
     const IdleTick& idle(int k) const {
         static constexpr IdleTick nothing{};
         if (!armed(k)) return nothing;
         return idle_.empty() ? white_ : idle_[clamped(k)];
     }
 
-    // The first tick at which the noise has all but forgotten that it was not watched before it was armed.
+    /// The first tick at which the noise has all but forgotten that it was not watched before it was armed.
     int settled() const {
         if (idle_.empty()) return 0;
         int k = int(idle_.size()) - 1;
@@ -55,11 +56,11 @@ class QuietTicks {
         return k;
     }
 
-    // Joints whose noise remembers; `memory(w)` is null for the others.
+    /// Joints whose noise remembers; `memory(w)` is null for the others.
     const NoiseMemory* memory(int w) const { return has_memory(w) ? &memory_[std::size_t(place_[w])] : nullptr; }
     bool has_memory(int w) const { return !memory_.empty() && place_[w] >= 0; }
 
-    // The noise of a remembering joint after tick k - 1, nothing having alarmed.
+    /// The noise of a remembering joint after tick k - 1, nothing having alarmed.
     const TruncatedDensity<double>& density_before(int w, int k) const {
         const std::vector<TruncatedDensity<double>>& row = density_[std::size_t(place_[w])];
         return row[std::min(std::size_t(k), row.size() - 1)];
@@ -107,11 +108,11 @@ class QuietTicks {
     int period_;
     double step_;
     IdleTick white_;
-    std::vector<double> log_silence_;  // of all ticks before this one
-    std::vector<IdleTick> idle_;       // by tick, where the noise remembers
+    std::vector<double> log_silence_;  ///< of all ticks before this one
+    std::vector<IdleTick> idle_;       ///< by tick, where the noise remembers
     std::array<int, max_joints> place_{};
     std::vector<NoiseMemory> memory_;
-    std::vector<std::vector<TruncatedDensity<double>>> density_;  // [remembering joint][tick]
+    std::vector<std::vector<TruncatedDensity<double>>> density_;  ///< [remembering joint][tick]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,4 +1,5 @@
-// The path the contact point still travels once the arm reacts.
+/// @file
+/// The path the contact point still travels once the arm reacts.
 #pragma once
 
 #include "bumpstop/collision/line_path.hpp"
@@ -7,32 +8,32 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 enum class ReactionKind { stop, reverse };
 
-// One reaction to simulate: that of `tick` on `path`. distance[i] is the distance along the normal step[i] simulation
-// steps into the reaction; step[0] is 0, where it begins.
+/// One reaction to simulate: that of `tick` on `path`. distance[i] is the distance along the normal step[i] simulation
+/// steps into the reaction; step[0] is 0, where it begins.
 struct ReactionJob {
     const LinePath* path;
-    int curve;  // whose number the path is
+    int curve;  ///< whose number the path is
     int tick;
     std::vector<double> distance;
     std::vector<int> step;
 };
 
-// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
-// `return_to(job)`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
-// the point retreats for good: on the way back nothing brings it forward again unless a singularity is near. Near
-// one, it is followed until the reverse rates are reached, or half again the time has passed that the slowest joint
-// needs to stop, and 50 ms more: the source's own length of a run after detection. A reaction that stops is followed
-// until it has.
+/// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
+/// `return_to(job)`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
+/// the point retreats for good: on the way back nothing brings it forward again unless a singularity is near. Near
+/// one, it is followed until the reverse rates are reached, or half again the time has passed that the slowest joint
+/// needs to stop, and 50 ms more: the source's own length of a run after detection. A reaction that stops is followed
+/// until it has.
 enum class ReactionDetail { every_step, only_peak };
 
-// No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
+/// No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
 inline constexpr int longest_reaction_steps = 20000;
-// The steps about the farthest point tell where between two steps it lies.
+/// The steps about the farthest point tell where between two steps it lies.
 inline constexpr int steps_past_peak = 3;
 
-// Arms that brake, one in each lane. While the same joint limits the deceleration the changes of the rates
-// are smooth, and one or more simulation steps are a leap (see leap.hpp); where they are not, the controller's
-// sub-steps are taken.
+/// Arms that brake, one in each lane. While the same joint limits the deceleration the changes of the rates
+/// are smooth, and one or more simulation steps are a leap (see leap.hpp); where they are not, the controller's
+/// sub-steps are taken.
 template <class T>
 class BrakingArm {
   public:
@@ -40,11 +41,11 @@ class BrakingArm {
         : chain_(chain), motion_(motion), table_(motion.substeps) {}
 
     ArmState<T> state;
-    Point3<T> target;       // velocity the reaction asks for; zero: stop
-    bool stopping = false;  // the target is zero in all lanes, so no rates need resolving
-    MaskOf<T> reached;      // the rates asked for were reached in the last step
-    MaskOf<T> poor;         // a singularity was near in it
-    Posture<T> posture;     // after it
+    Point3<T> target;       ///< velocity the reaction asks for; zero: stop
+    bool stopping = false;  ///< the target is zero in all lanes, so no rates need resolving
+    MaskOf<T> reached;      ///< the rates asked for were reached in the last step
+    MaskOf<T> poor;         ///< a singularity was near in it
+    Posture<T> posture;     ///< after it
 
     void begin() {
         state.refresh_angles(chain_);
@@ -53,8 +54,8 @@ class BrakingArm {
         look();
     }
 
-    // Goes on by one simulation step or more; returns how many. `alive[lane]`: the lane still matters. A leap over
-    // several steps stands only where `accept(steps)` agrees, which sees state and posture at its end.
+    /// Goes on by one simulation step or more; returns how many. `alive[lane]`: the lane still matters. A leap over
+    /// several steps stands only where `accept(steps)` agrees, which sees state and posture at its end.
     template <class Accept>
     int advance_steps(const bool* alive, Accept accept) {
         poor = wanted_.conditioning.poor;
@@ -76,7 +77,7 @@ class BrakingArm {
         return 1;
     }
 
-    // Calls visit(i, posture) for the steps i = 1 .. steps - 1 inside the leap that ended last.
+    /// Calls visit(i, posture) for the steps i = 1 .. steps - 1 inside the leap that ended last.
     template <class Visit>
     void visit_inside(int steps, Visit visit) const {
         ArmState<T> inside = before_;
@@ -104,7 +105,7 @@ class BrakingArm {
         return false;
     }
 
-    // Wanted rates and their limited change where the arm is.
+    /// Wanted rates and their limited change where the arm is.
     void look() {
         if (stopping) {
             for (int f = 0; f < motion_.free_count; ++f) wanted_.free[f] = 0.0;
@@ -115,7 +116,7 @@ class BrakingArm {
         reached_now_ = limited_change(motion_, wanted_.free, state, change_);
     }
 
-    // The longest leap that lands where the changes are those extrapolated, in steps; 0: none does.
+    /// The longest leap that lands where the changes are those extrapolated, in steps; 0: none does.
     template <class Accept>
     int leap(const bool* alive, Accept accept) {
         before_ = state;
@@ -180,15 +181,15 @@ class BrakingArm {
     const MotionSettings& motion_;
     const LeapTable table_;
     Rates<T> wanted_;
-    T change_[max_joints];  // of the rates in the next sub-step
+    T change_[max_joints];  ///< of the rates in the next sub-step
     MaskOf<T> reached_now_;
-    RateHistory<T> history_, leapt_;  // leapt_: as it was when the last leap began
-    ArmState<T> before_;              // the state then
+    RateHistory<T> history_, leapt_;  ///< leapt_: as it was when the last leap began
+    ArmState<T> before_;              ///< the state then
 };
 
 namespace detail {
 
-// Velocity of a point of the arm along `normal` [m/s].
+/// Velocity of a point of the arm along `normal` [m/s].
 template <class T>
 T speed_along(const Chain& chain, const MotionSettings& motion, const ArmState<T>& state, const Posture<T>& posture,
               const LinkPoint& point, const Point3<T>& normal) {
@@ -203,8 +204,8 @@ T speed_along(const Chain& chain, const MotionSettings& motion, const ArmState<T
 
 }  // namespace detail
 
-// Packs the jobs into lanes. `pose_of(job)` gives the joint positions its path started in: held joints keep
-// theirs.
+/// Packs the jobs into lanes. `pose_of(job)` gives the joint positions its path started in: held joints keep
+/// theirs.
 template <class T, class PoseOf, class ReturnTo>
 void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                         const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail,

@@ -1,4 +1,5 @@
-// The sampled law: single collisions with drawn offsets and noise, on a stopping curve already known.
+/// @file
+/// The sampled law: single collisions with drawn offsets and noise, on a stopping curve already known.
 #pragma once
 
 #include <array>
@@ -10,27 +11,27 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// The runs' results, one entry a run; noise and residual (run-major, dof wide) may be null.
+/// The runs' results, one entry a run; noise and residual (run-major, dof wide) may be null.
 struct SampledRuns {
-    double* offset;                        // [m]
-    std::int32_t* tick;                    // of detection; -1: never
-    std::uint32_t* triggers;               // bit j: joint j over its threshold at that tick
-    double* noise = nullptr;               // at that tick [Nm or N]; zero when never
-    double* residual = nullptr;            // noise and contact torque
-    double* peak_force = nullptr;          // of free contact [N]
-    double* duration = nullptr;            // [s]
-    double* force_at_detection = nullptr;  // [N]; zero when never, or before contact
+    double* offset;                        ///< [m]
+    std::int32_t* tick;                    ///< of detection; -1: never
+    std::uint32_t* triggers;               ///< bit j: joint j over its threshold at that tick
+    double* noise = nullptr;               ///< at that tick [Nm or N]; zero when never
+    double* residual = nullptr;            ///< noise and contact torque
+    double* peak_force = nullptr;          ///< of free contact [N]
+    double* duration = nullptr;            ///< [s]
+    double* force_at_detection = nullptr;  ///< [N]; zero when never, or before contact
 };
 
-// Measured residuals of free motion, resampled in blocks so that their correlation between joints and in time is kept: a
-// run is made of blocks of consecutive rows, each begun at a random row, the first entered at a random place.
+/// Measured residuals of free motion, resampled in blocks so that their correlation between joints and in time is kept: a
+/// run is made of blocks of consecutive rows, each begun at a random row, the first entered at a random place.
 struct ResidualRecord {
-    const double* row = nullptr;  // [row][dof], at the feedback rate [Nm or N]
+    const double* row = nullptr;  ///< [row][dof], at the feedback rate [Nm or N]
     std::int64_t rows = 0;
     int dof = 0;
-    std::int64_t block = 1;  // rows in a block, at most `rows`
+    std::int64_t block = 1;  ///< rows in a block, at most `rows`
 
-    // The row that plays tick k of a run.
+    /// The row that plays tick k of a run.
     std::int64_t row_of(std::uint64_t seed, std::int64_t run, std::int64_t k) const {
         const std::int64_t place = k + number_below(seed, run, 0, block);
         const std::int64_t first = number_below(seed, run, 1 + place / block, rows - block + 1);
@@ -45,7 +46,7 @@ struct ResidualRecord {
     }
 };
 
-// Offset of a run: a half-normal, uniform or fixed distance from its own stream.
+/// Offset of a run: a half-normal, uniform or fixed distance from its own stream.
 template <class T>
 T draw_offset(const OffsetLaw& law, std::uint64_t seed, IntOf<T> run) {
     const PhiloxBlock<IntOf<T>> block = noise_block(seed, run, offset_tick, 0);
@@ -57,7 +58,7 @@ T draw_offset(const OffsetLaw& law, std::uint64_t seed, IntOf<T> run) {
     return 2.0 * draw.p * law.size;
 }
 
-// The run number of every lane.
+/// The run number of every lane.
 template <class T>
 IntOf<T> run_lanes(const std::int64_t* run) {
     if constexpr (Scalar<T>::lanes == 1) {
@@ -99,7 +100,7 @@ class Sampler {
         }
     }
 
-    // Runs first_run .. first_run + count - 1 into out[0..count).
+    /// Runs first_run .. first_run + count - 1 into out[0..count).
     void run(std::int64_t first_run, std::int64_t count, const SampledRuns& out) const {
         constexpr std::int64_t block = 4096;
         std::vector<std::int64_t> order;
@@ -132,7 +133,7 @@ class Sampler {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
-    static constexpr double beyond_four_sd = 3.17e-5;  // a little more than P(Z > 4) = 3.167e-5
+    static constexpr double beyond_four_sd = 3.17e-5;  ///< a little more than P(Z > 4) = 3.167e-5
 
     void simulate(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
         std::int64_t number[lanes];
@@ -209,7 +210,7 @@ class Sampler {
         if (out.noise != nullptr) describe(first_run, index, used, out);
     }
 
-    // The first tick at which the arm is beyond an offset; the number of ticks if none is.
+    /// The first tick at which the arm is beyond an offset; the number of ticks if none is.
     int first_beyond(double offset) const {
         for (std::size_t k = 0; k < s_.size(); ++k) {
             if (s_[k] > offset) return int(k);
@@ -235,8 +236,8 @@ class Sampler {
         }
     }
 
-    // Runs whose noise or noiseless residual depends on the ticks before: every tick is played from the first on.
-    // Free contact comes with its collision and the first tick in contact of every lane.
+    /// Runs whose noise or noiseless residual depends on the ticks before: every tick is played from the first on.
+    /// Free contact comes with its collision and the first tick in contact of every lane.
     void tick_by_tick(const std::int64_t* number, IntOf<T> runs, T offset, bool* open, const std::int64_t* index,
                       int used, const SampledRuns& out, const int* touch, const FreeCollision<T>* collision) const {
         const int dof = curve_.path.dof;
@@ -302,7 +303,7 @@ class Sampler {
         }
     }
 
-    // Noise and residual of all joints at the tick of detection, watched or not.
+    /// Noise and residual of all joints at the tick of detection, watched or not.
     void describe(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
         const int dof = curve_.path.dof;
         for (int lane = 0; lane < used; ++lane) {
@@ -328,14 +329,14 @@ class Sampler {
     double stiffness_;
     OffsetLaw offset_;
     std::uint64_t seed_;
-    const ResidualRecord* record_;  // measured noise instead of Gaussian; may be null
-    const FreePaths* free_;         // of free contact; may be null
+    const ResidualRecord* record_;  ///< measured noise instead of Gaussian; may be null
+    const FreePaths* free_;         ///< of free contact; may be null
     const FreeBody body_;
     std::vector<double> s_;
     int first_armed_ = 0;
-    bool quiet_ = true;  // every noise mean lies inside its thresholds
+    bool quiet_ = true;  ///< every noise mean lies inside its thresholds
     int pair_[max_joints] = {}, half_[max_joints] = {};
-    double upper_[max_joints] = {}, lower_[max_joints] = {};  // probabilities beyond +- threshold without contact
+    double upper_[max_joints] = {}, lower_[max_joints] = {};  ///< probabilities beyond +- threshold without contact
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

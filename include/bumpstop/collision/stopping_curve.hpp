@@ -1,5 +1,6 @@
-// The stopping curve: at every feedback tick, where the contact point is and the farthest it still gets if
-// the reaction begins there.
+/// @file
+/// The stopping curve: at every feedback tick, where the contact point is and the farthest it still gets if
+/// the reaction begins there.
 #pragma once
 
 #include <algorithm>
@@ -12,22 +13,22 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct StoppingCurve {
     LinePath path;
-    std::vector<double> farthest;  // by tick: greatest distance along the normal from that tick on [m]
-    int reactions_simulated = 0;   // the others were interpolated
+    std::vector<double> farthest;  ///< by tick: greatest distance along the normal from that tick on [m]
+    int reactions_simulated = 0;   ///< the others were interpolated
 };
 
-// Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is what a force law
-// can feel.
+/// Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is what a force law
+/// can feel.
 inline constexpr double farthest_tolerance = 5e-10;
-// Where a law says how probable a detection at a tick is at most, the tolerance is divided by that, and no larger than
-// this [m].
+/// Where a law says how probable a detection at a tick is at most, the tolerance is divided by that, and no larger than
+/// this [m].
 inline constexpr double largest_farthest_tolerance = 5e-6;
-// A tick less probable than this need not be simulated because a kink is near: refinement finds what matters of it.
+/// A tick less probable than this need not be simulated because a kink is near: refinement finds what matters of it.
 inline constexpr double kink_probability = 1e-3;
 
-// How well the overrun of every tick must be known. Without probabilities: all equally well.
+/// How well the overrun of every tick must be known. Without probabilities: all equally well.
 struct FarthestTolerance {
-    const double* probability = nullptr;  // by tick, at most, of a detection there
+    const double* probability = nullptr;  ///< by tick, at most, of a detection there
 
     double of(int first, int last) const {
         if (probability == nullptr) return farthest_tolerance;
@@ -42,17 +43,17 @@ struct FarthestTolerance {
 
 namespace detail {
 
-// Distance still travelled after the reaction began: the greatest at a simulation step.
+/// Distance still travelled after the reaction began: the greatest at a simulation step.
 inline double overrun(const std::vector<double>& distance) {
     return *std::max_element(distance.begin(), distance.end()) - distance[0];
 }
 
-// The overrun near its greatest value as a cubic in time, about the top: top + bend/2 d^2 + skew/6 d^3, where
-// d is the time since `time`, both in simulation steps.
+/// The overrun near its greatest value as a cubic in time, about the top: top + bend/2 d^2 + skew/6 d^3, where
+/// d is the time since `time`, both in simulation steps.
 struct Summit {
     double time, top, bend, skew;
 
-    // The greatest value at a whole step.
+    /// The greatest value at a whole step.
     double at_steps() const {
         const double below = std::max(0.0, std::floor(time));
         double most = 0;
@@ -64,8 +65,8 @@ struct Summit {
     }
 };
 
-// The summit of a reaction's travel, from four steps in a row about it; NaN where there is none, because the
-// travel has no interior maximum.
+/// The summit of a reaction's travel, from four steps in a row about it; NaN where there is none, because the
+/// travel has no interior maximum.
 inline Summit summit(const ReactionJob& job) {
     const std::vector<double>& distance = job.distance;
     const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -94,8 +95,8 @@ inline Summit summit(const ReactionJob& job) {
     return {job.step[first] + x, y[0] + x * (c1 + x * (c2 + x * c3)), 2 * c2 + 6 * c3 * x, 6 * c3};
 }
 
-// The overrun at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps
-// is not smooth in the tick, as the steps fall differently about the summit; the summit is.
+/// The overrun at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps
+/// is not smooth in the tick, as the steps fall differently about the summit; the summit is.
 class OverrunInterpolation {
   public:
     OverrunInterpolation(Interpolation interpolation, const ReactionJob* jobs)
@@ -120,17 +121,17 @@ class OverrunInterpolation {
     std::vector<Summit> summit_;
 };
 
-// Ticks of one curve whose overrun is found together.
+/// Ticks of one curve whose overrun is found together.
 struct Stretch {
     int curve, first, last;
-    bool crosses_kink = false;  // not to be interpolated
-    std::size_t job = 0;        // the first of its jobs
+    bool crosses_kink = false;  ///< not to be interpolated
+    std::size_t job = 0;        ///< the first of its jobs
 
     int ticks() const { return last - first + 1; }
 };
 
-// The joint that limits the deceleration at a tick: the one farthest from standstill in units of its own
-// limit.
+/// The joint that limits the deceleration at a tick: the one farthest from standstill in units of its own
+/// limit.
 inline int limiting_joint(const MotionSettings& motion, const LinePath& path, int k) {
     const double* qd = &path.reaction_state[(std::size_t(2) * k + 1) * motion.free_count];
     int limiting = 0;
@@ -145,9 +146,9 @@ inline int limiting_joint(const MotionSettings& motion, const LinePath& path, in
     return limiting;
 }
 
-// Where another joint takes over as the limiting one, the overrun has a kink. Reactions that begin up to an
-// overrun before it cross it on their way. So the ticks are cut there, and those crossing it stand by
-// themselves.
+/// Where another joint takes over as the limiting one, the overrun has a kink. Reactions that begin up to an
+/// overrun before it cross it on their way. So the ticks are cut there, and those crossing it stand by
+/// themselves.
 inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, const LinePath& path, int curve, int known,
                          const FarthestTolerance& tolerance, std::vector<Stretch>& stretches) {
     int first = 0;
@@ -168,8 +169,8 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
     if (first < known) stretches.push_back({curve, first, known - 1});
 }
 
-// A stretch too rough for one polynomial: ticks simulated on a grid that is halved wherever the middle of two
-// of its points is not where the six nearest points say. Nothing simulated is thrown away.
+/// A stretch too rough for one polynomial: ticks simulated on a grid that is halved wherever the middle of two
+/// of its points is not where the six nearest points say. Nothing simulated is thrown away.
 class Refinement {
   public:
     Refinement(const Stretch& stretch, const FarthestTolerance& tolerance)
@@ -183,10 +184,10 @@ class Refinement {
     }
 
     int curve;
-    std::vector<int> wanted;  // ticks to simulate before the next `take`
-    std::size_t job = 0;      // the first of their jobs
+    std::vector<int> wanted;  ///< ticks to simulate before the next `take`
+    std::size_t job = 0;      ///< the first of their jobs
 
-    // Takes the jobs of the wanted ticks, settles what can be settled and says what is wanted next.
+    /// Takes the jobs of the wanted ticks, settles what can be settled and says what is wanted next.
     void take(const ReactionJob* jobs) {
         std::vector<int> unsettled;
         for (std::size_t i = 0; i < wanted.size(); ++i) {
@@ -218,8 +219,8 @@ class Refinement {
     const std::vector<double>& overruns() const { return overrun_; }
 
   private:
-    // The overrun at tick k from the six known points nearest to `centre` whose distance is `spacing`,
-    // without k.
+    /// The overrun at tick k from the six known points nearest to `centre` whose distance is `spacing`,
+    /// without k.
     double predict(int k, int spacing, int centre) const {
         std::vector<int> points;
         const int base = first_ + (centre - first_) / spacing * spacing;
@@ -246,7 +247,7 @@ class Refinement {
         return sum.time >= 0 ? sum.at_steps() : std::numeric_limits<double>::quiet_NaN();
     }
 
-    // Leaves the ticks between two points to interpolation, where there is enough to interpolate from.
+    /// Leaves the ticks between two points to interpolation, where there is enough to interpolate from.
     bool settle(int low, int high) {
         for (int k = low + 1; k < high; ++k) {
             if (overrun_[std::size_t(k - first_)] < 0 && !(predict(k, spacing_, k) >= 0)) return false;
@@ -258,7 +259,7 @@ class Refinement {
     }
 
   public:
-    // Fills in what was settled, once every point is known.
+    /// Fills in what was settled, once every point is known.
     void finish() {
         std::vector<double> filled = overrun_;
         for (const auto& [k, spacing] : settled_) filled[std::size_t(k - first_)] = predict(k, spacing, k);
@@ -268,18 +269,18 @@ class Refinement {
   private:
     FarthestTolerance tolerance_;
     int first_, last_, spacing_ = 1;
-    bool middles_ = false;  // the first round asks for the grid itself
+    bool middles_ = false;  ///< the first round asks for the grid itself
     std::vector<int> open_;
     std::vector<Summit> known_;
-    std::vector<double> overrun_;  // negative: not known
+    std::vector<double> overrun_;  ///< negative: not known
     std::vector<std::pair<int, int>> settled_;
 };
 
 }  // namespace detail
 
-// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each
-// stretch and interpolated between; a stretch where a check between the nodes disagrees is halved, down to
-// single ticks. `pose(i)` gives the joint positions curve i started in, `tolerance(i)` how well its ticks must be known.
+/// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each
+/// stretch and interpolated between; a stretch where a check between the nodes disagrees is halved, down to
+/// single ticks. `pose(i)` gives the joint positions curve i started in, `tolerance(i)` how well its ticks must be known.
 template <class T, class Pose, class Tolerance>
 void complete_curves(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                      const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose,

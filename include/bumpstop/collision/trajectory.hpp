@@ -1,5 +1,6 @@
-// Motions given as joint trajectories. The arm follows them whatever it hits; once it reacts it slows down along their
-// path. Contact may begin at any time on the way.
+/// @file
+/// Motions given as joint trajectories. The arm follows them whatever it hits; once it reacts it slows down along their
+/// path. Contact may begin at any time on the way.
 #pragma once
 
 #include "bumpstop/collision/exact_law.hpp"
@@ -7,16 +8,16 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Joint positions as cubics in time, piece by piece. The parameter of the path, u, is the time at which the undisturbed
-// arm passes a place.
+/// Joint positions as cubics in time, piece by piece. The parameter of the path, u, is the time at which the undisturbed
+/// arm passes a place.
 struct JointSpline {
     int dof = 0;
-    std::vector<double> time;         // ends of the pieces, from 0 on [s]
-    std::vector<double> coefficient;  // [piece][power 3, 2, 1, 0 of the time since the piece began][dof]
+    std::vector<double> time;         ///< ends of the pieces, from 0 on [s]
+    std::vector<double> coefficient;  ///< [piece][power 3, 2, 1, 0 of the time since the piece began][dof]
 
     double duration() const { return time.back(); }
 
-    // Position and its first two derivatives by u (dof each). An arm past the end stands still.
+    /// Position and its first two derivatives by u (dof each). An arm past the end stands still.
     void at(double u, double* q, double* first, double* second) const {
         const bool past = u >= duration();
         u = std::clamp(u, 0.0, duration());
@@ -34,23 +35,23 @@ struct JointSpline {
 };
 
 struct TrajectorySettings {
-    LinkPoint point;        // where the arm hits
-    MotionSettings motion;  // step, sub-steps and acceleration limits
-    int period = 4;         // simulation steps between two feedback ticks
-    int latency = 0;        // steps from a tick to the beginning of the reaction
+    LinkPoint point;        ///< where the arm hits
+    MotionSettings motion;  ///< step, sub-steps and acceleration limits
+    int period = 4;         ///< simulation steps between two feedback ticks
+    int latency = 0;        ///< steps from a tick to the beginning of the reaction
     ReactionKind reaction = ReactionKind::stop;
 };
 
-// What the arm does along its path after a tick, by simulation step from the reaction's beginning.
+/// What the arm does along its path after a tick, by simulation step from the reaction's beginning.
 struct PathReaction {
-    std::vector<double> u;              // until the reaction's final speed is reached [s]
-    std::vector<Point3<double>> point;  // of contact, as long as the arm goes forward and one step more [m]
-    double reach = 0;                   // the greatest u
+    std::vector<double> u;              ///< until the reaction's final speed is reached [s]
+    std::vector<Point3<double>> point;  ///< of contact, as long as the arm goes forward and one step more [m]
+    double reach = 0;                   ///< the greatest u
 };
 
-// Acceleration along the path, du/dt' <= 0, that brakes hardest while no joint passes its limit:
-// |first_j w + second_j v^2| <= limit_j. Where the path's own curvature passes a limit at this speed, the one that passes
-// it least; `excess` then is by how much (1: not at all).
+/// Acceleration along the path, du/dt' <= 0, that brakes hardest while no joint passes its limit:
+/// |first_j w + second_j v^2| <= limit_j. Where the path's own curvature passes a limit at this speed, the one that passes
+/// it least; `excess` then is by how much (1: not at all).
 inline double hardest_braking(int dof, const double* first, const double* second, const double* limit, double v,
                               double& excess) {
     constexpr double at_once = 1e12;  // an arm that stands still needs no time
@@ -84,7 +85,7 @@ inline double hardest_braking(int dof, const double* first, const double* second
     return lowest(allowed, w) ? std::min(w, 0.0) : 0.0;
 }
 
-// Everything about a trajectory that does not depend on when contact begins.
+/// Everything about a trajectory that does not depend on when contact begins.
 class ArmTrajectory {
   public:
     ArmTrajectory(const Chain& chain, JointSpline spline, const TrajectorySettings& settings)
@@ -122,9 +123,9 @@ class ArmTrajectory {
         return posture.position(settings_.point);
     }
 
-    // The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
-    // on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
-    // the curve ends where contact has been noticed for certain.
+    /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
+    /// on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
+    /// the curve ends where contact has been noticed for certain.
     StoppingCurve curve(double begin, const Point3<double>& normal, const ThresholdDetector* detector,
                         double stiffness) const {
         StoppingCurve curve;
@@ -157,8 +158,8 @@ class ArmTrajectory {
         return curve;
     }
 
-    // Distances after every simulation step of the reaction to a tick; one that reverses is followed until the arm is
-    // back before the place where contact begins.
+    /// Distances after every simulation step of the reaction to a tick; one that reverses is followed until the arm is
+    /// back before the place where contact begins.
     std::vector<double> reaction_distances(int tick, double begin, const Point3<double>& normal) const {
         const Point3<double> origin = point_at(begin);
         std::vector<double> distance;
@@ -173,7 +174,7 @@ class ArmTrajectory {
         return distance;
     }
 
-    // From touch until the reversing arm is back where contact began [s]; NaN where it never arrives there.
+    /// From touch until the reversing arm is back where contact began [s]; NaN where it never arrives there.
     double contact_span(int tick, double begin) const {
         const PathReaction& reaction = reaction_[std::size_t(tick)];
         const std::vector<double>& u = reaction.u;
@@ -201,7 +202,7 @@ class ArmTrajectory {
         forward_kinematics(chain_, state.q, state.angle, posture);
     }
 
-    // One acceleration along the path a simulation step; speed and place follow in the controller's sub-steps.
+    /// One acceleration along the path a simulation step; speed and place follow in the controller's sub-steps.
     PathReaction react(int tick) {
         const MotionSettings& motion = settings_.motion;
         const double end = spline_.duration();
@@ -233,7 +234,7 @@ class ArmTrajectory {
         }
     }
 
-    // The greatest distance at a step from tick k on. Where the arm reverses it passes all places since contact again.
+    /// The greatest distance at a step from tick k on. Where the arm reverses it passes all places since contact again.
     double farthest(int k, double begin, const Point3<double>& origin, const Point3<double>& normal,
                     double greatest) const {
         const PathReaction& reaction = reaction_[std::size_t(k)];
@@ -252,13 +253,13 @@ class ArmTrajectory {
     TrajectorySettings settings_;
     Timing timing_;
     int steps_ = 0, ticks_ = 0;
-    double excess_ = 1;                  // of the path's own acceleration over the limits while braking
-    std::vector<Point3<double>> point_;  // by step
-    std::vector<Point3<double>> lever_;  // [tick][joint]: linear column of the Jacobian at the contact point
+    double excess_ = 1;                  ///< of the path's own acceleration over the limits while braking
+    std::vector<Point3<double>> point_;  ///< by step
+    std::vector<Point3<double>> lever_;  ///< [tick][joint]: linear column of the Jacobian at the contact point
     std::vector<PathReaction> reaction_;
 };
 
-// The exact law of one contact time: what happens at which tick.
+/// The exact law of one contact time: what happens at which tick.
 struct ContactLaw {
     struct Detection {
         int tick;
@@ -266,8 +267,8 @@ struct ContactLaw {
     };
     std::vector<Detection> detection;
     double false_alarm, undetected, no_contact, several;
-    double harmless;  // false alarms whose stopping path does not arrive, and no contact
-    double greatest;  // distance of the undisturbed motion from contact to its end
+    double harmless;  ///< false alarms whose stopping path does not arrive, and no contact
+    double greatest;  ///< distance of the undisturbed motion from contact to its end
     double trigger[max_joints];
 };
 

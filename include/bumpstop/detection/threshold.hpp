@@ -1,4 +1,5 @@
-// Per-joint thresholds on a residual with white Gaussian noise.
+/// @file
+/// Per-joint thresholds on a residual with white Gaussian noise.
 #pragma once
 
 #include "bumpstop/math/functions.hpp"
@@ -6,24 +7,24 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// A tick alarms when any joint has |residual| > threshold. The residual is estimated minus predicted motor
-// torque, so a force -n F on the arm raises it by (J_v' n) F.
+/// A tick alarms when any joint has |residual| > threshold. The residual is estimated minus predicted motor
+/// torque, so a force -n F on the arm raises it by (J_v' n) F.
 struct ThresholdDetector {
-    int watched = 0;  // joints with a finite threshold
+    int watched = 0;  ///< joints with a finite threshold
     std::array<int, max_joints> joint{};
-    std::array<double, max_joints> threshold{};               // Nm or N, by watched joint
-    std::array<double, max_joints> sd{}, mean{};              // of the noise, by watched joint
-    std::array<double, max_joints> scale{};                   // 1 / (sqrt 2 sd), large for no noise
-    std::array<double, max_joints> noise_sd{}, noise_mean{};  // by joint, watched or not
-    double arming_delay = 0;                                  // ticks earlier than this never alarm [s]
-    double correlation = 0;  // of the noise from tick to tick; sd stays its stationary value
-    // The observer's first-order filter: the share of the old residual that a tick keeps; 0: the direct residual.
+    std::array<double, max_joints> threshold{};               ///< Nm or N, by watched joint
+    std::array<double, max_joints> sd{}, mean{};              ///< of the noise, by watched joint
+    std::array<double, max_joints> scale{};                   ///< 1 / (sqrt 2 sd), large for no noise
+    std::array<double, max_joints> noise_sd{}, noise_mean{};  ///< by joint, watched or not
+    double arming_delay = 0;                                  ///< ticks earlier than this never alarm [s]
+    double correlation = 0;  ///< of the noise from tick to tick; sd stays its stationary value
+    /// The observer's first-order filter: the share of the old residual that a tick keeps; 0: the direct residual.
     double filter = 0;
 
-    // Ticks are not judged each by itself.
+    /// Ticks are not judged each by itself.
     bool remembers() const { return correlation != 0 || filter != 0; }
 
-    // The noiseless residual of a joint whose contact torque is `torque`, from that of the tick before.
+    /// The noiseless residual of a joint whose contact torque is `torque`, from that of the tick before.
     template <class T>
     T filtered(T before, T torque) const {
         return filter == 0 ? torque : torque + filter * (before - torque);
@@ -41,13 +42,13 @@ struct ThresholdDetector {
     }
 };
 
-// Probability that one tick alarms, and its complement, neither by subtraction from one where it is small.
+/// Probability that one tick alarms, and its complement, neither by subtraction from one where it is small.
 template <class T>
 struct AlarmProbability {
     T alarm, silent;
 };
 
-// P(|r| > threshold) of one watched joint for the noiseless residual `r` (without the noise mean).
+/// P(|r| > threshold) of one watched joint for the noiseless residual `r` (without the noise mean).
 template <class T>
 AlarmProbability<T> joint_alarm(const ThresholdDetector& detector, int w, T r) {
     const double threshold = detector.threshold[w], scale = detector.scale[w];
@@ -63,8 +64,8 @@ AlarmProbability<T> joint_alarm(const ThresholdDetector& detector, int w, T r) {
     return {select(inside, tails, 1.0 - body), select(inside, 1.0 - tails, body)};
 }
 
-// P(any watched joint alarms): q <- q + (1 - q) q_j has no cancellation, and the complements multiply.
-// `torque(w)` gives the noiseless residual of watched joint w.
+/// P(any watched joint alarms): q <- q + (1 - q) q_j has no cancellation, and the complements multiply.
+/// `torque(w)` gives the noiseless residual of watched joint w.
 template <class T, class Torque>
 AlarmProbability<T> any_alarm(const ThresholdDetector& detector, Torque torque) {
     AlarmProbability<T> total{T(0.0), T(1.0)};

@@ -1,4 +1,5 @@
-// Noise that remembers: the density of a residual that has not alarmed yet, carried from tick to tick.
+/// @file
+/// Noise that remembers: the density of a residual that has not alarmed yet, carried from tick to tick.
 #pragma once
 
 #include <algorithm>
@@ -10,16 +11,16 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// One joint's first-order noise e(k) = c e(k-1) + s w(k), w white, s = sd sqrt(1 - c^2), so that sd is the stationary
-// standard deviation and c the correlation from tick to tick. No alarm up to a tick leaves the residual inside its
-// thresholds; the nodes lie there, and nowhere farther than `reach` standard deviations from where the noise is
-// centred.
+/// One joint's first-order noise e(k) = c e(k-1) + s w(k), w white, s = sd sqrt(1 - c^2), so that sd is the stationary
+/// standard deviation and c the correlation from tick to tick. No alarm up to a tick leaves the residual inside its
+/// thresholds; the nodes lie there, and nowhere farther than `reach` standard deviations from where the noise is
+/// centred.
 struct NoiseMemory {
     static constexpr double reach = 9;
 
     double threshold = 0, sd = 0, mean = 0, correlation = 0;
-    double innovation = 0;             // s
-    std::vector<double> node, weight;  // on [-1, 1]
+    double innovation = 0;             ///< s
+    std::vector<double> node, weight;  ///< on [-1, 1]
 
     NoiseMemory(double limit, double noise_sd, double noise_mean, double noise_correlation)
         : threshold(limit), sd(noise_sd), mean(noise_mean), correlation(noise_correlation) {
@@ -39,13 +40,13 @@ struct NoiseMemory {
     int size() const { return int(node.size()); }
 };
 
-// Density of the residual given no alarm so far.
+/// Density of the residual given no alarm so far.
 template <class T>
 struct TruncatedDensity {
-    std::vector<T> value;  // at the nodes, per Nm; integrates to one
-    T low, high;           // where the nodes lie [Nm or N]
-    T centre;              // what the noise is added to: contact torque and noise mean
-    T known = 0.0;         // 0: nothing has been watched yet, so the noise is as it always is; else 1
+    std::vector<T> value;  ///< at the nodes, per Nm; integrates to one
+    T low, high;           ///< where the nodes lie [Nm or N]
+    T centre;              ///< what the noise is added to: contact torque and noise mean
+    T known = 0.0;         ///< 0: nothing has been watched yet, so the noise is as it always is; else 1
 
     void forget(const NoiseMemory& memory) {
         value.assign(std::size_t(memory.size()), T(0.0));
@@ -56,8 +57,8 @@ struct TruncatedDensity {
     }
 };
 
-// The next tick: noise moves on, the noiseless residual becomes `torque`, alarms are taken out. `work` holds two values
-// a node.
+/// The next tick: noise moves on, the noiseless residual becomes `torque`, alarms are taken out. `work` holds two values
+/// a node.
 template <class T>
 AlarmProbability<T> watch_tick(const NoiseMemory& memory, TruncatedDensity<T>& density, T torque,
                                std::vector<T>& work) {

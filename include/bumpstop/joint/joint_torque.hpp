@@ -1,9 +1,10 @@
-// Joint torque from motor current: friction, map, reflected inertia and hysteresis of one joint, sample by sample.
-//
-//   tau = f(i_j) - I qdd - T_H sgn(qd_H),   i_j = i - i_friction(qd)
-//
-// after Schroeder 2013, eqs 2.18 to 2.30. Signs: current, rates and torques are positive along the joint; tau is what
-// the joint gives to the arm. Units: current in the model's own, rad/s, rad/s2, Nm. Nothing is allocated.
+/// @file
+/// Joint torque from motor current: friction, map, reflected inertia and hysteresis of one joint, sample by sample.
+///
+///   tau = f(i_j) - I qdd - T_H sgn(qd_H),   i_j = i - i_friction(qd)
+///
+/// after Schroeder 2013, eqs 2.18 to 2.30. Signs: current, rates and torques are positive along the joint; tau is what
+/// the joint gives to the arm. Units: current in the model's own, rad/s, rad/s2, Nm. Nothing is allocated.
 #pragma once
 
 #include <limits>
@@ -22,38 +23,38 @@ enum class FrictionLaw {
     stribeck,  // sgn(qd) (C + S exp(-(qd / w)^2)) + V qd
 };
 
-// Of one joint. Everywhere sgn(qd) stands for a value that runs linearly from -1 to 1 between -rest_speed and
-// rest_speed, and below rest_speed the power law is a line too: all are continuous through zero.
+/// Of one joint. Everywhere sgn(qd) stands for a value that runs linearly from -1 to 1 between -rest_speed and
+/// rest_speed, and below rest_speed the power law is a line too: all are continuous through zero.
 struct JointTorqueParameters {
     CurrentMap map = CurrentMap::odd;
     FrictionLaw friction = FrictionLaw::power;
-    double A = 0;               // Nm per unit of current squared
-    double B = 0;               // Nm per unit of current
-    double D = 0;               // friction at 1 rad/s [current]
-    double F = 0;               // exponent of the speed, 0 to 3
-    double coulomb = 0;         // C [current]
-    double viscous = 0;         // V [current s/rad]
-    double stribeck = 0;        // S [current]: what friction at rest has beyond C
-    double stribeck_speed = 1;  // w [rad/s], above 0
-    double load = 0;            // friction per current, sgn(qd) load |i|; 0 to below 1
-    double hysteresis = 0;      // T_H [Nm]
-    double inertia = 0;         // I, all that is reflected to the joint [kg m2], not negative
-    double rest_speed = 0.01;   // qd_thresh of eq 2.23 [rad/s], above 0
-    // Range of i_j the map was fitted on; outside it goes on along its tangent.
+    double A = 0;               ///< Nm per unit of current squared
+    double B = 0;               ///< Nm per unit of current
+    double D = 0;               ///< friction at 1 rad/s [current]
+    double F = 0;               ///< exponent of the speed, 0 to 3
+    double coulomb = 0;         ///< C [current]
+    double viscous = 0;         ///< V [current s/rad]
+    double stribeck = 0;        ///< S [current]: what friction at rest has beyond C
+    double stribeck_speed = 1;  ///< w [rad/s], above 0
+    double load = 0;            ///< friction per current, sgn(qd) load |i|; 0 to below 1
+    double hysteresis = 0;      ///< T_H [Nm]
+    double inertia = 0;         ///< I, all that is reflected to the joint [kg m2], not negative
+    double rest_speed = 0.01;   ///< qd_thresh of eq 2.23 [rad/s], above 0
+    /// Range of i_j the map was fitted on; outside it goes on along its tangent.
     double current_low = -std::numeric_limits<double>::infinity();
     double current_high = std::numeric_limits<double>::infinity();
-    double speed_high = std::numeric_limits<double>::infinity();  // fastest |qd| of the fit [rad/s]
+    double speed_high = std::numeric_limits<double>::infinity();  ///< fastest |qd| of the fit [rad/s]
 };
 
-// What a joint remembers, and how often it was asked outside its range.
+/// What a joint remembers, and how often it was asked outside its range.
 template <class T>
 struct JointTorqueState {
-    T direction = 0.0;        // sgn(qd_H): of the last motion; 0: none yet, and no hysteresis
-    T outside_current = 0.0;  // samples
-    T outside_speed = 0.0;    // samples
+    T direction = 0.0;        ///< sgn(qd_H): of the last motion; 0: none yet, and no hysteresis
+    T outside_current = 0.0;  ///< samples
+    T outside_speed = 0.0;    ///< samples
 };
 
-// Friction current at the rate qd under the measured current: positive against motion along +q.
+/// Friction current at the rate qd under the measured current: positive against motion along +q.
 template <class T>
 T friction_current(const JointTorqueParameters& p, T current, T qd) noexcept {
     const T speed = absolute(qd);
@@ -71,7 +72,7 @@ T friction_current(const JointTorqueParameters& p, T current, T qd) noexcept {
     return sign * (magnitude + absolute(current) * p.load) + qd * p.viscous;
 }
 
-// The map's torque for the current i_j that friction leaves over.
+/// The map's torque for the current i_j that friction leaves over.
 template <class T>
 T mapped_torque(const JointTorqueParameters& p, T joint_current, T qd) noexcept {
     const T inside = maximum(T(p.current_low), minimum(T(p.current_high), joint_current));
@@ -81,10 +82,10 @@ T mapped_torque(const JointTorqueParameters& p, T joint_current, T qd) noexcept 
     return inside * (bend + p.B) + (joint_current - inside) * (2.0 * bend + p.B);
 }
 
-// Torque of the joint [Nm], and the state brought forward by this sample.
-//
-// Eq 2.23 lets hysteresis jump at rest_speed. Here it fades from there to twice that speed, and the last motion is
-// noted only beyond, where it no longer counts: the torque is continuous in time whatever the joint does.
+/// Torque of the joint [Nm], and the state brought forward by this sample.
+///
+/// Eq 2.23 lets hysteresis jump at rest_speed. Here it fades from there to twice that speed, and the last motion is
+/// noted only beyond, where it no longer counts: the torque is continuous in time whatever the joint does.
 template <class T>
 T joint_torque(const JointTorqueParameters& p, T current, T qd, T qdd, JointTorqueState<T>& state) noexcept {
     const T speed = absolute(qd);

@@ -1,10 +1,11 @@
-// Made by tools/erfc_coefficients.py; do not edit.
+/// @file
+/// Made by tools/erfc_coefficients.py; do not edit.
 #pragma once
 
 namespace bumpstop::erfc_polynomial {
 
 inline constexpr double shift = 3.75;
-// (1 + 2x) exp(x^2) erfc(x) in powers of t = (x - shift) / (x + shift), lowest first.
+/// (1 + 2x) exp(x^2) erfc(x) in powers of t = (x - shift) / (x + shift), lowest first.
 inline constexpr double coefficients[25] = {
     1.2375126308378275,     -0.14024059858554697,    0.0035854154854644293,   0.0822767384901452,
     -0.10880393014174886,   0.09230432116037748,     -0.05869339858963677,    0.028362277418956406,

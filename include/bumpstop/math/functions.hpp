@@ -1,5 +1,6 @@
-// Elementary functions for a double or for lanes, from one text. Errors are tabulated by
-// tests/math/test_functions.py.
+/// @file
+/// Elementary functions for a double or for lanes, from one text. Errors are tabulated by
+/// tests/math/test_functions.py.
 #pragma once
 
 #include "bumpstop/math/erfc_coefficients.hpp"
@@ -7,10 +8,10 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Adding 1.5 * 2^52 rounds to the nearest integer and leaves that integer in the low bits of the mantissa.
+/// Adding 1.5 * 2^52 rounds to the nearest integer and leaves that integer in the low bits of the mantissa.
 inline constexpr double rounding_shift = 6755399441055744.0;
 
-// c[0] + c[1] x + ... + c[n-1] x^(n-1). The powers run as two or four chains, whose latencies overlap.
+/// c[0] + c[1] x + ... + c[n-1] x^(n-1). The powers run as two or four chains, whose latencies overlap.
 template <class T, int n>
 T polynomial(const double (&c)[n], T x) {
     static_assert(n >= 4);
@@ -36,8 +37,8 @@ struct SinCos {
     T sin, cos;
 };
 
-// sin x and cos x, |x| <= 1e5 rad. Reduction by three parts of pi/2 (Cody and Waite), then the Taylor series
-// of degree 17 and 18 on [-pi/4, pi/4], whose remainder is below 1e-18.
+/// sin x and cos x, |x| <= 1e5 rad. Reduction by three parts of pi/2 (Cody and Waite), then the Taylor series
+/// of degree 17 and 18 on [-pi/4, pi/4], whose remainder is below 1e-18.
 template <class T>
 SinCos<T> sincos(T x) {
     constexpr double part1 = 0x1.921fb544p+0, part2 = 0x1.0b4611a6p-34, part3 = 0x1.3198a2e037073p-69;
@@ -74,8 +75,8 @@ SinCos<T> sincos(T x) {
     return {real_of(bits_of(a) ^ sine_sign), real_of(bits_of(b) ^ cosine_sign)};
 }
 
-// exp(-(a + b)) for a + b in [0, 745]; zero beyond 708. The rounding of `a` is the error of the exponent:
-// erfc passes a square of few bits, which is exact, and a small remainder.
+/// exp(-(a + b)) for a + b in [0, 745]; zero beyond 708. The rounding of `a` is the error of the exponent:
+/// erfc passes a square of few bits, which is exact, and a small remainder.
 template <class T>
 T exp_negative(T a, T b) {
     constexpr double ln2_high = 0x1.62e42fefap-1, ln2_low = 0x1.cf79abc9e3b3ap-40;
@@ -91,8 +92,8 @@ T exp_negative(T a, T b) {
     return select(total < T(708.0), scaled, T(0.0));
 }
 
-// erfc x, relative error below 1e-15 wherever the result is a normal number; zero beyond 26.6, 2 below -6.
-// exp(-x^2) (1 + 2x)^-1 p(t): see tools/erfc_coefficients.py for the polynomial.
+/// erfc x, relative error below 1e-15 wherever the result is a normal number; zero beyond 26.6, 2 below -6.
+/// exp(-x^2) (1 + 2x)^-1 p(t): see tools/erfc_coefficients.py for the polynomial.
 template <class T>
 T erfc(T x) {
     const T magnitude = minimum(absolute(x), T(30.0));
@@ -105,7 +106,7 @@ T erfc(T x) {
     return select(x < T(0.0), 2.0 - upper, upper);
 }
 
-// Natural logarithm of a normal positive x, relative error below 1e-15.
+/// Natural logarithm of a normal positive x, relative error below 1e-15.
 template <class T>
 T logarithm(T x) {
     // Subtracting the bits of sqrt(1/2) before splitting puts the mantissa into [sqrt(1/2), sqrt(2)).
@@ -138,9 +139,9 @@ T logarithm(T x) {
     return e * ln2_high - ((half_square - (series + e * ln2_low)) - f);
 }
 
-// z with P(Z > z) = p for a standard normal Z and 0 < p <= 1/2: z >= 0. Rational functions of Wichura,
-// "Algorithm AS 241: the percentage points of the normal distribution" (PPND16), Applied Statistics 37, 1988;
-// 1e-15 relative.
+/// z with P(Z > z) = p for a standard normal Z and 0 < p <= 1/2: z >= 0. Rational functions of Wichura,
+/// "Algorithm AS 241: the percentage points of the normal distribution" (PPND16), Applied Statistics 37, 1988;
+/// 1e-15 relative.
 template <class T>
 T normal_upper_quantile(T p) {
     constexpr double a[] = {3.3871328727963666080e0,  1.3314166789178437745e+2, 1.9715909503065514427e+3,

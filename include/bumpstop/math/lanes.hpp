@@ -1,5 +1,6 @@
-// Lanes<N>: N doubles in one vector register, and the few operations that let one text serve a lane and a
-// double.
+/// @file
+/// Lanes<N>: N doubles in one vector register, and the few operations that let one text serve a lane and a
+/// double.
 #pragma once
 
 #include <algorithm>
@@ -12,13 +13,13 @@
 #include <immintrin.h>
 #endif
 
-// Every instruction set compiles the headers once. The inline namespace keeps the linker from merging a
-// function built for a wide machine into the code of a narrow one.
+/// Every instruction set compiles the headers once. The inline namespace keeps the linker from merging a
+/// function built for a wide machine into the code of a narrow one.
 #ifndef BUMPSTOP_TARGET
 #define BUMPSTOP_TARGET native
 #endif
 
-// Before a loop that is short and hot. Compilers spell it differently.
+/// Before a loop that is short and hot. Compilers spell it differently.
 #if defined(__clang__)
 #define BUMPSTOP_UNROLL _Pragma("clang loop unroll(full)")
 #else
@@ -27,8 +28,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// The register types are spelled out because gcc 12 rejects a vector_size that depends on a template
-// parameter when the class can be built both from a double and from a register.
+/// The register types are spelled out because gcc 12 rejects a vector_size that depends on a template
+/// parameter when the class can be built both from a double and from a register.
 template <int N>
 struct Register;
 template <>
@@ -47,7 +48,7 @@ struct Register<8> {
     typedef std::int64_t Int __attribute__((vector_size(64)));
 };
 
-// Lanes of one vector register of the instruction set being compiled for.
+/// Lanes of one vector register of the instruction set being compiled for.
 #if defined(__AVX512F__)
 inline constexpr int native_lanes = 8;
 #elif defined(__AVX__)
@@ -56,7 +57,7 @@ inline constexpr int native_lanes = 4;
 inline constexpr int native_lanes = 2;
 #endif
 
-// N truth values, all bits of a lane set or none.
+/// N truth values, all bits of a lane set or none.
 template <int N>
 struct Mask {
     using Int = typename Register<N>::Int;
@@ -68,7 +69,7 @@ struct Mask {
     bool operator[](int lane) const { return bits[lane] != 0; }
 };
 
-// N integers of 64 bits.
+/// N integers of 64 bits.
 template <int N>
 struct IntLanes {
     using Int = typename Register<N>::Int;
@@ -90,14 +91,14 @@ struct IntLanes {
     friend Mask<N> operator==(IntLanes a, IntLanes b) { return {a.v == b.v}; }
 };
 
-// N doubles.
+/// N doubles.
 template <int N>
 struct Lanes {
     using Real = typename Register<N>::Real;
     Real v;
 
     Lanes() = default;
-    Lanes(double x) : v(x - Real{}) {}  // x - 0 is x for a compiler too; x + 0 is not, where x is -0
+    Lanes(double x) : v(x - Real{}) {}  ///< x - 0 is x for a compiler too; x + 0 is not, where x is -0
     static Lanes of(Real v) {
         Lanes r;
         r.v = v;
@@ -126,7 +127,7 @@ struct Lanes {
     friend Mask<N> operator>=(Lanes a, Lanes b) { return {a.v >= b.v}; }
 };
 
-// What differs between a double and a lane: the mask, the integer of the same size, and how many there are.
+/// What differs between a double and a lane: the mask, the integer of the same size, and how many there are.
 template <class T>
 struct Scalar;
 template <>
@@ -220,7 +221,7 @@ Lanes<N> square_root(Lanes<N> x) {
     return r;
 }
 
-// Lane `lane` of x; a double has the one lane.
+/// Lane `lane` of x; a double has the one lane.
 inline double lane_of(double x, int) { return x; }
 template <int N>
 double lane_of(Lanes<N> x, int lane) {

@@ -1,13 +1,14 @@
-// Counter-based random numbers: Philox4x32-10 of Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as
-// easy as 1, 2, 3", 2011. A number depends only on its key and counter, so results do not depend on lanes,
-// threads or order.
+/// @file
+/// Counter-based random numbers: Philox4x32-10 of Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as
+/// easy as 1, 2, 3", 2011. A number depends only on its key and counter, so results do not depend on lanes,
+/// threads or order.
 #pragma once
 
 #include "bumpstop/math/functions.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Product of the low 32 bits of each lane with a 32-bit constant, as 64 bits.
+/// Product of the low 32 bits of each lane with a 32-bit constant, as 64 bits.
 inline std::int64_t multiply_low_words(std::int64_t a, std::uint32_t b) {
     return std::int64_t((std::uint64_t(a) & 0xFFFFFFFFu) * b);
 }
@@ -37,7 +38,7 @@ IntLanes<N> high_word(IntLanes<N> a) {
     return IntLanes<N>::of((a.v >> 32) & 0xFFFFFFFF);
 }
 
-// Four words of 32 bits, each in the low half of a 64-bit integer.
+/// Four words of 32 bits, each in the low half of a 64-bit integer.
 template <class I>
 struct PhiloxBlock {
     I word[4];
@@ -58,7 +59,7 @@ PhiloxBlock<I> philox(PhiloxBlock<I> counter, std::uint64_t seed) {
     return counter;
 }
 
-// A fair sign and a probability in (0, 1/2) with 52 random bits: all that a standard normal number needs.
+/// A fair sign and a probability in (0, 1/2) with 52 random bits: all that a standard normal number needs.
 template <class T>
 struct SignedProbability {
     T p;
@@ -70,7 +71,7 @@ struct SignedProbability {
     }
 };
 
-// Two of them from one block: words 0, 1 and words 2, 3.
+/// Two of them from one block: words 0, 1 and words 2, 3.
 template <class T>
 SignedProbability<T> signed_probability(const PhiloxBlock<IntOf<T>>& block, int half) {
     using I = IntOf<T>;
@@ -81,11 +82,11 @@ SignedProbability<T> signed_probability(const PhiloxBlock<IntOf<T>>& block, int 
     return {unit * 0.5 + 0x1p-54, (high & I(0x100000)) == I(0x100000)};
 }
 
-// Numbered streams of one run. Ticks count from zero below the streams that are no tick.
+/// Numbered streams of one run. Ticks count from zero below the streams that are no tick.
 inline constexpr std::int64_t offset_tick = 0xFFFFFFFF;
 inline constexpr std::int64_t block_tick = 0xFFFFFFFE;  // where blocks of a residual record begin
 
-// The block of joints 2 pair and 2 pair + 1 at one tick of one run. run < 2^62.
+/// The block of joints 2 pair and 2 pair + 1 at one tick of one run. run < 2^62.
 template <class I>
 PhiloxBlock<I> noise_block(std::uint64_t seed, I run, std::int64_t tick, int pair) {
     return philox(PhiloxBlock<I>{{run & I(0xFFFFFFFF), high_word(run), I(tick), I(pair)}}, seed);

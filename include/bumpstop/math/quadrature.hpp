@@ -1,4 +1,5 @@
-// Gauss-Legendre rules, integrals of Legendre series, and barycentric interpolation at chosen nodes.
+/// @file
+/// Gauss-Legendre rules, integrals of Legendre series, and barycentric interpolation at chosen nodes.
 #pragma once
 
 #include <array>
@@ -13,12 +14,12 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 inline constexpr int max_order = 48;
 
-// The Gauss-Legendre rule of `order` nodes on [-1, 1], and the matrix that turns the values of a function at
-// the nodes into the coefficients c_l of sum_l c_l P_l(x), l < order.
+/// The Gauss-Legendre rule of `order` nodes on [-1, 1], and the matrix that turns the values of a function at
+/// the nodes into the coefficients c_l of sum_l c_l P_l(x), l < order.
 struct GaussRule {
     int order = 0;
     std::array<double, max_order> node{}, weight{};
-    std::vector<double> to_legendre;  // [l * order + g]
+    std::vector<double> to_legendre;  ///< [l * order + g]
 
     explicit GaussRule(int n) : order(n), to_legendre(std::size_t(n) * n) {
         for (int i = 0; i < n; ++i) {
@@ -50,7 +51,7 @@ struct GaussRule {
     }
 };
 
-// The rule of n nodes, 1 <= n <= max_order, made once.
+/// The rule of n nodes, 1 <= n <= max_order, made once.
 inline const GaussRule& gauss_rule(int n) {
     static const std::vector<GaussRule> rules = [] {
         std::vector<GaussRule> made;
@@ -60,7 +61,7 @@ inline const GaussRule& gauss_rule(int n) {
     return rules[std::size_t(n - 1)];
 }
 
-// Factors of the recurrence P_l+1 = rise[l] x P_l - fall[l] P_l-1, and 1 / (2l + 1).
+/// Factors of the recurrence P_l+1 = rise[l] x P_l - fall[l] P_l-1, and 1 / (2l + 1).
 struct LegendreFactors {
     std::array<double, max_order + 1> rise{}, fall{}, inverse{};
     constexpr LegendreFactors() {
@@ -73,13 +74,13 @@ struct LegendreFactors {
 };
 inline constexpr LegendreFactors legendre_factors;
 
-// Value of a Legendre series at x and its integral from -1 to x.
+/// Value of a Legendre series at x and its integral from -1 to x.
 template <class T>
 struct SeriesAt {
     T value, integral;
 };
 
-// `coefficient(l)` gives c_l, l < order; -1 <= x <= 1.
+/// `coefficient(l)` gives c_l, l < order; -1 <= x <= 1.
 template <class T, class Coefficient>
 SeriesAt<T> legendre_series(int order, T x, Coefficient coefficient) {
     T below = 1.0, here = x;  // P_l-1 and P_l as l runs
@@ -96,8 +97,8 @@ SeriesAt<T> legendre_series(int order, T x, Coefficient coefficient) {
     return {value, integral};
 }
 
-// `count` distinct whole numbers from `first` to `last`, crowded toward both ends like Chebyshev's extrema,
-// which keeps the interpolating polynomial from swinging. Fewer when the range holds fewer; one lies in the middle.
+/// `count` distinct whole numbers from `first` to `last`, crowded toward both ends like Chebyshev's extrema,
+/// which keeps the interpolating polynomial from swinging. Fewer when the range holds fewer; one lies in the middle.
 inline std::vector<int> interpolation_nodes(int first, int last, int count) {
     std::vector<int> nodes;
     const int range = last - first;
@@ -118,7 +119,7 @@ inline std::vector<int> interpolation_nodes(int first, int last, int count) {
     return nodes;
 }
 
-// The polynomial through values at whole-numbered nodes, in barycentric form.
+/// The polynomial through values at whole-numbered nodes, in barycentric form.
 class Interpolation {
   public:
     explicit Interpolation(std::vector<int> nodes) : node_(std::move(nodes)), barycentric_(node_.size()) {
@@ -136,7 +137,7 @@ class Interpolation {
     const std::vector<int>& nodes() const { return node_; }
     int size() const { return int(node_.size()); }
 
-    // f(k) = sum_m weights[m] f(node[m]); the weights sum to one.
+    /// f(k) = sum_m weights[m] f(node[m]); the weights sum to one.
     void weights(int k, double* weight) const {
         double sum = 0;
         for (int m = 0; m < size(); ++m) {

@@ -1,4 +1,5 @@
-// A serial chain as it is given, and as it is computed with.
+/// @file
+/// A serial chain as it is given, and as it is computed with.
 #pragma once
 
 #include <array>
@@ -30,7 +31,7 @@ inline Matrix3 rotation_z(double angle) {
     const double c = std::cos(angle), s = std::sin(angle);
     return {c, -s, 0, s, c, 0, 0, 0, 1};
 }
-// A rotation that takes z to the given unit vector.
+/// A rotation that takes z to the given unit vector.
 inline Matrix3 rotation_from_z(const Vector3& axis) {
     const double horizontal = std::hypot(axis[0], axis[1]);
     if (horizontal == 0) return axis[2] > 0 ? Matrix3{1, 0, 0, 0, 1, 0, 0, 0, 1} : Matrix3{1, 0, 0, 0, -1, 0, 0, 0, -1};
@@ -38,20 +39,20 @@ inline Matrix3 rotation_from_z(const Vector3& axis) {
     return {cp * axis[2], -sp, axis[0], sp * axis[2], cp, axis[1], -horizontal, 0, axis[2]};
 }
 
-// One joint and the link it moves, in the manner of URDF: the joint's frame stands at `origin` with
-// `rotation` in the frame of the link before; the link turns about (revolute) or slides along (prismatic) the
-// unit vector `axis`.
+/// One joint and the link it moves, in the manner of URDF: the joint's frame stands at `origin` with
+/// `rotation` in the frame of the link before; the link turns about (revolute) or slides along (prismatic) the
+/// unit vector `axis`.
 struct JointSpec {
     bool prismatic = false;
-    Vector3 origin{};  // m
+    Vector3 origin{};  ///< m
     Matrix3 rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};
     Vector3 axis{0, 0, 1};
 };
 
-// The chain with its frames turned so that every joint moves about or along its own z axis and the constant
-// rotation between two joints is one turn about x. Any rotation is Rz(beta) Rx(alpha) Rz(gamma); the turns
-// about z join the joint angles before and after. A joint then costs two plane rotations instead of a product
-// of matrices.
+/// The chain with its frames turned so that every joint moves about or along its own z axis and the constant
+/// rotation between two joints is one turn about x. Any rotation is Rz(beta) Rx(alpha) Rz(gamma); the turns
+/// about z join the joint angles before and after. A joint then costs two plane rotations instead of a product
+/// of matrices.
 struct Chain {
     struct Joint {
         bool prismatic = false;
@@ -62,7 +63,7 @@ struct Chain {
         Matrix3 to_link{};       // orientation of the link's own frame in the computing frame after the joint
     };
     int dof = 0;
-    std::array<double, 2> base_turn{1, 0};  // cosine and sine of the turn about z that begins the chain
+    std::array<double, 2> base_turn{1, 0};  ///< cosine and sine of the turn about z that begins the chain
     std::array<Joint, max_joints> joint{};
 
     Chain() = default;

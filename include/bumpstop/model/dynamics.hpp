@@ -1,7 +1,8 @@
-// Inverse dynamics (recursive Newton-Euler), mass matrix and effective mass, for a double or for lanes.
-//
-// Everything runs in the chain's computing frames, link by link, where a joint costs a turn about x and a turn about z.
-// Units: m, kg, s, N, Nm; a prismatic joint has m for rad and N for Nm.
+/// @file
+/// Inverse dynamics (recursive Newton-Euler), mass matrix and effective mass, for a double or for lanes.
+///
+/// Everything runs in the chain's computing frames, link by link, where a joint costs a turn about x and a turn about z.
+/// Units: m, kg, s, N, Nm; a prismatic joint has m for rad and N for Nm.
 #pragma once
 
 #include <limits>
@@ -10,34 +11,34 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// A link as it is given, in the frame of that link.
+/// A link as it is given, in the frame of that link.
 struct LinkInertia {
-    double mass = 0;   // kg
-    Vector3 center{};  // of mass [m]
-    Matrix3 tensor{};  // about the centre of mass [kg m2]
-    double rotor = 0;  // inertia of the motor, reflected to the joint [kg m2 or kg]
+    double mass = 0;   ///< kg
+    Vector3 center{};  ///< of mass [m]
+    Matrix3 tensor{};  ///< about the centre of mass [kg m2]
+    double rotor = 0;  ///< inertia of the motor, reflected to the joint [kg m2 or kg]
 };
 
-// Mass by its moments about the origin of the computing frame after a joint.
+/// Mass by its moments about the origin of the computing frame after a joint.
 template <class T>
 struct MassMoments {
-    T mass = 0.0;                                                  // integral of dm [kg]
-    std::array<T, 3> first{T(0.0), T(0.0), T(0.0)};                // of r dm [kg m]
-    T xx = 0.0, yy = 0.0, zz = 0.0, xy = 0.0, xz = 0.0, yz = 0.0;  // of r r' dm [kg m2]
+    T mass = 0.0;                                                  ///< integral of dm [kg]
+    std::array<T, 3> first{T(0.0), T(0.0), T(0.0)};                ///< of r dm [kg m]
+    T xx = 0.0, yy = 0.0, zz = 0.0, xy = 0.0, xz = 0.0, yz = 0.0;  ///< of r r' dm [kg m2]
 };
 
-// The inertia of a chain, put so that Newton-Euler has little to do. Torques stay the same, and the force inside a joint,
-// which does not, is not given out.
-//
-// Mass on the axis of a revolute joint moves alike on either side of it. So `mass`, `first[2]` and `zz` of a link that
-// turns are given to the link before, and are zero for the rest of the computation. What arrives at the base is at rest.
-// The origin of a frame may be anywhere on its joint's axis. It is slid to where the displacement has a zero.
+/// The inertia of a chain, put so that Newton-Euler has little to do. Torques stay the same, and the force inside a joint,
+/// which does not, is not given out.
+///
+/// Mass on the axis of a revolute joint moves alike on either side of it. So `mass`, `first[2]` and `zz` of a link that
+/// turns are given to the link before, and are zero for the rest of the computation. What arrives at the base is at rest.
+/// The origin of a frame may be anywhere on its joint's axis. It is slid to where the displacement has a zero.
 struct Inertias {
     std::array<MassMoments<double>, max_joints> link{};
-    bool slides = false;  // some joint is prismatic
+    bool slides = false;  ///< some joint is prismatic
     std::array<double, max_joints> rotor{};
-    std::array<double, max_joints> slide{};          // of the origin along the joint's axis [m]
-    std::array<Vector3, max_joints> displacement{};  // between the origins slid, as in Chain::Joint
+    std::array<double, max_joints> slide{};          ///< of the origin along the joint's axis [m]
+    std::array<Vector3, max_joints> displacement{};  ///< between the origins slid, as in Chain::Joint
 
     Inertias() = default;
     Inertias(const Chain& chain, std::span<const LinkInertia> given) {
@@ -89,7 +90,7 @@ struct Inertias {
         sum.xz += m * c[0] * c[2] - 0.5 * (t[2] + t[6]);
         sum.yz += m * c[1] * c[2] - 0.5 * (t[5] + t[7]);
     }
-    // Mass on the line r = p + s u, given by the integrals of dm, s dm and s^2 dm.
+    /// Mass on the line r = p + s u, given by the integrals of dm, s dm and s^2 dm.
     static void add_line(MassMoments<double>& sum, double m, double ms, double mss, const Vector3& p,
                          const Vector3& u) {
         const auto second = [&](int k, int l) {
@@ -106,15 +107,15 @@ struct Inertias {
     }
 };
 
-// What the environment exerts on the robot at a point of a link, in the base frame.
+/// What the environment exerts on the robot at a point of a link, in the base frame.
 template <class T>
 struct Wrench {
     LinkPoint point;
-    Point3<T> force;   // N
-    Point3<T> moment;  // about the point [Nm]
+    Point3<T> force;   ///< N
+    Point3<T> moment;  ///< about the point [Nm]
 };
 
-// The rotation of one joint, from the frame after it to the frame before: a turn about x after a turn about z.
+/// The rotation of one joint, from the frame after it to the frame before: a turn about x after a turn about z.
 template <class T>
 struct JointTurn {
     double ca, sa;
@@ -138,8 +139,8 @@ Point3<T> into_first_frame(const Chain& chain, const Point3<T>& v) {
     return {v.x * c + v.y * s, v.y * c - v.x * s, v.z};
 }
 
-// Moves a force and its moment about the origin of frame i to frame i - 1 and its origin. `Slides`: some joint may be
-// prismatic.
+/// Moves a force and its moment about the origin of frame i to frame i - 1 and its origin. `Slides`: some joint may be
+/// prismatic.
 template <bool Slides, class T>
 void carry_inward(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle, int i,
                   Point3<T>& f, Point3<T>& n) {
@@ -216,9 +217,9 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, cons
     }
 }
 
-// tau = M(q) qdd + C(q, qd) qd + g(q): the torques the motors must give, positive along the joints. `gravity` is the
-// acceleration of free fall in the base frame [m/s2]. A rotor adds its inertia times qdd. That it is also carried
-// around by the links before is neglected.
+/// tau = M(q) qdd + C(q, qd) qd + g(q): the torques the motors must give, positive along the joints. `gravity` is the
+/// acceleration of free fall in the base frame [m/s2]. A rotor adds its inertia times qdd. That it is also carried
+/// around by the links before is neglected.
 template <class T>
 void inverse_dynamics(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                       const T* qd, const T* qdd, const Vector3& gravity, T* tau) noexcept {
@@ -229,7 +230,7 @@ void inverse_dynamics(const Chain& chain, const Inertias& inertias, const T* q, 
     }
 }
 
-// J' wrench: the torques it works with, positive along the joints.
+/// J' wrench: the torques it works with, positive along the joints.
 template <class T>
 void external_torque(const Chain& chain, const Posture<T>& posture, const Wrench<T>& wrench, T* tau) noexcept {
     const Point3<T> p = posture.position(wrench.point);
@@ -243,7 +244,7 @@ void external_torque(const Chain& chain, const Posture<T>& posture, const Wrench
     }
 }
 
-// The same with what the environment exerts: tau = M qdd + C qd + g - J' wrench.
+/// The same with what the environment exerts: tau = M qdd + C qd + g - J' wrench.
 template <class T>
 void inverse_dynamics(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                       const T* qd, const T* qdd, const Vector3& gravity, const Wrench<T>& wrench, T* tau) noexcept {
@@ -255,7 +256,7 @@ void inverse_dynamics(const Chain& chain, const Inertias& inertias, const T* q, 
     for (int j = 0; j < chain.dof; ++j) tau[j] -= external[j];
 }
 
-// g(q): what holds the arm still.
+/// g(q): what holds the arm still.
 template <class T>
 void gravity_torque(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                     const Vector3& gravity, T* tau) noexcept {
@@ -264,7 +265,7 @@ void gravity_torque(const Chain& chain, const Inertias& inertias, const T* q, co
     inverse_dynamics(chain, inertias, q, angle, rest, rest, gravity, tau);
 }
 
-// C(q, qd) qd: what keeps the rates constant, without gravity.
+/// C(q, qd) qd: what keeps the rates constant, without gravity.
 template <class T>
 void coriolis_torque(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle, const T* qd,
                      T* tau) noexcept {
@@ -273,7 +274,7 @@ void coriolis_torque(const Chain& chain, const Inertias& inertias, const T* q, c
     inverse_dynamics(chain, inertias, q, angle, qd, rest, {0, 0, 0}, tau);
 }
 
-// A symmetric matrix [[a, b], [b, c]] and the vector (u, v), turned by an angle with this cosine and sine.
+/// A symmetric matrix [[a, b], [b, c]] and the vector (u, v), turned by an angle with this cosine and sine.
 template <class T, class Angle>
 void turn_plane(Angle cosine, Angle sine, T& a, T& b, T& c, T& u, T& v) {
     const T top = a * cosine - b * sine, across = b * cosine - c * sine;
@@ -286,8 +287,8 @@ void turn_plane(Angle cosine, Angle sine, T& a, T& b, T& c, T& u, T& v) {
     u = turned;
 }
 
-// Joint-space mass matrix M(q) with the rotors on its diagonal [kg m2, kg m or kg]. Composite bodies: column j is what a
-// unit acceleration of joint j asks of the joints before, with all links from j on as one body.
+/// Joint-space mass matrix M(q) with the rotors on its diagonal [kg m2, kg m or kg]. Composite bodies: column j is what a
+/// unit acceleration of joint j asks of the joints before, with all links from j on as one body.
 template <class T>
 void mass_matrix(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                  T (*m)[max_joints]) noexcept {
@@ -339,8 +340,8 @@ void mass_matrix(const Chain& chain, const Inertias& inertias, const T* q, const
     }
 }
 
-// Factors a symmetric matrix into L L', L in its lower triangle (Cholesky). False where it is not positive definite to
-// the accuracy of a double; its factor is of no use there.
+/// Factors a symmetric matrix into L L', L in its lower triangle (Cholesky). False where it is not positive definite to
+/// the accuracy of a double; its factor is of no use there.
 template <class T>
 MaskOf<T> cholesky(T (*m)[max_joints], int n) noexcept {
     MaskOf<T> definite = T(0.0) < T(1.0);
@@ -359,9 +360,9 @@ MaskOf<T> cholesky(T (*m)[max_joints], int n) noexcept {
     return definite;
 }
 
-// 1 / (n' J M^-1 J' n) [kg]: what the arm, free in its joints, weighs to a push along the unit vector n at a point of a
-// link. Infinite where no joint moves the point along n by more than 1e-15 of what it moves it at all, NaN where the
-// mass matrix is singular.
+/// 1 / (n' J M^-1 J' n) [kg]: what the arm, free in its joints, weighs to a push along the unit vector n at a point of a
+/// link. Infinite where no joint moves the point along n by more than 1e-15 of what it moves it at all, NaN where the
+/// mass matrix is singular.
 template <class T>
 T effective_mass(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                  const LinkPoint& point, const Point3<T>& direction) noexcept {

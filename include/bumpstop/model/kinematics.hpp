@@ -1,4 +1,5 @@
-// Forward kinematics and the Jacobian at a point of a link, for a double or for lanes of configurations.
+/// @file
+/// Forward kinematics and the Jacobian at a point of a link, for a double or for lanes of configurations.
 #pragma once
 
 #include "bumpstop/math/functions.hpp"
@@ -22,8 +23,8 @@ Point3<T> cross(const Point3<T>& a, const Point3<T>& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-// A point fixed to a link. link -1 is the base; `offset` is given in the computing frame of the link (see
-// Chain).
+/// A point fixed to a link. link -1 is the base; `offset` is given in the computing frame of the link (see
+/// Chain).
 struct LinkPoint {
     int link = -1;
     Vector3 offset{};
@@ -34,7 +35,7 @@ inline LinkPoint link_point(const Chain& chain, int link, const Vector3& in_link
     return {link, chain.joint[link].to_link * in_link_frame};
 }
 
-// Sine and cosine of every joint's angle. Held and prismatic joints keep theirs.
+/// Sine and cosine of every joint's angle. Held and prismatic joints keep theirs.
 template <class T>
 struct JointAngles {
     T sin[max_joints], cos[max_joints];
@@ -45,7 +46,7 @@ struct JointAngles {
         sin[j] = sc.sin;
         cos[j] = sc.cos;
     }
-    // Of every joint. A plain double goes through lanes of joints.
+    /// Of every joint. A plain double goes through lanes of joints.
     void set(const Chain& chain, const T* q) {
         constexpr int width = Scalar<T>::lanes == 1 ? native_lanes : 1;
         if constexpr (width == 1) {
@@ -67,12 +68,12 @@ struct JointAngles {
     }
 };
 
-// Where every joint axis is, and where the chain ends: all in the base frame.
+/// Where every joint axis is, and where the chain ends: all in the base frame.
 template <class T>
 struct Posture {
-    Point3<T> axis[max_joints];    // unit vectors
-    Point3<T> origin[max_joints];  // m; for a prismatic joint, before its travel
-    // Columns x, y, z of the computing frame after each joint and its position.
+    Point3<T> axis[max_joints];    ///< unit vectors
+    Point3<T> origin[max_joints];  ///< m; for a prismatic joint, before its travel
+    /// Columns x, y, z of the computing frame after each joint and its position.
     Point3<T> frame_x[max_joints], frame_y[max_joints], frame_position[max_joints];
 
     Point3<T> position(const LinkPoint& point) const {
@@ -111,7 +112,7 @@ void forward_kinematics(const Chain& chain, const T* q, const JointAngles<T>& an
     }
 }
 
-// Column j of the Jacobian's translational rows at point p [m/rad or 1].
+/// Column j of the Jacobian's translational rows at point p [m/rad or 1].
 template <class T>
 Point3<T> linear_column(const Chain& chain, const Posture<T>& posture, const Point3<T>& p, int j) {
     if (chain.joint[j].prismatic) return posture.axis[j];

@@ -1,4 +1,5 @@
-// The smallest joint rates that give a wanted velocity.
+/// @file
+/// The smallest joint rates that give a wanted velocity.
 #pragma once
 
 #include "bumpstop/model/chain.hpp"
@@ -8,7 +9,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 inline constexpr int max_task_rows = 6;
 inline constexpr int max_columns = max_joints + max_task_rows;
 
-// Sum of products as a tree: a chain of dependent additions would set the speed of everything below.
+/// Sum of products as a tree: a chain of dependent additions would set the speed of everything below.
 template <class T>
 T dot_product(const T* a, const T* b, int n) {
     T sum[3] = {a[0] * b[0], T(0.0), T(0.0)};
@@ -19,23 +20,23 @@ T dot_product(const T* a, const T* b, int n) {
     return (sum[0] + sum[1]) + sum[2];
 }
 
-// How far the rows are from dependent, by the sine of the angle between a row and those before it. The sine
-// has no unit, so rotations and translations need no common scale.
+/// How far the rows are from dependent, by the sine of the angle between a row and those before it. The sine
+/// has no unit, so rotations and translations need no common scale.
 template <class T>
 struct Conditioning {
-    MaskOf<T> singular;  // some sine below 1e-6
-    MaskOf<T> poor;      // some sine below 1e-2
+    MaskOf<T> singular;  ///< some sine below 1e-6
+    MaskOf<T> poor;      ///< some sine below 1e-2
 };
 
-// Solves row[c] . x = target[c], c < Rows, for the x of least norm; `Columns` is the number of columns, or 0
-// to take it from `columns` at run time.
-//
-// The rows are made orthogonal (modified Gram-Schmidt without square roots), so nothing depends on a pivot or
-// on the order of the rows, and square and redundant chains share one text. x is built backward with a
-// correction by what it already contains, which makes the method backward stable: A. Bjorck, "Numerical
-// methods for least squares problems", 1996, section 2.4.4.
-//
-// `row` and `target` are overwritten.
+/// Solves row[c] . x = target[c], c < Rows, for the x of least norm; `Columns` is the number of columns, or 0
+/// to take it from `columns` at run time.
+///
+/// The rows are made orthogonal (modified Gram-Schmidt without square roots), so nothing depends on a pivot or
+/// on the order of the rows, and square and redundant chains share one text. x is built backward with a
+/// correction by what it already contains, which makes the method backward stable: A. Bjorck, "Numerical
+/// methods for least squares problems", 1996, section 2.4.4.
+///
+/// `row` and `target` are overwritten.
 template <int Rows, int Columns, class T>
 Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x) {
     const int n = Columns > 0 ? Columns : columns;
@@ -69,8 +70,8 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x) {
     return {singular_margin <= T(0.0), poor_margin <= T(0.0)};
 }
 
-// The damped least squares x = R' (R R' + damping^2 I)^-1 target is the same problem with `damping` times the
-// unit matrix appended to the rows. `damping` 0 is exact. x must hold columns + Rows entries.
+/// The damped least squares x = R' (R R' + damping^2 I)^-1 target is the same problem with `damping` times the
+/// unit matrix appended to the rows. `damping` 0 is exact. x must hold columns + Rows entries.
 template <int Rows, class T>
 Conditioning<T> damped_min_norm(T (*row)[max_columns], int columns, T* target, double damping, T* x) {
     if (damping > 0) {

@@ -1,4 +1,5 @@
-// A robot as a file describes it: what `bumpstop robots export` writes and C++ programs read.
+/// @file
+/// A robot as a file describes it: what `bumpstop robots export` writes and C++ programs read.
 #pragma once
 
 #include <charconv>
@@ -13,7 +14,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Names, limits and inertia of a chain, joint by joint from the base.
+/// Names, limits and inertia of a chain, joint by joint from the base.
 struct RobotDescription {
     struct Joint {
         std::string name, link;
@@ -24,8 +25,8 @@ struct RobotDescription {
     };
     std::string name, tip_name;
     std::vector<Joint> joints;
-    Vector3 tip_origin{};                             // in the frame of the last link [m]
-    Matrix3 tip_rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};  // row-major
+    Vector3 tip_origin{};                             ///< in the frame of the last link [m]
+    Matrix3 tip_rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};  ///< row-major
 
     Chain chain() const {
         std::vector<JointSpec> specs;
@@ -33,7 +34,7 @@ struct RobotDescription {
         return Chain(specs);
     }
     LinkPoint tip(const Chain& chain) const { return link_point(chain, chain.dof - 1, tip_origin); }
-    // None where some link's inertia is not known.
+    /// None where some link's inertia is not known.
     std::optional<Inertias> inertias(const Chain& chain) const {
         std::vector<LinkInertia> links;
         for (const Joint& joint : joints) {
@@ -46,7 +47,7 @@ struct RobotDescription {
 
 namespace detail {
 
-// One line of the file: a keyword and numbers, or a keyword and a name that ends the line.
+/// One line of the file: a keyword and numbers, or a keyword and a name that ends the line.
 class DescriptionLine {
   public:
     explicit DescriptionLine(const std::string& line) : text_(line) { text_ >> keyword; }
@@ -75,7 +76,7 @@ class DescriptionLine {
 
 }  // namespace detail
 
-// Reads a description. Nothing and a message in `error` where the text is none: the message names the line.
+/// Reads a description. Nothing and a message in `error` where the text is none: the message names the line.
 inline std::optional<RobotDescription> read_robot(std::istream& in, std::string& error) {
     RobotDescription robot;
     std::string line;

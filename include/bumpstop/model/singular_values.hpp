@@ -1,13 +1,14 @@
-// How well a point of the arm can be moved: singular values of its Jacobian, for a double or for lanes.
+/// @file
+/// How well a point of the arm can be moved: singular values of its Jacobian, for a double or for lanes.
 #pragma once
 
 #include "bumpstop/model/kinematics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Singular values of a matrix of `Rows` rows, largest first. One-sided Jacobi: pairs of rows are turned against each
-// other until all are orthogonal; then their lengths are the singular values. Every lane goes on until the last is done.
-// `row` is overwritten.
+/// Singular values of a matrix of `Rows` rows, largest first. One-sided Jacobi: pairs of rows are turned against each
+/// other until all are orthogonal; then their lengths are the singular values. Every lane goes on until the last is done.
+/// `row` is overwritten.
 template <int Rows, class T>
 void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
     constexpr int sweeps = 20;  // six rows take some eight
@@ -52,8 +53,8 @@ void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
     for (int a = columns; a < Rows; ++a) values[a] = 0.0;
 }
 
-// Those of the Jacobian at a point of a link, largest first: of its linear rows with `Rows` 3 [m/rad], of all with 6,
-// where m/rad and 1 are mixed.
+/// Those of the Jacobian at a point of a link, largest first: of its linear rows with `Rows` 3 [m/rad], of all with 6,
+/// where m/rad and 1 are mixed.
 template <int Rows, class T>
 void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPoint& point, T* values) noexcept {
     static_assert(Rows == 3 || Rows == 6);
@@ -74,7 +75,7 @@ void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPo
     singular_values_of<Rows>(row, point.link + 1, values);
 }
 
-// Yoshikawa's measure, sqrt(det(J J')): the product of the singular values.
+/// Yoshikawa's measure, sqrt(det(J J')): the product of the singular values.
 template <int Rows, class T>
 T manipulability(const Chain& chain, const Posture<T>& posture, const LinkPoint& point) noexcept {
     T values[Rows];

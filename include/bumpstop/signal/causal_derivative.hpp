@@ -1,7 +1,8 @@
-// Rate and acceleration of a position as its samples come in, at the times they really have: for the control loop.
-//
-// A polynomial is fitted to the last samples and differentiated at the newest. A lost sample makes the window longer, not
-// the acceleration larger. Nothing is allocated.
+/// @file
+/// Rate and acceleration of a position as its samples come in, at the times they really have: for the control loop.
+///
+/// A polynomial is fitted to the last samples and differentiated at the newest. A lost sample makes the window longer, not
+/// the acceleration larger. Nothing is allocated.
 #pragma once
 
 #include <array>
@@ -13,22 +14,22 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 template <class T>
 struct CausalEstimate {
-    T rate = 0.0;          // rad/s, at the newest sample
-    T acceleration = 0.0;  // rad/s2
-    bool known = false;    // the window is full; until then both are zero
+    T rate = 0.0;          ///< rad/s, at the newest sample
+    T acceleration = 0.0;  ///< rad/s2
+    bool known = false;    ///< the window is full; until then both are zero
 };
 
-// T is a double, or lanes: positions sampled at the same times.
+/// T is a double, or lanes: positions sampled at the same times.
 template <class T>
 class CausalDerivative {
   public:
     static constexpr int max_window = 64;
 
-    // `window`: samples, more than `degree`, at most max_window. `degree`: of the polynomial, 2 to max_fit_degree.
+    /// `window`: samples, more than `degree`, at most max_window. `degree`: of the polynomial, 2 to max_fit_degree.
     CausalDerivative(int window, int degree) noexcept : window_(window), degree_(degree) {}
 
-    // Takes a sample: time [s] and position [rad]. One that is not later than the last, or not finite, tells nothing: it is
-    // dropped, as if lost, and the last estimate given again.
+    /// Takes a sample: time [s] and position [rad]. One that is not later than the last, or not finite, tells nothing: it is
+    /// dropped, as if lost, and the last estimate given again.
     CausalEstimate<T> update(double time, T position) noexcept {
         constexpr double largest = std::numeric_limits<double>::max();
         if (!(time > newest_ && time <= largest && all(absolute(position) <= T(largest)))) return estimate_;
@@ -41,14 +42,14 @@ class CausalDerivative {
         return estimate_;
     }
 
-    // Forgets all samples, as after a pause in which the arm may have done anything.
+    /// Forgets all samples, as after a pause in which the arm may have done anything.
     void reset() noexcept {
         samples_ = slot_ = 0;
         newest_ = -std::numeric_limits<double>::infinity();
         estimate_ = {};
     }
 
-    // Samples in the window.
+    /// Samples in the window.
     int samples() const noexcept { return samples_; }
 
   private:
@@ -75,7 +76,7 @@ class CausalDerivative {
     int window_, degree_;
     int samples_ = 0, slot_ = 0;
     double newest_ = -std::numeric_limits<double>::infinity();
-    // A ring: the fit does not ask for the order of its samples.
+    /// A ring: the fit does not ask for the order of its samples.
     std::array<double, max_window> time_{};
     std::array<T, max_window> position_{};
     CausalEstimate<T> estimate_{};

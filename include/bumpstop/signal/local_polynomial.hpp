@@ -1,6 +1,7 @@
-// Local polynomials: derivatives of samples at uneven times, by weighted least squares about the time asked for.
-//
-// Units: t [s], q [rad, or whatever it is], derivatives per s and s2.
+/// @file
+/// Local polynomials: derivatives of samples at uneven times, by weighted least squares about the time asked for.
+///
+/// Units: t [s], q [rad, or whatever it is], derivatives per s and s2.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +13,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 inline constexpr int max_fit_degree = 5;
 
-// Sum of the lanes.
+/// Sum of the lanes.
 template <class T>
 double sum_of(T x) noexcept {
     double sum = 0;
@@ -20,21 +21,21 @@ double sum_of(T x) noexcept {
     return sum;
 }
 
-// Arrays a fit works in, `n` numbers each: a whole number of registers of T.
+/// Arrays a fit works in, `n` numbers each: a whole number of registers of T.
 struct FitArrays {
-    const double* x;       // time of a sample less the time asked for [s]
-    const double* weight;  // of its squared deviation, not negative; 0: the sample does not count
-    double* before;        // scratch
-    double* current;       // scratch
-    double* out[3];        // out[r][k]: share of sample k in derivative r [1/s^r]
+    const double* x;       ///< time of a sample less the time asked for [s]
+    const double* weight;  ///< of its squared deviation, not negative; 0: the sample does not count
+    double* before;        ///< scratch
+    double* current;       ///< scratch
+    double* out[3];        ///< out[r][k]: share of sample k in derivative r [1/s^r]
     int n;
 };
 
-// The weights out[r][k] with which sum_k out[r][k] q_k is derivative r = 0, 1, 2, at x = 0, of the polynomial fitted to
-// q. More than `degree` samples must have a weight above 0 and times of their own.
-//
-// The polynomials orthogonal under the weights come by their three-term recurrence (Forsythe, J. SIAM 5, 1957), so no
-// ill-conditioned system is solved. A lane is a sample.
+/// The weights out[r][k] with which sum_k out[r][k] q_k is derivative r = 0, 1, 2, at x = 0, of the polynomial fitted to
+/// q. More than `degree` samples must have a weight above 0 and times of their own.
+///
+/// The polynomials orthogonal under the weights come by their three-term recurrence (Forsythe, J. SIAM 5, 1957), so no
+/// ill-conditioned system is solved. A lane is a sample.
 template <class T>
 void derivative_weights(const FitArrays& a, int degree) noexcept {
     constexpr int lanes = Scalar<T>::lanes;
@@ -70,13 +71,13 @@ void derivative_weights(const FitArrays& a, int degree) noexcept {
     }
 }
 
-// Smoothed positions, rates and accelerations of `columns` series at `rows` common times, which increase. q and out are
-// by rows.
-//
-// About every time a polynomial is fitted to the samples nearer than h, with the weights 1 - (dt / h)^2. They fall to
-// zero at the edge, so a sample that is late, early or lost enters and leaves without a step. h is half the window.
-// Towards the ends of the record it grows to the whole of it, and where samples are sparse or lost, until degree + 1 on
-// either side lie within 0.8 h: with fewer the noise would grow much more than the window does.
+/// Smoothed positions, rates and accelerations of `columns` series at `rows` common times, which increase. q and out are
+/// by rows.
+///
+/// About every time a polynomial is fitted to the samples nearer than h, with the weights 1 - (dt / h)^2. They fall to
+/// zero at the edge, so a sample that is late, early or lost enters and leaves without a step. h is half the window.
+/// Towards the ends of the record it grows to the whole of it, and where samples are sparse or lost, until degree + 1 on
+/// either side lie within 0.8 h: with fewer the noise would grow much more than the window does.
 inline void local_derivatives(const double* t, const double* q, std::size_t rows, std::size_t columns, double window,
                               int degree, double* const (&out)[3]) {
     using L = Lanes<native_lanes>;
