@@ -2,6 +2,7 @@
 /// The exact law: the distribution over contact offset and white sensor noise, integrated instead of sampled.
 #pragma once
 
+#include "bumpstop/collision/certain_detection.hpp"
 #include "bumpstop/collision/free_impact.hpp"
 #include "bumpstop/collision/law_pieces.hpp"
 #include "bumpstop/collision/offset_law.hpp"
@@ -38,41 +39,6 @@ struct ExactLaw {
     double trigger[max_joints] = {};  ///< joint over its threshold at the tick of detection
     FreeNodes free;                   ///< of free contact, instead of the forces above
     bool interpolated = false;        ///< detection probabilities come from a few panels (see D below)
-};
-
-/// Tells the tracer when even the farthest body would have been noticed for certain.
-template <class T>
-class CertainDetection {
-  public:
-    CertainDetection(const ThresholdDetector& detector, const Timing& timing, double step, double stiffness,
-                     T largest_offset)
-        : detector_(detector), stiffness_(stiffness), largest_(largest_offset) {
-        while ((double(blind_ticks_) * timing.period + 1) * step < detector.arming_delay - 1e-12) ++blind_ticks_;
-        for (int w = 0; w < detector.watched; ++w) residual_[w] = 0.0;
-    }
-    /// Called at every tick in turn.
-    MaskOf<T> operator()(const T& s, const T* torque_per_N) {
-        const T force = maximum(s - largest_, T(0.0)) * stiffness_;
-        for (int w = 0; detector_.filter != 0 && w < detector_.watched; ++w)
-            residual_[w] = detector_.filtered(residual_[w], T(torque_per_N[detector_.joint[w]] * force));
-        if (tick_++ >= blind_ticks_ && any(force > T(0.0))) {
-            const auto chance = any_alarm<T>(detector_, [&](int w) {
-                return detector_.filter != 0 ? residual_[w] : T(torque_per_N[detector_.joint[w]] * force);
-            });
-            const T silent = select(force > T(0.0), chance.silent, T(1.0));
-            // Ticks with common noise do not multiply, but no silence is more probable than that of its loudest tick.
-            survival_ = detector_.correlation != 0 ? minimum(survival_, silent) : survival_ * silent;
-        }
-        return survival_ < T(negligible_survival * 1e-2);
-    }
-
-  private:
-    const ThresholdDetector& detector_;
-    double stiffness_;
-    T largest_;
-    T residual_[max_joints];          ///< noiseless
-    int tick_ = 0, blind_ticks_ = 0;  ///< ticks before the detector is armed see nothing
-    T survival_ = 1.0;
 };
 
 /// Mean and standard deviation of the peak force, counting the force at the end where nothing was detected.
