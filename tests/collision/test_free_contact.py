@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import bumpstop as bs
+from bumpstop.report.rollout import Rollouts
 from collision.cases import control_group
 from collision.test_two_laws import compare
 
@@ -139,6 +140,21 @@ def test_against_mujoco() -> None:
              contact__offset_law="uniform", **NEVER)
     )  # fmt: skip
     assert greatest == pytest.approx(law.peak_force.mean, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["fast, detected while it rises", "latency, stop", "light, mostly noticed"])
+def test_single_runs_in_the_report_are_those_of_the_kernels(name: str) -> None:
+    law = bs.evaluate(FREE[name], samples=60, seed=8)
+    assert law.runs is not None
+    rollouts = Rollouts(law)
+    for run in range(0, 60, 7):
+        rollout, peak = rollouts.rollout(run), law.runs["peak_force"][run]
+        # The report looks at simulation steps, the law between them too.
+        assert peak * 0.98 - 0.5 < rollout.peak_force <= peak * (1 + 1e-9)
+        tick = int(law.runs["tick"][run])
+        if tick >= 0:
+            residual = law.runs["residual"][run][rollout.joint]
+            assert rollout.residual[-1] == pytest.approx(residual, abs=1e-9)
 
 
 def test_two_masses_and_the_reduced_mass_bound() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +71,52 @@ class FreeQuantities:
             node=np.concatenate([value[point], zero]),
             node_mass=np.concatenate([node_mass[point], [at_zero] * len(zero)]),
         )
+
+
+def body_displacement(path: FloatArray, offset: float, stiffness: float, mass: float, step: float) -> FloatArray:
+    """How far a free body has been pushed from its place, along a path that is straight between steps.
+
+    The single run that the kernels solve for many: contact from the first touch until arm and body part, after which
+    the body goes on as fast as it then is.
+
+    Args:
+        path: distance of the contact point along the normal at every simulation step (steps,) [m].
+        offset: where the body stands at rest [m].
+        stiffness: of its spring [N/m].
+        mass: behind it [kg].
+        step: between two entries of ``path`` [s].
+
+    Returns:
+        (steps,) [m]; the force is ``stiffness max(0, path - offset - displacement)``.
+    """
+    frequency = math.sqrt(stiffness / mass)
+    pieces = max(1, math.ceil(frequency * step / 0.5))
+    short = step / pieces
+    displaced, body_speed, compression = np.zeros(path.size), 0.0, 0.0
+    touching = parted = False
+    pushed = 0.0
+    for i in range(path.size - 1):
+        speed = float(path[i + 1] - path[i]) / step
+        for piece in range(pieces):
+            begin = float(path[i]) + speed * short * piece
+            if parted:
+                pushed += body_speed * short
+                continue
+            left = short
+            if not touching:
+                gap = offset - begin
+                if not (speed > 0 and speed * short > gap):
+                    continue
+                touching, compression = True, max(-gap, 0.0)
+                left = short - max(gap, 0.0) / speed
+            c, s = math.cos(frequency * left), math.sin(frequency * left)
+            closing = speed - body_speed
+            body_speed = speed - (closing * c - compression * frequency * s)
+            compression = compression * c + closing / frequency * s
+            parted = compression <= 0
+            pushed = begin + speed * short - offset - max(compression, 0.0)
+        displaced[i + 1] = pushed
+    return displaced
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import sampled_law
+from bumpstop.collision.free_law import body_displacement
 from bumpstop.collision.noise import contact_residual, noise_of_run
 from bumpstop.collision.trajectory_law import TrajectoryLaw, sampled_trajectory_law
 
@@ -32,6 +33,7 @@ class Rollout:
         stiffness: of the body [N/m].
         time: of every simulation step (steps,) [s].
         distance: of the contact point along the normal at those times (steps,) [m].
+        displacement: of a body that gets away (steps,) [m]; zero where it is clamped.
         touch: when the point first reaches the body [s], or None.
         detection: the tick that noticed [s], or None.
         reaction: when the arm began to react [s], or None.
@@ -48,6 +50,7 @@ class Rollout:
     stiffness: float
     time: FloatArray
     distance: FloatArray
+    displacement: FloatArray
     touch: float | None
     detection: float | None
     reaction: float | None
@@ -59,8 +62,8 @@ class Rollout:
 
     @cached_property
     def force(self) -> FloatArray:
-        """Contact force at every step (steps,) [N]: the clamped body answers as a spring."""
-        return np.asarray(self.stiffness * np.maximum(0.0, self.distance - self.offset))
+        """Contact force at every step (steps,) [N]: the body answers as a spring."""
+        return np.asarray(self.stiffness * np.maximum(0.0, self.distance - self.offset - self.displacement))
 
     @property
     def peak_force(self) -> float:
@@ -91,8 +94,9 @@ class Rollouts:
             # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
             missed = np.abs(peak - np.quantile(peak, p))
         elif math.isfinite(wanted):
-            # Runs never detected count as beyond every quantile, whatever force the end of the motion leaves them.
-            missed = np.where(tick >= 0, np.abs(peak - wanted), math.inf)
+            # Clamped, runs never detected count as beyond every quantile, whatever force the end of the motion leaves.
+            free = self._law.problem.body_mass is not None
+            missed = np.where((tick >= 0) | free, np.abs(peak - wanted), math.inf)
         else:
             undetected = (tick < 0) & (peak > 0)
             middle = np.median(offset[undetected]) if undetected.any() else 0.0
@@ -119,7 +123,12 @@ class Rollouts:
         zero = touch if touch is not None else detection if detection is not None else 0.0
 
         ticks = tick + 1 if tick >= 0 else curve.ticks
-        force = problem.stiffness * np.maximum(0.0, curve.tick_distance[:ticks] - offset)
+        displacement = np.zeros_like(distance)
+        if problem.body_mass is not None:
+            displacement = body_displacement(distance, offset, problem.stiffness, problem.moving_mass, step)
+        # The arm looks before it reacts: its own path and this one are the same up to the last of these ticks.
+        pushed = displacement[np.arange(ticks) * period + 1]
+        force = problem.stiffness * np.maximum(0.0, curve.tick_distance[:ticks] - offset - pushed)
         torque = curve.torque_per_newton[:ticks] * force[:, None]
         torque = contact_residual(problem, torque)
         residual = torque + noise_of_run(problem, self.seed, run, ticks)
@@ -133,6 +142,7 @@ class Rollouts:
             stiffness=problem.stiffness,
             time=time - zero,
             distance=distance,
+            displacement=displacement,
             touch=None if touch is None else touch - zero,
             detection=None if detection is None else detection - zero,
             reaction=None if begin is None else begin * step - zero,
