@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from bumpstop.collision.verdict import percent
 from bumpstop.report.area import AreaSection
 from bumpstop.report.arm import ArmSection
 from bumpstop.report.chain import _numbers
 from bumpstop.report.distribution import bins
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import spread
-from bumpstop.report.words import number, probability
+from bumpstop.report.words import number
 from report.cases import evaluate
 
 
@@ -83,7 +84,7 @@ def test_numbers(value, text):
     ],
 )
 def test_probabilities(p, text):
-    assert probability(p) == text
+    assert percent(p) == text
 
 
 def test_markup_escapes_all_but_markup():

@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.collision.verdict import percent
 from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError
 from bumpstop.report import write_report
 from bumpstop.report.page import FIGURES, Page
 from bumpstop.report.rollout import Rollouts
-from bumpstop.report.words import probability
 from report.cases import evaluate, with_limits
 
 _SECTIONS = [
@@ -215,7 +215,7 @@ def test_not_acceptable(tmp_path):
     page = Outline(Page(law).html())
     assert law.verdict.acceptable is False
     assert f"Not acceptable {law.verdict.reason}" in page.text
-    over = probability(law.verdict.p_over_pressure)
+    over = percent(law.verdict.p_over_pressure)
     assert f"Probability of exceeding the pressure limit {over} at most 0.1 % too high" in page.text
     assert "50 N/cm2 above" in page.text
 
@@ -251,7 +251,7 @@ def test_undetected_share_leaves_a_bounded_median():
     text = Outline(page.html()).text
     assert "(p99) no bound 135 N above" in text
     assert "are never detected and count as beyond every force" in text
-    assert f"In {probability(law.no_contact_probability)} of cases the arm does not press" in text
+    assert f"In {percent(law.no_contact_probability)} of cases the arm does not press" in text
     assert "peak_force" in [figure.picture.name for figure in page.figures]
 
 

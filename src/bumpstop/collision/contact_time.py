@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.distribution import CellDistribution
+from bumpstop.collision.mixture import MixtureDistribution
 
 if TYPE_CHECKING:
     from bumpstop.collision.problem import Problem
@@ -140,7 +140,7 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
         )
 
 
-def exact_contact_time(problem: Problem, curve: Any, law: Any) -> CellDistribution:
+def exact_contact_time(problem: Problem, curve: Any, law: Any) -> MixtureDistribution:
     """Contact time [s] of the exact law, given that the reaction ends a contact."""
     parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
     for cells in exact_cells(problem, curve, law):
@@ -149,7 +149,7 @@ def exact_contact_time(problem: Problem, curve: Any, law: Any) -> CellDistributi
         low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
         known, lasts = np.isfinite(low) & np.isfinite(high), np.isfinite(value)
         parts.append((low[known], high[known], cells.mass[known], value[lasts], cells.node_mass[lasts]))
-    return CellDistribution(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    return MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def sampled_contact_time(problem: Problem, curve: Any, tick: np.ndarray, offset: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.contact_time import antiderivatives
-from bumpstop.collision.distribution import CellDistribution
+from bumpstop.collision.mixture import MixtureDistribution
 from bumpstop.errors import InputError
 from bumpstop.model import effective_mass
 
@@ -42,19 +42,19 @@ class FreeQuantities:
         to_series = np.linalg.inv(np.polynomial.legendre.legvander(node, order - 1))
         self._to_edges = np.polynomial.legendre.legvander(edge, order - 1) @ to_series
 
-    def peak_force(self) -> CellDistribution:
+    def peak_force(self) -> MixtureDistribution:
         """Peak force [N] of every collision, detected or not; no contact is no force."""
         return self._distribution("peak_force", slice(None), self._harmless)
 
-    def contact_time(self) -> CellDistribution:
+    def contact_time(self) -> MixtureDistribution:
         """Time in contact [s], given contact."""
         return self._distribution("duration", slice(None), 0.0, positive=True)
 
-    def force_at_detection(self) -> CellDistribution:
+    def force_at_detection(self) -> MixtureDistribution:
         """Force at the tick of detection [N], given a detection in contact."""
         return self._distribution("force_at_detection", slice(self._before, -1), 0.0)
 
-    def _distribution(self, name: str, slots: slice, at_zero: float, *, positive: bool = False) -> CellDistribution:
+    def _distribution(self, name: str, slots: slice, at_zero: float, *, positive: bool = False) -> MixtureDistribution:
         value = self._nodes[name][slots]
         ends = np.maximum(np.einsum("eg,sgp->sep", self._to_edges, value), 0.0)
         mass, node_mass = self._mass[slots], self._node_mass[slots]
@@ -64,7 +64,7 @@ class FreeQuantities:
             cell &= high > 0
             point &= value > 0
         zero = [0.0] if at_zero > 0 else []
-        return CellDistribution(
+        return MixtureDistribution.of_cells(
             low=np.concatenate([low[cell], zero]),
             high=np.concatenate([high[cell], zero]),
             mass=np.concatenate([mass[cell], [at_zero] * len(zero)]),

@@ -103,7 +103,7 @@ def _contacts(law: ForceLaw) -> tuple[FloatArray, FloatArray]:
     problem, curve, offset = law.problem, law.curve, law.runs["offset"]
     if problem.trajectory is None:
         return curve.start + offset[:, None] * curve.normal, np.tile(curve.normal, (offset.size, 1))
-    from bumpstop.collision.trajectory_law import approach
+    from bumpstop.collision.contact_begin import approach
 
     begin, contact = law.runs["contact_time"], law.scenario.contact
     poses = problem.robot.pose(problem.trajectory.at(begin), contact.link, contact.point_m)

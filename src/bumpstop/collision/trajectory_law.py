@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -11,225 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, SampledDistribution, check_probability
+from bumpstop.collision.contact_begin import ContactTimes, approach, contact_times, draw_times, trajectory_of
+from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, SampledDistribution
 from bumpstop.collision.law import ForceLaw, StoppingCurve
+from bumpstop.collision.mixture import MixtureDistribution
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.trajectory import Trajectory, point_motion
-from bumpstop.errors import InputError
+from bumpstop.collision.trajectory import Trajectory
 from bumpstop.kernels import core
-
-# A point slower than this toward the body stands still, as far as the direction of its motion can be told [m/s].
-_STANDSTILL = 1e-6
-# Nodes of the quadrature over the time of contact in a panel, and how many standard deviations of the noise a residual
-# may grow by in one. There are no more nodes in all than this.
-_ORDER = 4
-_GROWTH = 3.0
-_MOST_NODES = 60_000
-
-
-@dataclass(frozen=True, eq=False)
-class ContactTimes:
-    """Times at which contact may begin: the nodes of a quadrature over the motion, or one that is given.
-
-    Attributes:
-        begin: (nodes,) [s].
-        weight: (nodes,) of the law of each; they sum to one.
-        normal: (nodes, 3) unit vectors, base frame.
-        low, high: (nodes,) the times each node stands for [s]; equal where the time is given.
-        order: nodes in a panel; panels follow one another.
-        still: share of the time in which no contact begins, as the point does not move toward the body.
-    """
-
-    begin: FloatArray
-    weight: FloatArray
-    normal: FloatArray
-    low: FloatArray
-    high: FloatArray
-    order: int
-    still: float
-
-
-def contact_times(problem: Problem, refinement: int = 1) -> ContactTimes:
-    """Where to look: Gauss-Legendre nodes in panels that end at every feedback tick, or the time that is given.
-
-    Raises:
-        InputError: the contact point does not move toward the body then, or at no time.
-    """
-    trajectory = _trajectory(problem)
-    given = problem.scenario.motion.contact_time
-    if given != "uniform":
-        begin = np.array([float(given)])
-        normal, speed = approach(problem, begin)
-        if not speed[0] > _STANDSTILL:
-            raise InputError(
-                "motion.contact_time",
-                f"at {begin[0]:g} s the contact point does not move toward the body ({speed[0] * 1e3:.3g} mm/s)",
-                "give a time at which it does, or another contact.normal",
-            )
-        return ContactTimes(begin, np.ones(1), normal, begin, begin, 1, 0.0)
-    order = _ORDER * refinement
-    edges = _panels(problem, trajectory, order)
-    node, weight = np.polynomial.legendre.leggauss(order)
-    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
-    begin = (middle[:, None] + half[:, None] * node).ravel()
-    # Each node stands for a part of its panel as wide as its weight.
-    cell = np.concatenate([[-1.0], -1.0 + np.cumsum(weight)])
-    low, high = ((middle[:, None] + half[:, None] * ends).ravel() for ends in (cell[:-1], cell[1:]))
-    normal, speed = approach(problem, begin)
-    moves = speed > _STANDSTILL
-    share = np.where(moves, high - low, 0.0)
-    if not share.any():
-        where = "contact.normal" if problem.scenario.contact.normal is not None else "contact.link"
-        raise InputError(
-            where,
-            "the contact point never moves toward the body",
-            "give a point that moves, and a normal it moves along",
-        )
-    still = 1 - float(share.sum() / (high - low).sum())
-    return ContactTimes(begin, share / share.sum(), normal, low, high, order, max(0.0, still))
-
-
-def _trajectory(problem: Problem) -> Trajectory:
-    assert problem.trajectory is not None
-    return problem.trajectory
-
-
-def approach(problem: Problem, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Contact normals (N, 3), base frame, at times (N,) [s] and the speed toward the body then (N,) [m/s]."""
-    velocity, _ = point_motion(_trajectory(problem), problem.robot, problem.contact_point, t)
-    given = problem.scenario.contact.normal
-    if given is not None:
-        normal = np.tile(np.array(given) / np.linalg.norm(given), (len(t), 1))
-        return normal, velocity @ normal[0]
-    speed = np.linalg.norm(velocity, axis=1)
-    return np.ascontiguousarray(velocity / np.maximum(speed, 1e-300)[:, None]), speed
-
-
-def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
-    """Edges of the panels [s]: every tick, and more where the residual grows fast."""
-    step, end = problem.scenario.simulation.step_s, trajectory.duration
-    ticks = np.arange(1, math.ceil(end / step) + 1, problem.period_steps) * step
-    edges = np.concatenate([[0.0], ticks[ticks < end - 1e-9 * step], [end]])
-    middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
-    normal, speed = approach(problem, middle)
-    _, jacobian = point_motion(trajectory, problem.robot, problem.contact_point, middle)
-    watched = np.isfinite(problem.thresholds)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        growth = np.abs(np.einsum("nij,ni->nj", jacobian, normal))[:, watched] / problem.noise_sd[watched]
-    # A joint that feels nothing of the contact has no need of any panel, even without noise.
-    growth = np.nan_to_num(growth, nan=0.0, posinf=1e6).max(axis=1, initial=0.0) * problem.stiffness
-    most = max(1, _MOST_NODES // (order * len(middle)))
-    parts = np.clip(np.ceil(growth * np.maximum(speed, 0.0) * width / _GROWTH), 1, most).astype(int)
-    starts = np.repeat(edges[:-1], parts)
-    place = np.arange(len(starts)) - np.repeat(np.cumsum(parts) - parts, parts)
-    return np.append(starts + np.repeat(width / parts, parts) * place, end)
-
-
-@dataclass(frozen=True, eq=False)
-class MixtureDistribution(Distribution):
-    """Probability spread evenly over cells, and in single values; some may lie at infinity.
-
-    Attributes:
-        low, high, mass: ends of the cells and their probabilities (cells,).
-        atom, atom_mass: single values and their probabilities (atoms,).
-        node, node_mass: values and probabilities (nodes,) of a quadrature for the moments; all there is.
-        undetected: probability of never detecting; it counts as beyond every value.
-    """
-
-    low: FloatArray
-    high: FloatArray
-    mass: FloatArray
-    atom: FloatArray
-    atom_mass: FloatArray
-    node: FloatArray
-    node_mass: FloatArray
-    undetected: float = 0.0
-
-    @cached_property
-    def _total(self) -> float:
-        return float(self.mass.sum() + self.atom_mass.sum()) + self.undetected
-
-    @cached_property
-    def _moments(self) -> tuple[float, float]:
-        if not self._total > 0:
-            return math.nan, math.nan
-        weight = self.node_mass / self.node_mass.sum()
-        mean = float(weight @ self.node)
-        return mean, math.sqrt(max(0.0, float(weight @ (self.node - mean) ** 2)))
-
-    @property
-    def mean(self) -> float:  # noqa: D102
-        return self._moments[0]
-
-    @property
-    def sd(self) -> float:  # noqa: D102
-        return self._moments[1]
-
-    @cached_property
-    def _tail(self) -> tuple[FloatArray, FloatArray]:
-        """P(value in a cell > x) at every end of a cell, x descending; straight between them.
-
-        Summed from the greatest value down, so that a small tail is a sum of small terms.
-        """
-        slope = self.mass / np.where(self.mass > 0, self.high - self.low, 1.0)
-        ends = np.concatenate([self.high, self.low])
-        order = np.argsort(-ends, kind="stable")
-        x = ends[order]
-        density = np.maximum(np.cumsum(np.concatenate([slope, -slope])[order])[:-1], 0.0)
-        return x, np.concatenate([[0.0], np.cumsum(density * -np.diff(x))]) if x.size else x
-
-    @cached_property
-    def _atoms(self) -> tuple[FloatArray, FloatArray]:
-        """Single values, descending, and P(one of them >= it)."""
-        order = np.argsort(-self.atom, kind="stable")
-        return self.atom[order], np.cumsum(self.atom_mass[order])
-
-    def _above(self, x: FloatArray, *, at: bool) -> FloatArray:
-        """P(value > x), or P(value >= x), for x of any order (N,)."""
-        ends, tail = self._tail
-        result: FloatArray = np.full(x.shape, self.undetected)
-        if ends.size:
-            result += np.interp(-x, -ends, tail)
-        atoms, reached = self._atoms
-        count = np.searchsorted(-atoms, -x, side="right" if at else "left")
-        result += np.concatenate([[0.0], reached])[count]
-        return result
-
-    def exceedance(self, x: float) -> float:  # noqa: D102
-        if not self._total > 0:
-            return math.nan
-        return min(1.0, float(self._above(np.array([x]), at=False)[0]) / self._total)
-
-    def quantile(self, p: float) -> float:  # noqa: D102
-        check_probability(p)
-        if not self._total > 0:
-            return math.nan
-        allowed = (1 - p) * self._total
-        if self.undetected > allowed:
-            return math.inf
-        x, above, reached = self._levels
-        # The last place, from above, at which no more than allowed lies beyond.
-        i = int(np.searchsorted(above, allowed, side="right")) - 1
-        if i < 0 or i + 1 == x.size or reached[i] > allowed:
-            return float(x[max(i, 0)])
-        rise = above[i + 1] - reached[i]
-        share = (allowed - reached[i]) / rise if rise > 0 else 1.0
-        return float(x[i] + share * (x[i + 1] - x[i]))
-
-    @cached_property
-    def _levels(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """All places where the tail bends or jumps, descending, with P(> x) and P(>= x)."""
-        x = np.unique(np.concatenate([self._tail[0], self.atom]))[::-1]
-        return x, self._above(x, at=False), self._above(x, at=True)
-
-    def scaled(self, factor: float) -> MixtureDistribution:  # noqa: D102
-        return replace(
-            self,
-            low=self.low * factor,
-            high=self.high * factor,
-            atom=self.atom * factor,
-            node=self.node * factor,
-        )
 
 
 class _Mixer:
@@ -322,7 +110,7 @@ class TrajectoryLaw(ForceLaw):
 
     def motion_notes(self) -> list[str]:
         """What was assumed of the motion, and when contact begins."""
-        motion, trajectory = self.scenario.motion, _trajectory(self.problem)
+        motion, trajectory = self.scenario.motion, trajectory_of(self.problem)
         joined = "cubic Hermite splines" if trajectory.velocity is not None else "a cubic spline"
         notes = [
             f"The arm follows a joint trajectory of {len(trajectory.time)} rows and {trajectory.duration:.4g} s; "
@@ -347,7 +135,7 @@ class TrajectoryLaw(ForceLaw):
                 f"The trajectory's own joint accelerations are up to {self.kernel.excess:.3g} times those of the "
                 "reaction: there the arm brakes as far as it can with the least excess."
             )
-        if _stops_short(_trajectory(self.problem)):
+        if _stops_short(trajectory_of(self.problem)):
             notes.append(
                 "The trajectory ends while the arm still moves. It is taken to stand still there at once, so contact "
                 "near the end is harder than it says."
@@ -384,7 +172,7 @@ class _Reactions:
 
 def trajectory_kernel(problem: Problem) -> Any:
     """The motion and the reactions to every tick of it, for the kernels."""
-    trajectory, scenario = _trajectory(problem), problem.scenario
+    trajectory, scenario = trajectory_of(problem), problem.scenario
     link, point = problem.contact_point
     return core.Trajectory(
         chain=problem.robot.chain,
@@ -474,7 +262,7 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
 def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, threads: int = 1) -> TrajectoryLaw:
     """Draw single collisions: a time of contact, then noise until a joint alarms."""
     kernel, times = trajectory_kernel(problem), contact_times(problem)
-    begin = _draw(times, seed, samples)
+    begin = draw_times(times, seed, samples)
     normal, _ = approach(problem, begin)
     runs = kernel.sample(problem.detector, problem.stiffness, begin, normal, seed, threads)
     K, tick = problem.stiffness, runs["tick"]
@@ -521,14 +309,3 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
         spans=spans,
         greatest_undetected=float(peak.max(where=undetected, initial=0.0)),
     )
-
-
-def _draw(times: ContactTimes, seed: int, samples: int) -> FloatArray:
-    """Times of contact of runs (samples,) [s]: even over the time in which contact may begin."""
-    share: FloatArray = core.offsets(seed, 0, samples, "uniform", 1.0)
-    moving = times.weight > 0
-    low, high = times.low[moving], times.high[moving]
-    reached = np.concatenate([[0.0], np.cumsum(times.weight[moving])])
-    cell = np.clip(np.searchsorted(reached, share, side="right") - 1, 0, low.size - 1)
-    inside = (share - reached[cell]) / times.weight[moving][cell]
-    return np.asarray(low[cell] + (high - low)[cell] * np.clip(inside, 0.0, 1.0))

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.contact_time import ContactSpans, exact_cells
-from bumpstop.collision.distribution import CellDistribution, Distribution, SampledDistribution
+from bumpstop.collision.distribution import Distribution, SampledDistribution
+from bumpstop.collision.mixture import MixtureDistribution
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -77,8 +78,8 @@ class TwoPhaseUse:
             ends, value = share(cells.spans, cells.tick, cells.edge), share(cells.spans, cells.tick, cells.node)
             low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
             parts.append((low.ravel(), high.ravel(), cells.mass.ravel(), value.ravel(), cells.node_mass.ravel()))
-        joined = CellDistribution(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-        return joined, float(joined.mass.sum())
+        joined = MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        return joined, joined.total
 
     def over(self, share: Distribution, undetected: float) -> float:
         """P(some limit is passed), undetected collisions counting as over."""

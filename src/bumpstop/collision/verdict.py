@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -142,16 +143,16 @@ def _reason(
         pressure = f"{transient.pressure_N_cm2 or 0:g} N/cm2 at first or {pressure} later"
     faults = []
     if p_force > settings.risk:
-        faults.append(f"the peak force exceeds {force} with probability {_percent(p_force)}")
+        faults.append(f"the peak force exceeds {force} with probability {percent(p_force)}")
     if p_pressure is not None and p_pressure > settings.risk:
-        faults.append(f"the pressure exceeds {pressure} with probability {_percent(p_pressure)}")
-    accepted = f", more than the accepted {_percent(settings.risk)}" if faults else ""
+        faults.append(f"the pressure exceeds {pressure} with probability {percent(p_pressure)}")
+    accepted = f", more than the accepted {percent(settings.risk)}" if faults else ""
     if undetected > settings.risk:
-        faults.append(f"{_percent(undetected)} of collisions are never detected")
+        faults.append(f"{percent(undetected)} of collisions are never detected")
     if false_alarm > settings.max_false_alarm:
         faults.append(
-            f"a false alarm comes before contact with probability {_percent(false_alarm)} (accepted: "
-            f"{_percent(settings.max_false_alarm)})"
+            f"a false alarm comes before contact with probability {percent(false_alarm)} (accepted: "
+            f"{percent(settings.max_false_alarm)})"
         )
     if faults:
         sentence = " and ".join(faults[:2]) + accepted
@@ -161,17 +162,22 @@ def _reason(
     worst = max(p_force, p_pressure or 0.0)
     what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
     return (
-        f"{what} the limits for {limits.label} with probability {_percent(worst)}, "
-        f"within the accepted {_percent(settings.risk)}."
+        f"{what} the limits for {limits.label} with probability {percent(worst)}, "
+        f"within the accepted {percent(settings.risk)}."
     )
 
 
-def _percent(p: float) -> str:
-    if p == 0:
-        return "0 %"
+def percent(p: float) -> str:
+    """A probability in percent that never rounds to certainty, nor to impossibility."""
+    if math.isnan(p):
+        return "none"
+    if p <= 0 or p >= 1:  # sums of many shares may pass one by a rounding
+        return "0 %" if p <= 0 else "100 %"
     if p < 1e-6:
         return "less than 0.0001 %"
     if p > 1 - 1e-6:
-        return "over 99.9999 %" if p < 1 else "100 %"
-    # Never round a probability up to certainty.
-    return f"{100 * p:.2g} %" if p < 0.1 else f"{min(100 * p, 99.99):.4g} %"
+        return "over 99.9999 %"
+    if p < 0.1:
+        return f"{float(f'{100 * p:.2g}'):.7g} %"
+    # Beyond 99.9 % it is the distance from certainty that tells.
+    return f"{100 * p:.3g} %" if p <= 0.999 else f"{math.floor(1e6 * p) / 1e4:.6g} %"

@@ -10,11 +10,12 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory_law import TrajectoryLaw
+from bumpstop.collision.verdict import percent
 from bumpstop.report.distribution import bins, draw_density
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, Picture, axes
 from bumpstop.report.section import Section
-from bumpstop.report.words import number, probability, quantity
+from bumpstop.report.words import number, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,11 +34,11 @@ class DetectionSection(Section):
         law = self.law
         text = [
             paragraph(
-                f"False alarm before contact: {probability(law.false_alarm_probability)}. "
-                f"Never noticed: {probability(law.undetected_probability)}. "
-                f"Neither contact nor alarm: {probability(law.no_contact_probability)}. "
+                f"False alarm before contact: {percent(law.false_alarm_probability)}. "
+                f"Never noticed: {percent(law.undetected_probability)}. "
+                f"Neither contact nor alarm: {percent(law.no_contact_probability)}. "
                 f"Two or more joints at the same tick, given detection: "
-                f"{probability(law.several_joints_probability)}."
+                f"{percent(law.several_joints_probability)}."
             )
         ]
         if not self._detects:
@@ -79,7 +80,7 @@ class DetectionSection(Section):
                     quantity(float(problem.noise_mean[j]), unit),
                     quantity(100 * lever if lever > 1e-9 else 0.0, unit),
                     (quantity(needed, "N") if math.isfinite(needed) else "cannot feel it") if watched else "",
-                    probability(float(law.trigger_joint_probability[j])),
+                    percent(float(law.trigger_joint_probability[j])),
                 )
             )
         return rows
@@ -99,7 +100,7 @@ class DetectionSection(Section):
         pictures = []
         if self._detects:
             shares = ", ".join(
-                f"joint {j} {probability(float(p))}" for j, p in enumerate(self.law.trigger_joint_probability, start=1)
+                f"joint {j} {percent(float(p))}" for j, p in enumerate(self.law.trigger_joint_probability, start=1)
             )
             pictures.append(
                 Picture(
@@ -136,7 +137,7 @@ class DetectionSection(Section):
         panel.barh(numbers, 100 * shares, height=0.66, color=AREA, edgecolor=LAW, hatch="//")
         for j, share in zip(numbers, shares, strict=True):
             watched = math.isfinite(problem.thresholds[j - 1])
-            text = probability(float(share)) if watched else "not watched"
+            text = percent(float(share)) if watched else "not watched"
             panel.annotate(
                 text, (100 * share, j), (4, 0), textcoords="offset points", va="center", fontsize=8.5,
                 color=INK if watched else FAINT,

@@ -10,10 +10,11 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution import QUANTILES
+from bumpstop.collision.verdict import percent
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
 from bumpstop.report.section import Section
-from bumpstop.report.words import number, percentile, probability, quantity
+from bumpstop.report.words import number, percentile, quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,8 +38,8 @@ class DistributionSection(Section):
         if not self._edges.size:
             return [
                 paragraph(
-                    f"There is no figure: {probability(law.undetected_probability)} of collisions are never detected, "
-                    f"so that their force has no bound, and in {probability(law.no_contact_probability)} of cases the "
+                    f"There is no figure: {percent(law.undetected_probability)} of collisions are never detected, "
+                    f"so that their force has no bound, and in {percent(law.no_contact_probability)} of cases the "
                     "arm touches nothing."
                 )
             ]
@@ -54,14 +55,14 @@ class DistributionSection(Section):
         if harmless > 1e-4:
             text.append(
                 paragraph(
-                    f"In {probability(harmless)} of cases the arm does not press at all, as an alarm stops it before "
+                    f"In {percent(harmless)} of cases the arm does not press at all, as an alarm stops it before "
                     "the body or the motion ends there. The upper panel leaves them out."
                 )
             )
         if law.undetected_probability > _LEAST:
             text.append(
                 paragraph(
-                    f"{probability(law.undetected_probability)} of collisions are never detected and count as beyond "
+                    f"{percent(law.undetected_probability)} of collisions are never detected and count as beyond "
                     "every force: the lower curve does not fall below that."
                 )
             )
@@ -79,7 +80,7 @@ class DistributionSection(Section):
         return [
             Picture(
                 "peak_force",
-                f"Density of the peak force above, probability of exceeding it below. {marks}; {limits}.",
+                f"Density of the peak force above of exceeding it below. {marks}; {limits}.",
                 f"Quantiles: {marks}. Dashed: limits.",
                 self._draw,
                 height=4.4,
@@ -151,7 +152,7 @@ class DistributionSection(Section):
         if risk > least:
             panel.axhline(risk, color=FAINT, linestyle=":", linewidth=1.4)
             panel.annotate(
-                f"accepted {probability(risk)}", (0, risk), (4, 3), xycoords=panel.get_yaxis_transform(),
+                f"accepted {percent(risk)}", (0, risk), (4, 3), xycoords=panel.get_yaxis_transform(),
                 textcoords="offset points", color=INK, fontsize=8.5, bbox=PAPER,
             )  # fmt: skip
         for name, p in QUANTILES.items():

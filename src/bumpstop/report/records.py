@@ -8,11 +8,12 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.distribution import QUANTILES
+from bumpstop.collision.verdict import percent
 from bumpstop.contact import LimitTable, builtin_tables
 from bumpstop.kernels import target
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
-from bumpstop.report.words import number, percentile, probability, quantity, which_law
+from bumpstop.report.words import number, percentile, quantity, which_law
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -188,6 +189,6 @@ class AssumptionsSection(Section):
         if law.kind == "sampled":
             least = 1 / (law.samples or 1)
             found.append(
-                paragraph(f"With {law.samples} sampled collisions, probabilities near {probability(least)} are coarse.")
+                paragraph(f"With {law.samples} sampled collisions, probabilities near {percent(least)} are coarse.")
             )
         return [*found, element("h3", "What is not claimed"), bullets(claims)]

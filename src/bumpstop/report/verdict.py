@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+from bumpstop.collision.verdict import percent
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.section import Section
-from bumpstop.report.words import number, probability, quantity
+from bumpstop.report.words import number, quantity
 
 # Word, CSS class and shape of the sign: the three say the same, so that none is needed to read the others.
 _TICK = '<circle cx="12" cy="12" r="11"/><path d="M6 12.5l4 4 8-9"/>'
@@ -57,7 +58,7 @@ class VerdictSection(Section):
                 verdict.max_false_alarm,
             )
         )
-        rows.append(("Probability of never noticing", probability(law.undetected_probability), "", ""))
+        rows.append(("Probability of never noticing", percent(law.undetected_probability), "", ""))
         delay = law.detection_delay
         shown = f"{number(1e3 * delay.quantile(0.5))} / {quantity(1e3 * delay.quantile(0.99), 'ms')}"
         rows.append(("Delay from touch to detection, median / p99", shown, "", ""))
@@ -71,8 +72,8 @@ class VerdictSection(Section):
                 "them is not judged."
             )
         meaning = (
-            f"Acceptable means here: each limit is exceeded with a probability of at most {probability(verdict.risk)}, "
-            f"and an alarm before contact has a probability of at most {probability(verdict.max_false_alarm)}. "
+            f"Acceptable means here: each limit is exceeded with a probability of at most {percent(verdict.risk)}, "
+            f"and an alarm before contact has a probability of at most {percent(verdict.max_false_alarm)}. "
             "Collisions that are never detected count as over every limit."
         )
         if not limits.permitted:
@@ -94,4 +95,4 @@ def _below(what: str, value: float, unit: str, limit: float | None) -> tuple[str
 
 def _accepted(what: str, p: float, accepted: float) -> tuple[str, str, str, str]:
     judged = "" if math.isnan(p) else "within" if p <= accepted else element("strong", "too high")
-    return what, probability(p), f"at most {probability(accepted)}", judged
+    return what, percent(p), f"at most {percent(accepted)}", judged

@@ -28,22 +28,6 @@ def quantity(value: float, unit: str) -> str:
     return f"{number(value)} {unit}" if math.isfinite(value) else number(value)
 
 
-def probability(p: float) -> str:
-    """A probability in percent that never rounds to certainty, nor to impossibility."""
-    if math.isnan(p):
-        return NONE
-    if p <= 0 or p >= 1:  # sums of many shares may pass one by a rounding
-        return "0 %" if p <= 0 else "100 %"
-    if p < 1e-6:
-        return "less than 0.0001 %"
-    if p > 1 - 1e-6:
-        return "over 99.9999 %"
-    if p < 0.1:
-        return f"{float(f'{100 * p:.2g}'):.7g} %"
-    # Beyond 99.9 % it is the distance from certainty that tells.
-    return f"{100 * p:.3g} %" if p <= 0.999 else f"{math.floor(1e6 * p) / 1e4:.6g} %"
-
-
 def percentile(name: str) -> str:
     """``p999`` as a person writes it: ``p99.9``."""
     return {"p999": "p99.9"}.get(name, name)

@@ -1,0 +1,132 @@
+"""When contact begins in a joint trajectory: at a given time, or at any time of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision.problem import Problem
+from bumpstop.collision.trajectory import Trajectory, point_motion
+from bumpstop.errors import InputError
+from bumpstop.kernels import core
+
+# A point slower than this toward the body stands still, as far as the direction of its motion can be told [m/s].
+_STANDSTILL = 1e-6
+# Nodes of the quadrature over the time of contact in a panel, and how many standard deviations of the noise a residual
+# may grow by in one. There are no more nodes in all than this.
+_ORDER = 4
+_GROWTH = 3.0
+_MOST_NODES = 60_000
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTimes:
+    """Times at which contact may begin: the nodes of a quadrature over the motion, or one that is given.
+
+    Attributes:
+        begin: (nodes,) [s].
+        weight: (nodes,) of the law of each; they sum to one.
+        normal: (nodes, 3) unit vectors, base frame.
+        low, high: (nodes,) the times each node stands for [s]; equal where the time is given.
+        order: nodes in a panel; panels follow one another.
+        still: share of the time in which no contact begins, as the point does not move toward the body.
+    """
+
+    begin: FloatArray
+    weight: FloatArray
+    normal: FloatArray
+    low: FloatArray
+    high: FloatArray
+    order: int
+    still: float
+
+
+def contact_times(problem: Problem, refinement: int = 1) -> ContactTimes:
+    """Where to look: Gauss-Legendre nodes in panels that end at every feedback tick, or the time that is given.
+
+    Raises:
+        InputError: the contact point does not move toward the body then, or at no time.
+    """
+    trajectory = trajectory_of(problem)
+    given = problem.scenario.motion.contact_time
+    if given != "uniform":
+        begin = np.array([float(given)])
+        normal, speed = approach(problem, begin)
+        if not speed[0] > _STANDSTILL:
+            raise InputError(
+                "motion.contact_time",
+                f"at {begin[0]:g} s the contact point does not move toward the body ({speed[0] * 1e3:.3g} mm/s)",
+                "give a time at which it does, or another contact.normal",
+            )
+        return ContactTimes(begin, np.ones(1), normal, begin, begin, 1, 0.0)
+    order = _ORDER * refinement
+    edges = _panels(problem, trajectory, order)
+    node, weight = np.polynomial.legendre.leggauss(order)
+    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    begin = (middle[:, None] + half[:, None] * node).ravel()
+    # Each node stands for a part of its panel as wide as its weight.
+    cell = np.concatenate([[-1.0], -1.0 + np.cumsum(weight)])
+    low, high = ((middle[:, None] + half[:, None] * ends).ravel() for ends in (cell[:-1], cell[1:]))
+    normal, speed = approach(problem, begin)
+    moves = speed > _STANDSTILL
+    share = np.where(moves, high - low, 0.0)
+    if not share.any():
+        where = "contact.normal" if problem.scenario.contact.normal is not None else "contact.link"
+        raise InputError(
+            where,
+            "the contact point never moves toward the body",
+            "give a point that moves, and a normal it moves along",
+        )
+    still = 1 - float(share.sum() / (high - low).sum())
+    return ContactTimes(begin, share / share.sum(), normal, low, high, order, max(0.0, still))
+
+
+def trajectory_of(problem: Problem) -> Trajectory:
+    """The trajectory of a problem whose motion is one."""
+    assert problem.trajectory is not None
+    return problem.trajectory
+
+
+def approach(problem: Problem, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Contact normals (N, 3), base frame, at times (N,) [s] and the speed toward the body then (N,) [m/s]."""
+    velocity, _ = point_motion(trajectory_of(problem), problem.robot, problem.contact_point, t)
+    given = problem.scenario.contact.normal
+    if given is not None:
+        normal = np.tile(np.array(given) / np.linalg.norm(given), (len(t), 1))
+        return normal, velocity @ normal[0]
+    speed = np.linalg.norm(velocity, axis=1)
+    return np.ascontiguousarray(velocity / np.maximum(speed, 1e-300)[:, None]), speed
+
+
+def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
+    """Edges of the panels [s]: every tick, and more where the residual grows fast."""
+    step, end = problem.scenario.simulation.step_s, trajectory.duration
+    ticks = np.arange(1, math.ceil(end / step) + 1, problem.period_steps) * step
+    edges = np.concatenate([[0.0], ticks[ticks < end - 1e-9 * step], [end]])
+    middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+    normal, speed = approach(problem, middle)
+    _, jacobian = point_motion(trajectory, problem.robot, problem.contact_point, middle)
+    watched = np.isfinite(problem.thresholds)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        growth = np.abs(np.einsum("nij,ni->nj", jacobian, normal))[:, watched] / problem.noise_sd[watched]
+    # A joint that feels nothing of the contact has no need of any panel, even without noise.
+    growth = np.nan_to_num(growth, nan=0.0, posinf=1e6).max(axis=1, initial=0.0) * problem.stiffness
+    most = max(1, _MOST_NODES // (order * len(middle)))
+    parts = np.clip(np.ceil(growth * np.maximum(speed, 0.0) * width / _GROWTH), 1, most).astype(int)
+    starts = np.repeat(edges[:-1], parts)
+    place = np.arange(len(starts)) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(starts + np.repeat(width / parts, parts) * place, end)
+
+
+def draw_times(times: ContactTimes, seed: int, samples: int) -> FloatArray:
+    """Times of contact of runs (samples,) [s]: even over the time in which contact may begin."""
+    share: FloatArray = core.offsets(seed, 0, samples, "uniform", 1.0)
+    moving = times.weight > 0
+    low, high = times.low[moving], times.high[moving]
+    reached = np.concatenate([[0.0], np.cumsum(times.weight[moving])])
+    cell = np.clip(np.searchsorted(reached, share, side="right") - 1, 0, low.size - 1)
+    inside = (share - reached[cell]) / times.weight[moving][cell]
+    return np.asarray(low[cell] + (high - low)[cell] * np.clip(inside, 0.0, 1.0))
