@@ -120,6 +120,7 @@ def test_completion_answers() -> None:
         "recording",
         "identify",
         "validate",
+        "study",
     }
     options = bumpstop(COMP_WORDS="bumpstop evaluate --s", **(asked | {"COMP_CWORD": "2"})).stdout.split()
     assert set(options) == {"--sampled", "--seed", "--set"}

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
-from bumpstop.cli.output import to_toml
+from bumpstop.collision.settings_file import to_toml
 from cli.support import EXAMPLE, REPOSITORY, evaluate, run, strict_json
 
 # What is the same in every file of the sampled law, and what a joint adds.

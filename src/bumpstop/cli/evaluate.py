@@ -18,7 +18,7 @@ MOST_SAMPLES = 100_000_000
 MOST_THREADS = 256
 
 
-def _whole(low: int, high: int) -> Callable[[str | int], int]:
+def whole(low: int, high: int) -> Callable[[str | int], int]:
     """Reads a whole number; typer's own messages leave out what was written."""
 
     def read(written: str | int) -> int:
@@ -40,16 +40,16 @@ def command(
     sampled: Annotated[
         int | None,
         typer.Option(
-            parser=_whole(1, MOST_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of the exact law."
+            parser=whole(1, MOST_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of the exact law."
         ),
     ] = None,
     seed: Annotated[
-        int, typer.Option(parser=_whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled law.")
+        int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled law.")
     ] = 0,
     threads: Annotated[
         int,
         typer.Option(
-            parser=_whole(1, MOST_THREADS), metavar="NUMBER", help="Threads of the sampled law; they do not change it."
+            parser=whole(1, MOST_THREADS), metavar="NUMBER", help="Threads of the sampled law; they do not change it."
         ),
     ] = 1,
     changes: Annotated[
@@ -63,7 +63,7 @@ def command(
     """
     from bumpstop.collision import evaluate, load_scenario
 
-    checked = load_scenario(scenario, dict(_change(text) for text in changes or []))
+    checked = load_scenario(scenario, dict(change(text) for text in changes or []))
     try:
         law = evaluate(checked, samples=sampled, seed=seed, threads=threads)
     except MemoryError:
@@ -85,7 +85,7 @@ def command(
     return NOT_ACCEPTABLE if law.verdict.acceptable is False else 0
 
 
-def _change(text: str) -> tuple[str, Any]:
+def change(text: str) -> tuple[str, Any]:
     """``key=value`` with a TOML value, else a bare string."""
     key, equals, value = text.partition("=")
     key = re.sub(r"\s*\.\s*", ".", key.strip())

@@ -42,6 +42,7 @@ def settings_toml(law: ForceLaw) -> str:
     The file is itself a scenario: its reader passes over the table ``[made_by]``.
     """
     from bumpstop.collision.scenario import MADE_BY
+    from bumpstop.collision.settings_file import scenario_data, to_toml
     from bumpstop.kernels import target
 
     made_by: dict[str, Any] = {"law": law.kind}
@@ -53,38 +54,6 @@ def settings_toml(law: ForceLaw) -> str:
         "python": platform.python_version(),
     }
     made_by["instruction_set"] = target
-    data = law.scenario.to_dict()
-    limits = law.scenario.contact.limits
-    if law.scenario.contact.body is not None and (limits.endswith(".toml") or "/" in limits):
-        # Relative paths start at the scenario's folder, which the copy has left.
-        data["contact"]["limits"] = str((law.scenario.folder / limits).resolve())
-    if law.scenario.detector.residuals is not None:
-        data["detector"]["residuals"] = str((law.scenario.folder / law.scenario.detector.residuals).resolve())
-    if law.scenario.robot_path is not None:
-        data["robot"] = str(law.scenario.robot_path.resolve())
-    if law.scenario.motion.file is not None:
-        data["motion"]["file"] = str((law.scenario.folder / law.scenario.motion.file).resolve())
+    data = scenario_data(law.scenario)
     options = f" --sampled {law.samples} --seed {law.seed}" if law.kind == "sampled" else ""
     return f"# To repeat: bumpstop evaluate settings.toml{options}\n" + to_toml(data | {MADE_BY: made_by})
-
-
-def to_toml(data: dict[str, Any]) -> str:
-    """Write nested dictionaries of numbers, texts, booleans and lists as TOML, one level of tables deep."""
-    lines = [f"{key} = {_value(value)}" for key, value in data.items() if not isinstance(value, dict)]
-    for key, table in data.items():
-        if isinstance(table, dict):
-            lines += ["", f"[{key}]", *(f"{inner} = {_value(value)}" for inner, value in table.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    escaped = "".join(
-        {"\\": "\\\\", '"': '\\"'}.get(c, c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}") for c in str(value)
-    )
-    return f'"{escaped}"'

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,15 +11,14 @@ from bumpstop.report.area import AreaSection
 from bumpstop.report.arm import ArmSection
 from bumpstop.report.detection import DetectionSection
 from bumpstop.report.distribution import DistributionSection
+from bumpstop.report.document import Document
 from bumpstop.report.force_over_time import ForceOverTimeSection
-from bumpstop.report.markup import Html, element
 from bumpstop.report.records import AssumptionsSection, FiguresSection, ProvenanceSection, SettingsSection
 from bumpstop.report.verdict import VerdictSection
 from bumpstop.report.words import arm, what_is_hit, which_law
 
 if TYPE_CHECKING:
     from bumpstop.collision import ForceLaw
-    from bumpstop.report.picture import Rendered
     from bumpstop.report.section import Section
 
 FIGURES = (
@@ -35,17 +33,10 @@ FIGURES = (
 """Every figure a report may have, by the name of its files; each law has those that make sense for it."""
 
 
-class Page:
-    """A law's report, drawn on construction.
-
-    Attributes:
-        title: robot, speed and body.
-        sections: those that apply, in order, each with its drawn figures.
-    """
+class Page(Document):
+    """A law's report, drawn on construction; its title names robot, speed and body."""
 
     def __init__(self, law: ForceLaw, details: Mapping[str, str] | None = None) -> None:
-        self._law = law
-        self.title = f"{arm(law)} {law.problem.motion_in_words} against {what_is_hit(law)}"
         sections: list[Section] = [
             VerdictSection(law),
             ArmSection(law),
@@ -58,41 +49,12 @@ class Page:
             SettingsSection(law, details or {}),
             AssumptionsSection(law),
         ]
-        self.sections: list[tuple[Section, list[Rendered]]] = [
-            (section, [picture.render() for picture in section.pictures()]) for section in sections if section.applies()
-        ]
-
-    @property
-    def figures(self) -> list[Rendered]:
-        """Every drawn figure, in order."""
-        return [figure for _, figures in self.sections for figure in figures]
-
-    def html(self) -> str:
-        """The whole page."""
-        style = (resources.files("bumpstop.report") / "page.css").read_text(encoding="utf-8")
-        contents = [
-            element("li", element("a", section.title, href=f"#{section.anchor}")) for section, _ in self.sections
-        ]
-        head = element(
-            "head",
-            Html('<meta charset="utf-8">'),
-            Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-            element("title", f"{self.title}: collision report"),
-            element("style", Html(style)),
+        super().__init__(
+            f"{arm(law)} {law.problem.motion_in_words} against {what_is_hit(law)}",
+            f"bumpstop collision report; {which_law(law)}",
+            "collision report",
+            sections,
         )
-        header = element(
-            "header",
-            element("p", f"bumpstop collision report; {which_law(self._law)}", class_="kind"),
-            element("h1", self.title),
-        )
-        body = element(
-            "body",
-            header,
-            element("nav", element("ol", *contents), aria_label="Sections"),
-            element("main", *(section.html(figures) for section, figures in self.sections)),
-            element("footer", element("p", "An engineering estimate, not a certified safety function.")),
-        )
-        return f'<!DOCTYPE html>\n<html lang="en">{head}{body}</html>\n'
 
 
 def write_report(law: ForceLaw, folder: Path, *, details: Mapping[str, str] | None = None) -> Path:
@@ -111,7 +73,6 @@ def write_report(law: ForceLaw, folder: Path, *, details: Mapping[str, str] | No
     Raises:
         InputError: the folder cannot be written.
     """
-    path = folder / "report.html"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         page = Page(law, details)
@@ -119,12 +80,8 @@ def write_report(law: ForceLaw, folder: Path, *, details: Mapping[str, str] | No
             # Left from another law, it would pass for a figure of this one.
             for kind in ("svg", "png"):
                 (folder / f"{name}.{kind}").unlink(missing_ok=True)
-        for figure in page.figures:
-            (folder / f"{figure.picture.name}.svg").write_text(figure.svg, encoding="utf-8", newline="\n")
-            (folder / f"{figure.picture.name}.png").write_bytes(figure.png)
-        path.write_text(page.html(), encoding="utf-8", newline="\n")
+        return page.write(folder)
     except OSError as error:
         raise InputError(
             "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
         ) from None
-    return path

@@ -138,19 +138,19 @@ class SettingsSection(Section):
             "instruction set": target,
             **self._details,
         }
-        settings = [(element("code", key), value) for key, value in _flat(self.law.scenario.to_dict())]
+        settings = [(element("code", key), value) for key, value in flat(self.law.scenario.to_dict())]
         return [
             table(("key", "value"), settings, caption="Scenario, defaults included"),
             table(("", ""), list(made_by.items()), caption="Made by"),
         ]
 
 
-def _flat(data: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flat(data: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Dotted keys and their values, in the order of the scenario's own tables."""
     rows: list[tuple[str, str]] = []
     for key, value in data.items():
         if isinstance(value, dict):
-            rows += _flat(value, f"{prefix}{key}.")
+            rows += flat(value, f"{prefix}{key}.")
         else:
             rows.append((prefix + key, _shown(value)))
     return rows

@@ -1,4 +1,4 @@
-"""What every part of the page has in common."""
+"""What every part of a page has in common."""
 
 from __future__ import annotations
 
@@ -14,23 +14,19 @@ if TYPE_CHECKING:
     from bumpstop.report.picture import Picture, Rendered
 
 
-class Section(ABC):
-    """A part of the page: a heading, text and tables, and the figures that go with them.
+class Part(ABC):
+    """A part of a page: a heading, text and tables, and the figures that go with them.
 
     Attributes:
         title: the heading.
         anchor: its address inside the page.
-        law: what is reported on.
     """
 
     title: ClassVar[str]
     anchor: ClassVar[str]
 
-    def __init__(self, law: ForceLaw) -> None:
-        self.law = law
-
     def applies(self) -> bool:
-        """Whether there is anything to say for this law."""
+        """Whether there is anything to say."""
         return True
 
     @abstractmethod
@@ -42,9 +38,20 @@ class Section(ABC):
         return []
 
     def html(self, rendered: Sequence[Rendered]) -> Html:
-        """The section as part of a page, with its figures already drawn."""
+        """The part as a section of a page, with its figures already drawn."""
         figures = [element("div", *(picture.html() for picture in rendered), class_="figures")] if rendered else []
         heading = element("h2", self.title, id=f"{self.anchor}-title")
         return element(
             "section", heading, *self.content(), *figures, id=self.anchor, aria_labelledby=f"{self.anchor}-title"
         )
+
+
+class Section(Part):
+    """A part of the report on one law.
+
+    Attributes:
+        law: what is reported on.
+    """
+
+    def __init__(self, law: ForceLaw) -> None:
+        self.law = law

@@ -1,0 +1,56 @@
+"""Settings files: a scenario written out in full, with what made a result beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario import Scenario
+
+
+def files_of(scenario: Scenario) -> dict[str, Path]:
+    """Files that a scenario names, by their dotted keys: URDF, own limit table, measured residuals, trajectory."""
+    contact, files = scenario.contact, {}
+    if scenario.robot_path is not None:
+        files["robot"] = scenario.robot_path
+    if contact.body is not None and (contact.limits.endswith(".toml") or "/" in contact.limits):
+        files["contact.limits"] = scenario.folder / contact.limits
+    if scenario.detector.residuals is not None:
+        files["detector.residuals"] = scenario.folder / scenario.detector.residuals
+    if scenario.motion.file is not None:
+        files["motion.file"] = scenario.folder / scenario.motion.file
+    return files
+
+
+def scenario_data(scenario: Scenario) -> dict[str, Any]:
+    """The keys of a scenario, defaults spelt out and paths absolute: a copy of it may stand in any folder."""
+    from bumpstop.collision.scenario import set_key
+
+    data = scenario.to_dict()
+    for key, path in files_of(scenario).items():
+        # Relative paths start at the scenario's folder, which the copy has left.
+        set_key(data, key, str(path.resolve()))
+    return data
+
+
+def to_toml(data: dict[str, Any]) -> str:
+    """Write nested dictionaries of numbers, texts, booleans and lists as TOML, one level of tables deep."""
+    lines = [f"{key} = {_value(value)}" for key, value in data.items() if not isinstance(value, dict)]
+    for key, table in data.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{key}]", *(f"{inner} = {_value(value)}" for inner, value in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    escaped = "".join(
+        {"\\": "\\\\", '"': '\\"'}.get(c, c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}") for c in str(value)
+    )
+    return f'"{escaped}"'

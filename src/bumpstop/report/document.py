@@ -1,0 +1,73 @@
+"""A document: parts in order, one file without anything to fetch."""
+
+from __future__ import annotations
+
+from importlib import resources
+from typing import TYPE_CHECKING
+
+from bumpstop.report.markup import Html, element
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from bumpstop.report.picture import Rendered
+    from bumpstop.report.section import Part
+
+
+class Document:
+    """Parts with their figures, drawn on construction.
+
+    Attributes:
+        title: the heading of the page.
+        kind: the line above it.
+        name: what follows the title in the browser's window.
+        sections: those that apply, in order, each with its drawn figures.
+    """
+
+    def __init__(self, title: str, kind: str, name: str, parts: Sequence[Part]) -> None:
+        self.title = title
+        self.kind = kind
+        self.name = name
+        self.sections: list[tuple[Part, list[Rendered]]] = [
+            (part, [picture.render() for picture in part.pictures()]) for part in parts if part.applies()
+        ]
+
+    @property
+    def figures(self) -> list[Rendered]:
+        """Every drawn figure, in order."""
+        return [figure for _, figures in self.sections for figure in figures]
+
+    def html(self) -> str:
+        """The whole page."""
+        style = (resources.files("bumpstop.report") / "page.css").read_text(encoding="utf-8")
+        contents = [element("li", element("a", part.title, href=f"#{part.anchor}")) for part, _ in self.sections]
+        head = element(
+            "head",
+            Html('<meta charset="utf-8">'),
+            Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
+            element("title", f"{self.title}: {self.name}"),
+            element("style", Html(style)),
+        )
+        body = element(
+            "body",
+            element("header", element("p", self.kind, class_="kind"), element("h1", self.title)),
+            element("nav", element("ol", *contents), aria_label="Sections"),
+            element("main", *(part.html(figures) for part, figures in self.sections)),
+            element("footer", element("p", "An engineering estimate, not a certified safety function.")),
+        )
+        return f'<!DOCTYPE html>\n<html lang="en">{head}{body}</html>\n'
+
+    def write(self, folder: Path) -> Path:
+        """Write ``report.html`` and the figures as ``<name>.svg`` and ``<name>.png``; returns the page's path.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        path = folder / "report.html"
+        folder.mkdir(parents=True, exist_ok=True)
+        for figure in self.figures:
+            (folder / f"{figure.picture.name}.svg").write_text(figure.svg, encoding="utf-8", newline="\n")
+            (folder / f"{figure.picture.name}.png").write_bytes(figure.png)
+        path.write_text(self.html(), encoding="utf-8", newline="\n")
+        return path

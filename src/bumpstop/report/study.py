@@ -1,0 +1,97 @@
+"""What the pages of all studies share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bumpstop.errors import InputError
+from bumpstop.report.document import Document
+from bumpstop.report.markup import Html, bullets, element, paragraph, table
+from bumpstop.report.records import flat
+from bumpstop.report.section import Part
+from bumpstop.study.study import versions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from bumpstop.study import Study
+
+
+class StudySettingsPart(Part):
+    """The study's settings and its scenario in full, and what computed it."""
+
+    title = "Settings"
+    anchor = "settings"
+
+    def __init__(self, study: Study, command: str) -> None:
+        self._study = study
+        self._command = command
+
+    def content(self) -> list[Html]:
+        """Three tables: the study, the scenario, versions."""
+        study = self._study
+        own = [(element("code", key), value) for key, value in flat(study.settings())]
+        scenario = [(element("code", key), value) for key, value in flat(study.scenario.to_dict())]
+        made_by = dict(versions())
+        if self._command:
+            made_by["command"] = self._command
+        return [
+            table(("setting", "value"), own, caption="The study"),
+            table(("key", "value"), scenario, caption="Scenario, defaults included"),
+            table(("", ""), list(made_by.items()), caption="Made by"),
+        ]
+
+
+class StudyAssumptionsPart(Part):
+    """What nobody should read into a study."""
+
+    title = "Assumptions and limits of this study"
+    anchor = "assumptions"
+
+    def __init__(self, notes: Sequence[str]) -> None:
+        self._notes = notes
+
+    def content(self) -> list[Html]:
+        """The study's own notes, then what holds for all."""
+        claims = [
+            "bumpstop is an engineering tool, not a certified safety function. A risk assessment and a validation on "
+            "the real cell are not replaced by it.",
+            "The model is not validated on your arm: noise, thresholds, deceleration and latency are those of the "
+            "scenario.",
+            "Limits of body regions are transcriptions. Before claiming compliance with a standard, compare them with "
+            "a bought copy of it.",
+        ]
+        notes = [element("h3", "What was assumed"), bullets(self._notes)] if self._notes else []
+        return [*notes, element("h3", "What is not claimed"), bullets(claims)]
+
+
+class TextPart(Part):
+    """A part of plain paragraphs under a heading of its own."""
+
+    def __init__(self, title: str, anchor: str, paragraphs: Sequence[str]) -> None:
+        # A part's heading belongs to its class; here every instance has its own.
+        self.title = title  # type: ignore[misc]
+        self.anchor = anchor  # type: ignore[misc]
+        self._paragraphs = paragraphs
+
+    def content(self) -> list[Html]:
+        """The paragraphs."""
+        return [paragraph(text) for text in self._paragraphs]
+
+
+def write_study_report(
+    study: Study, title: str, parts: Sequence[Part], folder: Path, *, notes: Sequence[str] = (), command: str = ""
+) -> Path:
+    """Write ``report.html`` of a study, its own parts first, and its figures; returns the page's path.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    everything = [*parts, StudySettingsPart(study, command), StudyAssumptionsPart(notes)]
+    try:
+        return Document(title, f"bumpstop study: {study.title}", "study", everything).write(folder)
+    except OSError as error:
+        raise InputError(
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
+        ) from None

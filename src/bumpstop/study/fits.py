@@ -1,0 +1,128 @@
+"""Laws fitted to a sweep: what the source fitted, and one better."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+
+# What a fit must explain of the variance to stand without a better one named beside it.
+R2_WANTED = 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """One law fitted by least squares.
+
+    Attributes:
+        name: ``"linear"``, ``"quadratic"``, ``"power"`` or ``"constant plus power"``.
+        formula: in words, with figures.
+        parameters: A, B, C in the order of the formula.
+        r2: share of the variance that it explains; NaN where there is none to explain.
+        fitted: its values at the points (N,).
+    """
+
+    name: str
+    formula: str
+    parameters: tuple[float, ...]
+    r2: float
+    fitted: FloatArray
+
+    def to_json(self) -> dict[str, Any]:
+        """All but the values."""
+        return {"name": self.name, "formula": self.formula, "parameters": list(self.parameters), "r2": self.r2}
+
+
+def fit_laws(x: FloatArray, y: FloatArray) -> list[Fit]:
+    """Fit every law that the points allow: more points than parameters, and powers of positive x only.
+
+    Args:
+        x: values (N,), ascending.
+        y: what depends on them (N,), finite.
+    """
+    laws: list[tuple[str, int, Callable[[FloatArray, FloatArray], _Found]]] = [
+        ("linear", 2, _linear),
+        ("quadratic", 3, _quadratic),
+    ]
+    if x[0] > 0:
+        laws += [("power", 2, _power), ("constant plus power", 3, _constant_plus_power)]
+    found = []
+    for name, parameters, law in laws:
+        if x.size > parameters:
+            figures, fitted, formula = law(x, y)
+            found.append(Fit(name, formula, figures, r_squared(y, fitted), fitted))
+    return found
+
+
+def r_squared(y: FloatArray, fitted: FloatArray) -> float:
+    """Share of the variance that a fit explains; NaN where y does not vary."""
+    variance = float(np.sum((y - y.mean()) ** 2))
+    return float(1 - np.sum((y - fitted) ** 2) / variance) if variance > 0 else float("nan")
+
+
+_Found = tuple[tuple[float, ...], FloatArray, str]
+
+
+def _linear(x: FloatArray, y: FloatArray) -> _Found:
+    """A + B x."""
+    B, A = (float(c) for c in np.polyfit(x, y, 1))
+    return (A, B), A + B * x, f"{A:.4g} {B:+.4g} x"
+
+
+def _quadratic(x: FloatArray, y: FloatArray) -> _Found:
+    """A + B x + C x^2, in x over its largest for the arithmetic."""
+    size = float(np.abs(x).max())
+    C, B, A = np.polyfit(x / size, y, 2)
+    A, B, C = float(A), float(B / size), float(C / size**2)
+    return (A, B, C), A + B * x + C * x**2, f"{A:.4g} {B:+.4g} x {C:+.4g} x^2"
+
+
+def _power(x: FloatArray, y: FloatArray) -> _Found:
+    """A x^B without a constant, as the source has it. For a given B the rest is linear, so only B is searched for."""
+    z = x / x[-1]
+
+    def scale(B: float) -> float:
+        return float(y @ z**B / (z**B @ z**B))
+
+    B = _search(lambda B: float(np.sum((y - scale(B) * z**B) ** 2)))
+    A = scale(B) / float(x[-1]) ** B
+    return (A, B), scale(B) * z**B, f"{A:.4g} x^{B:.4g}"
+
+
+def _constant_plus_power(x: FloatArray, y: FloatArray) -> _Found:
+    """A + B x^C."""
+    z = x / x[-1]
+
+    def line(C: float) -> tuple[float, float]:
+        B, A = np.polyfit(z**C, y, 1)
+        return float(A), float(B)
+
+    def misfit(C: float) -> float:
+        # At C = 0 there is no power, only a constant.
+        if abs(C) < 1e-3:
+            return float(np.sum((y - y.mean()) ** 2))
+        A, B = line(C)
+        return float(np.sum((y - A - B * z**C) ** 2))
+
+    C = _search(misfit)
+    A, B = line(C)
+    fitted = A + B * z**C
+    B /= float(x[-1]) ** C
+    return (A, B, C), fitted, f"{A:.4g} {B:+.4g} x^{C:.4g}"
+
+
+_EXPONENTS = np.linspace(-4.0, 4.0, 81)
+
+
+def _search(misfit: Callable[[float], float]) -> float:
+    """The best exponent: the best of a grid, refined between its neighbours."""
+    from scipy import optimize
+
+    values = [misfit(float(exponent)) for exponent in _EXPONENTS]
+    best = int(np.argmin(values))
+    low, high = _EXPONENTS[max(0, best - 1)], _EXPONENTS[min(_EXPONENTS.size - 1, best + 1)]
+    return float(optimize.minimize_scalar(misfit, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).x)

@@ -1,0 +1,144 @@
+"""The folder of a study: settings first, then shards as they are done, in the end rows and summary."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.collision.scenario import MADE_BY
+from bumpstop.collision.settings_file import scenario_data, to_toml
+from bumpstop.errors import InputError
+from bumpstop.study.study import plain, versions
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.study.study import Study
+
+
+class StudyFolder:
+    """Where a study keeps what it has done. Every file appears whole or not at all.
+
+    While the study runs: ``settings.toml`` and ``shards/<number>.parquet``. When it is done: ``settings.toml``,
+    ``rows.parquet`` with the rows of all shards in order, and ``summary.json``.
+
+    Attributes:
+        path: of the folder.
+    """
+
+    def __init__(self, path: Path, study: Study, command: str = "") -> None:
+        """Open a folder for a study, or make it.
+
+        Args:
+            path: of the folder.
+            study: whose rows it holds.
+            command: that made it, kept in the settings.
+
+        Raises:
+            InputError: it holds another study, or cannot be written.
+        """
+        self.path = path
+        self._shards = path / "shards"
+        self._count = study.shards
+        print_of = study.fingerprint()
+        try:
+            settings = path / "settings.toml"
+            if settings.is_file():
+                self._check(settings, print_of, study)
+            else:
+                self._shards.mkdir(parents=True, exist_ok=True)
+                self._write("settings.toml", _settings(study, print_of, command).encode("utf-8"))
+            self._shards.mkdir(exist_ok=True)
+        except OSError as error:
+            raise self._unwritable(error) from None
+
+    @property
+    def complete(self) -> bool:
+        """The rows of all shards are together."""
+        return (self.path / "rows.parquet").is_file()
+
+    def done(self) -> set[int]:
+        """Numbers of the shards that are there."""
+        if self.complete:
+            return set(range(self._count))
+        names = (path.stem for path in self._shards.glob("*.parquet"))
+        return {int(name) for name in names if name.isdigit() and int(name) < self._count}
+
+    def put(self, number: int, rows: pl.DataFrame) -> None:
+        """Keep the rows of a shard."""
+        try:
+            self._write_table(self._shards / f"{number:06d}.parquet", rows)
+        except OSError as error:
+            raise self._unwritable(error) from None
+
+    def finish(self) -> pl.DataFrame:
+        """Join the shards, which must all be there, into ``rows.parquet``; returns the rows."""
+        import polars as pl
+
+        rows_file = self.path / "rows.parquet"
+        try:
+            if not self.complete:
+                parts = [pl.read_parquet(self._shards / f"{number:06d}.parquet") for number in range(self._count)]
+                self._write_table(rows_file, pl.concat(parts))
+            shutil.rmtree(self._shards, ignore_errors=True)
+            return pl.read_parquet(rows_file)
+        except OSError as error:
+            raise self._unwritable(error) from None
+
+    def write_summary(self, summary: dict[str, Any]) -> None:
+        """Keep the summary, as ``--json`` prints it."""
+        text = json.dumps(plain(summary), allow_nan=False, indent=1) + "\n"
+        try:
+            self._write("summary.json", text.encode("utf-8"))
+        except OSError as error:
+            raise self._unwritable(error) from None
+
+    def _check(self, settings: Path, fingerprint: str, study: Study) -> None:
+        try:
+            made_by = tomllib.loads(settings.read_text(encoding="utf-8")).get(MADE_BY, {})
+        except (UnicodeDecodeError, tomllib.TOMLDecodeError):
+            made_by = {}
+        if made_by.get("fingerprint") == fingerprint:
+            return
+        fresh = {"study": study.name} | study.settings() | versions()
+        differ = [key for key, value in fresh.items() if made_by.get(key) != _toml_value(value)]
+        what = f"differs in {', '.join(differ)}" if differ else "differs in the scenario, its files or the code"
+        raise InputError(
+            "--out",
+            f"{str(self.path)!r} holds results made otherwise ({what})",
+            "give another folder, or delete this one",
+        )
+
+    def _write(self, name: str, content: bytes) -> None:
+        waiting = self.path / f".{name}.{os.getpid()}"
+        waiting.write_bytes(content)
+        waiting.replace(self.path / name)
+
+    def _write_table(self, path: Path, rows: pl.DataFrame) -> None:
+        waiting = path.with_name(f".{path.name}.{os.getpid()}")
+        rows.write_parquet(waiting)
+        waiting.replace(path)
+
+    def _unwritable(self, error: OSError) -> InputError:
+        problem = f"{str(self.path)!r} cannot be used ({error.filename or self.path}: {error.strerror or error})"
+        return InputError("--out", problem, "give another folder")
+
+
+def _settings(study: Study, fingerprint: str, command: str) -> str:
+    made_by = {"study": study.name, **study.settings(), **versions(), "fingerprint": fingerprint}
+    if command:
+        made_by["command"] = command
+    made_by = {key: _toml_value(value) for key, value in made_by.items() if value is not None}
+    head = f"# A scenario. Made by: {command}\n" if command else "# A scenario.\n"
+    return head + to_toml(scenario_data(study.scenario) | {MADE_BY: made_by})
+
+
+def _toml_value(value: Any) -> Any:
+    """Settings are numbers, texts and lists of them; what has more structure is kept as JSON text."""
+    if isinstance(value, dict) or (isinstance(value, list) and any(isinstance(item, dict | list) for item in value)):
+        return json.dumps(value)
+    return value

@@ -1,0 +1,81 @@
+"""Working through the shards of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.errors import InputError
+from bumpstop.study.folder import StudyFolder
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.study.study import Study
+
+Progress = Callable[[int, int], None]
+"""Called with the shards done and all shards, first before any work."""
+
+
+def run(
+    study: Study, folder: Path | None = None, *, threads: int = 1, progress: Progress | None = None, command: str = ""
+) -> tuple[pl.DataFrame, dict[str, Any]]:
+    """Work out the shards of a study that are not done yet; returns all rows, in order, and their summary.
+
+    Rows and summary do not depend on ``threads``, nor on where an earlier run was interrupted.
+
+    Args:
+        study: the question.
+        folder: where shards are kept as they are done, and taken up again; None keeps nothing.
+        threads: of this process.
+        progress: told how far the study is.
+        command: kept in the folder's settings.
+
+    Raises:
+        InputError: the folder holds another study or cannot be written, or a shard cannot be worked out.
+    """
+    import polars as pl
+
+    if threads < 1:
+        raise InputError("threads", f"{threads} is too few", "wanted at least 1")
+    store = None if folder is None else StudyFolder(folder, study, command)
+    kept: dict[int, pl.DataFrame] = {}
+    done = store.done() if store is not None else set()
+    missing = [number for number in range(study.shards) if number not in done]
+    count = len(done)
+
+    def report() -> None:
+        if progress is not None:
+            progress(count, study.shards)
+
+    def put(number: int, rows: pl.DataFrame) -> None:
+        if store is None:
+            kept[number] = rows
+        else:
+            store.put(number, rows)
+
+    report()
+    if threads == 1:
+        for number in missing:
+            put(number, study.shard(number))
+            count += 1
+            report()
+    else:
+        pool = ThreadPoolExecutor(threads)
+        try:
+            running: dict[Future[pl.DataFrame], int] = {pool.submit(study.shard, n): n for n in missing}
+            while running:
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    put(running.pop(future), future.result())
+                    count += 1
+                    report()
+        finally:
+            # After an interruption nothing new is begun; what is done is kept.
+            pool.shutdown(cancel_futures=True)
+    rows = store.finish() if store is not None else pl.concat([kept[number] for number in range(study.shards)])
+    summary = study.summary(rows)
+    if store is not None:
+        store.write_summary(summary)
+    return rows, summary

@@ -1,0 +1,306 @@
+"""Variables: what about a scenario is varied, by the name a person gives it."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.errors import InputError, near_matches
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario import Scenario
+
+# Names for what is more than one key: with unit, and what they mean.
+ALIASES = {
+    "motion.speed": ("mm/s", "speed of the tip; the direction of motion.velocity_mm_s stays"),
+    "detector.thresholds": ("Nm", "lowest threshold; the others in proportion, the noise stays"),
+    "detector.thresholds_and_noise": ("Nm", "lowest threshold; the others and the noise in proportion"),
+    "contact.padding": ("N/m", "contact.padding_N_m"),
+    "contact.stiffness": ("N/m", "contact.stiffness_N_m"),
+}
+# Longest first: _mm_s ends in _s.
+_UNITS = {
+    "_rad_s2": "rad/s2", "_mm_s": "mm/s", "_N_m": "N/m", "_cm2": "cm2", "_1_s": "1/s", "_deg": "deg", "_rad": "rad",
+    "_Nm": "Nm", "_kg": "kg", "_mm": "mm", "_m": "m", "_s": "s",
+}  # fmt: skip
+_NOT_VARIED = ("motion.velocity_mm_s", "pose_deg", "pose_rad", "contact.point_m", "contact.normal")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A numeric key of a scenario, one item of a list, or one of :data:`ALIASES`.
+
+    Attributes:
+        name: ``motion.speed``, ``contact.area_cm2``, ``detector.thresholds_Nm[2]``; items count from 1. The name of a
+            list alone stands for all its items together, where the key takes one number for all.
+    """
+
+    name: str
+
+    @property
+    def unit(self) -> str:
+        """Of its values; empty for a bare number."""
+        if self.name in ALIASES:
+            return ALIASES[self.name][0]
+        key = self._key
+        return next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), "")
+
+    @property
+    def label(self) -> str:
+        """Name with unit, for people."""
+        words = self.name.rpartition(".")[2] if self.name in ALIASES else self.name
+        return f"{words.replace('_', ' ') if self.name in ALIASES else words}" + (
+            f" [{self.unit}]" if self.unit else ""
+        )
+
+    @property
+    def _key(self) -> str:
+        return {"contact.padding": "contact.padding_N_m", "contact.stiffness": "contact.stiffness_N_m"}.get(
+            self.name, self.name.partition("[")[0]
+        )
+
+    @property
+    def _item(self) -> int | None:
+        found = re.fullmatch(r"[^\[\]]+\[([0-9]{1,4})\]", self.name)
+        return int(found[1]) if found else None
+
+    def value(self, scenario: Scenario) -> float:
+        """Its value in a scenario.
+
+        Raises:
+            InputError: it is no numeric key, or the scenario has no value there.
+        """
+        motion, detector = scenario.motion, scenario.detector
+        if self.name == "motion.speed":
+            if motion.velocity_mm_s is None:
+                raise InputError(self.name, "has no meaning with a trajectory", 'wanted motion.kind = "line"')
+            return math.hypot(*motion.velocity_mm_s)
+        if self.name in ("detector.thresholds", "detector.thresholds_and_noise"):
+            lowest = min(detector.thresholds_Nm, default=math.inf)
+            if not math.isfinite(lowest):
+                raise InputError(self.name, "watches no joint", "wanted a finite threshold")
+            return lowest
+        if self.name == "contact.stiffness" and scenario.contact.stiffness_N_m is None:
+            from bumpstop.collision import Problem
+
+            return Problem.from_scenario(scenario).body_stiffness
+        found = self._lookup(scenario)
+        if isinstance(found, bool) or not isinstance(found, int | float):
+            raise self._unusable(found)
+        return float(found)
+
+    def apply(self, scenario: Scenario, value: float) -> Scenario:
+        """A copy of the scenario with this value; quantised ones must have been rounded by :meth:`quantised`.
+
+        Raises:
+            InputError: the value is outside what the key takes.
+        """
+        return scenario.with_values(self.changes(scenario, value))
+
+    def changes(self, scenario: Scenario, value: float) -> dict[str, Any]:
+        """The keys to be changed for this value, as :meth:`Scenario.with_values` takes them."""
+        value = float(value)
+        detector = scenario.detector
+        if self.name == "motion.speed":
+            assert scenario.motion.velocity_mm_s is not None
+            factor = value / self.value(scenario)
+            return {"motion.velocity_mm_s": [factor * v for v in scenario.motion.velocity_mm_s]}
+        if self.name in ("detector.thresholds", "detector.thresholds_and_noise"):
+            factor = value / self.value(scenario)
+            changes: dict[str, Any] = {"detector.thresholds_Nm": [factor * t for t in detector.thresholds_Nm]}
+            if self.name == "detector.thresholds_and_noise":
+                sd = detector.noise_sd_Nm
+                if sd is None:
+                    raise InputError(self.name, "cannot scale measured residuals", "valid: detector.thresholds")
+                changes["detector.noise_sd_Nm"] = [factor * s for s in sd] if isinstance(sd, list) else factor * sd
+            return changes
+        written: Any = int(value) if self.quantum(scenario) == 1 and value == int(value) else value
+        if self.name == "contact.padding" and math.isinf(value):
+            return {"contact.padding_N_m": None}
+        item = self._item
+        if item is None:
+            return {self._key: written}
+        found = list(self._list(scenario))
+        found[item - 1] = written
+        return {self._key: found}
+
+    def quantum(self, scenario: Scenario) -> float | None:
+        """Step between the values it can take: a simulation step, or 1 for whole numbers; None: any value will do."""
+        if self._key in ("detector.feedback_period_s", "reaction.latency_s"):
+            return scenario.simulation.step_s
+        return 1.0 if self._key == "simulation.substeps" else None
+
+    def quantised(self, scenario: Scenario, value: float) -> float:
+        """The nearest value it can take."""
+        step = self.quantum(scenario)
+        if step is None:
+            return float(value)
+        # Of decimals like 0.003 the product of steps is not the nearest number.
+        return float(f"{round(value / step) * step:.12g}")
+
+    def check(self, scenario: Scenario) -> None:
+        """Refuse a name that is no numeric key of a scenario, or has no value there.
+
+        Raises:
+            InputError: names what could be meant.
+        """
+        self.value(scenario)
+
+    def _lookup(self, scenario: Scenario) -> Any:
+        table, _, key = self._key.rpartition(".")
+        here: Any = getattr(scenario, table, None) if table else scenario
+        fields = getattr(type(here), "model_fields", {}) if here is not None else {}
+        if key not in fields or key in ("folder", "robot", "base", "tip") or "." in table:
+            raise InputError(
+                "--vary", f"{self.name!r} is no numeric key of a scenario", near_matches(self.name, names())
+            )
+        found = getattr(here, key)
+        item = self._item
+        if item is not None and isinstance(found, list):
+            if not 1 <= item <= len(found):
+                raise InputError("--vary", f"{self.name!r} is not there", f"{self._key} has {len(found)} items")
+            return found[item - 1]
+        if item is None and isinstance(found, list) and found and self._key not in _NOT_VARIED:
+            if len(set(found)) != 1:
+                raise InputError(
+                    "--vary", f"{self.name!r} has a value for each joint", f"wanted one of them, e.g. {self._key}[1]"
+                )
+            return found[0]
+        return found
+
+    def _list(self, scenario: Scenario) -> list[Any]:
+        table, _, key = self._key.rpartition(".")
+        found = getattr(getattr(scenario, table) if table else scenario, key)
+        assert isinstance(found, list)
+        return found
+
+    def _unusable(self, found: Any) -> InputError:
+        if self._key == "motion.velocity_mm_s":
+            return InputError("--vary", f"{self.name!r} is a direction", "valid: motion.speed, or one of its items")
+        if isinstance(found, list):
+            return InputError("--vary", f"{self.name!r} is a list", f"wanted one of its items, e.g. {self._key}[1]")
+        if found is None:
+            return InputError("--vary", f"{self.name!r} has no value in the scenario", "give it one with --set first")
+        return InputError("--vary", f"{self.name!r} is {found!r}, no number", near_matches("", names()))
+
+
+def names() -> list[str]:
+    """Names of all variables, aliases first; those of lists stand for their items too."""
+    from bumpstop.collision.scenario import Scenario
+
+    found = list(ALIASES)
+    for table in ("motion", "contact", "detector", "reaction", "simulation", "verdict"):
+        schema: Any = Scenario.model_fields[table].annotation
+        for key, about in schema.model_json_schema()["properties"].items():
+            kinds = {branch.get("type") for branch in [about, *about.get("anyOf", [])]}
+            if kinds & {"number", "integer", "array"}:
+                found.append(f"{table}.{key}")
+    return found
+
+
+@dataclass(frozen=True)
+class Range:
+    """Values of one variable.
+
+    Attributes:
+        variable: what takes them.
+        values: ascending, at least two, already rounded to what the variable can take.
+    """
+
+    variable: Variable
+    values: tuple[float, ...]
+
+    @property
+    def low(self) -> float:
+        """The least value."""
+        return self.values[0]
+
+    @property
+    def high(self) -> float:
+        """The greatest value."""
+        return self.values[-1]
+
+    @classmethod
+    def parse(cls, text: str, scenario: Scenario, *, count: int = 15) -> Range:
+        """Read ``KEY=LOW:HIGH``, ``KEY=LOW:HIGH:COUNT``, with ``:log`` for even ratios, or ``KEY=[A, B, ...]``.
+
+        Args:
+            text: as written.
+            scenario: whose key it is.
+            count: of the values where none is given.
+
+        Raises:
+            InputError: the key is unknown, the range is empty or not finite, or the scenario refuses its ends.
+        """
+        name, equals, written = (part.strip() for part in text.partition("="))
+        if not equals or not name or not written:
+            problem = f"{text[:200]!r} is not KEY=LOW:HIGH"
+            raise InputError("--vary", problem, "for example --vary motion.speed=10:200")
+        variable = Variable(name)
+        variable.check(scenario)
+        return cls.of(variable, _values(text, written, count), scenario)
+
+    @classmethod
+    def of(cls, variable: Variable, values: list[float], scenario: Scenario) -> Range:
+        """Round values to what the variable can take, drop repetitions, and let the scenario judge the ends.
+
+        Raises:
+            InputError: fewer than two values are left, or the scenario refuses one.
+        """
+        taken = tuple(sorted({variable.quantised(scenario, value) for value in values}))
+        if len(taken) < 2:
+            step = variable.quantum(scenario)
+            steps = f" in steps of {step:g}" if step else ""
+            raise InputError("--vary", f"{variable.name!r} has {len(taken)} values{steps}", "wanted at least 2")
+        for value in (taken[0], taken[-1]):
+            variable.apply(scenario, value)
+        return cls(variable, taken)
+
+    def to_json(self) -> dict[str, Any]:
+        """Name and values."""
+        return {"key": self.variable.name, "values": list(self.values)}
+
+
+_MOST_VALUES = 1000
+
+
+def _values(text: str, written: str, count: int) -> list[float]:
+    if written.startswith("["):
+        if not written.endswith("]"):
+            raise InputError("--vary", f"{text[:200]!r} is not KEY=[A, B, ...]", "close the bracket")
+        values = [_number(text, part) for part in written[1:-1].split(",")]
+        if len(values) > _MOST_VALUES:
+            raise InputError("--vary", f"{len(values)} values are too many", f"wanted at most {_MOST_VALUES}")
+        return values
+    parts = [part.strip() for part in written.split(":")]
+    even_ratios = parts[-1] == "log"
+    if even_ratios:
+        parts.pop()
+    if len(parts) not in (2, 3):
+        raise InputError("--vary", f"{text[:200]!r} is not KEY=LOW:HIGH", "for example --vary motion.speed=10:200:20")
+    low, high = _number(text, parts[0]), _number(text, parts[1])
+    if len(parts) == 3:
+        number = _number(text, parts[2])
+        if number != int(number) or not 2 <= number <= _MOST_VALUES:
+            raise InputError("--vary", f"{parts[2]!r} is no count of values", f"wanted 2 to {_MOST_VALUES}")
+        count = int(number)
+    if not low < high:
+        raise InputError("--vary", f"{low:g} to {high:g} is an empty range", "wanted the lower end first")
+    if even_ratios and low <= 0:
+        raise InputError("--vary", f"{low:g} to {high:g} has no even ratios", "wanted a lower end above 0")
+    span = high - low
+    if even_ratios:
+        return [low * (high / low) ** (i / (count - 1)) for i in range(count - 1)] + [high]
+    return [low + span * i / (count - 1) for i in range(count - 1)] + [high]
+
+
+def _number(text: str, part: str) -> float:
+    try:
+        number = float(part)
+    except ValueError:
+        raise InputError("--vary", f"{part[:60]!r} in {text[:200]!r} is no number", "wanted KEY=LOW:HIGH") from None
+    if not math.isfinite(number):
+        raise InputError("--vary", f"{part[:60]!r} in {text[:200]!r} is not finite", "wanted finite ends")
+    return number

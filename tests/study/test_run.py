@@ -1,0 +1,126 @@
+"""The frame of all studies: shards, threads, interruptions, and folders that hold something else."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import polars as pl
+import pytest
+
+import bumpstop as bs
+from bumpstop.study import Study, run
+from collision.cases import control_group
+
+
+class BrokenError(Exception):
+    """What interrupts a study in the middle."""
+
+
+@dataclass(frozen=True)
+class Squares(Study):
+    """Squares of drawn numbers; cheap, and random in a way that shows any disorder."""
+
+    name: ClassVar[str] = "squares"
+    title: ClassVar[str] = "squares"
+    seed: int = 0
+    count: int = 7
+    factors: tuple[float, ...] = (1.0, 2.0)
+
+    @property
+    def shards(self) -> int:
+        return self.count
+
+    def shard(self, number: int) -> pl.DataFrame:
+        rng = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, number]))
+        x = rng.normal(size=5)
+        return pl.DataFrame({"shard": np.full(5, number), "x": x, "square": x**2})
+
+    def summary(self, rows: pl.DataFrame) -> dict[str, Any]:
+        return {"sum": float(rows["square"].sum()), "nothing": float("nan")}
+
+
+def breaking(at: int) -> Any:
+    def progress(done: int, total: int) -> None:
+        if done == at:
+            raise BrokenError
+
+    return progress
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("at", [0, 1, 4, 7])
+def test_an_interrupted_study_ends_as_an_uninterrupted_one(tmp_path: Path, threads: int, at: int) -> None:
+    study = Squares(control_group(), seed=3)
+    whole, summary = run(study, tmp_path / "whole")
+    with pytest.raises(BrokenError):
+        run(study, tmp_path / "halves", threads=threads, progress=breaking(at))
+    begun = tmp_path / "halves"
+    kept = len(list((begun / "shards").glob("*.parquet")))
+    assert kept >= at
+    assert not (begun / "rows.parquet").exists()
+    seen: list[int] = []
+    rows, again = run(study, begun, threads=threads, progress=lambda done, _: seen.append(done))
+    assert seen[0] == kept, "what was done is not done again"
+    assert rows.equals(whole)
+    assert again["sum"] == summary["sum"]
+    assert files(begun) == files(tmp_path / "whole")
+
+
+def test_without_a_folder_the_rows_are_the_same_and_in_order(tmp_path: Path) -> None:
+    study = Squares(control_group(), seed=3)
+    rows, _ = run(study, threads=4)
+    assert rows.equals(run(study, tmp_path)[0])
+    assert rows["shard"].to_list() == sorted(rows["shard"].to_list())
+    assert not rows["x"].equals(run(Squares(control_group(), seed=4))[0]["x"])
+
+
+@pytest.mark.parametrize(
+    ("other", "names"),
+    [
+        (Squares(control_group(), seed=1), "seed"),
+        (Squares(control_group(), factors=(1.0, 3.0)), "factors"),
+        (Squares(control_group(contact__area_cm2=2.0)), "the scenario"),
+    ],
+)
+def test_a_folder_of_another_study_is_refused_by_name(tmp_path: Path, other: Study, names: str) -> None:
+    run(Squares(control_group()), tmp_path)
+    before = files(tmp_path)
+    with pytest.raises(bs.InputError, match=names) as refused:
+        run(other, tmp_path)
+    assert refused.value.field == "--out"
+    assert files(tmp_path) == before
+
+
+def test_settings_are_a_scenario_and_say_what_made_the_rows(tmp_path: Path) -> None:
+    scenario = control_group(motion__velocity_mm_s=[0.0, 5.0, -20.0])
+    run(Squares(scenario, seed=9), tmp_path, command="bumpstop study squares")
+    assert bs.load_scenario(tmp_path / "settings.toml").to_dict() == scenario.to_dict()
+    made_by = tomllib.loads((tmp_path / "settings.toml").read_text())["made_by"]
+    assert (made_by["study"], made_by["seed"], made_by["command"]) == ("squares", 9, "bumpstop study squares")
+    assert made_by["factors"] == [1.0, 2.0]
+    assert {"bumpstop", "numpy", "python", "instruction_set"} <= set(made_by)
+
+
+def test_a_file_that_a_scenario_names_belongs_to_the_study(tmp_path: Path) -> None:
+    source = Path(bs.__file__).parent / "contact" / "data" / "bgia2011.toml"
+    table = tmp_path / "own.toml"
+    table.write_text(source.read_text(encoding="utf-8").replace('name = "bgia2011"', 'name = "own"'), encoding="utf-8")
+    study = Squares(control_group(contact__limits=str(table)))
+    run(study, tmp_path / "out")
+    table.write_text(table.read_text(encoding="utf-8") + "\n# one more line\n", encoding="utf-8")
+    with pytest.raises(bs.InputError, match="its files"):
+        run(study, tmp_path / "out")
+
+
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(bs.InputError, match="--out"):
+        run(Squares(control_group()), tmp_path / "file" / "below")
