@@ -6,11 +6,11 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Singular values of a matrix of `Rows` rows, largest first. One-sided Jacobi: pairs of rows are turned against each
-/// other until all are orthogonal; then their lengths are the singular values. Every lane goes on until the last is done.
-/// `row` is overwritten.
-template <int Rows, class T>
-void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
+/// Turns `Rows` rows against each other, two at a time, until all are orthogonal (one-sided Jacobi). Every lane goes on
+/// until the last is done. `carried` more columns are turned along and not looked at: a unit matrix there ends as the
+/// rotation.
+template <int Rows, int Width, class T>
+void make_rows_orthogonal(T (*row)[Width], int columns, int carried = 0) noexcept {
     constexpr int sweeps = 20;  // six rows take some eight
     const auto product = [&](int a, int b) {
         T sum = 0.0;
@@ -33,7 +33,7 @@ void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
                 const T tangent = sign / (absolute(cotangent) + square_root(cotangent * cotangent + 1.0));
                 const T c = select(oblique, 1.0 / square_root(tangent * tangent + 1.0), T(1.0));
                 const T s = select(oblique, c * tangent, T(0.0));
-                for (int j = 0; j < columns; ++j) {
+                for (int j = 0; j < columns + carried; ++j) {
                     const T x = row[a][j], y = row[b][j];
                     row[a][j] = x * c - y * s;
                     row[b][j] = x * s + y * c;
@@ -42,8 +42,17 @@ void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
         }
         if (!any(turned)) break;
     }
+}
+
+/// Singular values of a matrix of `Rows` rows, largest first: the lengths of its rows once they are orthogonal. `row` is
+/// overwritten.
+template <int Rows, class T>
+void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
+    make_rows_orthogonal<Rows>(row, columns);
     for (int a = 0; a < Rows; ++a) {
-        values[a] = square_root(product(a, a));
+        T square = 0.0;
+        for (int j = 0; j < columns; ++j) square += row[a][j] * row[a][j];
+        values[a] = square_root(square);
         for (int b = a; b > 0; --b) {
             const T high = maximum(values[b - 1], values[b]), low = minimum(values[b - 1], values[b]);
             values[b - 1] = high;

@@ -1,0 +1,72 @@
+// Forces that no threshold notices.
+#include "bumpstop/detection/blind_force.hpp"
+#include "common.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+namespace {
+
+std::vector<BlindBand> make_bands(Vector low, Vector high) {
+    std::vector<BlindBand> band(low.shape(0));
+    for (std::size_t j = 0; j < band.size(); ++j) band[j] = {low(j), high(j)};
+    return band;
+}
+
+void load_columns(Tensor jacobian, std::size_t pose, std::size_t joints, Point3<double>* column) {
+    for (std::size_t j = 0; j < joints; ++j)
+        column[j] = {jacobian(pose, 0, j), jacobian(pose, 1, j), jacobian(pose, 2, j)};
+}
+
+nb::tuple blind_forces(Tensor jacobian, Vector low, Vector high) {
+    const std::size_t n = jacobian.shape(0), joints = jacobian.shape(2);
+    NewArray<double> largest({n}), felt({n}), farthest({n, 3}), singular({n, 3}), axes({n, 3, 3});
+    NewArray<std::int64_t> rank({n});
+    {
+        nb::gil_scoped_release unlocked;
+        const std::vector<BlindBand> band = make_bands(low, high);
+        for (std::size_t i = 0; i < n; ++i) {
+            Point3<double> column[max_joints];
+            load_columns(jacobian, i, joints, column);
+            const BlindForce force = blind_force(column, band.data(), int(joints));
+            largest.data[i] = force.largest;
+            felt.data[i] = force.largest_felt;
+            rank.data[i] = force.rank;
+            for (std::size_t k = 0; k < 3; ++k) {
+                farthest.data[3 * i + k] = force.farthest[k];
+                singular.data[3 * i + k] = force.singular[k];
+                for (std::size_t c = 0; c < 3; ++c) axes.data[9 * i + 3 * k + c] = force.axis[k][c];
+            }
+        }
+    }
+    return nb::make_tuple(largest.release(), felt.release(), farthest.release(), singular.release(), rank.release(),
+                          axes.release());
+}
+
+NewArray<double>::Array blind_forces_along(Tensor jacobian, Vector low, Vector high, Matrix direction) {
+    const std::size_t n = jacobian.shape(0), joints = jacobian.shape(2);
+    NewArray<double> out({n});
+    {
+        nb::gil_scoped_release unlocked;
+        const std::vector<BlindBand> band = make_bands(low, high);
+        for (std::size_t i = 0; i < n; ++i) {
+            Point3<double> column[max_joints];
+            load_columns(jacobian, i, joints, column);
+            out.data[i] = blind_force_along(column, band.data(), int(joints),
+                                            {direction(i, 0), direction(i, 1), direction(i, 2)});
+        }
+    }
+    return out.release();
+}
+
+}  // namespace
+
+void bind_sensitivity(nb::module_& module) {
+    module.def(
+        "blind_forces", &blind_forces, nb::arg("jacobian"), nb::arg("low"), nb::arg("high"),
+        "Largest force (N,), the same that is felt (N,), its vector (N, 3), singular values (N, 3), rank (N,) and "
+        "axes (N, 3, 3) from linear Jacobians (N, 3, dof).");
+    module.def("blind_forces_along", &blind_forces_along, nb::arg("jacobian"), nb::arg("low"), nb::arg("high"),
+               nb::arg("direction"), "Largest forces (N,) along `direction` (N, 3).");
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

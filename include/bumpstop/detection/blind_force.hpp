@@ -1,0 +1,258 @@
+/// @file
+/// Forces that no threshold notices at a pose, and a watch for poses where they are large.
+#pragma once
+
+#include <algorithm>
+#include <limits>
+
+#include "bumpstop/model/singular_values.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// How far the residual of one joint may go unnoticed: from `low` to `high` [Nm or N], low < 0 < high. Both are infinite
+/// for a joint without a threshold. A force f that the arm exerts adds (J_v' f)_j to the residual, so faces are
+/// low = -(threshold + z sd) - mean and high = threshold + z sd - mean.
+struct BlindBand {
+    double low = -std::numeric_limits<double>::infinity();
+    double high = std::numeric_limits<double>::infinity();
+    bool watched() const noexcept { return high < std::numeric_limits<double>::infinity(); }
+};
+
+/// The forces { f : low_j <= (J_v' f)_j <= high_j for every j } at a pose.
+struct BlindForce {
+    /// Of the farthest one [N]; infinite where some direction is not felt at all; NaN for a Jacobian that is none.
+    double largest = std::numeric_limits<double>::infinity();
+    double largest_felt = 0;  ///< [N] the same among forces without a component in the null space
+    Vector3 farthest{};       ///< [N] B; that force
+    Vector3 singular{};       ///< of the watched columns of J_v, largest first [m or 1]
+    int rank = 0;             ///< directions that are felt, 0 to 3
+    /// B; unit vectors, orthogonal. The first `rank` are felt, best first; the others are the null space.
+    Vector3 axis[3]{};
+};
+
+/// A singular value this small beside the largest is zero: joint angles are known to some 1e-16, levers to some 1e-15.
+inline constexpr double blind_rank = 1e-12;
+
+namespace detail {
+
+/// The polytope in coordinates in which the faces' normals are the columns of a matrix with orthonormal rows. There
+/// neighbouring faces are as far from parallel as they can be, however near the pose is to a singular one.
+struct BlindPolytope {
+    int faces = 0, rank = 0;
+    double normal[max_joints][3];
+    double low[max_joints], high[max_joints], length[max_joints];
+    double scale[3];   ///< newtons per unit of each coordinate
+    double best = -1;  ///< square of the largest force so far [N2]
+    double at[3]{};    ///< its coordinates
+
+    void offer(const double* x) noexcept {
+        double square = 0;
+        for (int k = 0; k < rank; ++k) square += (x[k] * scale[k]) * (x[k] * scale[k]);
+        if (!(square > best)) return;
+        best = square;
+        for (int k = 0; k < rank; ++k) at[k] = x[k];
+    }
+
+    /// Offers both ends of what the faces leave of the line foot + t along. `along` is a unit vector, `foot` its
+    /// nearest point to the origin; faces `i` and `j` hold it. Every vertex is the end of such a line, and |f|^2 is
+    /// convex, so the farthest is among them. Where three faces meet in one line rounding could leave nothing of it;
+    /// every bound is therefore taken 1e-12 wider, which moves no vertex farther out than that.
+    void offer_line(const double* foot, const double* along, int i, int j) noexcept {
+        constexpr double slack = 1e-12;
+        double begin = -std::numeric_limits<double>::infinity(), end = -begin;
+        double reach = 0;
+        for (int k = 0; k < rank; ++k) reach += foot[k] * foot[k];
+        reach = std::sqrt(reach);
+        for (int f = 0; f < faces; ++f) {
+            if (f == i || f == j) continue;
+            double slope = 0, value = 0;
+            for (int k = 0; k < rank; ++k) {
+                slope += normal[f][k] * along[k];
+                value += normal[f][k] * foot[k];
+            }
+            const double rounding = 4e-16 * length[f] * reach;
+            const double lower = low[f] * (1 + slack) - rounding - value;
+            const double upper = high[f] * (1 + slack) + rounding - value;
+            if (slope == 0) {
+                if (lower > 0 || upper < 0) return;
+                continue;
+            }
+            const double inverse = 1 / slope;
+            begin = std::max(begin, (slope > 0 ? lower : upper) * inverse);
+            end = std::min(end, (slope > 0 ? upper : lower) * inverse);
+            if (begin > end) return;
+        }
+        for (const double t : {begin, end}) {
+            if (!(std::fabs(t) < std::numeric_limits<double>::infinity())) continue;
+            double x[3];
+            for (int k = 0; k < rank; ++k) x[k] = foot[k] + t * along[k];
+            offer(x);
+        }
+    }
+
+    void search() noexcept {
+        if (rank == 1) {
+            const double foot[1] = {0}, along[1] = {1};
+            offer_line(foot, along, -1, -1);
+        } else if (rank == 2) {
+            for (int i = 0; i < faces; ++i) {
+                const double* a = normal[i];
+                if (length[i] == 0) continue;
+                const double along[2] = {-a[1] / length[i], a[0] / length[i]};
+                for (const double bound : {low[i], high[i]}) {
+                    const double share = bound / (length[i] * length[i]);
+                    const double foot[2] = {share * a[0], share * a[1]};
+                    offer_line(foot, along, i, -1);
+                }
+            }
+        } else {
+            for (int i = 0; i < faces; ++i)
+                for (int j = i + 1; j < faces; ++j) search_pair(i, j);
+        }
+    }
+
+    void search_pair(int i, int j) noexcept {
+        const Point3<double> a{normal[i][0], normal[i][1], normal[i][2]}, b{normal[j][0], normal[j][1], normal[j][2]};
+        const Point3<double> d = cross(a, b);
+        const double square = dot(d, d);
+        // Parallel faces share no line; their vertices are ends of other lines.
+        if (!(square > 1e-24 * dot(a, a) * dot(b, b))) return;
+        const Point3<double> u = cross(b, d), v = cross(d, a);
+        const double inverse = 1 / square, unit = 1 / std::sqrt(square);
+        const double along[3] = {d.x * unit, d.y * unit, d.z * unit};
+        for (const double p : {low[i], high[i]})
+            for (const double q : {low[j], high[j]}) {
+                const double foot[3] = {(p * u.x + q * v.x) * inverse, (p * u.y + q * v.y) * inverse,
+                                        (p * u.z + q * v.z) * inverse};
+                offer_line(foot, along, i, j);
+            }
+    }
+};
+
+}  // namespace detail
+
+/// Largest force that no threshold notices, over all directions, from the columns of J_v at the point it acts on.
+///
+/// Exact but for rounding: the farthest point of a convex polytope is a vertex, and every vertex is the end of an edge,
+/// where the faces of two joints meet. With n joints there are 2 n (n - 1) edges to cut off: some 2 us for seven joints.
+/// One pose at a time, as poses differ in rank and in which faces meet.
+///
+/// @param column of each joint, B [m or 1].
+inline BlindForce blind_force(const Point3<double>* column, const BlindBand* band, int joints) noexcept {
+    constexpr int width = max_joints + 3;
+    BlindForce out;
+    detail::BlindPolytope polytope;
+    double row[3][width] = {};
+    int joint[max_joints];
+    bool finite = true;
+    for (int j = 0; j < joints; ++j) {
+        if (!band[j].watched()) continue;
+        const double sum = column[j].x + column[j].y + column[j].z;
+        finite = finite && std::fabs(sum) < std::numeric_limits<double>::infinity();
+        row[0][polytope.faces] = column[j].x;
+        row[1][polytope.faces] = column[j].y;
+        row[2][polytope.faces] = column[j].z;
+        joint[polytope.faces++] = j;
+    }
+    if (!finite) {
+        out.largest = out.largest_felt = std::numeric_limits<double>::quiet_NaN();
+        return out;
+    }
+    const int n = polytope.faces;
+    for (int k = 0; k < 3; ++k) row[k][n + k] = 1;
+    make_rows_orthogonal<3>(row, n, 3);
+    double length[3];
+    int order[3] = {0, 1, 2};
+    for (int k = 0; k < 3; ++k) {
+        double square = 0;
+        for (int f = 0; f < n; ++f) square += row[k][f] * row[k][f];
+        length[k] = std::sqrt(square);
+    }
+    std::sort(order, order + 3, [&](int a, int b) { return length[a] > length[b]; });
+    for (int k = 0; k < 3; ++k) {
+        const double* turned = row[order[k]] + n;
+        out.singular[k] = length[order[k]];
+        out.axis[k] = {turned[0], turned[1], turned[2]};
+        if (out.singular[k] > 0 && out.singular[k] > blind_rank * out.singular[0]) {
+            polytope.scale[k] = 1 / out.singular[k];
+            out.rank = k + 1;
+        }
+    }
+    if (out.rank == 0) return out;
+    polytope.rank = out.rank;
+    for (int f = 0; f < n; ++f) {
+        double square = 0;
+        for (int k = 0; k < out.rank; ++k) {
+            polytope.normal[f][k] = row[order[k]][f] / out.singular[k];
+            square += polytope.normal[f][k] * polytope.normal[f][k];
+        }
+        polytope.length[f] = std::sqrt(square);
+        polytope.low[f] = band[joint[f]].low;
+        polytope.high[f] = band[joint[f]].high;
+    }
+    polytope.search();
+    out.largest_felt = std::sqrt(std::max(0.0, polytope.best));
+    if (out.rank == 3) out.largest = out.largest_felt;
+    for (int k = 0; k < out.rank; ++k)
+        for (int c = 0; c < 3; ++c) out.farthest[c] += polytope.at[k] * polytope.scale[k] * out.axis[k][c];
+    return out;
+}
+
+/// Largest force F >= 0 along the unit vector n that no threshold notices: the smallest of high_j / (J_v' n)_j, or of
+/// low_j / (J_v' n)_j where that is negative [N]; infinite where no watched joint feels it.
+inline double blind_force_along(const Point3<double>* column, const BlindBand* band, int joints,
+                                const Point3<double>& n) noexcept {
+    double force = std::numeric_limits<double>::infinity();
+    for (int j = 0; j < joints; ++j) {
+        if (!band[j].watched()) continue;
+        const double torque = dot(column[j], n);
+        if (torque != torque) return torque;  // of such a pose nothing is known
+        if (torque != 0) force = std::min(force, (torque < 0 ? band[j].low : band[j].high) / torque);
+    }
+    return force;
+}
+
+/// What a BlindPoseWatch says of a pose.
+struct BlindPoseState {
+    double force = 0;      ///< largest force that goes unnoticed [N]; infinite or NaN: any, or nobody knows
+    bool warning = false;  ///< more than the limit goes unnoticed
+    bool entered = false;  ///< and did not at the call before
+};
+
+/// Tells, in the loop, when the arm enters a pose where more than a given force at a point can go unnoticed. Fixed
+/// memory. A warning ends when the force is 5 % below the limit, so that a pose at the edge does not warn at every
+/// tick. Joint positions that are not finite warn: nothing is known of such a pose.
+class BlindPoseWatch {
+  public:
+    BlindPoseWatch(const Chain& chain, const LinkPoint& point, std::span<const BlindBand> band, double limit) noexcept
+        : chain_(chain), point_(point), limit_(limit) {
+        std::copy_n(band.begin(), std::min(band.size(), band_.size()), band_.begin());
+    }
+
+    /// @param q joint positions [rad or m], as many as the chain has joints.
+    BlindPoseState update(const double* q) noexcept {
+        JointAngles<double> angle;
+        angle.set(chain_, q);
+        Posture<double> posture;
+        forward_kinematics(chain_, q, angle, posture);
+        const Point3<double> p = posture.position(point_);
+        Point3<double> column[max_joints];
+        for (int j = 0; j <= point_.link; ++j) column[j] = linear_column(chain_, posture, p, j);
+        return judge(blind_force(column, band_.data(), point_.link + 1).largest);
+    }
+
+  private:
+    BlindPoseState judge(double force) noexcept {
+        const bool before = warning_;
+        warning_ = !(force <= (before ? 0.95 * limit_ : limit_));
+        return {force, warning_, warning_ && !before};
+    }
+
+    Chain chain_;
+    LinkPoint point_;
+    std::array<BlindBand, max_joints> band_{};
+    double limit_;
+    bool warning_ = false;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,198 @@
+"""Where the arm is blind: forces that no threshold notices at a pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray, as_float_array, as_number, as_rows
+from bumpstop.errors import InputError
+from bumpstop.kernels import core
+from bumpstop.model import Robot
+
+PerJoint = float | npt.ArrayLike
+
+
+@dataclass(frozen=True, eq=False)
+class BlindForces:
+    """Forces that go unnoticed at N poses, in any direction; without the leading N for a single pose.
+
+    Attributes:
+        largest: (N,) largest force of all that go unnoticed [N]; infinite where some direction is not felt at all.
+        largest_felt: (N,) the same among forces without a component along such a direction [N].
+        farthest: (N, 3) the force that ``largest_felt`` is the size of, in B, as the arm exerts it [N].
+        rank: (N,) directions that are felt, 0 to 3.
+        axes: (N, 3, 3) rows are orthogonal unit vectors in B, the best felt first; those from ``rank`` on span the null
+            space: forces along them turn no watched joint.
+        singular_values: (N, 3) of the linear Jacobian's columns of the watched joints, largest first [m or 1].
+    """
+
+    largest: FloatArray
+    largest_felt: FloatArray
+    farthest: FloatArray
+    rank: npt.NDArray[np.int64]
+    axes: FloatArray
+    singular_values: FloatArray
+
+    @property
+    def condition_number(self) -> FloatArray:
+        """(N,) largest over smallest singular value; infinite at a singular pose."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = self.singular_values[..., 0] / self.singular_values[..., 2]
+        return np.where(self.rank == 3, ratio, np.inf)
+
+    @property
+    def null_space(self) -> FloatArray:
+        """(3 - rank, 3) unit vectors in B along which no force is felt; of a single pose."""
+        if np.ndim(self.rank) != 0:
+            raise InputError("null_space", "is that of a single pose", "take rows of axes from rank on")
+        return self.axes[int(self.rank) :]
+
+
+def blind_forces(
+    robot: Robot,
+    q: npt.ArrayLike,
+    thresholds: PerJoint,
+    *,
+    link: str | None = None,
+    point: npt.ArrayLike = (0.0, 0.0, 0.0),
+    noise_mean: PerJoint = 0.0,
+    noise_sd: PerJoint = 0.0,
+    z: float = 0.0,
+) -> BlindForces:
+    """Largest force at a point of a link that no threshold notices: the farthest vertex of a polytope.
+
+    The forces are ``{ f : -(theta_j + z sigma_j) <= (J_v' f)_j + mu_j <= theta_j + z sigma_j }``, f being what the arm
+    exerts on what it touches. With z = 0 a force outside reaches a threshold when the noise is at its mean; with larger
+    z one tick misses a force outside with a probability of at most 1 - Phi(z). Pure moments are outside this statement.
+
+    Args:
+        robot: with or without inertia.
+        q: joint positions, (dof,) or (N, dof) [rad or m].
+        thresholds: theta, one or (dof,), positive [Nm or N]; infinite: that joint is not watched.
+        link: name of the link the force acts on; default: the tip.
+        point: in that link's frame [m].
+        noise_mean: mu of the residual without contact, one or (dof,) [Nm or N]; inside the thresholds.
+        noise_sd: sigma, one or (dof,), zero or more [Nm or N].
+        z: standard deviations by which the faces are moved out, zero or more.
+
+    Raises:
+        InputError: a shape, a threshold that is not positive, or a mean that alarms by itself.
+    """
+    rows, single = as_rows(q, "q", robot.dof)
+    low, high = blind_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
+    jacobian = robot.jacobian(rows, link, point)[:, :3]
+    found = core.blind_forces(np.ascontiguousarray(jacobian), low, high)
+    largest, felt, farthest, singular, rank, axes = (value[0] if single else value for value in found)
+    return BlindForces(largest, felt, farthest, rank, axes, singular)
+
+
+def blind_force_along(
+    robot: Robot,
+    q: npt.ArrayLike,
+    direction: npt.ArrayLike,
+    thresholds: PerJoint,
+    *,
+    link: str | None = None,
+    point: npt.ArrayLike = (0.0, 0.0, 0.0),
+    noise_mean: PerJoint = 0.0,
+    noise_sd: PerJoint = 0.0,
+    z: float = 0.0,
+) -> FloatArray:
+    """Largest force along a direction that no threshold notices: min over j of (theta_j + z sigma_j -+ mu_j) / |a_j|.
+
+    Args:
+        robot, q, thresholds, link, point, noise_mean, noise_sd, z: as of :func:`blind_forces`.
+        direction: in which the arm pushes, unit vector in B. (3,), or (N, 3) with a row for each of ``q``.
+
+    Returns:
+        () or (N,) [N]; infinite where no watched joint feels it.
+    """
+    rows, single = as_rows(q, "q", robot.dof)
+    along, _ = as_rows(direction, "direction", 3)
+    if len(along) not in (1, len(rows)):
+        raise InputError("direction", f"has shape {np.shape(direction)}", f"wanted (3,) or ({len(rows)}, 3)")
+    if (np.abs(np.linalg.norm(along, axis=1) - 1) > 1e-9).any():
+        raise InputError("direction", "is no unit vector", "wanted length 1")
+    low, high = blind_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
+    jacobian = np.ascontiguousarray(robot.jacobian(rows, link, point)[:, :3])
+    along = np.ascontiguousarray(np.broadcast_to(along, (len(rows), 3)))
+    forces: FloatArray = core.blind_forces_along(jacobian, low, high, along)
+    return forces[0] if single else forces
+
+
+def blind_band(
+    dof: int, thresholds: PerJoint, *, noise_mean: PerJoint = 0.0, noise_sd: PerJoint = 0.0, z: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Contact torques of each joint that may go unnoticed, lowest and highest, each (dof,) [Nm or N].
+
+    Args:
+        dof: joints of the robot.
+        thresholds, noise_mean, noise_sd, z: as of :func:`blind_forces`.
+    """
+    theta = _per_joint(thresholds, "thresholds", dof, finite=False)
+    mean, sd = _per_joint(noise_mean, "noise_mean", dof), _per_joint(noise_sd, "noise_sd", dof)
+    if not as_number(z, "z") >= 0:
+        raise InputError("z", f"is {z}", "wanted zero or more")
+    for value, wrong, field in ((theta, ~(theta > 0), "thresholds"), (sd, ~(sd >= 0), "noise_sd")):
+        if wrong.any():
+            j = int(np.argmax(wrong))
+            wanted = "wanted more than zero" if field == "thresholds" else "wanted zero or more"
+            raise InputError(f"{field} of joint {j + 1}", f"is {value[j]}", wanted)
+    loud = np.flatnonzero(np.abs(mean) >= theta)
+    if loud.size:
+        problem = f"{mean[loud[0]]:g} alarms without contact"
+        raise InputError(
+            f"noise_mean of joint {loud[0] + 1}", problem, f"wanted less than its threshold, {theta[loud[0]]:g}"
+        )
+    wide = theta + z * sd
+    return np.ascontiguousarray(-wide - mean), np.ascontiguousarray(wide - mean)
+
+
+def required_torque(residual: PerJoint, threshold: PerJoint) -> tuple[FloatArray, FloatArray]:
+    """Contact torques that must be passed to be noticed upward and downward (the source's table 4.1).
+
+    Args:
+        residual: without contact [Nm].
+        threshold: positive [Nm].
+
+    Returns:
+        threshold - residual, and -threshold - residual.
+    """
+    error, theta = np.asarray(residual, dtype=np.float64), np.asarray(threshold, dtype=np.float64)
+    return theta - error, -theta - error
+
+
+def largest_undetected_torque(threshold: PerJoint, torque_rate: PerJoint, period_s: float) -> FloatArray:
+    """Largest contact torque that may go undetected when the residual was anywhere between the thresholds before.
+
+    ``2 threshold + |torque_rate| period`` (the source's eqs 4.2 and 4.3): the band from one threshold to the other, and
+    what the torque grows between two samples.
+
+    Args:
+        threshold: of each joint [Nm].
+        torque_rate: growth of the contact torque [Nm/s].
+        period_s: between samples [s].
+    """
+    theta, rate = np.asarray(threshold, dtype=np.float64), np.asarray(torque_rate, dtype=np.float64)
+    return 2 * theta + np.abs(rate) * as_number(period_s, "period_s")
+
+
+def largest_undetected_force(torque: PerJoint, torque_per_newton: PerJoint) -> FloatArray:
+    """Force along a direction that gives each joint a torque (the source's eq 4.4), infinite where it gives none.
+
+    Args:
+        torque: largest undetected, of each joint [Nm].
+        torque_per_newton: of a force of one newton in the direction, of each joint [Nm/N].
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force = np.abs(np.asarray(torque, dtype=np.float64)) / np.abs(np.asarray(torque_per_newton, dtype=np.float64))
+    return np.where(np.asarray(torque_per_newton) == 0, np.inf, force)
+
+
+def _per_joint(value: PerJoint, field: str, dof: int, *, finite: bool = True) -> FloatArray:
+    if np.ndim(value) == 0:
+        return np.full(dof, as_number(value, field, finite=finite))
+    return as_float_array(value, field, (dof,), finite=finite)
