@@ -96,12 +96,15 @@ class OutcomeFinder {
     /// What is the same at one slot for all offsets of the panels.
     struct Slot {
         T s, watch = 1.0, torque[max_joints];  // watch: 1 where the tick exists and the detector is armed
+        bool armed = true;                     // in all lanes whose tick exists
     };
     Slot slot(const Register& at, int i) const {
         Slot made;
         for (int lane = 0; lane < lanes; ++lane) {
             const int k = std::min(at.tick[lane] + i, path_.ticks - 1);
-            if (at.tick[lane] + i >= path_.ticks || !quiet_.armed(k)) set_lane(made.watch, lane, 0.0);
+            const bool exists = at.tick[lane] + i < path_.ticks, armed = quiet_.armed(k);
+            if (!exists || !armed) set_lane(made.watch, lane, 0.0);
+            made.armed = made.armed && (armed || !exists);
             set_lane(made.s, lane, path_.at_tick(k, timing_.period));
             const double* a = &path_.torque_per_N[std::size_t(k) * path_.dof];
             for (int w = 0; w < detector_.watched; ++w) set_lane(made.torque[w], lane, a[detector_.joint[w]]);
@@ -173,7 +176,7 @@ class OutcomeFinder {
                 most_survival = maximum(most_survival, select(watch > T(0.0), fate[g].survival, T(0.0)));
             }
             // Ticks before the detector is armed are not watched either, but those after them are.
-            if (all(most_survival < T(negligible_survival)) && all(here.watch > T(0.0))) break;
+            if (all(most_survival < T(negligible_survival)) && here.armed) break;
         }
         for (int g = 0; g < rule.order; ++g) keep(fate[g], std::size_t(g) * out.panels + at.first, out);
     }
