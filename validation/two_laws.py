@@ -10,7 +10,7 @@ from scipy import stats
 
 import bumpstop as bs
 from bumpstop.report.picture import LAW, LIMIT, Picture, axes
-from collision.cases import REMEMBERING, VARIED
+from collision.cases import FREE, REMEMBERING, VARIED
 from validation.findings import Findings
 from validation.scores import Score, bonferroni, law_scores, worst
 
@@ -22,8 +22,8 @@ ALLOWED = 4.0
 def compare(findings: Findings, *, quick: bool) -> None:
     """Score every output of every varied scenario."""
     runs = 20_000 if quick else 1_000_000
-    scenarios = VARIED | REMEMBERING
-    names = [*list(VARIED)[:3], *list(REMEMBERING)[1:2]] if quick else list(scenarios)
+    scenarios = VARIED | REMEMBERING | FREE
+    names = [*list(VARIED)[:3], *list(REMEMBERING)[1:2], *list(FREE)[2:3]] if quick else list(scenarios)
     findings.say(
         "Both laws stand on the same stopping curve. One integrates over contact offset and noise, the other draws "
         f"{runs} collisions. Every output of every scenario is compared in standard errors of the sample: means, "

@@ -132,6 +132,42 @@ REMEMBERING: dict[str, Scenario] = {
 }
 
 
+def free(mass: float, **changes: Any) -> Scenario:
+    """The control group against a body that gets away, of a mass in kg."""
+    return control_group(contact__kind="free", contact__body_mass_kg=mass, **changes)
+
+
+# Bodies that get away.
+FREE: dict[str, Scenario] = {
+    # The law of a body that mostly gets away unnoticed is nearly a point, which no share above a quantile can be told
+    # from: here most are noticed.
+    "light, mostly noticed": free(
+        2.0,
+        detector__thresholds_Nm=[4, 2, 4, 4, 4, 4, 4],
+        detector__noise_sd_Nm=0.5,
+        motion__velocity_mm_s=[0, 0, -40],
+        contact__offset_sd_s=0.02,
+    ),
+    "trunk": free(40.0, contact__stiffness_N_m=25000, contact__offset_sd_s=0.02),
+    "fast, detected while it rises": free(40.0, motion__velocity_mm_s=[0, 0, -150], contact__offset_law="uniform"),
+    "latency, stop": free(
+        8.0, motion__velocity_mm_s=[0, 0, -250], contact__offset_law="uniform", reaction__latency_s=0.006,
+        reaction__kind="stop",
+    ),
+    "observer, correlated noise": free(
+        12.0, motion__velocity_mm_s=[0, 0, -250], contact__offset_law="uniform", detector__residual="observer",
+        detector__noise_correlation=0.5,
+    ),
+    "false alarms before contact": free(
+        20.0, detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8], motion__velocity_mm_s=[0, 60, 0],
+        contact__offset_sd_s=0.03,
+    ),
+    "soft and heavy, fixed": free(
+        60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=1.3
+    ),
+}  # fmt: skip
+
+
 def twin_of(scenario: Scenario, **changes: Any) -> TwinSettings:
     """The slow twin's settings for a scenario."""
     problem = Problem.from_scenario(scenario)

@@ -12,44 +12,10 @@ from scipy.integrate import solve_ivp
 
 import bumpstop as bs
 from bumpstop.report.rollout import Rollouts
-from collision.cases import control_group
+from collision.cases import FREE, control_group, free
 from collision.test_two_laws import compare
 
 NEVER = {"detector__thresholds_Nm": [math.inf] * 7}
-
-
-def free(mass: float, **changes: Any) -> bs.Scenario:
-    return control_group(contact__kind="free", contact__body_mass_kg=mass, **changes)
-
-
-FREE: dict[str, bs.Scenario] = {
-    # The law of a body that mostly gets away unnoticed is nearly a point, which no share above a quantile can be told
-    # from: here most are noticed.
-    "light, mostly noticed": free(
-        2.0,
-        detector__thresholds_Nm=[4, 2, 4, 4, 4, 4, 4],
-        detector__noise_sd_Nm=0.5,
-        motion__velocity_mm_s=[0, 0, -40],
-        contact__offset_sd_s=0.02,
-    ),
-    "trunk": free(40.0, contact__stiffness_N_m=25000, contact__offset_sd_s=0.02),
-    "fast, detected while it rises": free(40.0, motion__velocity_mm_s=[0, 0, -150], contact__offset_law="uniform"),
-    "latency, stop": free(
-        8.0, motion__velocity_mm_s=[0, 0, -250], contact__offset_law="uniform", reaction__latency_s=0.006,
-        reaction__kind="stop",
-    ),
-    "observer, correlated noise": free(
-        12.0, motion__velocity_mm_s=[0, 0, -250], contact__offset_law="uniform", detector__residual="observer",
-        detector__noise_correlation=0.5,
-    ),
-    "false alarms before contact": free(
-        20.0, detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8], motion__velocity_mm_s=[0, 60, 0],
-        contact__offset_sd_s=0.03,
-    ),
-    "soft and heavy, fixed": free(
-        60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=1.3
-    ),
-}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", list(FREE))
