@@ -20,7 +20,7 @@ Until = Annotated[float | None, typer.Option(help="End at this time of the recor
 
 
 def identify(
-    recording: Annotated[Path, typer.Argument(help="Recording with joint torques.", show_default=False)],
+    recordings: Annotated[list[Path], typer.Argument(help="Recordings.", show_default=False)],
     robot: Annotated[str, typer.Option(help="A built-in name, or the path of a URDF file.", show_default=False)],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the fitted model there (TOML).")] = None,
     columns: Columns = None,
@@ -30,6 +30,9 @@ def identify(
     shared_motor: Annotated[
         list[str] | None, typer.Option(help="Joints that share a motor, e.g. 5,6 or 5:1,6:-1.")
     ] = None,
+    protocol: Annotated[
+        Path | None, typer.Option(help="Plan that was followed: fit step by step as the source.")
+    ] = None,
     base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
     tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
@@ -38,6 +41,14 @@ def identify(
     from bumpstop.identification import identify_dynamics, save_fit
     from bumpstop.model import Robot
 
+    if protocol is not None:
+        from bumpstop.cli.protocol import identify_by_protocol
+
+        identify_by_protocol(protocol, recordings, robot, columns, out, as_json)
+        return
+    if len(recordings) != 1:
+        raise InputError("recording", f"{len(recordings)} of them", "dynamics are fitted to one")
+    recording = recordings[0]
     is_file = bool(Path(robot).suffix) or "/" in robot
     arm = Robot.from_urdf(robot, base, tip) if is_file else Robot.load(robot)
     log = _part(recording, columns, arm, begin, until)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import bodies, evaluate, identify, recording, robots, study
+from bumpstop.cli import bodies, evaluate, identify, plan, recording, robots, study
 from bumpstop.errors import BumpstopError
 
 app = typer.Typer(
@@ -25,6 +25,7 @@ app.add_typer(study.app, name="study")
 app.command("bodies")(bodies.bodies)
 app.command("identify")(identify.identify)
 app.command("validate")(identify.validate)
+app.add_typer(plan.app, name="plan")
 
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 2 bad input, 1 our fault.
 BAD_INPUT = 2

@@ -25,9 +25,9 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         robot: ``robot`` as a scenario names it, with ``base`` and ``tip`` where a URDF needs them.
         created_from: the recordings.
     """
-    lines = ['kind = "dynamics"', *(f"{key} = {_text(value)}" for key, value in robot.items())]
+    lines = ['kind = "dynamics"', *(f"{key} = {toml_text(value)}" for key, value in robot.items())]
     lines += [
-        f"created_from = [{', '.join(_text(name) for name in created_from)}]",
+        f"created_from = [{', '.join(toml_text(name) for name in created_from)}]",
         f"cutoff_hz = {fit.cutoff_hz!r}  # of the zero-phase filter of the motion",
         f"rows_used = {fit.rows_used}",
         f"sign_speed = {[float(value) for value in fit.sign_speed]}  # rad/s or m/s, over which Coulomb friction turns",
@@ -38,8 +38,8 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         lines += [
             "",
             "[[parameter]]",
-            f"column = {_text(names[column])}",
-            f"name = {_text(name)}",
+            f"column = {toml_text(names[column])}",
+            f"name = {toml_text(name)}",
             f"value = {float(value)!r}",
             f"standard_error = {float(error)!r}",
         ]
@@ -66,7 +66,7 @@ def load_fit(path: str | Path) -> DynamicsFit:
     if data.get("kind") != "dynamics" or unknown:
         problem = f"has an unknown key {unknown[0]!r}" if unknown else "is no file of fitted dynamics"
         raise InputError(where, problem, 'wanted kind = "dynamics", as identify writes it')
-    robot = _robot(data, Path(path).parent)
+    robot = chain_of(data, Path(path).parent)
     try:
         couplings = tuple(tuple((int(j) - 1, float(share)) for j, share in group) for group in data["couplings"])
         names = column_names(robot, couplings)
@@ -90,7 +90,8 @@ def load_fit(path: str | Path) -> DynamicsFit:
         raise InputError(where, f"cannot be used ({error})", "wanted a file that identify wrote") from None
 
 
-def _robot(data: dict[str, Any], folder: Path) -> Robot:
+def chain_of(data: dict[str, Any], folder: Path) -> Robot:
+    """The robot that a file of this room names; relative paths start at the file's folder."""
     name = data.get("robot")
     if not isinstance(name, str):
         raise InputError("robot", "is missing", "wanted a built-in name or the path of a URDF")
@@ -106,6 +107,7 @@ def _finite(values: Any) -> Any:
     return array
 
 
-def _text(value: str) -> str:
+def toml_text(value: str) -> str:
+    """A text as TOML writes it."""
     escaped = value.replace("\\", "\\\\").replace('"', '\\"')
     return f'"{escaped}"'

@@ -1,0 +1,120 @@
+"""``bumpstop identify --protocol``: table 2.2 from recordings of a plan."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.identification.protocol import ProtocolFit
+    from bumpstop.joint.model import Parameter
+    from bumpstop.recording import Recording
+
+_SHOWN = ("A", "B", "D", "F", "hysteresis", "inertia")
+
+
+def identify_by_protocol(
+    plan_file: Path, recordings: Sequence[Path], robot: str, columns: Path | None, out: Path | None, as_json: bool
+) -> None:
+    """Read plan and recordings, fit, print, and write model and report where asked."""
+    from bumpstop.cli.progress import progress
+    from bumpstop.identification.plan_file import load_plan
+    from bumpstop.identification.protocol import identify_protocol
+    from bumpstop.recording import Recording
+
+    plan = load_plan(plan_file)
+    if robot not in (plan.robot.name, str(plan_file)) and Path(robot).stem != plan.robot.name:
+        raise InputError("--robot", f"{robot!r} is not the plan's", f"{plan_file} is for {plan.robot.name}")
+    logs = [Recording.load(path, columns=columns, robot=plan.robot) for path in recordings]
+    with progress("identifying") as report:
+        fit = identify_protocol(plan, logs, progress=report)
+    if out is not None:
+        _write(fit, out)
+    if as_json:
+        typer.echo(json.dumps(protocol_json(fit, logs), allow_nan=False, indent=2))
+        return
+    print_protocol(fit)
+    for log in logs:
+        for note in log.report.notes:
+            typer.echo(f"note: {log.source}: {note}")
+    if out is not None:
+        typer.echo(f"model: {out if out.suffix == '.toml' else out / 'joint_model.toml'}")
+
+
+def _write(fit: ProtocolFit, out: Path) -> None:
+    try:
+        if out.suffix == ".toml":
+            fit.model().save(out)
+            return
+        out.mkdir(parents=True, exist_ok=True)
+        fit.model().save(out / "joint_model.toml")
+    except OSError as error:
+        raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror})", "give another") from None
+
+
+def protocol_json(fit: ProtocolFit, logs: Sequence[Recording]) -> dict[str, Any]:
+    """Table 2.2 for programs; joints that were not identified have no parameters."""
+    found = {joint.experiment.joint: joint for joint in fit.joints}
+    lost = {one.joint: one.reason for one in fit.plan.unseen} | dict(fit.missing)
+    joints = []
+    for number, joint in enumerate(fit.plan.robot.joints):
+        one = found.get(number)
+        entry: dict[str, Any] = {"name": joint.name, "observable": one is not None}
+        if one is None:
+            entry |= {"parameters": {}, "reason": lost.get(number, "not in the plan")}
+        else:
+            entry |= {
+                "parameters": {name: _parameter(value) for name, value in one.parameters.items()},
+                "map": one.map,
+                "held_out_rmse_Nm": one.held_out,
+                "friction_sd": one.friction_sd,
+                "strokes": len(one.strokes),
+                "r2": one.r2,
+                "rmse_Nm": one.rmse,
+                "notes": list(one.notes),
+            }
+        joints.append(entry)
+    dropped = sum(log.report.rows_dropped for log in logs)
+    return {"joints": joints, "filter": {}, "rows_used": fit.rows, "rows_dropped": dropped}
+
+
+def _parameter(value: Parameter | None) -> dict[str, float | None] | None:
+    return None if value is None else {"value": value.value, "standard_error": value.standard_error}
+
+
+def print_protocol(fit: ProtocolFit) -> None:
+    """Table 2.2."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", *_SHOWN, "friction sd", "map", "R2", "rmse, Nm"):
+        table.add_column(heading, justify="left" if heading in ("joint", "map") else "right", no_wrap=True)
+    for joint in fit.joints:
+        cells = [_cell(joint.parameters.get(name)) for name in _SHOWN]
+        table.add_row(
+            joint.experiment.name, *cells, f"{joint.friction_sd:.3g}", joint.map, f"{joint.r2:.4f}", f"{joint.rmse:.3g}"
+        )
+    console = Console(highlight=False, markup=False, soft_wrap=True, width=max(Console().width, 160))
+    console.print(table)
+    for joint in fit.joints:
+        for note in joint.notes:
+            typer.echo(f"{joint.experiment.name}: {note}")
+    for number, why in fit.missing:
+        typer.echo(f"{fit.plan.robot.joints[number].name}: not identified: {why}")
+    for lost in fit.plan.unseen:
+        typer.echo(f"{lost.name}: its map cannot be seen, as {lost.reason}; what would show it: {lost.remedy}")
+
+
+def _cell(value: Parameter | None) -> str:
+    if value is None:
+        return "-"
+    error = "" if value.standard_error is None else f" +- {value.standard_error:.2g}"
+    return f"{value.value:.4g}{error}"

@@ -1,0 +1,269 @@
+"""The source's identification: recordings of a plan in, table 2.2 out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.identification.constant_velocity import Cut, cut, prepare
+from bumpstop.identification.protocol_steps import (
+    FrictionFit,
+    InertiaFit,
+    MapFit,
+    StrokeFit,
+    fit_friction,
+    fit_hysteresis,
+    fit_inertia,
+    fit_map,
+    fit_stroke,
+    held_out,
+    joint_torque,
+)
+from bumpstop.joint import JointTorqueModel
+from bumpstop.joint.model import JointParameters, Parameter
+
+if TYPE_CHECKING:
+    from bumpstop.identification.plan import IdentificationPlan, JointExperiment
+    from bumpstop.recording import Recording
+
+MAPS = ("odd", "load_dependent")
+_LEAST_STROKES = 4
+_CLEARLY = 0.98
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProtocolJoint:
+    """One joint of table 2.2, with what led there.
+
+    Attributes:
+        experiment: as planned.
+        parameters: A, B, D, F, hysteresis and inertia; None where it could not be found.
+        map: chosen by held-out error.
+        held_out: root mean square error by map [Nm].
+        friction_sd: of the strokes' friction about its law [current].
+        r2, rmse: of the torque at constant speed, estimated against predicted [1, Nm].
+        cut: the stretches.
+        strokes: eq 2.25 stroke by stroke (figures 2.7, 2.8).
+        joint_currents: eq 2.28, stroke by stroke (figure 2.9).
+        map_fit: eq 2.29.
+        hold_values: eq 2.31, hold by hold [Nm] (figure 2.10).
+        inertia_fit: eq 2.33 (figure 2.11), or None.
+        notes: what is missing or doubtful, a sentence each.
+    """
+
+    experiment: JointExperiment
+    parameters: dict[str, Parameter | None]
+    map: str
+    held_out: dict[str, float]
+    friction_sd: float
+    r2: float
+    rmse: float
+    cut: Cut
+    strokes: tuple[StrokeFit, ...]
+    joint_currents: tuple[FloatArray, ...]
+    map_fit: MapFit
+    hold_values: tuple[float, ...]
+    inertia_fit: InertiaFit | None
+    notes: tuple[str, ...]
+
+    def model(self) -> JointParameters:
+        """This joint for a :class:`~bumpstop.joint.JointTorqueModel`."""
+        speeds = [abs(stroke.speed) for stroke in self.strokes]
+        return JointParameters(
+            name=self.experiment.name,
+            map=self.map,  # type: ignore[arg-type]
+            friction="power",
+            parameters=self.parameters,
+            current_range=self.map_fit.reach,
+            speed_range=(min(speeds), max(speeds)),
+            friction_sd=self.friction_sd,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProtocolFit:
+    """What the protocol found.
+
+    Attributes:
+        plan: that was followed.
+        joints: that were identified.
+        missing: joint numbers from 0, with why, of joints that were planned and not identified.
+        rows: of all recordings.
+        sources: files they came from.
+    """
+
+    plan: IdentificationPlan
+    joints: tuple[ProtocolJoint, ...]
+    missing: tuple[tuple[int, str], ...]
+    rows: int
+    sources: tuple[str, ...]
+
+    def model(self, unit: str = "A") -> JointTorqueModel:
+        """Joint torque model of the joints that were identified, and of no others.
+
+        Args:
+            unit: of current: ``"A"`` or ``"controller"``.
+        """
+        return JointTorqueModel(
+            robot=self.plan.robot.name,
+            created_from=", ".join(self.sources) or "recordings",
+            unit=unit,  # type: ignore[arg-type]
+            joints=tuple(joint.model() for joint in self.joints),
+            note=self._note(),
+        )
+
+    def _note(self) -> str:
+        lost = [lost.name for lost in self.plan.unseen]
+        lost += [self.plan.robot.joints[number].name for number, _ in self.missing]
+        return f"Not identified by the protocol: {', '.join(lost)}." if lost else ""
+
+
+def identify_protocol(
+    plan: IdentificationPlan,
+    recordings: Sequence[Recording],
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> ProtocolFit:
+    """Cut the constant-velocity parts out of recordings and fit them step by step (eqs 2.25 to 2.33).
+
+    Args:
+        plan: whose trajectories were recorded, in any order and number of files.
+        recordings: with motor currents.
+        progress: called with the share that is done, 0 to 1.
+
+    Raises:
+        InputError: a recording that cannot be used; currents whose sign is opposite; no joint that was recorded.
+    """
+    report = progress or (lambda share: None)
+    prepared = []
+    for k, recording in enumerate(recordings):
+        prepared.append(prepare(plan, recording))
+        report(0.3 * (k + 1) / len(recordings))
+    joints, missing = [], []
+    for k, experiment in enumerate(plan.experiments):
+        found = cut(experiment, prepared)
+        why = _lacking(experiment, found)
+        if why:
+            missing.append((experiment.joint, why))
+        else:
+            joints.append(_identify_joint(experiment, found))
+        report(0.3 + 0.7 * (k + 1) / len(plan.experiments))
+    if not joints:
+        reasons = "; ".join(f"{plan.robot.joints[number].name}: {why}" for number, why in missing)
+        raise InputError("recording", f"no joint of the plan can be identified ({reasons})", "run the plan's files")
+    return ProtocolFit(
+        plan=plan,
+        joints=tuple(joints),
+        missing=tuple(missing),
+        rows=sum(log.t.size for log in prepared),
+        sources=tuple(recording.source for recording in recordings if recording.source),
+    )
+
+
+def _lacking(experiment: JointExperiment, found: Cut) -> str:
+    """Why these stretches are not enough, or nothing."""
+    if found.fastest_seen < 0.03:
+        return "it never moves alone in its planned pose"
+    if len(found.constant) < _LEAST_STROKES:
+        speeds = ", ".join(f"{math.degrees(speed):.3g}" for speed in experiment.speeds)
+        return (
+            f"{len(found.constant)} strokes at a planned speed ({speeds} deg/s), wanted at least {_LEAST_STROKES}; the "
+            f"fastest motion is {math.degrees(found.fastest_seen):.3g} deg/s"
+        )
+    if len({part.speed > 0 for part in found.constant}) < 2:
+        return "all its strokes go one way"
+    return ""
+
+
+def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
+    notes = []
+    crossing = tuple(part for part in found.constant if part.torque.min() < 0 < part.torque.max())
+    if len(crossing) >= _LEAST_STROKES and len({part.speed > 0 for part in crossing}) == 2:
+        # Others are ways to a hold, or end before gravity torque changes its sign.
+        found = Cut(crossing, found.ramps, found.holds, found.fastest_seen)
+    else:
+        notes.append("in most strokes gravity torque does not change its sign: friction is read off the curve's end")
+    rises = [
+        float(((part.torque - part.torque.mean()) * (part.current - part.current.mean())).sum())
+        for part in found.constant
+    ]
+    if np.median(rises) <= 0:
+        raise InputError(
+            f"joint {experiment.name}",
+            "its torque falls where its current rises",
+            "give the sign of its current in the column file ([coupling] sign)",
+        )
+    tried: dict[str, tuple[list[StrokeFit], FrictionFit, list[FloatArray], MapFit]] = {}
+    errors: dict[str, float] = {}
+    for kind in MAPS:
+        strokes = [fit_stroke(kind, part) for part in found.constant]
+        law = fit_friction(strokes)
+        D, F = law.D.value, law.F.value
+        own = [part.current - np.sign(part.qd) * D * np.abs(part.qd) ** F for part in found.constant]
+        fitted = fit_map(kind, found.constant, own)
+        tried[kind] = (strokes, law, own, fitted)
+        errors[kind] = held_out(kind, found.constant, own)
+    sound = [kind for kind in MAPS if tried[kind][3].monotone]
+    kind = _best(sound, errors) if sound else "linear"
+    chosen = kind if sound else MAPS[0]
+    strokes, law, own, fitted = tried[chosen]
+    if not sound:
+        fitted = _straight(fitted)
+        notes.append("neither quadratic map rises over the whole range: A is left out")
+    parameters: dict[str, Parameter | None] = {} if kind == "linear" else {"A": fitted.A}
+    parameters |= {"B": fitted.B, "D": law.D, "F": law.F, "hysteresis": None, "inertia": None}
+    held = fit_hysteresis(fitted, found.holds)
+    if held is None:
+        notes.append("no holds from both sides: hysteresis is not known")
+    else:
+        parameters["hysteresis"] = held[0]
+    slowest = min(abs(stroke.speed) for stroke in strokes)
+    inertia = fit_inertia(fitted, law, found.ramps, slowest)
+    if inertia is None:
+        notes.append("no ramp is long enough: reflected inertia is not known")
+    elif inertia.inertia.value < 0:
+        notes.append(f"reflected inertia came out as {inertia.inertia.value:.3g} kg m2, less than nothing: left out")
+    else:
+        parameters["inertia"] = inertia.inertia
+    torque = np.concatenate([part.torque for part in found.constant])
+    sign = np.concatenate([np.sign(part.qd) for part in found.constant])
+    estimate = joint_torque(fitted.kind, fitted.A.value, fitted.B.value, np.concatenate(own), sign)
+    left = float(((torque - estimate) ** 2).mean())
+    return ProtocolJoint(
+        experiment=experiment,
+        parameters=parameters,
+        map=kind,
+        held_out=errors,
+        friction_sd=law.sd,
+        r2=1 - left / float(torque.var()),
+        rmse=math.sqrt(left),
+        cut=found,
+        strokes=tuple(strokes),
+        joint_currents=tuple(own),
+        map_fit=fitted,
+        hold_values=() if held is None else tuple(held[1]),
+        inertia_fit=inertia,
+        notes=tuple(notes),
+    )
+
+
+def _best(kinds: list[str], errors: dict[str, float]) -> str:
+    """The first map, unless another is clearly better on strokes that it was not fitted to."""
+    best = kinds[0]
+    for kind in kinds[1:]:
+        if errors[kind] < _CLEARLY * errors[best]:
+            best = kind
+    return best
+
+
+def _straight(fitted: MapFit) -> MapFit:
+    """The same map without its quadratic part."""
+    covariance = fitted.covariance.copy()
+    covariance[0, :] = covariance[:, 0] = 0.0
+    return MapFit(fitted.kind, Parameter(0.0), fitted.B, covariance, fitted.constants, fitted.reach)

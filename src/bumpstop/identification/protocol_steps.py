@@ -1,0 +1,330 @@
+"""The steps of the source's fit, one joint at a time: friction by stroke, its law, the map, hysteresis, inertia.
+
+Schroeder 2013, section 2.4. Two things differ. Current is fitted to torque and not torque to current: the noise is on
+the current, and as a regressor it would flatten the curve. And eq 2.29 is fitted to all strokes at once, each with a
+constant C of its own, where the source averaged the curves of single strokes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.joint.model import Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.identification.constant_velocity import Stretch
+
+_LEAST_SLOPE = 0.02  # of the map, as a share of B, where it would have no inverse
+# A ramp shows its acceleration where it lasts this long, several windows of the derivatives [s].
+_LEAST_RAMP_S = 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class StrokeFit:
+    """Eq 2.25 fitted to one stroke.
+
+    Attributes:
+        speed: mean, with its sign [rad/s].
+        friction: the current at which the torque is zero (eq 2.26), with the sign of the motion [current].
+        A, B: of this stroke's curve.
+    """
+
+    speed: float
+    friction: float
+    A: float
+    B: float
+
+
+def inverse_map(
+    kind: str, A: float, B: float, torque: FloatArray, sign: FloatArray | float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Joint current (N,) of torques, with the derivatives by A and by B; ``sign`` is that of the motion."""
+    bend = np.sign(torque) if kind == "odd" else -np.broadcast_to(sign, torque.shape)
+    slope = np.sqrt(np.maximum(B * B + 4 * A * bend * torque, (_LEAST_SLOPE * B) ** 2))
+    current = 2 * torque / (B + slope)
+    return current, -bend * current**2 / slope, -current / slope
+
+
+def joint_torque(kind: str, A: float, B: float, current: FloatArray, sign: FloatArray | float) -> FloatArray:
+    """Torque of joint currents (N,): the odd map, or eq 2.29."""
+    bend = np.sign(current) if kind == "odd" else -np.broadcast_to(sign, current.shape)
+    torque: FloatArray = B * current + A * bend * current**2
+    return torque
+
+
+def fit_stroke(kind: str, stretch: Stretch) -> StrokeFit:
+    """Eqs 2.25 and 2.26 of one stroke: its curve, and the current that friction takes."""
+    from scipy.optimize import least_squares
+
+    sign = 1.0 if stretch.speed > 0 else -1.0
+    torque, current = stretch.torque, stretch.current
+    big = float(np.abs(torque).max())
+    line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(torque), torque / big]), current, rcond=None)
+    unit = abs(float(line[1])) or 1.0
+    x, y = torque / big, current / unit
+
+    def residual(p: FloatArray) -> FloatArray:
+        return np.asarray(p[0] + inverse_map(kind, p[2], p[1], x, sign)[0] - y)
+
+    def derivative(p: FloatArray) -> FloatArray:
+        _, by_a, by_b = inverse_map(kind, p[2], p[1], x, sign)
+        return np.column_stack([np.ones_like(x), by_b, by_a])
+
+    start = np.array([line[0] / unit, 1.0, 0.0])
+    found = least_squares(residual, start, derivative, method="lm", max_nfev=60).x
+    A, B = float(found[2] * big / unit**2), float(found[1] * big / unit)
+    return StrokeFit(float(stretch.qd.mean()), float(found[0] * unit), A, B)
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionFit:
+    """Eq 2.27 through the friction currents of strokes.
+
+    Attributes:
+        D, F: with standard errors.
+        covariance: of D and F (2, 2).
+        sd: of the strokes about the law [current].
+    """
+
+    D: Parameter
+    F: Parameter
+    covariance: FloatArray
+    sd: float
+
+
+def fit_friction(strokes: Sequence[StrokeFit]) -> FrictionFit:
+    """Eq 2.27 through the strokes' friction currents.
+
+    Standard errors by the sandwich of single strokes, each residual enlarged by its leverage (HC3).
+    """
+    from scipy.optimize import least_squares
+
+    speed = np.array([abs(stroke.speed) for stroke in strokes])
+    taken = np.array([np.sign(stroke.speed) * stroke.friction for stroke in strokes])
+    log = np.log(speed)
+    positive = taken > 0
+    if positive.sum() >= 2 and np.ptp(log[positive]) > 0:
+        F, log_d = np.polyfit(log[positive], np.log(taken[positive]), 1)
+    else:
+        F, log_d = 0.0, np.log(max(float(np.abs(taken).mean()), 1e-12))
+    scale = max(float(np.exp(log_d)), 1e-12)
+
+    def residual(p: FloatArray) -> FloatArray:
+        return np.asarray(p[0] * np.exp(p[1] * log) - taken / scale)
+
+    def derivative(p: FloatArray) -> FloatArray:
+        power = np.exp(p[1] * log)
+        return np.column_stack([power, p[0] * power * log])
+
+    bounds = ([0.0, 0.0], [np.inf, 3.0])
+    found = least_squares(residual, [1.0, min(max(float(F), 0.0), 3.0)], derivative, bounds=bounds)
+    jacobian = derivative(found.x)
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    leverage = np.clip((jacobian @ inverse * jacobian).sum(axis=1), 0, 0.99)
+    score = jacobian * (found.fun / (1 - leverage))[:, None]
+    to_units = np.diag([scale, 1.0])
+    covariance = to_units @ inverse @ (score.T @ score) @ inverse @ to_units
+    D, F = to_units @ found.x
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return FrictionFit(
+        D=Parameter(float(D), float(error[0])),
+        F=Parameter(float(F), float(error[1])),
+        covariance=covariance,
+        sd=float(scale * np.sqrt((found.fun**2).sum() / max(1, len(strokes) - 2))),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class MapFit:
+    """Eq 2.29 fitted to the joint currents of all strokes.
+
+    Attributes:
+        kind: ``"odd"`` or ``"load_dependent"``.
+        A, B: with standard errors.
+        covariance: of A and B (2, 2).
+        constants: C of every stroke, as a current; left out afterwards, as the source does.
+        reach: lowest and highest joint current.
+    """
+
+    kind: str
+    A: Parameter
+    B: Parameter
+    covariance: FloatArray
+    constants: FloatArray
+    reach: tuple[float, float]
+
+    @property
+    def monotone(self) -> bool:
+        """Whether torque rises with current over all of its range."""
+        bend = self.A.value if self.kind == "odd" else -abs(self.A.value)
+        return self.B.value > 0 and self.B.value + 2 * bend * max(map(abs, self.reach)) > 0
+
+
+def fit_map(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[FloatArray]) -> MapFit:
+    """Eq 2.29 for all strokes together; every stroke weighs the same and has a constant of its own.
+
+    Standard errors hold for residuals correlated within strokes (clusters).
+    """
+    from scipy.optimize import least_squares
+
+    lengths = np.array([part.t.size for part in stretches])
+    begins = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    number = np.repeat(np.arange(len(stretches)), lengths)
+    sign = np.sign([part.speed for part in stretches])[number]
+    torque = np.concatenate([part.torque for part in stretches])
+    current = np.concatenate(list(joint_currents))
+    weight = np.sqrt(1 / lengths)[number]
+    big, unit = float(np.abs(torque).max()), float(np.abs(current).max())
+    x, y = torque / big, current / unit
+
+    def own(values: FloatArray) -> FloatArray:
+        """Less the mean of its stroke."""
+        mean = np.add.reduceat(values, begins, axis=0) / (lengths if values.ndim == 1 else lengths[:, None])
+        return np.asarray(values - mean[number])
+
+    def residual(p: FloatArray) -> FloatArray:
+        return weight * own(inverse_map(kind, p[1], p[0], x, sign)[0] - y)
+
+    def derivative(p: FloatArray) -> FloatArray:
+        _, by_a, by_b = inverse_map(kind, p[1], p[0], x, sign)
+        return weight[:, None] * own(np.column_stack([by_b, by_a]))
+
+    rise = float((own(x) * own(y) * weight**2).sum())
+    start = np.array([float((own(x) ** 2 * weight**2).sum()) / rise if rise else 1.0, 0.0])
+    found = least_squares(residual, start, derivative, method="lm", max_nfev=100)
+    jacobian = derivative(found.x)
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    score = np.add.reduceat(jacobian * found.fun[:, None], begins, axis=0)
+    count = len(stretches)
+    covariance = inverse @ (score.T @ score) @ inverse * count / max(1, count - 1)
+    to_units = np.diag([big / unit, big / unit**2])
+    covariance = to_units @ covariance @ to_units
+    b, a = found.x @ to_units
+    left = y - inverse_map(kind, found.x[1], found.x[0], x, sign)[0]
+    return MapFit(
+        kind=kind,
+        A=Parameter(float(a), float(np.sqrt(max(covariance[1, 1], 0.0)))),
+        B=Parameter(float(b), float(np.sqrt(max(covariance[0, 0], 0.0)))),
+        covariance=covariance[::-1, ::-1],
+        constants=unit * np.add.reduceat(left, begins) / lengths,
+        reach=(float(current.min()), float(current.max())),
+    )
+
+
+def held_out(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[FloatArray]) -> float:
+    """Root mean square error [Nm] of strokes predicted from every second one, without constants."""
+    errors = []
+    for half in (0, 1):
+        # Neighbours are there and back at one speed: pairs stay together.
+        known = [k for k in range(len(stretches)) if k // 2 % 2 == half]
+        other = [k for k in range(len(stretches)) if k // 2 % 2 != half]
+        if len(known) < 2 or not other:
+            return float("nan")
+        found = fit_map(kind, [stretches[k] for k in known], [joint_currents[k] for k in known])
+        for k in other:
+            sign = float(np.sign(stretches[k].speed))
+            estimate = joint_torque(kind, found.A.value, found.B.value, joint_currents[k], sign)
+            errors.append(float(((estimate - stretches[k].torque) ** 2).mean()))
+    return float(np.sqrt(np.mean(errors)))
+
+
+def fit_hysteresis(found: MapFit, holds: Sequence[Stretch]) -> tuple[Parameter, list[float]] | None:
+    """Eq 2.31: T_H from holds reached from both sides, and the value of every hold [Nm].
+
+    What does not change with the side, an error of the predicted torque, drops out. None: a side is missing.
+    """
+    sides: dict[float, list[float]] = {1.0: [], -1.0: []}
+    values, slopes = [], []
+    for hold in holds:
+        torque = joint_torque(found.kind, found.A.value, found.B.value, hold.current, hold.speed)
+        value = float((torque - hold.torque).mean())
+        bend = np.sign(hold.current) if found.kind == "odd" else -hold.speed
+        slopes.append((hold.speed, float((bend * hold.current**2).mean()), float(hold.current.mean())))
+        sides[hold.speed].append(value)
+        values.append(hold.speed * value)
+    if not sides[1.0] or not sides[-1.0]:
+        return None
+    means = {side: float(np.mean(own)) for side, own in sides.items()}
+    variance = 0.0
+    for own in sides.values():
+        variance += float(np.var(own, ddof=1)) / len(own) / 4 if len(own) > 1 else float("nan")
+    gradient = np.zeros(2)
+    for side in (1.0, -1.0):
+        gradient += side * np.mean([own[1:] for own in slopes if own[0] == side], axis=0) / 2
+    variance += float(gradient @ found.covariance @ gradient)
+    error = float(np.sqrt(variance)) if np.isfinite(variance) else None
+    return Parameter((means[1.0] - means[-1.0]) / 2, error), values
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaFit:
+    """Eq 2.33: torque that the map gives beyond Newton and Euler's, against acceleration.
+
+    Attributes:
+        inertia: slope [kg m2].
+        r2: of that line.
+        acceleration, torque: the rows (N,), torque less what goes with friction and load [rad/s2, Nm].
+    """
+
+    inertia: Parameter
+    r2: float
+    acceleration: FloatArray
+    torque: FloatArray
+
+
+def fit_inertia(found: MapFit, friction: FrictionFit, ramps: Sequence[Stretch], slowest: float) -> InertiaFit | None:
+    """Eqs 2.32 and 2.33 over the ramps. None: no ramp is long enough.
+
+    Beside acceleration stand the sign of the motion and the predicted torque: they take up what friction and map leave.
+    The standard error is that of whole strokes, with what map and friction themselves are uncertain by.
+    """
+    rows, clusters = [], []
+    for k, ramp in enumerate(ramps):
+        speed = np.abs(ramp.qd)
+        moving = speed > slowest
+        peak = float(np.abs(ramp.qdd).max())
+        if moving.sum() < 5 or 1.5 * speed.max() < _LEAST_RAMP_S * peak:
+            continue
+        rows.append(np.column_stack([ramp.current, ramp.qd, ramp.qdd, ramp.torque])[moving])
+        clusters.append(np.full(int(moving.sum()), k))
+    if len(rows) < 2:
+        return None
+    table, cluster = np.concatenate(rows), np.concatenate(clusters)
+    values = np.array([found.A.value, found.B.value, friction.D.value, friction.F.value])
+    y, matrix, inverse, slopes = _inertia_line(found.kind, values, table)
+    left = y - matrix @ slopes
+    begins = np.flatnonzero(np.diff(cluster, prepend=-1))
+    score = np.add.reduceat(matrix * left[:, None], begins, axis=0)
+    count = len(rows)
+    variance = float((inverse @ (score.T @ score) @ inverse)[0, 0]) * count / max(1, count - 1)
+    for at, covariance in ((slice(0, 2), found.covariance), (slice(2, 4), friction.covariance)):
+        gradient = np.zeros(2)
+        for k, error in enumerate(np.sqrt(np.maximum(np.diag(covariance), 0.0))):
+            if error > 0:
+                moved = values.copy()
+                moved[at.start + k] += error
+                gradient[k] = (_inertia_line(found.kind, moved, table)[3][0] - slopes[0]) / error
+        variance += max(0.0, float(gradient @ covariance @ gradient))
+    shown = y - matrix[:, 1:] @ slopes[1:]
+    spread = float(((shown - shown.mean()) ** 2).sum())
+    r2 = 1 - float((left**2).sum()) / spread if spread > 0 else 0.0
+    return InertiaFit(Parameter(float(slopes[0]), float(np.sqrt(variance))), r2, matrix[:, 0], shown)
+
+
+def _inertia_line(
+    kind: str, values: FloatArray, table: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Left side of eq 2.32 (N,), columns (N, 3), the inverse of their normal matrix, and the slopes."""
+    current, qd, qdd, torque = table.T
+    A, B, D, F = values
+    sign = np.sign(qd)
+    beyond = joint_torque(kind, A, B, current - sign * D * np.abs(qd) ** F, sign) - torque
+    matrix = np.column_stack([qdd, sign, torque])
+    inverse = np.linalg.pinv(matrix.T @ matrix)
+    return beyond, matrix, inverse, inverse @ (matrix.T @ beyond)

@@ -1,0 +1,201 @@
+"""The plan of the protocol: limits, floor and gravity checked by other means than those that made it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.collision.trajectory_file import read_rows
+from bumpstop.identification.clearance import Clearance
+from bumpstop.identification.gravity_pose import Unseen, find_gravity_pose
+from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, plan_identification
+from bumpstop.identification.plan_file import load_plan, save_plan
+from bumpstop.identification.timed_path import TimedPath
+from bumpstop.identification.trajectory_files import joint_trajectory, trajectory_csv
+
+SHORT = ProtocolSettings(repeats=1, ramp_repeats=1, holds=1, hold_s=4.0)
+EARTH = (0.0, 0.0, -9.80665)
+
+
+@pytest.fixture(scope="module")
+def plans() -> dict[str, IdentificationPlan]:
+    return {name: plan_identification(bs.Robot.load(name), SHORT) for name in ("ur10e", "sia5d", "panda")}
+
+
+def every_5_ms(path: TimedPath) -> tuple[np.ndarray, ...]:
+    return path.at(np.arange(0.0, path.duration, 0.005))
+
+
+@pytest.mark.parametrize("name", ["ur10e", "sia5d", "panda"])
+def test_trajectories_keep_to_limits_and_floor(name: str, plans: dict[str, IdentificationPlan]) -> None:
+    """Sampled every 5 ms, with differences of the positions as the second route to speed and acceleration."""
+    plan = plans[name]
+    robot = plan.robot
+    assert plan.experiments
+    for experiment in plan.experiments:
+        q, qd, qdd = every_5_ms(plan.path(experiment))
+        assert ((q >= robot.lower) & (q <= robot.upper)).all()
+        assert (np.abs(qd) <= robot.velocity * (1 + 1e-9)).all()
+        assert np.abs(qdd).max() <= SHORT.acceleration * (1 + 1e-9)
+        # The mean speed over a step differs from the speed by at most half a step's acceleration.
+        assert np.abs(np.diff(q, axis=0) / 0.005 - qd[:-1]).max() <= 0.0025 * SHORT.acceleration * 1.01
+        assert np.abs(np.diff(qd, axis=0)).max() <= 0.005 * SHORT.acceleration * 1.001
+        for joint in robot.joints[2:]:
+            assert robot.pose(q[::10], joint.link)[:, 2, 3].min() > 0.08
+        assert robot.pose(q[::10])[:, 2, 3].min() > 0.08
+
+
+@pytest.mark.parametrize("name", ["ur10e", "sia5d", "panda"])
+def test_gravity_turns_round_inside_the_stroke(name: str, plans: dict[str, IdentificationPlan]) -> None:
+    """Newton-Euler over the stroke: the torque falls through zero once, as far as on the other side."""
+    for experiment in plans[name].experiments:
+        pose = np.repeat(experiment.pose[None], 101, axis=0)
+        pose[:, experiment.joint] = np.linspace(experiment.low, experiment.high, 101)
+        still = np.zeros_like(pose)
+        torque = bs.model.inverse_dynamics(plans[name].robot, pose, still, still)[:, experiment.joint]
+        assert abs(torque[50]) < 1e-6 * np.abs(torque).max()
+        assert torque[0] * torque[-1] < 0
+        assert min(abs(torque[0]), abs(torque[-1])) >= SHORT.least_torque
+        np.testing.assert_allclose([torque[0], torque[-1]], [experiment.torque_low, experiment.torque_high])
+
+
+def test_the_pose_is_the_best_of_a_finer_search(plans: dict[str, IdentificationPlan]) -> None:
+    """Random poses, judged by Newton-Euler on a grid, find no joint torque on both sides that is much larger."""
+    plan = plans["sia5d"]
+    robot = plan.robot
+    rng = np.random.default_rng(5)
+    for experiment in plan.experiments[:2]:
+        best = 0.0
+        for _ in range(300):
+            pose = np.repeat(rng.uniform(robot.lower, robot.upper)[None], 61, axis=0)
+            pose[:, experiment.joint] = np.linspace(robot.lower[experiment.joint], robot.upper[experiment.joint], 61)
+            torque = bs.model.gravity_torque(robot, pose)[:, experiment.joint]
+            best = max(best, min(torque.max(), -torque.min()))
+        assert min(abs(experiment.torque_low), abs(experiment.torque_high)) > 0.9 * best
+
+
+def test_joints_that_gravity_cannot_show_are_named(plans: dict[str, IdentificationPlan]) -> None:
+    for name, joints in (("sia5d", ["joint_s", "joint_t"]), ("ur10e", ["shoulder_pan_joint", "wrist_3_joint"])):
+        unseen = plans[name].unseen
+        assert [lost.name for lost in unseen] == joints
+        assert "vertical" in unseen[0].reason
+        assert "tilted base" in unseen[0].remedy
+        assert "near its axis" in unseen[1].reason
+        assert "load" in unseen[1].remedy
+
+
+def test_tilted_base_and_load_show_them() -> None:
+    tilted = ProtocolSettings(gravity=(0.0, 6.93, -6.93), load_kg=3.0, load_m=(0.1, 0.0, 0.05), floor=None)
+    plan = plan_identification(bs.Robot.load("ur10e"), tilted)
+    assert {0, 5} <= {experiment.joint for experiment in plan.experiments}
+
+
+def test_load_is_what_another_physics_weighs() -> None:
+    """The loaded arm's gravity torque is the bare arm's plus J' m g at the load."""
+    robot = bs.Robot.load("ur5e")
+    plan = IdentificationPlan(
+        robot=robot,
+        settings=ProtocolSettings(load_kg=2.0, load_m=(0.1, 0.0, 0.05)),
+        home=np.zeros(6),
+        experiments=(),
+    )
+    q = np.random.default_rng(1).uniform(-2, 2, size=(20, 6))
+    jacobian = robot.jacobian(q, None, (0.1, 0.0, 0.05))[:, 2]
+    expected = bs.model.gravity_torque(robot, q) + 2.0 * 9.80665 * jacobian
+    np.testing.assert_allclose(bs.model.gravity_torque(plan.loaded, q), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_what_leaves_no_way_is_said() -> None:
+    robot = bs.Robot.load("ur5e")
+    found = find_gravity_pose(robot, 1, Clearance(robot, floor=0.6), gravity=EARTH)
+    assert isinstance(found, Unseen)
+    assert "clear of the floor" in found.reason
+    with pytest.raises(bs.InputError, match="no pose of ur5e is clear"):
+        plan_identification(robot, ProtocolSettings(floor=3.0))
+
+
+def test_capsules_keep_the_distance_that_mujoco_finds() -> None:
+    """Least distances between capsules, against MuJoCo's geometry."""
+    rng = np.random.default_rng(2)
+    from bumpstop.identification.clearance import _segment_distance
+
+    for _ in range(20):
+        a0, a1, b0, b1 = rng.uniform(-1, 1, size=(4, 3))
+        text = " ".join(
+            f'<geom type="capsule" size="0.01" fromto="{" ".join(map(str, [*p, *q]))}"/>'
+            for p, q in ((a0, a1), (b0, b1))
+        )
+        model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        apart = mujoco.mj_geomDistance(model, data, 0, 1, 10.0, None) + 0.02
+        ours = _segment_distance(a0[None], a1[None], b0[None], b1[None])[0]
+        assert ours == pytest.approx(apart, abs=1e-5)
+
+
+def test_files_repeat_the_plan(tmp_path: Path, plans: dict[str, IdentificationPlan]) -> None:
+    plan = plans["ur10e"]
+    file = tmp_path / "plan.toml"
+    save_plan(plan, file, robot={"robot": "ur10e"})
+    again = load_plan(file)
+    assert again.settings == plan.settings
+    assert again.unseen == plan.unseen
+    for one, other in zip(plan.experiments, again.experiments, strict=True):
+        a, b = plan.path(one), again.path(other)
+        np.testing.assert_allclose(a.q, b.q, atol=1e-9)
+        np.testing.assert_allclose(a.t, b.t, atol=1e-6)
+
+
+def test_trajectory_files_are_read_back_as_the_same_motion(
+    tmp_path: Path, plans: dict[str, IdentificationPlan]
+) -> None:
+    plan = plans["ur10e"]
+    path = plan.path(plan.experiments[0])
+    names = [joint.name for joint in plan.robot.joints]
+    (tmp_path / "joint.csv").write_text(trajectory_csv(path, 50.0))
+    (tmp_path / "joint.json").write_text(joint_trajectory(path, names))
+    for name in ("joint.csv", "joint.json"):
+        rows = read_rows(tmp_path / name, plan.robot)
+        q, qd, _ = path.at(rows.time)
+        np.testing.assert_allclose(rows.position, q, atol=1e-7)
+        np.testing.assert_allclose(rows.velocity, qd, atol=1e-6)
+        assert rows.time[-1] == pytest.approx(path.duration, abs=1e-6)
+
+
+def test_damaged_plans_are_refused(tmp_path: Path, plans: dict[str, IdentificationPlan]) -> None:
+    file = tmp_path / "plan.toml"
+    save_plan(plans["ur10e"], file, robot={"robot": "ur10e"})
+    sound = file.read_text()
+    for spoil, message in (
+        (lambda text: text.replace("identification_plan", "other"), "is no plan"),
+        (lambda text: text.replace("repeats = 1", "repeat = 1", 1), "unknown key 'repeat'"),
+        (lambda text: text.replace("hold_s = 4.0", "hold_s = nan"), "finite"),
+        (lambda text: text.replace("joint = 2", "joint = 9", 1), "9 is none of ur10e"),
+        (lambda text: text.replace("low_deg = -", "low_deg = -9", 1), "low_deg"),
+        (lambda text: text.replace("speeds_deg_s = [", "speeds_deg_s = [900, ", 1), "at most 120"),
+        (lambda text: text.replace("home = [", "home = [1000, ", 1), "home"),
+        (lambda text: text.replace("pose = [0.0", "pose = [999.0", 1), "outside its limits"),
+        (lambda text: text.replace("swing_deg", "swing", 1), "unknown key 'swing'"),
+        (lambda text: text[:60], "not valid TOML|has no key"),
+    ):
+        file.write_text(spoil(sound))
+        with pytest.raises(bs.InputError, match=message):
+            load_plan(file)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"speed_shares": (0.1, 1.2)}, "at most 1"),
+        ({"repeats": 0}, "repeats"),
+        ({"acceleration": float("nan")}, "acceleration"),
+        ({"floor": float("inf")}, "floor"),
+    ],
+)
+def test_settings_that_make_no_sense(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(bs.InputError, match=message):
+        ProtocolSettings(**settings)  # type: ignore[arg-type]

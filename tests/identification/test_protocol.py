@@ -1,0 +1,187 @@
+"""The source's fit, step by step, on currents simulated from a known joint model along the plan's own motions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.cli.main import main
+from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, plan_identification
+from bumpstop.identification.plan_file import save_plan
+from bumpstop.identification.protocol import ProtocolFit, identify_protocol
+from bumpstop.identification.protocol_steps import inverse_map, joint_torque
+from bumpstop.identification.simulated import SensorNoise, currents, simulated_recording
+from bumpstop.joint import JointTorqueModel
+from bumpstop.joint.model import JointParameters, Parameter
+from bumpstop.recording import Recording
+
+SETTINGS = ProtocolSettings(
+    speed_shares=(0.1, 0.2, 0.35, 0.5, 0.7), repeats=2, ramp_repeats=2, holds=2, hold_s=6.0, acceleration=4.5
+)
+NOISE = SensorNoise(current_sd=0.1, friction_sd=0.02, position_sd=2e-5, lost=0.01, jitter=0.1)
+INERTIA = (4.0, 4.0, 2.0, 0.3, 0.3, 0.3)
+
+
+def planted(kind: str = "odd") -> JointTorqueModel:
+    """Figures of an arm of this size; B falls towards the wrist."""
+    joints = []
+    for j, joint in enumerate(bs.Robot.load("ur10e").joints):
+        B = (10.0, 12.0, 9.0, 6.0, 5.0, 5.0)[j]
+        values = {"A": 0.02 * B, "B": B, "D": 1.5, "F": 0.3, "hysteresis": 1.0, "inertia": INERTIA[j]}
+        parameters = {name: Parameter(value) for name, value in values.items()}
+        reach = (-14.0, 14.0) if kind == "load_dependent" else None
+        joints.append(
+            JointParameters(name=joint.name, map=kind, friction="power", parameters=parameters, current_range=reach)
+        )
+    return JointTorqueModel(robot="ur10e", created_from="planted", unit="A", joints=tuple(joints))
+
+
+@pytest.fixture(scope="module")
+def plan() -> IdentificationPlan:
+    return plan_identification(bs.Robot.load("ur10e"), SETTINGS)
+
+
+def recorded(plan: IdentificationPlan, kind: str, seed: int, joints: tuple[int, ...]) -> list[Recording]:
+    return [
+        simulated_recording(
+            plan.loaded, planted(kind), plan.path(one), rate_hz=125.0, noise=NOISE, seed=seed + one.joint
+        )
+        for one in plan.experiments
+        if one.joint in joints
+    ]
+
+
+@pytest.fixture(scope="module")
+def recordings(plan: IdentificationPlan) -> list[Recording]:
+    return recorded(plan, "odd", 1, (1, 2))
+
+
+@pytest.fixture(scope="module")
+def fit(plan: IdentificationPlan, recordings: list[Recording]) -> ProtocolFit:
+    return identify_protocol(plan, recordings)
+
+
+def test_simulated_currents_give_the_torque_back(plan: IdentificationPlan) -> None:
+    model = planted()
+    q, qd, qdd = plan.path(plan.experiments[0]).at(np.arange(10.0, 14.0, 0.01))
+    tau = bs.model.inverse_dynamics(plan.loaded, q, qd, qdd)
+    np.testing.assert_allclose(model.torque(currents(model, tau, qd, qdd), qd, qdd), tau, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["odd", "load_dependent"])
+def test_maps_and_their_inverses(kind: str) -> None:
+    """There and back, and derivatives against differences."""
+    torque = np.linspace(-30, 30, 61)
+    for sign in (1.0, -1.0):
+        current, by_a, by_b = inverse_map(kind, 0.03, 5.0, torque, sign)
+        np.testing.assert_allclose(joint_torque(kind, 0.03, 5.0, current, sign), torque, atol=1e-12)
+        more_a, more_b = (inverse_map(kind, 0.03 + da, 5.0 + db, torque, sign)[0] for da, db in ((1e-6, 0), (0, 1e-6)))
+        np.testing.assert_allclose((more_a - current) / 1e-6, by_a, atol=1e-4)
+        np.testing.assert_allclose((more_b - current) / 1e-6, by_b, atol=1e-5)
+
+
+def test_planted_figures_are_recovered(fit: ProtocolFit) -> None:
+    """Within 4 standard errors, where one of 12 would be outside once in 1300 times; and near the truth."""
+    assert [joint.experiment.joint for joint in fit.joints] == [1, 2]
+    near = {"A": 0.5, "B": 0.02, "D": 0.02, "F": 0.05, "hysteresis": 0.2, "inertia": 0.1}
+    for joint in fit.joints:
+        truth = planted().joints[joint.experiment.joint]
+        assert joint.map == "odd"
+        assert joint.r2 > 0.99
+        for name, parameter in joint.parameters.items():
+            assert parameter is not None
+            assert parameter.standard_error is not None
+            error = abs(parameter.value - truth.value(name))
+            assert error < 4 * parameter.standard_error, (joint.experiment.name, name)
+            assert error < near[name] * truth.value(name), (joint.experiment.name, name)
+
+
+def test_every_stroke_is_found(fit: ProtocolFit, plan: IdentificationPlan) -> None:
+    """There and back at every speed and repeat, at the planned speed; two holds from either side."""
+    for joint in fit.joints:
+        experiment = joint.experiment
+        wanted = sorted(2 * [sign * speed for speed in experiment.speeds for sign in (1.0, -1.0)])
+        found = sorted(stroke.speed for stroke in joint.strokes)
+        assert len(found) >= len(wanted)
+        for speed in wanted:
+            assert min(abs(speed - other) for other in found) < 0.02 * abs(speed)
+        assert sorted(hold.speed for hold in joint.cut.holds) == [-1.0, -1.0, 1.0, 1.0]
+        for part in joint.cut.constant:
+            assert np.abs(part.qd - part.speed).max() < max(0.04 * abs(part.speed), 0.006)
+
+
+def test_the_map_is_chosen_by_strokes_it_was_not_fitted_to(plan: IdentificationPlan) -> None:
+    found = identify_protocol(plan, recorded(plan, "load_dependent", 3, (1,)))
+    (joint,) = found.joints
+    assert joint.map == "load_dependent"
+    assert joint.held_out["load_dependent"] < joint.held_out["odd"]
+    assert joint.parameters["A"] is not None
+    assert joint.parameters["A"].value == pytest.approx(0.24, rel=0.2)
+
+
+def test_joints_that_were_not_recorded_are_named(fit: ProtocolFit) -> None:
+    assert [number for number, _ in fit.missing] == [3, 4]
+    assert all("never moves alone" in why for _, why in fit.missing)
+    assert [joint.name for joint in fit.model().joints] == ["shoulder_lift_joint", "elbow_joint"]
+
+
+def test_model_predicts_the_torque_of_another_motion(fit: ProtocolFit, plan: IdentificationPlan) -> None:
+    """The model's torque from noiseless currents of the planted one, on a swing of both joints."""
+    t = np.arange(0, 8, 0.01)
+    q, qd, qdd = (np.zeros((t.size, 6)) for _ in range(3))
+    for j in (1, 2):
+        w = 0.7 + 0.4 * j
+        q[:, j], qd[:, j], qdd[:, j] = np.sin(w * t) - 1, w * np.cos(w * t), -w * w * np.sin(w * t)
+    tau = bs.model.inverse_dynamics(plan.loaded, q, qd, qdd)
+    current = currents(planted(), tau, qd, qdd)
+    fast = np.abs(qd[:, 1:3]).min(axis=1) > 0.05
+    predicted = fit.model().torque(current[:, 1:3], qd[:, 1:3], qdd[:, 1:3])
+    error = (predicted - tau[:, 1:3])[fast]
+    assert (error.std(axis=0) < 0.02 * tau[:, 1:3].std(axis=0)).all()
+
+
+def test_wrong_sign_of_current_is_told(plan: IdentificationPlan, recordings: list[Recording]) -> None:
+    log = recordings[0]
+    assert log.current is not None
+    turned = Recording(t=log.t, q=log.q, current=-log.current)
+    with pytest.raises(bs.InputError, match="torque falls where its current rises"):
+        identify_protocol(plan, [turned])
+
+
+def test_recordings_of_something_else_are_refused(plan: IdentificationPlan, recordings: list[Recording]) -> None:
+    log = recordings[0]
+    with pytest.raises(bs.InputError, match="no motor currents"):
+        identify_protocol(plan, [Recording(t=log.t, q=log.q)])
+    with pytest.raises(bs.InputError, match="has 5 joints"):
+        identify_protocol(plan, [Recording(t=log.t, q=log.q[:, :5])])
+    with pytest.raises(bs.InputError, match="never moves alone"):
+        identify_protocol(plan, [Recording(t=log.t, q=0 * log.q, current=log.current)])
+    slower = Recording(t=1.3 * log.t, q=log.q, current=log.current)
+    with pytest.raises(bs.InputError, match="strokes at a planned speed"):
+        identify_protocol(plan, [slower])
+
+
+def test_command(
+    tmp_path: Path, plan: IdentificationPlan, recordings: list[Recording], capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_plan(plan, tmp_path / "plan.toml", robot={"robot": "ur10e"})
+    for number, recording in enumerate(recordings):
+        recording.save(tmp_path / f"{number}.parquet")
+    files = [str(tmp_path / f"{number}.parquet") for number in range(len(recordings))]
+    arguments = ["identify", *files, "--robot", "ur10e", "--protocol", str(tmp_path / "plan.toml")]
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--json", "-o", str(tmp_path / "model.toml")])
+    assert ended.value.code == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [joint["observable"] for joint in found["joints"]] == [False, True, True, False, False, False]
+    assert "vertical" in found["joints"][0]["reason"]
+    model = JointTorqueModel.load(tmp_path / "model.toml")
+    assert model.joints[0].value("B") == found["joints"][1]["parameters"]["B"]["value"]
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--robot", "ur5e"])
+    assert ended.value.code == 2
+    assert "is not the plan's" in capsys.readouterr().err
