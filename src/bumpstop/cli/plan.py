@@ -209,3 +209,70 @@ def _print(plan: IdentificationPlan, seconds: list[float]) -> None:
     for lost in plan.unseen:
         typer.echo(f"{lost.name}: its map cannot be seen, as {lost.reason}; what would show it: {lost.remedy}")
     typer.echo("Links are capsules here, tools and cables are not known: try every trajectory slowly first.")
+
+
+@app.command("excitation")
+def excitation(
+    robot: RobotName,
+    out: Folder = None,
+    period_s: Annotated[float, typer.Option(help="Period of the series [s].")] = 10.0,
+    harmonics: Annotated[int, typer.Option(help="Harmonics of every joint.")] = 5,
+    periods: Annotated[int, typer.Option(help="Periods that are run.")] = 3,
+    acceleration: Annotated[float, typer.Option(help="Most of every joint [rad/s2].")] = 4.5,
+    speed_percent: Annotated[float, typer.Option(help="Percent of each joint's largest speed.")] = 60.0,
+    floor: Floor = "0",
+    radius: Radius = 0.08,
+    rounds: Annotated[int, typer.Option(help="Changes the search tries.")] = 300,
+    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
+    rate: Rate = 50.0,
+    base: Base = None,
+    tip: Tip = None,
+    as_json: AsJson = False,
+) -> None:
+    """Plan a Fourier series of all joints that makes their inertia visible, inside limits and clear of the floor."""
+    from bumpstop.cli.progress import progress
+    from bumpstop.identification.excitation import ExcitationSettings, plan_excitation
+
+    arm, _ = named_robot(robot, base, tip)
+    check_rate(rate)
+    settings = ExcitationSettings(
+        period_s=period_s,
+        harmonics=harmonics,
+        periods=periods,
+        acceleration=acceleration,
+        speed_share=speed_percent / 100,
+        floor=_floor(floor),
+        radius=radius,
+        rounds=rounds,
+        seed=seed,
+    )
+    with progress("searching") as report:
+        found = plan_excitation(arm, settings, progress=report)
+    files: list[str] = []
+    if out is not None:
+        with writing(out):
+            files = write_path(out, "excitation", found.path(rate), arm, rate)
+    if as_json:
+        answer = {
+            "robot": arm.name,
+            "condition_number": found.condition,
+            "condition_number_of_random_start": found.start_condition,
+            "base_parameters": found.parameters,
+            "clearance_m": found.clearance if math.isfinite(found.clearance) else None,
+            "duration_s": periods * period_s,
+            "middle": found.middle.tolist(),
+            "sine": found.sine.tolist(),
+            "cosine": found.cosine.tolist(),
+            "files": files,
+        }
+        typer.echo(json.dumps(answer, allow_nan=False, indent=2))
+        return
+    typer.echo(f"{arm.title or arm.name}: {found.parameters} base parameters, {periods} periods of {period_s:g} s")
+    typer.echo(
+        f"condition number {found.condition:.3g}; the search began with a random motion of {found.start_condition:.3g}"
+    )
+    if math.isfinite(found.clearance):
+        typer.echo(f"clear of floor and arm by {1e3 * found.clearance:.0f} mm, links as capsules")
+    typer.echo("Links are capsules here, tools and cables are not known: try it slowly first.")
+    if out is not None:
+        typer.echo(f"trajectory: {out / 'excitation.csv'} and {out / 'excitation.json'}")

@@ -56,7 +56,7 @@ class ExcitationSettings:
     radius: float = 0.08
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
     seed: int = 0
-    rounds: int = 600
+    rounds: int = 300
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -122,10 +122,10 @@ def plan_excitation(
 ) -> Excitation:
     """Search a Fourier series with a small condition number of the base regressor inside all limits.
 
-    Random coefficients are scaled into the limits of position, speed and acceleration, and drawn together until they are
-    clear of the floor and of the arm; then random changes are kept when they lower the condition number. Every motion
-    starts and ends at rest: coefficients of a joint's sines add up to zero, those of its cosines times k as well. Joints
-    turn about the middle of the pose that keeps the arm clearest.
+    Random coefficients are scaled into the limits of position, speed and acceleration, and drawn together until they
+    are clear of the floor and of the arm; then random changes are kept when they lower the condition number. Every
+    motion starts and ends at rest: the coefficients of a joint's sines add up to zero, those of its cosines times k
+    as well. The search begins about the clearest of many poses.
 
     Raises:
         InputError: a joint without a largest speed, or no motion that is clear of the floor.
@@ -179,8 +179,8 @@ class _Search:
         least = np.minimum(self.clear.least(poses), 0.3)
         room = np.minimum(poses - self.low, self.high - poses) / (self.high - self.low)
         order = np.argsort(-(least + 0.5 * room.mean(axis=1)), kind="stable")
-        for middle in poses[order[:50]]:
-            for _ in range(10):
+        for middle in poses[order[least[order] > 0][:10]]:
+            for _ in range(5):
                 a, b = self._at_rest(*rng.normal(size=(2, self.robot.dof, self.settings.harmonics)))
                 found = self._inside(middle, a, b)
                 if found is not None:
@@ -206,8 +206,9 @@ class _Search:
         length = np.linalg.norm(flat, axis=0)
         if not (length > 0).all():
             return math.inf
-        values = np.linalg.svd(flat / length, compute_uv=False)
-        return float(values[0] / values[-1]) if values[-1] > 0 else math.inf
+        # Squares of the singular values: a small matrix, exact enough up to conditions of 1e6.
+        values = np.linalg.eigvalsh((flat / length).T @ (flat / length))
+        return math.sqrt(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else math.inf
 
     def least(self, middle: FloatArray, a: FloatArray, b: FloatArray) -> float:
         """Clearance along the motion [m]."""

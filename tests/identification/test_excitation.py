@@ -1,0 +1,81 @@
+"""Excitation: limits by sampling, the condition number by another route, and what it is good for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.identification import identify_dynamics
+from bumpstop.identification.excitation import Excitation, ExcitationSettings, base_columns, plan_excitation
+from bumpstop.identification.regressor import inertial_regressor
+from bumpstop.recording import Recording
+
+GRAVITY = (0.0, 0.0, -9.80665)
+SETTINGS = ExcitationSettings(rounds=120, seed=3, speed_share=0.5, acceleration=3.0)
+
+
+@pytest.fixture(scope="module")
+def found() -> Excitation:
+    return plan_excitation(bs.Robot.load("ur5e"), SETTINGS)
+
+
+def test_limits_floor_and_rest(found: Excitation) -> None:
+    robot = found.robot
+    t = np.arange(0.0, 10.0, 0.002)
+    q, qd, qdd = found.at(t)
+    assert ((q > robot.lower) & (q < robot.upper)).all()
+    assert (np.abs(qd) < 0.5 * robot.velocity).all()
+    assert np.abs(qdd).max() < 3.0
+    for joint in robot.joints[2:]:
+        assert robot.pose(q[::10], joint.link)[:, 2, 3].min() > 0.08
+    # At rest where it begins, and periodic.
+    assert max(np.abs(qd[0]).max(), np.abs(qdd[0]).max()) < 1e-12
+    np.testing.assert_allclose(found.at(np.array([0.0, 10.0]))[0][0], found.at(np.array([10.0]))[0][0], atol=1e-12)
+    # Speeds and accelerations are those of the positions.
+    assert np.abs(np.diff(q, axis=0) / 0.002 - (qd[1:] + qd[:-1]) / 2).max() < 1e-4
+    assert np.abs(np.diff(qd, axis=0) / 0.002 - (qdd[1:] + qdd[:-1]) / 2).max() < 1e-3
+
+
+def test_condition_number_by_singular_values(found: Excitation) -> None:
+    """Of a finer sampling than the search's: the same to a fifth, and far below that of the random start."""
+    q, qd, qdd = found.at(np.linspace(0, 10, 400, endpoint=False))
+    columns = base_columns(found.robot, GRAVITY)
+    assert len(columns) == found.parameters == 36
+    matrix = inertial_regressor(found.robot, q, qd, qdd, GRAVITY)[:, :, columns].reshape(-1, 36)
+    values = np.linalg.svd(matrix / np.linalg.norm(matrix, axis=0), compute_uv=False)
+    assert values[0] / values[-1] == pytest.approx(found.condition, rel=0.2)
+    assert found.condition < 0.5 * found.start_condition
+
+
+def test_the_same_seed_gives_the_same_motion() -> None:
+    settings = ExcitationSettings(rounds=5, seed=4)
+    one, other = (plan_excitation(bs.Robot.load("ur5e"), settings) for _ in range(2))
+    assert (one.sine == other.sine).all()
+    assert (one.middle == other.middle).all()
+
+
+def test_it_shows_inertia_better_than_the_random_start(found: Excitation) -> None:
+    """Standard errors of base parameters fitted to noisy torques, against the motion the search began with."""
+    random = plan_excitation(
+        bs.Robot.load("ur5e"), ExcitationSettings(rounds=0, seed=3, speed_share=0.5, acceleration=3.0)
+    )
+
+    def median_error(motion: Excitation) -> float:
+        t = np.arange(0.0, 20.0, 0.01)
+        q, qd, qdd = motion.at(t)
+        noise = np.random.default_rng(1).normal(size=q.shape)
+        tau = bs.model.inverse_dynamics(motion.robot, q, qd, qdd) + noise
+        fit = identify_dynamics(Recording(t=t, q=q, tau=tau), motion.robot, cutoff_hz=6.0)
+        own = {name.split()[0]: error for name, error in zip(fit.names, fit.standard_errors, strict=True)}
+        return float(np.median([own[name] for name in own if name.startswith(("m", "I"))]))
+
+    assert random.condition == pytest.approx(found.start_condition)
+    assert median_error(found) < median_error(random)
+
+
+def test_no_room_is_said() -> None:
+    with pytest.raises(bs.InputError, match="no motion is clear"):
+        plan_excitation(bs.Robot.load("ur5e"), ExcitationSettings(floor=3.0))
+    with pytest.raises(bs.InputError, match="harmonics"):
+        ExcitationSettings(harmonics=1)
