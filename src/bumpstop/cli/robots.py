@@ -61,7 +61,7 @@ def show(
 
     if picture is not None and picture.suffix not in (".png", ".svg"):
         raise InputError("--picture", f"{str(picture)!r} is neither .png nor .svg", "for example --picture arm.svg")
-    found = _robot(robot, base, tip, strict_inertia=strict_inertia)
+    found = load_robot(robot, base, tip, strict_inertia=strict_inertia)
     if picture is not None:
         _draw(found, picture)
     _print(found, Console(highlight=False, markup=False, soft_wrap=True))
@@ -79,7 +79,7 @@ def export(
     """Write a robot as a text that C++ programs read (bumpstop/model/robot_description.hpp)."""
     from bumpstop.model import describe
 
-    text = describe(_robot(robot, base, tip, strict_inertia=False))
+    text = describe(load_robot(robot, base, tip))
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -87,7 +87,8 @@ def export(
     typer.echo(f"robot: {file}")
 
 
-def _robot(name: str, base: str | None, tip: str | None, *, strict_inertia: bool) -> Robot:
+def load_robot(name: str, base: str | None = None, tip: str | None = None, *, strict_inertia: bool = False) -> Robot:
+    """The robot that a command names: a built-in one, or a URDF file."""
     from bumpstop.model import Robot
 
     if Path(name).suffix or "/" in name:

@@ -1,0 +1,147 @@
+"""``bumpstop score``: events against labels."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.residuals import Columns, Model, RobotName, holds_residuals, load_run
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.detection import Label, Roc, Score, Tolerance
+    from bumpstop.detection.scoring import Interval
+
+# From a quarter of the thresholds to four times, in steps of a quarter of an octave.
+_FACTORS = tuple(2 ** (k / 4) for k in range(-8, 9))
+
+
+def command(
+    file: Annotated[
+        Path, typer.Argument(help="Events (JSON of detect), residuals (Parquet), or a recording.", show_default=False)
+    ],
+    labels: Annotated[Path, typer.Option(help="CSV with start_s,end_s[,kind].", show_default=False)],
+    thresholds: Annotated[
+        str | None, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm], for residuals or a recording.")
+    ] = None,
+    model: Model = None,
+    robot: RobotName = None,
+    columns: Columns = None,
+    early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
+    late: Annotated[float, typer.Option(help="An event so long after a label still belongs to it [s].")] = 0.25,
+    rearm: Annotated[float, typer.Option(help="Quiet time before there may be another event [s].")] = 0.5,
+    out: Annotated[Path | None, typer.Option(help="Write report.html and its figures into this folder.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Compare events with labelled contacts: delays, misses, false alarms an hour, and what other thresholds would do."""
+    from bumpstop.detection import Tolerance, load_labels
+
+    for option, value in (("--early", early), ("--late", late), ("--rearm", rearm)):
+        if not 0 <= value < math.inf:
+            raise InputError(option, f"is {value}", "wanted zero or more")
+    tolerance = Tolerance(early, late)
+    known = load_labels(labels)
+    if file.suffix == ".json":
+        found, roc = _of_events(file, known, tolerance), None
+    else:
+        if thresholds is None:
+            raise InputError("--thresholds", "is missing", "residuals and recordings need it: numbers or a file")
+        found, roc = _of_residuals(file, known, thresholds, model, robot, columns, rearm, tolerance)
+    report = None
+    if out is not None:
+        from bumpstop.report.scoring import write_scoring
+
+        report = write_scoring(found, roc, out)
+    if as_json:
+        whole = found.to_json() | ({"roc": roc.to_json()} if roc is not None else {})
+        typer.echo(json.dumps(whole, allow_nan=False, indent=2))
+        return
+    _print(found, roc)
+    if report is not None:
+        typer.echo(f"report: {report}")
+
+
+def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> Score:
+    from bumpstop.detection import score
+
+    wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, blind"
+    try:
+        data: Any = json.loads(file.read_text(encoding="utf-8"))
+        events = [float(event["t"]) for event in data["events"]]
+        watched = (float(data["start_s"]), float(data["end_s"]))
+        blind: list[Interval] = [(float(a), float(b)) for a, b in data["blind"]]
+    except OSError as error:
+        raise InputError(str(file), f"cannot be read ({error.strerror})", wanted) from None
+    except KeyError as error:
+        raise InputError(str(file), f"has no {error.args[0]!r}", wanted) from None
+    except (ValueError, TypeError, RecursionError):
+        raise InputError(str(file), "holds no events", wanted) from None
+    return score(events, labels, watched, blind=blind, tolerance=tolerance)
+
+
+def _print(found: Score, roc: Roc | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, markup=False)
+    data = found.to_json()
+    low, high = found.false_alarms_per_hour_interval()
+    dark = f" ({data['missed_blind']} while blind)" if data["missed_blind"] else ""
+    console.print(f"detected {found.detected} of {len(found.labels)}; missed {found.missed}{dark}")
+    console.print(
+        f"false alarms: {found.false_alarms.size} in {found.hours:.4g} h without contact, "
+        f"95 % interval {low:.3g} to {high:.3g} an hour; blind {found.blind_s:.4g} s"
+    )
+    if found.detected:
+        delays = ", ".join(f"{key} {1e3 * value:.4g}" for key, value in data["delay_s"].items())
+        console.print(f"delay, ms: {delays}")
+    for start in data["false_alarm_times_s"][:20]:
+        console.print(f"  false alarm at {start:.6g} s")
+    for label, late in zip(found.labels, found.delay_s, strict=True):
+        if math.isnan(late):
+            console.print(f"  missed: {label.start_s:.6g} to {label.end_s:.6g} s {label.kind}".rstrip())
+    if found.repeated:
+        console.print(f"{found.repeated} more events inside labels that were detected before")
+    if found.outside:
+        console.print(f"{found.outside} labels lie outside the recording and are left out")
+    if roc is None:
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("factor", "detected", "false alarms an hour", "median delay, ms"):
+        table.add_column(heading, justify="right")
+    for row in roc.to_json():
+        rate, delay = row["false_alarms_per_hour"], row["median_delay_s"]
+        cells = ("-" if rate is None else f"{rate:.4g}", "-" if delay is None else f"{1e3 * delay:.4g}")
+        table.add_row(f"{row['factor']:.3g}", f"{row['detected']} of {roc.labels}", *cells)
+    console.print(table)
+
+
+def _of_residuals(
+    file: Path,
+    labels: tuple[Label, ...],
+    thresholds: str,
+    model: Path | None,
+    robot: str | None,
+    columns: Path | None,
+    rearm_s: float,
+    tolerance: Tolerance,
+) -> tuple[Score, Roc]:
+    """Events of a recording are those of the detector; residuals alone are compared with constant thresholds."""
+    from bumpstop.detection import ResidualSeries, Thresholds, event_times, gaps, roc, scaled_residual, score
+
+    given = Thresholds.parse(thresholds)
+    if holds_residuals(file):
+        series = ResidualSeries.load(file)
+        times = event_times(series, scaled_residual(series, Thresholds.of(given, series.dof).constant), 1.0, rearm_s)
+        watched, blind = (float(series.t[0]), float(series.t[-1])), gaps(series)
+    else:
+        series, run = load_run(file, given, model=model, robot=robot, columns=columns, rearm_s=rearm_s)
+        times = [event.t for event in run.events]
+        watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()
+    whole = score(times, labels, watched, blind=blind, tolerance=tolerance)
+    factors = roc(series, given.constant, labels, _FACTORS, rearm_s=rearm_s, tolerance=tolerance)
+    return whole, factors

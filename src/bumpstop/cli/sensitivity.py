@@ -1,0 +1,189 @@
+"""``bumpstop sensitivity``: forces that no threshold notices at a pose."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.robots import load_robot
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.model import Robot
+
+_DIRECTION = "0,0,-1"
+
+
+def command(
+    robot: Annotated[str, typer.Argument(help="A built-in name, or the path of a URDF file.", show_default=False)],
+    pose_deg: Annotated[
+        str, typer.Option("--pose-deg", metavar="LIST", help="Joint positions [deg, or m]: 0,30,0.", show_default=False)
+    ],
+    thresholds: Annotated[
+        str, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm]: 20,10,inf, or a file.", show_default=False)
+    ],
+    direction: Annotated[str, typer.Option(metavar="LIST", help="In which the arm pushes, base frame.")] = _DIRECTION,
+    link: Annotated[str | None, typer.Option(help="Link the force acts on.", show_default="the tip")] = None,
+    point_m: Annotated[str, typer.Option("--point-m", metavar="LIST", help="Where, in that link's frame.")] = "0,0,0",
+    noise_sd: Annotated[str, typer.Option(metavar="LIST", help="Noise of the residual [Nm].")] = "0",
+    noise_mean: Annotated[str, typer.Option(metavar="LIST", help="Its mean [Nm].")] = "0",
+    z: Annotated[float, typer.Option(help="Move the thresholds out by this many standard deviations.")] = 0.0,
+    stiffness: Annotated[float, typer.Option(help="Of what is hit [N/m], for the torque's growth.")] = 0.0,
+    speed_mm_s: Annotated[float, typer.Option("--speed-mm-s", help="At which it is hit.")] = 0.0,
+    period: Annotated[float, typer.Option(help="Between two samples [s].")] = 0.004,
+    base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
+    tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Tell which forces at a pose go unnoticed: the largest of all, along a direction, and those that no joint feels."""
+    from bumpstop.detection import Thresholds
+
+    arm = load_robot(robot, base, tip)
+    for name, value in (("--stiffness", stiffness), ("--speed-mm-s", speed_mm_s), ("--period", period), ("--z", z)):
+        if not 0 <= value < math.inf:
+            raise InputError(name, f"is {value}", "wanted zero or more")
+    pose = numbers(pose_deg, "--pose-deg", arm.dof)
+    q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
+    found = _found(
+        arm,
+        q,
+        Thresholds.of(Thresholds.parse(thresholds), arm.dof).constant.tolist(),
+        numbers(direction, "--direction", 3),
+        {
+            "link": link,
+            "point": numbers(point_m, "--point-m", 3),
+            "noise_sd": _one_or_all(noise_sd, "--noise-sd", arm.dof),
+            "noise_mean": _one_or_all(noise_mean, "--noise-mean", arm.dof),
+            "z": z,
+        },
+        stiffness * speed_mm_s / 1e3,
+        period,
+    )
+    if as_json:
+        typer.echo(json.dumps(_finite(found), allow_nan=False, indent=2))
+    else:
+        _print(arm, found)
+
+
+def numbers(text: str, option: str, count: int) -> list[float]:
+    """Finite numbers with commas between them."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise InputError(option, f"{text[:80]!r} cannot be used", f"wanted {count} numbers with commas between them")
+    return values
+
+
+def _one_or_all(text: str, option: str, dof: int) -> list[float]:
+    return numbers(text, option, dof) if "," in text else numbers(text, option, 1) * dof
+
+
+def _found(
+    robot: Robot,
+    q: list[float],
+    thresholds: list[float],
+    direction: list[float],
+    about: dict[str, Any],
+    force_rate: float,
+    period: float,
+) -> dict[str, Any]:
+    import numpy as np
+
+    from bumpstop.detection import (
+        blind_force_along,
+        blind_forces,
+        largest_undetected_force,
+        largest_undetected_torque,
+    )
+    from bumpstop.model import singular_values
+
+    link, point = about["link"], about["point"]
+    if not (length := float(np.linalg.norm(direction))) > 0:
+        raise InputError("--direction", "has no length", "for example 0,0,-1")
+    along = np.array(direction) / length
+    blind = blind_forces(robot, q, thresholds, **about)
+    per_newton = robot.jacobian(q, link, point)[:3].T @ along
+    torques = largest_undetected_torque(thresholds, per_newton * force_rate, period)
+    forces = largest_undetected_force(torques, per_newton)
+    linear = singular_values(robot, q, link, point)
+    six = singular_values(robot, q, link, point, rows="all")
+    joints = zip(robot.joints, thresholds, per_newton, torques, forces, strict=True)
+    return {
+        "largest_force_N": float(blind.largest),
+        "largest_felt_force_N": float(blind.largest_felt),
+        "farthest_force_N": blind.farthest.tolist(),
+        "null_space": blind.null_space.tolist(),
+        "direction": along.tolist(),
+        "force_along_N": float(blind_force_along(robot, q, along, thresholds, **about)),
+        "worst_case_force_along_N": float(forces.min()),
+        "singular_values_watched": blind.singular_values.tolist(),
+        "singular_values_linear": linear.tolist(),
+        "condition_number_linear": _ratio(linear.tolist()),
+        "singular_values_six_rows": six.tolist(),
+        "condition_number_six_rows": _ratio(six.tolist()),
+        "joints": [
+            {
+                "name": joint.name,
+                "threshold_Nm": threshold,
+                "torque_per_newton_Nm_N": float(share),
+                "largest_undetected_torque_Nm": float(torque),
+                "largest_undetected_force_N": float(force),
+            }
+            for joint, threshold, share, torque, force in joints
+        ],
+    }
+
+
+def _ratio(values: list[float]) -> float:
+    return values[0] / values[-1] if values[-1] > 1e-12 * values[0] else math.inf
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _print(robot: Robot, found: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    farthest = _row(found["farthest_force_N"])
+    if math.isfinite(found["largest_force_N"]):
+        console.print(f"largest force that goes unnoticed: {found['largest_force_N']:.4g} N, as ({farthest}) N")
+    else:
+        console.print("largest force that goes unnoticed: no bound")
+        for axis in found["null_space"]:
+            console.print(f"  not felt at all: along ({_row(axis)})")
+        if found["largest_felt_force_N"] > 0:
+            console.print(f"  across that: {found['largest_felt_force_N']:.4g} N, as ({farthest}) N")
+    console.print(
+        f"along ({_row(found['direction'])}): {_figure(found['force_along_N'])} N; from anywhere between the thresholds "
+        f"{_figure(found['worst_case_force_along_N'])} N"
+    )
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", "threshold", "Nm per N", "undetected Nm", "as force, N"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    for joint in found["joints"]:
+        table.add_row(joint["name"], *(_figure(value) for key, value in joint.items() if key != "name"))
+    console.print(table)
+    for words, key in (("linear", "linear"), ("all six, m and rad mixed", "six_rows")):
+        values = " ".join(f"{value:.4g}" for value in found[f"singular_values_{key}"])
+        number = _figure(found[f"condition_number_{key}"])
+        console.print(f"singular values ({words}): {values}; condition number {number}")
+
+
+def _row(values: list[float]) -> str:
+    return ", ".join(f"{round(value, 4) + 0.0:.4g}" for value in values)
+
+
+def _figure(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "no bound"

@@ -1,0 +1,87 @@
+"""Alarms an hour against newtons: what tuned thresholds mean for the collisions of a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.detection import Tuning
+
+# Of the wanted rate.
+_TIMES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TradePoint:
+    """One rate of false alarms, and the forces its thresholds let through.
+
+    Attributes:
+        per_hour: false alarms an hour.
+        thresholds: (dof,) that give it [Nm or N].
+        extrapolated: it lies more than 100 times beyond the recording.
+        forces: by scenario: ``p50 p95 p999`` of the peak force, ``anywhere`` the largest that goes unnoticed
+            in any direction [N, None: no bound], ``limit`` [N or None], ``acceptable``.
+    """
+
+    per_hour: float
+    thresholds: FloatArray
+    extrapolated: bool
+    forces: dict[str, dict[str, Any]]
+
+    def to_json(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "per_hour": self.per_hour,
+            "thresholds_Nm": [float(x) if x < float("inf") else None for x in self.thresholds],
+            "extrapolated_too_far": self.extrapolated,
+            "scenarios": self.forces,
+        }
+
+
+def trade(tuning: Tuning, scenarios: Sequence[Path]) -> list[TradePoint]:
+    """Force laws of scenarios at the thresholds of several rates around the wanted one.
+
+    Everything but the thresholds stays as the scenario says, its noise too.
+
+    Raises:
+        InputError: a scenario that cannot be used, or for a robot with another number of joints.
+    """
+    from bumpstop.collision import load_scenario
+    from bumpstop.detection import FARTHEST
+
+    loaded = {str(path): load_scenario(path) for path in scenarios}
+    points = []
+    for times in _TIMES:
+        rate = times * tuning.target
+        if rate >= tuning.tail.rate:
+            continue
+        thresholds = tuning.thresholds(rate)
+        forces = {name: _forces(name, scenario, thresholds) for name, scenario in loaded.items()}
+        points.append(TradePoint(rate, thresholds, tuning.extrapolation(rate) > FARTHEST, forces))
+    return points
+
+
+def _forces(name: str, scenario: Any, thresholds: FloatArray) -> dict[str, Any]:
+    from bumpstop.collision import evaluate
+    from bumpstop.detection import blind_forces
+
+    if len(scenario.detector.thresholds_Nm) != thresholds.size:
+        count = len(scenario.detector.thresholds_Nm)
+        raise InputError(name, f"has thresholds for {count} joints", f"the residuals have {thresholds.size}")
+    law = evaluate(scenario.with_values({"detector.thresholds_Nm": thresholds.tolist()}))
+    problem, contact = law.problem, scenario.contact
+    peak = law.peak_force.to_json()
+    blind = blind_forces(problem.robot, problem.q, thresholds, link=contact.link, point=contact.point_m)
+    largest = float(blind.largest)
+    return {
+        **{key: peak[key] for key in ("p50", "p95", "p999")},
+        "anywhere": largest if largest < float("inf") else None,
+        "limit": law.problem.limits.force_N if law.problem.limits else None,
+        "acceptable": law.verdict.acceptable,
+    }

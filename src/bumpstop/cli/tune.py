@@ -1,0 +1,124 @@
+"""``bumpstop tune``: thresholds for a wanted number of false alarms an hour."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.residuals import Columns, Model, RobotName, joint_numbers, load_series
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.cli.trade import TradePoint
+    from bumpstop.detection import ResidualSeries, Tuning
+
+
+def command(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(help="Contact-free recordings, or Parquet with residuals.", show_default=False),
+    ],
+    per_hour: Annotated[float, typer.Option(help="Wanted false alarms an hour, of all joints together.")] = 1.0,
+    model: Model = None,
+    robot: RobotName = None,
+    columns: Columns = None,
+    joints: Annotated[str | None, typer.Option(metavar="LIST", help="Watch these joints only: 1,2,3.")] = None,
+    confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
+    scenario: Annotated[
+        list[Path] | None, typer.Option(help="Show the trade against the forces of this scenario; may be repeated.")
+    ] = None,
+    save: Annotated[Path | None, typer.Option(help="Write the thresholds there (TOML), for --thresholds.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write report.html and its figures into this folder.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Choose thresholds from contact-free recordings, with intervals, and show what they cost in newtons."""
+    from bumpstop.cli.trade import trade
+    from bumpstop.detection import tune
+
+    series = [load_series(path, model=model, robot=robot, columns=columns) for path in recordings]
+    watched = joint_numbers(joints, series[0].dof) if joints is not None else None
+    try:
+        tuning = tune(series, per_hour, joints=watched, confidence=confidence)
+    except InputError as error:
+        option = {"per_hour": "--per-hour", "confidence": "--confidence"}.get(error.field, error.field)
+        raise InputError(option, error.problem, error.valid) from None
+    points = trade(tuning, scenario or [])
+    if save is not None:
+        _save(tuning, series, save)
+    report = None
+    if out is not None:
+        from bumpstop.report.tuning import write_tuning
+
+        report = write_tuning(tuning, [point.to_json() for point in points], out)
+    if as_json:
+        found = tuning.to_json() | ({"trade": [point.to_json() for point in points]} if scenario else {})
+        typer.echo(json.dumps(found, allow_nan=False, indent=2))
+        return
+    _print(tuning, points if scenario else [])
+    for what, path in (("thresholds", save), ("report", report)):
+        if path is not None:
+            typer.echo(f"{what}: {path}")
+
+
+def _save(tuning: Tuning, series: list[ResidualSeries], path: Path) -> None:
+    import bumpstop
+
+    low, high = tuning.per_hour_interval()
+    values = ", ".join("inf" if math.isinf(x) else repr(float(x)) for x in tuning.thresholds())
+    times = tuning.extrapolation()
+    told = [
+        f"bumpstop {bumpstop.__version__} tune, {tuning.target:g} false alarms an hour wanted",
+        f"rate {100 * tuning.confidence:g} % interval: {low:.4g} to {high:.4g} an hour",
+        f"from {tuning.tail.hours:.6g} h; one alarm is expected in {times:.4g} times that",
+        *(f"recording: {json.dumps(one.source)}" for one in series),
+        *tuning.notes,
+    ]
+    lines = [*(f"# {' '.join(line.split())}" for line in told), f"thresholds_Nm = [{values}]"]
+    lines.append(f"period_s = {series[0].period!r}")
+    try:
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError("--save", f"{str(path)!r} cannot be written ({error.strerror})", "give another file") from None
+
+
+def _print(tuning: Tuning, points: list[TradePoint]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, markup=False)
+    low, high = tuning.per_hour_interval()
+    percent = f"{100 * tuning.confidence:g} %"
+    console.print(f"{tuning.target:g} false alarms an hour; {percent} interval {low:.3g} to {high:.3g}")
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", "threshold", f"{percent} interval"):
+        table.add_column(heading, justify="right")
+    ends = tuning.thresholds_interval()
+    for j, (value, below, above) in enumerate(zip(tuning.thresholds(), *ends, strict=True), start=1):
+        cells = (f"{value:.4g}", f"{below:.4g} to {above:.4g}") if math.isfinite(value) else ("not watched", "")
+        table.add_row(str(j), *cells)
+    console.print(table)
+    if points:
+        console.print(_trade_table(points))
+    for note in tuning.notes:
+        console.print(f"note: {note}", soft_wrap=True)
+
+
+def _trade_table(points: list[TradePoint]) -> Any:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("alarms an hour", "scenario", "peak N p50", "p95", "p99.9", "unnoticed N", "acceptable"):
+        table.add_column(heading, justify="left" if heading == "scenario" else "right")
+    words = {True: "yes", False: "no", None: "-"}
+    for point in points:
+        rate = f"{point.per_hour:g}" + (" *" if point.extrapolated else "")
+        for name, forces in point.forces.items():
+            cells = ("-" if forces[k] is None else f"{forces[k]:.4g}" for k in ("p50", "p95", "p999", "anywhere"))
+            table.add_row(rate, Path(name).stem, *cells, words[forces["acceptable"]])
+    if any(point.extrapolated for point in points):
+        table.caption = "* more than 100 times what was recorded"
+    return table

@@ -1,0 +1,82 @@
+"""Labels: when something really touched the arm."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bumpstop.errors import InputError
+
+_WANTED = "wanted CSV with the header start_s,end_s or start_s,end_s,kind"
+
+
+@dataclass(frozen=True)
+class Label:
+    """One contact.
+
+    Attributes:
+        start_s, end_s: from first touch to release, in the time of the recording [s].
+        kind: what it was; may be empty.
+    """
+
+    start_s: float
+    end_s: float
+    kind: str = ""
+
+
+def load_labels(path: str | Path) -> tuple[Label, ...]:
+    """Read labels, in order of time: CSV with the header ``start_s,end_s[,kind]``.
+
+    Raises:
+        InputError: the file cannot be read, its header is another, or a line holds no contact: a missing or non-finite
+            time, an end that is not after the start, or contacts that overlap.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})", _WANTED) from None
+    except UnicodeDecodeError:
+        raise InputError(str(path), "is no text", _WANTED) from None
+    lines = list(csv.reader(text.splitlines()))
+    header = [cell.strip() for cell in lines[0]] if lines else []
+    if header not in (["start_s", "end_s"], ["start_s", "end_s", "kind"]):
+        raise InputError(str(path), f"has the header {','.join(header)[:80]!r}", _WANTED)
+    labels = []
+    for number, cells in enumerate(lines[1:], start=2):
+        if not any(cell.strip() for cell in cells):
+            continue
+        where = f"{path}, line {number}"
+        if len(cells) != len(header) and not (len(cells) == 2 and len(header) == 3):
+            raise InputError(where, f"has {len(cells)} fields", f"wanted {len(header)}")
+        start, end = (_time(cell, where) for cell in cells[:2])
+        labels.append(Label(start, end, cells[2].strip() if len(cells) > 2 else ""))
+    return checked_labels(labels, str(path))
+
+
+def checked_labels(labels: Sequence[Label], where: str = "labels") -> tuple[Label, ...]:
+    """Labels in order of time; an end that is not after its start and overlapping contacts are refused."""
+    ordered = tuple(sorted(labels, key=lambda label: label.start_s))
+    for label in ordered:
+        if not label.start_s < label.end_s:
+            raise InputError(where, f"a contact from {label.start_s:g} to {label.end_s:g} s", "wanted an end after its start")
+    for before, after in zip(ordered[:-1], ordered[1:], strict=True):
+        if after.start_s < before.end_s:
+            raise InputError(
+                where,
+                f"the contact at {after.start_s:g} s begins before that at {before.start_s:g} s ends",
+                "wanted contacts one after the other",
+            )
+    return ordered
+
+
+def _time(cell: str, where: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(where, f"{cell.strip()[:40]!r} is no time", "wanted seconds")
+    return value

@@ -1,0 +1,115 @@
+"""Residual files: Parquet with ``t, residual_1 .. residual_n``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.errors import InputError
+
+# An interval this many typical ones long is a gap: nothing is known of what happened in it.
+_GAP = 1.5
+_WANTED = "wanted a Parquet file with columns t, residual_1 .. residual_n"
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualSeries:
+    """Residuals over time, as they were recorded.
+
+    Attributes:
+        t: (N,) rising [s].
+        rows: (N, dof) residual, estimated minus predicted motor torque [Nm or N].
+        source: the file, or what else it came from.
+    """
+
+    t: FloatArray
+    rows: FloatArray
+    source: str = "residuals"
+
+    def __post_init__(self) -> None:
+        t = as_float_array(self.t, "t", (None,))
+        rows = as_float_array(self.rows, "residuals", (t.size, None))
+        if t.size < 2:
+            raise InputError(self.source, f"{t.size} rows", "wanted at least 2")
+        backwards = np.flatnonzero(np.diff(t) <= 0)
+        if backwards.size:
+            raise InputError(self.source, f"time does not grow at row {backwards[0] + 2}", "wanted rising t in s")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "rows", rows)
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return int(self.rows.shape[1])
+
+    @property
+    def period(self) -> float:
+        """Median interval [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def watched_s(self) -> float:
+        """Time in which there are residuals: a period for each row, so that gaps do not count [s]."""
+        return self.t.size * self.period
+
+    def stretches(self) -> list[slice]:
+        """Rows between gaps: where an interval is longer than one and a half typical ones, a new stretch begins."""
+        cuts = np.flatnonzero(np.diff(self.t) > _GAP * self.period) + 1
+        edges = [0, *(int(cut) for cut in cuts), self.t.size]
+        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+    def between(self, start_s: float, end_s: float) -> ResidualSeries:
+        """Rows with start_s <= t < end_s; times stay as they are."""
+        first, last = np.searchsorted(self.t, [start_s, end_s])
+        return ResidualSeries(self.t[first:last], self.rows[first:last], self.source)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ResidualSeries:
+        """Read a file; joints are as many as it has columns ``residual_*``.
+
+        Raises:
+            InputError: the file cannot be read, columns are missing, a value is not finite, or time runs backwards.
+        """
+        import polars as pl
+
+        where = str(path)
+        if not Path(path).is_file():
+            raise InputError(where, "is no file", _WANTED)
+        try:
+            table = pl.read_parquet(path)
+        except Exception as error:  # polars raises many kinds for a damaged file
+            first = (str(error).splitlines() or [type(error).__name__])[0][:120]
+            raise InputError(where, f"cannot be read ({first})", _WANTED) from None
+        dof = sum(name.startswith("residual_") for name in table.columns)
+        names = ["t", *(f"residual_{j + 1}" for j in range(dof))]
+        missing = [name for name in names if name not in table.columns]
+        if dof == 0 or missing:
+            raise InputError(where, f"has no column {(missing or ['residual_1'])[0]!r}", _WANTED)
+        columns: list[npt.NDArray[np.float64]] = []
+        for name in names:
+            if not table[name].dtype.is_numeric():
+                raise InputError(where, f"column {name!r} does not hold numbers", _WANTED)
+            column = table[name].cast(pl.Float64).to_numpy()
+            bad = np.flatnonzero(~np.isfinite(column))
+            if bad.size:
+                raise InputError(where, f"column {name!r}, row {bad[0] + 1} is not a finite number")
+            columns.append(column)
+        return cls(columns[0], np.stack(columns[1:], axis=1), where)
+
+    def save(self, path: str | Path) -> None:
+        """Write the file that :meth:`load`, ``bumpstop tune`` and the scenario key ``detector.residuals`` read.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        import polars as pl
+
+        columns = {"t": self.t} | {f"residual_{j + 1}": self.rows[:, j] for j in range(self.dof)}
+        try:
+            pl.DataFrame(columns).write_parquet(path)
+        except OSError as error:
+            raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
