@@ -61,7 +61,9 @@ def checked_labels(labels: Sequence[Label], where: str = "labels") -> tuple[Labe
     ordered = tuple(sorted(labels, key=lambda label: label.start_s))
     for label in ordered:
         if not label.start_s < label.end_s:
-            raise InputError(where, f"a contact from {label.start_s:g} to {label.end_s:g} s", "wanted an end after its start")
+            raise InputError(
+                where, f"a contact from {label.start_s:g} to {label.end_s:g} s", "wanted an end after its start"
+            )
     for before, after in zip(ordered[:-1], ordered[1:], strict=True):
         if after.start_s < before.end_s:
             raise InputError(

@@ -18,23 +18,26 @@ FEWEST_PEAKS = 6
 _FEWEST_ROWS = 100
 # Peaks taken, as a share of the rows that are as good as independent: the tail, and not the body.
 _TAIL = 0.05
-# The shape is that of a residual's tail, not of a flood's: normal around 0 with this standard deviation.
-_SHAPE_SD = 0.2
-_SHAPES = np.linspace(-0.6, 1.2, 31)
+# Of the prior of the shape: a residual's tail, not a flood's.
+_SHAPE_SD = 0.3
+_SHAPES = np.linspace(0.0, 1.2, 25)
 _LOGS = np.linspace(-1, 1, 9)
 
 
 @dataclass(frozen=True, eq=False)
 class PeaksOverThreshold:
-    """Peaks of a series over a level, and the generalised Pareto tail fitted to them.
+    """Peaks of a series over a level, and the generalised Pareto tail fitted to their squares.
 
-    Clusters over the level come as a Poisson process with ``rate`` an hour; their peaks exceed the level by a generalised
-    Pareto variable of ``scale`` and ``shape`` (S. Coles, "An introduction to statistical modeling of extreme values",
-    2001, chapter 4). The likelihood carries a normal prior of the shape, mean 0 and standard deviation 0.2.
+    Clusters over the level come as a Poisson process with ``rate`` an hour; the squares of their peaks exceed that of the
+    level by a generalised Pareto variable of ``scale`` and ``shape`` (S. Coles, "An introduction to statistical modeling
+    of extreme values", 2001, chapter 4). Squares, as those of Gaussian noise have an exponential tail from low levels on,
+    shape 0, where Gaussian peaks themselves take on the shape of their limit only far out. The likelihood carries a
+    prior of the shape, that of a normal variable with mean 0 and standard deviation 0.3 that is not negative: a shape
+    below 0 is a tail that ends, and few peaks are no proof of an end. Noise that does end alarms less often than said.
 
     Attributes:
-        level: what the peaks are over.
-        excess: (k,) peaks minus the level, one for each cluster.
+        level: square of what the peaks are over.
+        excess: (k,) squares of the peaks minus ``level``, one for each cluster.
         hours: length of the series without its gaps [h].
         cluster_rows: rows over the level that are this far apart or farther belong to two clusters: found from the times
             between them, at most the correlation time.
@@ -51,58 +54,61 @@ class PeaksOverThreshold:
     shape: float
 
     @classmethod
-    def fit(
-        cls, stretches: Sequence[FloatArray], period: float, *, shape: float | None = None
-    ) -> PeaksOverThreshold:
+    def fit(cls, stretches: Sequence[FloatArray], period: float, *, shape: float | None = None) -> PeaksOverThreshold:
         """Fit the tail of a series.
 
         The level is that which leaves a peak for every twenty rows that are as good as independent, at least 10 and at
         most 200 peaks.
 
         Args:
-            stretches: parts of the series without gaps, each (n,).
+            stretches: parts of the series without gaps, each (n,), zero or more.
             period: between rows [s].
             shape: of the tail, if it is known.
 
         Raises:
             InputError: fewer than 6 clusters, or than 100 rows.
         """
+        stretches = [part**2 for part in stretches]
         joined = np.concatenate(stretches)
         if joined.size < _FEWEST_ROWS:
             raise InputError("residuals", f"{joined.size} rows", f"wanted at least {_FEWEST_ROWS}")
         memory = correlation_time(max(stretches, key=lambda part: part.size))
         wanted = int(np.clip(_TAIL * joined.size / memory, 10, MOST_PEAKS))
-        level, found, gap = _level(joined, stretches, math.ceil(memory), wanted)
-        if found.size < FEWEST_PEAKS:
-            problem = f"{found.size} independent peaks in {joined.size * period:.4g} s"
+        level, peaks, gap = _level(joined, stretches, math.ceil(memory), wanted)
+        if peaks.size < FEWEST_PEAKS:
+            problem = f"{peaks.size} independent peaks in {joined.size * period:.4g} s"
             raise InputError("residuals", problem, f"wanted at least {FEWEST_PEAKS}: record for longer")
-        excess = found - level
+        excess = peaks - level
         hours = joined.size * period / 3600
-        scale, found_shape = _most_likely(excess, shape)
-        return cls(level, excess, hours, gap, excess.size / hours, scale, found_shape)
+        scale, found = _most_likely(excess, shape)
+        if found < 0:
+            scale, found = _most_likely(excess, 0.0)
+        return cls(level, excess, hours, gap, excess.size / hours, scale, found)
 
     def per_hour(self, x: float) -> float:
         """Clusters an hour that pass ``x``, at or above the level."""
-        return self.rate * float(np.exp(-_log_tail((x - self.level) / self.scale, self.shape)))
+        return self.rate * float(np.exp(-_log_tail((x * x - self.level) / self.scale, self.shape)))
 
     def level_of(self, per_hour: float) -> float:
         """What is passed ``per_hour`` times an hour, at most the rate of the peaks."""
         log = math.log(self.rate / per_hour)
-        return self.level + self.scale * (math.expm1(self.shape * log) / self.shape if self.shape else log)
+        return math.sqrt(self.level + self.scale * (math.expm1(self.shape * log) / self.shape if self.shape else log))
+
+    @property
+    def peaks(self) -> FloatArray:
+        """(k,) largest value of each cluster, in order of time."""
+        return np.sqrt(self.level + self.excess)
 
     def per_hour_interval(self, x: float, confidence: float = 0.95) -> tuple[float, float]:
         """Interval of :meth:`per_hour` at ``x``, above the level, by profile likelihood. The lower end may be 0."""
-        here = math.log(max(self.per_hour(x), 1e-12 * self.rate))
         drop = self._drop(confidence)
 
         def left(log: float) -> float:
-            return self._profile(math.exp(log), x) - drop
+            return self._profile(math.exp(log), x * x) - drop
 
-        top = math.log(self.rate) + 5
-        return (
-            math.exp(low) if (low := _crossing(left, here, here - 40, -1)) > here - 40 else 0.0,
-            math.exp(_crossing(left, here, top, 1)),
-        )
+        here, top, bottom = math.log(self.per_hour(x)), math.log(self.rate) + 5, math.log(self.rate) - 40
+        low = _crossing(left, here, bottom, -1)
+        return math.exp(low) if low > bottom else 0.0, math.exp(_crossing(left, here, top, 1))
 
     def level_interval(self, per_hour: float, confidence: float = 0.95) -> tuple[float, float]:
         """Interval of :meth:`level_of`, by profile likelihood."""
@@ -110,12 +116,10 @@ class PeaksOverThreshold:
         drop = self._drop(confidence)
 
         def left(x: float) -> float:
-            return self._profile(per_hour, x) - drop
+            return self._profile(per_hour, x * x) - drop
 
-        return (
-            _crossing(left, here, self.level + 1e-9 * (here - self.level), -1),
-            _crossing(left, here, self.level + 1e3 * (here - self.level), 1),
-        )
+        bottom = math.sqrt(self.level)
+        return _crossing(left, here, bottom + 1e-9 * (here - bottom), -1), _crossing(left, here, 1e3 * here, 1)
 
     def _drop(self, confidence: float) -> float:
         from scipy.stats import chi2
@@ -123,8 +127,8 @@ class PeaksOverThreshold:
         rate = self.excess.size * math.log(self.rate) - self.rate * self.hours
         return rate + float(_log_likelihood(self.excess, self.scale, self.shape)) - float(chi2.ppf(confidence, 1)) / 2
 
-    def _profile(self, per_hour: float, x: float) -> float:
-        """Largest log-likelihood of all tails that pass ``x`` so often."""
+    def _profile(self, per_hour: float, square: float) -> float:
+        """Largest log-likelihood of all tails whose squares pass ``square`` so often."""
         k = self.excess.size
         spread = 4 / math.sqrt(k)
         best, shapes, centre = -math.inf, _SHAPES, math.log(self.rate)
@@ -134,20 +138,20 @@ class PeaksOverThreshold:
             over = log_rate - math.log(per_hour)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 reach = np.where(np.abs(shape) > 1e-9, np.expm1(shape * over) / shape, over)
-                scale = np.where(reach > 0, (x - self.level) / reach, np.nan)
+                scale = np.where(reach > 0, (square - self.level) / reach, np.nan)
                 fit = _log_likelihood(self.excess, scale, shape)
                 fit = fit + k * log_rate - np.exp(log_rate) * self.hours
             fit = np.where(np.isfinite(fit), fit, -math.inf)
             at = int(fit.argmax())
             best = max(best, float(fit[at]))
             step = shapes[1] - shapes[0]
-            shapes = np.linspace(shape[at] - step, shape[at] + step, 7)
+            shapes = np.linspace(max(0.0, shape[at] - step), shape[at] + step, 7)
             centre, spread = float(log_rate[at]), spread / 4
         return best
 
 
 def clusters(x: FloatArray, level: float, gap: int) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """First rows and peaks of the clusters over a level: rows over it with fewer than ``gap`` rows from one to the next.
+    """First rows and peaks of the clusters over a level: rows over it that are less than ``gap`` apart.
 
     Args:
         x: (n,) evenly sampled, without gaps.
@@ -171,7 +175,7 @@ def _level(
     ranks = np.unique(np.geomspace(wanted, joined.size / 2, 40).astype(np.int64))
     for rank in ranks:
         level = float(rising[rising.size - 1 - rank])
-        gap = min(longest, _gap([np.flatnonzero(part > level) for part in stretches]))
+        gap = _gap([np.flatnonzero(part > level) for part in stretches], longest)
         found = np.concatenate([clusters(part, level, gap)[1] for part in stretches])
         if found.size > best.size:
             best_level, best, best_gap = level, found, gap
@@ -180,23 +184,19 @@ def _level(
     return best_level, best, best_gap
 
 
-def _gap(over: Sequence[npt.NDArray[np.int64]]) -> int:
-    """Rows between clusters, from the times between rows over a level.
+def _gap(over: Sequence[npt.NDArray[np.int64]], longest: int) -> int:
+    """Rows between clusters, from the times between rows over a level; at most ``longest``.
 
     In a Poisson process of clusters these times are a mixture of zeros and exponential times; the intervals estimator
     of the share of clusters tells which are the latter (C. Ferro and J. Segers, "Inference for clusters of extreme
     values", J. R. Stat. Soc. B 65, 2003).
     """
-    times = np.concatenate([np.diff(rows) for rows in over]).astype(np.float64)
-    if times.size < 2:
-        return 1
-    if times.max() > 2:
-        share = 2 * (times - 1).sum() ** 2 / (times.size * ((times - 1) * (times - 2)).sum())
-    else:
-        share = 2 * times.sum() ** 2 / (times.size * (times**2).sum())
-    between = math.floor(min(1.0, share) * times.size)
-    longest = np.sort(times)[::-1]
-    return 1 if between >= times.size else int(longest[between]) + 1
+    times = np.sort(np.concatenate([np.diff(rows) for rows in over]))[::-1].astype(np.float64)
+    if times.size < 2 or times[0] <= 2:
+        return longest
+    share = 2 * (times - 1).sum() ** 2 / (times.size * ((times - 1) * (times - 2)).sum())
+    between = math.floor(share * times.size)
+    return 1 if between >= times.size else min(longest, int(times[between]) + 1)
 
 
 def _log_tail(y: FloatArray | float, shape: FloatArray | float) -> FloatArray:

@@ -271,7 +271,10 @@ def scaled_residual(series: ResidualSeries, thresholds: npt.ArrayLike) -> FloatA
 
 def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm_s: float) -> FloatArray:
     """Times of events [s]: the first row over ``factor`` after ``rearm_s`` without one, anew after every gap."""
-    rows = max(1, round(as_number(rearm_s, "rearm_s") / series.period))
+    rows = round(as_number(rearm_s, "rearm_s") / series.period) + 1
+    if rows < 1:
+        raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")
+    rows = max(2, rows)  # rows in a row are one event
     found = [series.t[part][clusters(scaled[part], factor, rows)[0]] for part in series.stretches()]
     return np.concatenate(found)
 
@@ -279,9 +282,7 @@ def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm
 def gaps(series: ResidualSeries) -> list[Interval]:
     """Times without rows [s]."""
     parts = series.stretches()
-    return [
-        (float(series.t[a.stop - 1]), float(series.t[b.start])) for a, b in zip(parts[:-1], parts[1:], strict=True)
-    ]
+    return [(float(series.t[a.stop - 1]), float(series.t[b.start])) for a, b in zip(parts[:-1], parts[1:], strict=True)]
 
 
 def _owner(time: float, labels: Sequence[Label], edges: Tolerance) -> int:

@@ -17,6 +17,7 @@ from bumpstop.errors import InputError
 FARTHEST = 100
 """Rates below one in so many times the recorded hours are flagged as extrapolated."""
 _BIASED = 0.3  # of a threshold
+_ENOUGH = 30  # peaks of a joint: with fewer its largest residual says more than a tail fitted to them
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,8 @@ def tune(
     """Choose thresholds that residuals of contact-free motion pass a wanted number of times an hour.
 
     1. Each joint alone gets the threshold that its own peaks pass ``per_hour / n`` times an hour, n being the number of
-       watched joints. That settles the proportion of the thresholds: no joint takes more than its share of the alarms.
+       watched joints, or once in the recording where that is more often. That settles the proportion of the thresholds:
+       no joint takes more than its share of the alarms. With fewer than 30 peaks it is the joint's largest residual.
        The shape of the tail is the mean of all joints': that of one joint alone is too uncertain.
     2. The largest residual of any joint, each in units of its threshold, is one series. Its tail gives the factor at
        which any joint alarms ``per_hour`` times an hour, whatever the joints have in common, and the intervals.
@@ -128,10 +130,15 @@ def tune(
     for j, size in alone.items():
         if not np.ptp(np.concatenate(size)) > 0:
             raise InputError(f"residual of joint {j + 1}", "never changes", "leave that joint out")
-    shape = float(np.mean([PeaksOverThreshold.fit(size, period).shape for size in alone.values()]))
+    tails = {j: PeaksOverThreshold.fit(size, period) for j, size in alone.items()}
+    shape = float(np.mean([tail.shape for tail in tails.values()]))
     for j, size in alone.items():
+        if tails[j].excess.size < _ENOUGH:
+            shares[j] = max(float(part.max()) for part in size)
+            continue
         tail = PeaksOverThreshold.fit(size, period, shape=shape)
-        shares[j] = tail.level_of(min(per_hour / len(watched), 0.99 * tail.rate))
+        # Not beyond what was recorded: what extrapolates is the tail of all joints together.
+        shares[j] = tail.level_of(min(max(per_hour / len(watched), 1 / tail.hours), 0.99 * tail.rate))
     largest = [np.abs(rows / shares).max(axis=1) for rows in stretches]
     tail = PeaksOverThreshold.fit(largest, period)
     tuning = Tuning(shares, tail, float(per_hour), confidence, ())

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.report.document import write_document
+from bumpstop.errors import InputError
+from bumpstop.report.document import Document
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, stack
 from bumpstop.report.section import Part
@@ -31,7 +32,12 @@ def write_scoring(score: Score, roc: Roc | None, folder: Path) -> Path:
     parts: list[Part] = [DetectionsPart(score)]
     if roc is not None:
         parts.append(RocPart(roc))
-    return write_document(folder, f"{score.detected} of {len(score.labels)} contacts detected", parts)
+    title = f"{score.detected} of {len(score.labels)} contacts detected"
+    try:
+        return Document(title, "bumpstop scores", "scoring", parts).write(folder)
+    except OSError as error:
+        problem = f"{str(folder)!r} cannot be written ({error.strerror})"
+        raise InputError("--out", problem, "give another folder") from None
 
 
 class DetectionsPart(Part):

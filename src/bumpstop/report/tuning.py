@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.detection import FARTHEST
-from bumpstop.report.document import write_document
+from bumpstop.errors import InputError
+from bumpstop.report.document import Document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
@@ -35,7 +36,12 @@ def write_tuning(tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path) 
     parts: list[Part] = [TailPart(tuning)]
     if any(point["scenarios"] for point in trade):
         parts.append(TradePart(trade, tuning.target))
-    return write_document(folder, f"Thresholds for {tuning.target:g} false alarms an hour", parts)
+    title = f"Thresholds for {tuning.target:g} false alarms an hour"
+    try:
+        return Document(title, "bumpstop tuning", "tuning", parts).write(folder)
+    except OSError as error:
+        problem = f"{str(folder)!r} cannot be written ({error.strerror})"
+        raise InputError("--out", problem, "give another folder") from None
 
 
 class TailPart(Part):
@@ -81,7 +87,7 @@ class TailPart(Part):
             ends = np.array([tail.level_interval(rate, tuning.confidence) for rate in rates]) / chosen
             plot.fill_betweenx(rates, ends[:, 0], ends[:, 1], color=AREA, alpha=0.4, linewidth=0)
             plot.plot(factor, rates, color=LAW, label="fitted")
-            peaks = np.sort(tail.level + tail.excess)[::-1] / chosen
+            peaks = np.sort(tail.peaks)[::-1] / chosen
             seen = np.arange(1, peaks.size + 1) / tail.hours
             plot.plot(peaks, seen, "o", color=INK, markersize=3, label="recorded peaks")
             plot.plot(1, tuning.target, "D", color=EVENT, markersize=6, label="chosen")
