@@ -45,7 +45,7 @@ class BatchLaws:
 
 
 def evaluate_batch(
-    scenario: Scenario,
+    scenario: Scenario | Problem,
     q: npt.ArrayLike,
     velocity: npt.ArrayLike,
     *,
@@ -56,7 +56,8 @@ def evaluate_batch(
     """Work out the exact laws of many poses and velocities; all else is as in ``scenario``.
 
     Args:
-        scenario: its pose and velocity are replaced.
+        scenario: its pose and velocity are replaced. A checked problem will do too: its robot counts, whose joint
+            limits may be others than the scenario's.
         q: joint positions (N, dof) [rad or m]. Poses beyond the joint limits are refused.
         velocity: of the tip, base frame (N, 3) [m/s].
         probabilities: of the quantiles to return.
@@ -66,9 +67,14 @@ def evaluate_batch(
     Raises:
         InputError: a shape or value cannot be used; names the first pose.
     """
-    problem = Problem.from_scenario(scenario)
+    problem = scenario if isinstance(scenario, Problem) else Problem.from_scenario(scenario)
+    scenario = problem.scenario
     if problem.trajectory is not None:
         raise InputError("motion.kind", "batches are computed for straight lines only", "wanted 'line'")
+    if problem.body_mass is not None:
+        raise InputError("contact.kind", "batches are computed for clamped contact only", "wanted 'clamped'")
+    if problem.residuals is not None:
+        raise InputError("detector.residuals", "measured residuals have no exact law", "give detector.noise_sd_Nm")
     robot = problem.robot
     poses = as_float_array(q, "q", (None, robot.dof))
     velocities = as_float_array(velocity, "velocity", (len(poses), 3))

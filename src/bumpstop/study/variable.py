@@ -34,7 +34,7 @@ class Variable:
 
     Attributes:
         name: ``motion.speed``, ``contact.area_cm2``, ``detector.thresholds_Nm[2]``; items count from 1. The name of a
-            list alone stands for all its items together, where the key takes one number for all.
+            list with one number per joint stands for the lowest of them; the others change in proportion.
     """
 
     name: str
@@ -119,10 +119,14 @@ class Variable:
         written: Any = int(value) if self.quantum(scenario) == 1 and value == int(value) else value
         if self.name == "contact.padding" and math.isinf(value):
             return {"contact.padding_N_m": None}
-        item = self._item
+        item, whole = self._item, self._whole(scenario)
+        if item is None and isinstance(whole, list):
+            factor = value / self.value(scenario)
+            return {self._key: [factor * each for each in whole]}
         if item is None:
             return {self._key: written}
-        found = list(self._list(scenario))
+        assert isinstance(whole, list)
+        found = list(whole)
         found[item - 1] = written
         return {self._key: found}
 
@@ -163,18 +167,16 @@ class Variable:
                 raise InputError("--vary", f"{self.name!r} is not there", f"{self._key} has {len(found)} items")
             return found[item - 1]
         if item is None and isinstance(found, list) and found and self._key not in _NOT_VARIED:
-            if len(set(found)) != 1:
-                raise InputError(
-                    "--vary", f"{self.name!r} has a value for each joint", f"wanted one of them, e.g. {self._key}[1]"
-                )
-            return found[0]
+            lowest = min(found)
+            if not 0 < lowest < math.inf:
+                problem = f"{self.name!r} has {lowest:g} as its lowest item, to which nothing is in proportion"
+                raise InputError("--vary", problem, f"wanted one of its items, e.g. {self._key}[1]")
+            return lowest
         return found
 
-    def _list(self, scenario: Scenario) -> list[Any]:
+    def _whole(self, scenario: Scenario) -> Any:
         table, _, key = self._key.rpartition(".")
-        found = getattr(getattr(scenario, table) if table else scenario, key)
-        assert isinstance(found, list)
-        return found
+        return getattr(getattr(scenario, table) if table else scenario, key)
 
     def _unusable(self, found: Any) -> InputError:
         if self._key == "motion.velocity_mm_s":

@@ -1,0 +1,62 @@
+"""Curves of equal risk: which pairs of two parameters just meet the limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.collision import Problem, Scenario
+    from bumpstop.study.variable import Range
+
+# Accepted probabilities of passing a limit, one family of curves each.
+RISKS = (0.1, 0.01, 1e-3, 1e-4)
+
+
+def allowed_force(problem: Problem) -> float:
+    """Largest peak force within both limits of the body [N]; the problem has limits."""
+    assert problem.limits is not None
+    contact = problem.scenario.contact
+    return problem.limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
+
+
+def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.DataFrame) -> dict[str, Any]:
+    """Where P(peak force over what is allowed) has each of :data:`RISKS`, over two ranges.
+
+    The quantile at 1 - risk is smooth in both, unlike the probability: its ratio to the allowed force is contoured at
+    one, with straight lines between the rows.
+
+    Returns:
+        ``keys``, ``controls``, and ``curves``: ``{risk, lines}``, a line as points ``[first, second]``.
+    """
+    from contourpy import contour_generator
+
+    from bumpstop.collision import Problem
+
+    own = rows.filter(
+        (rows["kind"] == "pair") & (rows["key"] == first.variable.name) & (rows["key_2"] == second.variable.name)
+    ).sort("value", "value_2")
+    x, y = np.array(first.values), np.array(second.values)
+    allowed = np.array(
+        [
+            [allowed_force(Problem.from_scenario(second.variable.apply(first.variable.apply(scenario, a), b))) for a in x]
+            for b in y
+        ]
+    )
+    curves = []
+    for risk, column in zip(RISKS, ("p90_N", "p99_N", "p999_N", "p9999_N"), strict=True):
+        quantile = own[column].to_numpy().reshape(x.size, y.size).T
+        # Without bound is far over; a logarithm keeps the lines between rows straight enough.
+        ratio = np.log(np.where(np.isfinite(quantile), np.maximum(quantile, 1e-9), 1e9) / allowed)
+        lines = contour_generator(x, y, ratio).lines(0.0)
+        curves.append({"risk": risk, "lines": [line.tolist() for line in lines]})
+    return {
+        "keys": [first.variable.name, second.variable.name],
+        "labels": [first.variable.label, second.variable.label],
+        "ends": [[first.low, first.high], [second.low, second.high]],
+        "controls": [first.variable.value(scenario), second.variable.value(scenario)],
+        "curves": curves,
+    }

@@ -1,0 +1,311 @@
+"""The design guide: the cheapest way to meet the limits, given what every change costs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.study.equal_risk import allowed_force
+from bumpstop.study.variable import Range, Variable
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
+
+# Below this a false alarm is so rare that no digit of it matters, and its logarithm stays finite.
+_RAREST = 1e-30
+_MOST_COMBINATIONS = 64
+
+
+@dataclass(frozen=True)
+class Price:
+    """What it costs to change a variable.
+
+    Attributes:
+        swept: the variable and the range it may move in.
+        per_unit: cost of one unit of change, up or down; above 0.
+    """
+
+    swept: Range
+    per_unit: float
+
+    @classmethod
+    def of(cls, swept: Range, written: str) -> Price:
+        """Read a price.
+
+        Raises:
+            InputError: it is not a finite number above 0.
+        """
+        try:
+            price = float(written)
+        except ValueError:
+            price = math.nan
+        if not 0 < price < math.inf:
+            raise InputError("--price", f"{written!r} of {swept.variable.name} is no price", "wanted a number above 0")
+        return cls(swept, price)
+
+    def to_json(self) -> dict[str, Any]:
+        """Name and price."""
+        return {"key": self.swept.variable.name, "per_unit": self.per_unit}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A way to meet the limits.
+
+    Attributes:
+        values: of every priced variable.
+        cost: of the changes.
+        margin: log of the allowed over the accepted quantile of the peak force; at least 0 where the limits are met.
+        false_alarm_margin: log of the accepted over the probability of a false alarm.
+    """
+
+    values: Mapping[str, float]
+    cost: float
+    margin: float
+    false_alarm_margin: float
+
+    @property
+    def meets(self) -> bool:
+        """Force, pressure and false alarms are all within what is accepted."""
+        return self.margin >= 0 and self.false_alarm_margin >= 0
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything."""
+        return {
+            "values": dict(self.values),
+            "cost": self.cost,
+            "force_over_allowed": math.exp(-self.margin),
+            "meets": self.meets,
+        }
+
+
+@dataclass(frozen=True)
+class Guide:
+    """What the guide found.
+
+    Attributes:
+        now: the scenario as it is.
+        alone: the cheapest change of each variable by itself; None where none of its range is enough.
+        together: the cheapest change of all; None where nothing in the ranges is enough.
+        reason: why there is none.
+    """
+
+    now: Plan
+    alone: Mapping[str, Plan | None]
+    together: Plan | None
+    reason: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything; what does not exist is None."""
+        return {
+            "now": self.now.to_json(),
+            "alone": {name: plan and plan.to_json() for name, plan in self.alone.items()},
+            "together": self.together and self.together.to_json(),
+            "reason": self.reason,
+        }
+
+
+def cheapest(scenario: Scenario, prices: Sequence[Price]) -> Guide:
+    """Find the changes of least total cost with which the scenario meets its limits and its false-alarm rate.
+
+    Quantised variables are tried at every value on the way to their milder end; for each, the rest is a smooth problem
+    with a linear cost (sequential quadratic programming, from the present values and from the mildest ones). Every
+    plan is checked by its exact law.
+
+    Args:
+        scenario: as it is now; it has limits.
+        prices: of the variables that may change.
+
+    Raises:
+        InputError: a variable moves out of what the scenario takes, or there are too many quantised values.
+    """
+    search = _Search(scenario, prices)
+    now = search.plan(search.start)
+    if now.meets:
+        return Guide(now, {}, now, "The scenario meets its limits as it is.")
+    alone = {price.swept.variable.name: search.alone(k) for k, price in enumerate(prices)}
+    together = search.together([plan for plan in alone.values() if plan is not None])
+    reason = ""
+    if together is None:
+        mild = search.plan(search.mild)
+        reason = (
+            f"Nothing in these ranges is enough: with all of them at their milder ends the force that is passed with "
+            f"the accepted risk is {math.exp(-mild.margin):.3g} times what is allowed"
+            + ("." if mild.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
+        )
+    return Guide(now, alone, together, reason)
+
+
+class _Search:
+    """Laws about one scenario, remembered."""
+
+    def __init__(self, scenario: Scenario, prices: Sequence[Price]) -> None:
+        self.scenario, self.prices = scenario, prices
+        self.variables: list[Variable] = [price.swept.variable for price in prices]
+        self.start = np.array([variable.value(scenario) for variable in self.variables])
+        self.low = np.minimum(self.start, [price.swept.low for price in prices])
+        self.high = np.maximum(self.start, [price.swept.high for price in prices])
+        self.quantum = [variable.quantum(scenario) for variable in self.variables]
+        self._known: dict[tuple[float, ...], tuple[float, float]] = {}
+        self.mild = self._milder_ends()
+
+    def margins(self, x: FloatArray) -> tuple[float, float]:
+        """Logarithms of allowed over accepted force, and of accepted over actual false alarms."""
+        from bumpstop.collision import Problem, evaluate
+
+        key = tuple(float(value) for value in x)
+        if key not in self._known:
+            scenario = self.scenario
+            for variable, value in zip(self.variables, key, strict=True):
+                scenario = variable.apply(scenario, value)
+            law = evaluate(scenario)
+            settings = scenario.verdict
+            allowed = allowed_force(Problem.from_scenario(scenario))
+            # Just inside: the verdict asks the tail, which the quantile inverts to rounding.
+            force = law.peak_force.quantile(1 - settings.risk * (1 - 1e-6))
+            alarm = max(law.false_alarm_probability, _RAREST)
+            # A force without bound is far over, and still a number that a search can improve on.
+            margin = math.log(allowed / max(force, 1e-9)) if math.isfinite(force) else -20.0
+            self._known[key] = (margin, math.log(settings.max_false_alarm / alarm))
+        return self._known[key]
+
+    def cost(self, x: FloatArray) -> float:
+        return float(sum(p.per_unit * abs(a - b) for p, a, b in zip(self.prices, x, self.start, strict=True)))
+
+    def plan(self, x: FloatArray) -> Plan:
+        values = {variable.name: float(value) for variable, value in zip(self.variables, x, strict=True)}
+        return Plan(values, self.cost(x), *self.margins(x))
+
+    def _milder_ends(self) -> FloatArray:
+        mild = self.start.copy()
+        for k in range(self.start.size):
+            ends = []
+            for end in (self.low[k], self.high[k]):
+                x = self.start.copy()
+                x[k] = end
+                ends.append((min(self.margins(x)), end))
+            mild[k] = max(ends)[1]
+        return mild
+
+    def alone(self, k: int) -> Plan | None:
+        """Bisect one variable between its present value and its milder end."""
+        here, there = float(self.start[k]), float(self.mild[k])
+
+        def at(value: float) -> FloatArray:
+            x = self.start.copy()
+            x[k] = self.variables[k].quantised(self.scenario, value)
+            return x
+
+        if min(self.margins(at(there))) < 0:
+            return None
+        finest = self.quantum[k] or 1e-6 * abs(there - here)
+        while abs(there - here) > 1.001 * finest:
+            middle = self.variables[k].quantised(self.scenario, 0.5 * (here + there))
+            if middle in (here, there):
+                break
+            if min(self.margins(at(middle))) >= 0:
+                there = middle
+            else:
+                here = middle
+        return self.plan(at(there))
+
+    def together(self, known: list[Plan]) -> Plan | None:
+        """The best of the plans with one variable and of those with all."""
+        if min(self.margins(self.mild)) < 0 and not known:
+            return None
+        best = min(known, key=lambda plan: plan.cost, default=None)
+        for fixed in self._combinations():
+            for begin in (self.mild, self.start) if best is None else (np.array(list(best.values.values())),):
+                found = self._smooth(fixed, begin)
+                if found is not None and (best is None or found.cost < best.cost):
+                    best = found
+        return best
+
+    def _combinations(self) -> list[dict[int, float]]:
+        choices: dict[int, list[float]] = {}
+        for k, quantum in enumerate(self.quantum):
+            if quantum:
+                steps = round(abs(self.mild[k] - self.start[k]) / quantum)
+                sign = math.copysign(quantum, self.mild[k] - self.start[k])
+                choices[k] = [
+                    self.variables[k].quantised(self.scenario, self.start[k] + sign * i) for i in range(steps + 1)
+                ]
+        count = math.prod(len(values) for values in choices.values())
+        if count > _MOST_COMBINATIONS:
+            raise InputError("--price", f"{count} combinations of quantised values", f"wanted {_MOST_COMBINATIONS}")
+        return [dict(zip(choices, values, strict=True)) for values in itertools.product(*choices.values())]
+
+    def _smooth(self, fixed: Mapping[int, float], begin: FloatArray) -> Plan | None:
+        """Least cost over the variables that are not fixed, or None where no step of the search was feasible."""
+        from scipy import optimize
+
+        free = [k for k, quantum in enumerate(self.quantum) if not quantum]
+        base = self.start.copy()
+        for k, value in fixed.items():
+            base[k] = value
+        if not free:
+            plan = self.plan(base)
+            return plan if plan.meets else None
+        width = (self.high - self.low)[free]
+
+        # Changes up and down are separate unknowns of either sign's cost, so that the cost is linear.
+        n = len(free)
+
+        def place(u: FloatArray) -> FloatArray:
+            x = base.copy()
+            x[free] = np.clip(self.start[free] + width * (u[:n] - u[n:]), self.low[free], self.high[free])
+            return x
+
+        def margins(u: FloatArray) -> FloatArray:
+            return np.array(self.margins(place(u)))
+
+        def slopes(u: FloatArray) -> FloatArray:
+            at, step = u[:n] - u[n:], 1e-4
+            columns = []
+            for i in range(n):
+                v = u.copy()
+                # Toward the inside of the range.
+                sign = -1.0 if self.start[free[i]] + width[i] * (at[i] + step) > self.high[free[i]] else 1.0
+                v[i] += sign * step
+                columns.append((margins(v) - margins(u)) / (sign * step))
+            J = np.column_stack(columns)
+            return np.hstack([J, -J])
+
+        weight = np.array([self.prices[k].per_unit for k in free]) * width
+        scale = float(weight.max())
+        cost = np.concatenate([weight, weight]) / scale
+        move = (begin[free] - self.start[free]) / width
+        bounds = [(0.0, float(max(0.0, (self.high[k] - self.start[k]) / w))) for k, w in zip(free, width, strict=True)]
+        bounds += [(0.0, float(max(0.0, (self.start[k] - self.low[k]) / w))) for k, w in zip(free, width, strict=True)]
+        found = optimize.minimize(
+            lambda u: float(cost @ u),
+            np.concatenate([np.maximum(move, 0), np.maximum(-move, 0)]),
+            jac=lambda u: cost,
+            bounds=bounds,
+            constraints={"type": "ineq", "fun": margins, "jac": slopes},
+            method="SLSQP",
+            options={"maxiter": 40, "ftol": 1e-7},
+        )
+        return self._mended(place(found.x), fixed)
+
+    def _mended(self, x: FloatArray, fixed: Mapping[int, float]) -> Plan | None:
+        """The plan itself, or where it misses a limit by a little, the nearest on the way to the mildest values."""
+        mild = self.mild.copy()
+        for k, value in fixed.items():
+            mild[k] = value
+        share = 0.0
+        for _ in range(12):
+            plan = self.plan(x + share * (mild - x))
+            if plan.meets:
+                return plan
+            share = max(1e-6, 4 * share)
+            if share > 1:
+                break
+        return None
