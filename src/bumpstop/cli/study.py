@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -106,3 +106,183 @@ def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@app.command("parameters")
+def parameters(
+    scenario: ScenarioFile,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=LOW:HIGH", help="Vary a key, e.g. --vary motion.speed=10:200; default: the source's."
+        ),
+    ] = None,
+    pair: Annotated[
+        list[str] | None, typer.Option(metavar="KEY,KEY", help="Curves of equal risk over two varied keys.")
+    ] = None,
+    price: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=PRICE", help="What one unit of change costs, for the cheapest way to meet the limits."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    out: Out = None,
+    threads: Threads = 2,
+    changes: Changes = None,
+) -> None:
+    """Vary one parameter after the other: peak force, fits, derivatives, and the cheapest way to meet the limits."""
+    from bumpstop.study.parameters import ParameterStudy
+
+    study = ParameterStudy.of(load(scenario, changes), vary, pair, price)
+
+    def report(rows: pl.DataFrame, summary: dict[str, Any]) -> tuple[str, Sequence[Part], Sequence[str]]:
+        from bumpstop.report.study_parameters import pages_of
+
+        return pages_of(study, rows, summary)
+
+    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_parameter_lines)
+
+
+@app.command("effectiveness")
+def effectiveness(
+    scenario: ScenarioFile,
+    body: Annotated[list[str] | None, typer.Option(help="A body region of either table; default: all.")] = None,
+    direction: Annotated[
+        list[str] | None, typer.Option(help="down, up, forward, back, left or right; default: down and left.")
+    ] = None,
+    speed: Annotated[
+        list[float] | None, typer.Option(metavar="MM_S", help="A speed; default: 10, 25, 50, 75 and 100 mm/s.")
+    ] = None,
+    area: Annotated[
+        list[float] | None, typer.Option(metavar="CM2", help="A contact area; default: 1 and 2 cm2.")
+    ] = None,
+    highest_speed: Annotated[
+        float, typer.Option(metavar="MM_S", help="Speed up to which a safe one is looked for.")
+    ] = 250.0,
+    as_json: AsJson = False,
+    out: Out = None,
+    threads: Threads = 2,
+    changes: Changes = None,
+) -> None:
+    """Judge body parts by direction, speed and contact area, and find the highest safe speed of each."""
+    from bumpstop.study.effectiveness import EffectivenessStudy
+
+    study = EffectivenessStudy.of(load(scenario, changes), body, direction, speed, area, highest_speed)
+
+    def report(rows: pl.DataFrame, summary: dict[str, Any]) -> tuple[str, Sequence[Part], Sequence[str]]:
+        from bumpstop.report.study_effectiveness import pages_of
+
+        return pages_of(study, rows, summary)
+
+    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_effectiveness_lines)
+
+
+@app.command("workspace")
+def workspace(
+    scenario: ScenarioFile,
+    poses: Annotated[
+        int, typer.Option(parser=whole(0, 100_000_000), metavar="NUMBER", help="Number of random poses.")
+    ] = 0,
+    grid: Annotated[
+        int, typer.Option(parser=whole(0, 1000), metavar="NUMBER", help="Instead: values of every moving joint.")
+    ] = 0,
+    grid_directions: Annotated[
+        int, typer.Option(parser=whole(1, 1_000_000), metavar="NUMBER", help="Directions at every pose of the grid.")
+    ] = 1,
+    directions: Annotated[
+        str, typer.Option(help="sphere (even), polar (even polar angle, as the source) or scenario (its own).")
+    ] = "sphere",
+    speed_sd: Annotated[float, typer.Option(metavar="MM_S", help="Spread of the speed about the scenario's.")] = 0.0,
+    joint_limits: Annotated[
+        str, typer.Option(help="respect: they end a motion; ignore: the arm moves on.")
+    ] = "respect",
+    link_radius: Annotated[
+        float, typer.Option(metavar="MM", help="Avoid self-collision of links this thick; 0: do not look for it.")
+    ] = 0.0,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    out: Out = None,
+    threads: Threads = 2,
+    changes: Changes = None,
+) -> None:
+    """Work out the laws of poses and directions all over the arm's reach."""
+    from typing import get_args
+
+    from bumpstop.errors import InputError, near_matches
+    from bumpstop.study.directions import DirectionLaw
+    from bumpstop.study.workspace import WorkspaceStudy
+
+    for option, value, valid in (
+        ("--directions", directions, get_args(DirectionLaw)),
+        ("--joint-limits", joint_limits, ("respect", "ignore")),
+    ):
+        if value not in valid:
+            raise InputError(option, f"{value!r} is unknown", near_matches(value, valid))
+    study = WorkspaceStudy(
+        load(scenario, changes),
+        poses=poses,
+        grid=grid,
+        grid_directions=grid_directions,
+        directions=cast(Any, directions),
+        speed_sd_mm_s=speed_sd,
+        joint_limits=cast(Any, joint_limits),
+        link_radius_mm=link_radius,
+        seed=seed,
+    )
+
+    def report(rows: pl.DataFrame, summary: dict[str, Any]) -> tuple[str, Sequence[Part], Sequence[str]]:
+        from bumpstop.report.study_workspace import pages_of
+
+        return pages_of(study, rows, summary)
+
+    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_workspace_lines)
+
+
+def _parameter_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [
+        f"peak force of the scenario: mean {summary['control']['mean_N']:.4g} N, sd {summary['control']['sd_N']:.3g} N"
+    ]
+    for each in summary["parameters"]:
+        name = each.get("better_law") or each.get("source_law")
+        fit = next((fit for fit in each["fits"] if fit["name"] == name), None)
+        shape = f"{name}, R2 {fit['r2']:.4f}: {fit['formula']}" if fit else "no fit"
+        lines.append(f"{each['key']} {each['low']:g} to {each['high']:g} {each['unit']}: {each['direction']}; {shape}")
+        unit = f"N/({each['unit']})" if each["unit"] else "N"
+        lines.append(f"  dF/dx at {each['control']:g}: {each['derivative']['mean']:.4g} {unit}")
+    guide = summary.get("guide")
+    if guide:
+        plan = guide["together"]
+        if plan is None or not guide["alone"]:
+            lines.append(guide["reason"])
+        if plan is not None and guide["alone"]:
+            values = ", ".join(f"{key} = {value:.6g}" for key, value in plan["values"].items())
+            lines.append(f"cheapest way to meet the limits, at a cost of {plan['cost']:.4g}: {values}")
+    return lines
+
+
+def _effectiveness_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [f"highest safe speed, mm/s (P(over a limit) at most {summary['risk']:g})"]
+    for each in summary["safe_speeds"]:
+        speed = each["safe_speed_mm_s"]
+        found = f"{speed:g}, bound by {each['binding'].replace('_', ' ')}" if speed is not None else each["reason"]
+        lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm2: {found}")
+    return lines
+
+
+def _workspace_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [f"{summary['laws']} laws; {summary['singular_starts']} poses start at a singularity and have none"]
+    if not summary["laws"]:
+        return lines
+    for name, limit in zip(("force", "pressure"), summary["limits"].values(), strict=False):
+        share = summary[f"p_over_{name}"]
+        lines.append(
+            f"P(over the {name} limit, {limit:g} N): {share['mean']:.4f}, standard error {share['standard_error']:.4f}"
+        )
+    low, high = summary["distribution"]["mode_of_collisions_N"]
+    lines.append(f"most common peak force: {low:g} to {high:g} N")
+    ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)
+    lines.append(f"undetected: {summary['undetected']['mean']:.4f}; motions end by: {ends}")
+    if summary["self_collisions"]["looked_for"]:
+        lines.append(f"poses discarded for self-collision: {summary['self_collisions']['poses_discarded']}")
+    return lines

@@ -67,8 +67,10 @@ def segment_distance(p: FloatArray, p_end: FloatArray, r: FloatArray, r_end: Flo
     Either the lines' nearest points lie inside both segments, or one of them is an end.
 
     Args:
-        p, p_end: ends of the first segments (N, 3) [m], none of no length.
-        r, r_end: of the second ones.
+        p: begins of the first segments (N, 3) [m].
+        p_end: their ends; no segment is a point.
+        r: begins of the second segments (N, 3) [m].
+        r_end: their ends.
 
     Returns:
         (N,) [m].

@@ -43,7 +43,8 @@ def spread_directions(law: DirectionLaw, own: FloatArray, count: int) -> FloatAr
         return np.tile(own, (count, 1))
     share = (np.arange(count) + 0.5) / count
     azimuth = np.arange(count) * math.pi * (3 - math.sqrt(5))
-    return _vectors(math.pi * share if law == "polar" else np.arccos(1 - 2 * share), azimuth)
+    polar = math.pi * share if law == "polar" else np.arccos(1 - 2 * share)
+    return _vectors(np.asarray(polar, dtype=np.float64), azimuth)
 
 
 def _vectors(polar: FloatArray, azimuth: FloatArray) -> FloatArray:

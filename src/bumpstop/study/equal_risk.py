@@ -40,19 +40,18 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
         (rows["kind"] == "pair") & (rows["key"] == first.variable.name) & (rows["key_2"] == second.variable.name)
     ).sort("value", "value_2")
     x, y = np.array(first.values), np.array(second.values)
-    allowed = np.array(
-        [
-            [allowed_force(Problem.from_scenario(second.variable.apply(first.variable.apply(scenario, a), b))) for a in x]
-            for b in y
-        ]
-    )
+
+    def at(a: float, b: float) -> Scenario:
+        return second.variable.apply(first.variable.apply(scenario, a), b)
+
+    allowed = np.array([[allowed_force(Problem.from_scenario(at(a, b))) for a in x] for b in y])
     curves = []
     for risk, column in zip(RISKS, ("p90_N", "p99_N", "p999_N", "p9999_N"), strict=True):
         quantile = own[column].to_numpy().reshape(x.size, y.size).T
         # Without bound is far over; a logarithm keeps the lines between rows straight enough.
         ratio = np.log(np.where(np.isfinite(quantile), np.maximum(quantile, 1e-9), 1e9) / allowed)
         lines = contour_generator(x, y, ratio).lines(0.0)
-        curves.append({"risk": risk, "lines": [line.tolist() for line in lines]})
+        curves.append({"risk": risk, "lines": [np.asarray(line).tolist() for line in lines]})
     return {
         "keys": [first.variable.name, second.variable.name],
         "labels": [first.variable.label, second.variable.label],

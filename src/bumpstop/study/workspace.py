@@ -154,7 +154,7 @@ class WorkspaceStudy(Study):
         redrawn = np.zeros(count, dtype=np.int64)
         wanted = np.arange(count)
         for _ in range(_MOST_ROUNDS):
-            q[np.ix_(wanted, joints)] = rng.uniform(low, high, size=(wanted.size, low.size))
+            q[wanted[:, None], joints] = rng.uniform(low, high, size=(wanted.size, low.size))
             wanted = wanted[self._touches(q[wanted])]
             if not wanted.size:
                 return q, redrawn
@@ -204,7 +204,7 @@ class WorkspaceStudy(Study):
         span = 2.2 * (self.force_limits or [135.0])[0]
         size = 10.0 ** math.floor(math.log10(span / _BINS))
         width = min((size * step for step in (1, 2, 5, 10)), key=lambda w: abs(math.log(w * _BINS / span)))
-        return np.arange(_BINS + 1) * width
+        return np.asarray(np.arange(_BINS + 1) * width, dtype=np.float64)
 
     def _laws(self, q: FloatArray, velocity: FloatArray) -> BatchLaws:
         from bumpstop.collision import evaluate_batch

@@ -1,0 +1,325 @@
+"""Effectiveness: what a detector is worth to every body part, by direction, speed and contact area."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from bumpstop.errors import InputError, near_matches
+from bumpstop.study.study import Study
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.collision import ForceLaw, Scenario
+    from bumpstop.contact import LimitTable
+
+# Base frame, seen from behind the base.
+DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
+    "down": (0.0, 0.0, -1.0),
+    "up": (0.0, 0.0, 1.0),
+    "forward": (1.0, 0.0, 0.0),
+    "back": (-1.0, 0.0, 0.0),
+    "left": (0.0, 1.0, 0.0),
+    "right": (0.0, -1.0, 0.0),
+}
+# The source's speeds and areas, and its downward and lateral motion (its sections 6.2.1 and 6.2.2).
+SPEEDS_MM_S = (10.0, 25.0, 50.0, 75.0, 100.0)
+AREAS_CM2 = (1.0, 2.0)
+# Reduced speed of robots with a person in the cell (ISO 10218-1).
+HIGHEST_SPEED_MM_S = 250.0
+LOWEST_SPEED_MM_S = 1.0
+SPEED_STEP_MM_S = 0.1
+_SCAN = 10
+
+
+@dataclass(frozen=True)
+class EffectivenessStudy(Study):
+    """One exact law for each body part, direction and speed, judged on each contact area.
+
+    Attributes:
+        bodies: limit table and region; one shard each.
+        directions: names of :data:`DIRECTIONS`.
+        speeds_mm_s: ascending.
+        areas_cm2: ascending.
+        highest_speed_mm_s: up to which a safe speed is looked for.
+    """
+
+    name: ClassVar[str] = "effectiveness"
+    title: ClassVar[str] = "effectiveness for body parts"
+
+    bodies: tuple[tuple[str, str], ...] = ()
+    directions: tuple[str, ...] = ("down", "left")
+    speeds_mm_s: tuple[float, ...] = SPEEDS_MM_S
+    areas_cm2: tuple[float, ...] = AREAS_CM2
+    highest_speed_mm_s: float = HIGHEST_SPEED_MM_S
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        bodies: list[str] | None = None,
+        directions: list[str] | None = None,
+        speeds_mm_s: list[float] | None = None,
+        areas_cm2: list[float] | None = None,
+        highest_speed_mm_s: float = HIGHEST_SPEED_MM_S,
+    ) -> EffectivenessStudy:
+        """Check what a person asks for; None takes every region of every table, and the source's other choices.
+
+        Raises:
+            InputError: a body or direction is unknown, a number cannot be used, or the scenario cannot move that way.
+        """
+        if scenario.motion.velocity_mm_s is None:
+            raise InputError("motion.kind", "effectiveness is studied along straight lines", "wanted 'line'")
+        if scenario.contact.normal is not None:
+            raise InputError("contact.normal", "would be the same for every direction", "leave it out")
+        names = dict.fromkeys(("bgia2011", "ts15066", scenario.contact.limits))
+        tables = {name: _load(scenario, name) for name in names}
+        known = {(name, row.name) for name, table in tables.items() for row in table.regions}
+        if bodies:
+            for body in bodies:
+                if body not in {region for _, region in known}:
+                    regions = sorted({region for _, region in known})
+                    raise InputError("--body", f"{body!r} is a region of no table", near_matches(body, regions))
+        chosen = tuple(
+            (name, row.name)
+            for name, table in tables.items()
+            for row in table.regions
+            if not bodies or row.name in bodies
+        )
+        for direction in directions or []:
+            if direction not in DIRECTIONS:
+                raise InputError("--direction", f"{direction!r} is unknown", near_matches(direction, DIRECTIONS))
+        study = cls(
+            scenario,
+            chosen,
+            tuple(dict.fromkeys(directions or ("down", "left"))),
+            _ascending("--speed", speeds_mm_s, SPEEDS_MM_S),
+            _ascending("--area", areas_cm2, AREAS_CM2),
+            highest_speed_mm_s,
+        )
+        if not LOWEST_SPEED_MM_S < highest_speed_mm_s < math.inf:
+            problem = f"{highest_speed_mm_s:g} mm/s cannot be used"
+            raise InputError("--highest-speed", problem, f"wanted more than {LOWEST_SPEED_MM_S:g} mm/s")
+        study._check_directions()
+        return study
+
+    @property
+    def shards(self) -> int:  # noqa: D102
+        return len(self.bodies)
+
+    def shard(self, number: int) -> pl.DataFrame:  # noqa: D102
+        import polars as pl
+
+        table, body = self.bodies[number]
+        limits = _load(self.scenario, table).contact_limits(body, self.scenario.contact.kind)
+        start = {"table": table, "body": body, "label": limits.label}
+        refusal = limits.reason or self._without_law(table, body)
+        rows: list[dict[str, Any]] = []
+        for direction in self.directions:
+            own = start | {"direction": direction}
+            if refusal:
+                rows += [
+                    own | {"kind": "collision", "area_cm2": area, "speed_mm_s": speed, "reason": refusal}
+                    for area in self.areas_cm2
+                    for speed in self.speeds_mm_s
+                ]
+                rows += [own | {"kind": "safe_speed", "area_cm2": area, "reason": refusal} for area in self.areas_cm2]
+                continue
+            laws = _Laws(self, table, body, direction)
+            rows += [own | laws.collision(v, a) for a in self.areas_cm2 for v in self.speeds_mm_s]
+            rows += [own | laws.safe_speed(a) for a in self.areas_cm2]
+        return pl.DataFrame(rows, schema=self._schema())
+
+    def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
+        kinds = {kind: rows.filter(rows["kind"] == kind) for kind in ("collision", "safe_speed")}
+        keys = ["table", "body", "label", "direction", "area_cm2"]
+        return {
+            "study": self.name,
+            "contact": self.scenario.contact.kind,
+            "risk": self.scenario.verdict.risk,
+            "collisions": kinds["collision"].drop("kind", "safe_speed_mm_s", "binding").to_dicts(),
+            "safe_speeds": kinds["safe_speed"].select(*keys, "safe_speed_mm_s", "binding", "reason").to_dicts(),
+        }
+
+    def scenario_of(self, table: str, body: str, direction: str, speed: float, area: float) -> Scenario:
+        """The scenario of one collision: the body's own stiffness, and its own mass where its table has one."""
+        from bumpstop.collision import Scenario
+
+        data = self.scenario.to_dict()
+        contact = data["contact"]
+        for key in ("stiffness_N_m", "pressure_area"):
+            contact.pop(key, None)
+        if _load(self.scenario, table).region(body).effective_mass_kg is not None:
+            contact.pop("body_mass_kg", None)
+        contact |= {"body": body, "limits": table, "area_cm2": area}
+        data["motion"]["velocity_mm_s"] = [speed * x for x in DIRECTIONS[direction]]
+        return Scenario.from_dict(data, self.scenario.folder)
+
+    def _without_law(self, table: str, body: str) -> str:
+        """Why this body has no law; empty where it has one."""
+        if self.scenario.contact.kind == "clamped" or self.scenario.contact.body_mass_kg is not None:
+            return ""
+        if _load(self.scenario, table).region(body).effective_mass_kg is not None:
+            return ""
+        return f"{table} gives no mass of a body region, which free contact needs."
+
+    def _check_directions(self) -> None:
+        from bumpstop.collision import Problem
+
+        table, body = next((each for each in self.bodies if not self._refused(*each)), (None, None))
+        if table is None or body is None:
+            raise InputError("contact.kind", "no body asked for has a limit and a mass for this kind of contact",
+                             "valid: 'clamped', or give contact.body_mass_kg")  # fmt: skip
+        for direction in self.directions:
+            try:
+                Problem.from_scenario(self.scenario_of(table, body, direction, self.speeds_mm_s[0], self.areas_cm2[0]))
+            except InputError as error:
+                raise InputError(error.field, f"moving {direction}: {error.problem}", error.valid) from None
+
+    def _refused(self, table: str, body: str) -> bool:
+        limits = _load(self.scenario, table).contact_limits(body, self.scenario.contact.kind)
+        return bool(limits.reason or self._without_law(table, body))
+
+    def _schema(self) -> dict[str, Any]:
+        from bumpstop.collision import Problem
+
+        text = ("kind", "table", "body", "label", "direction")
+        numbers = (
+            "area_cm2", "speed_mm_s", "limit_force_N", "limit_pressure_N_cm2", "mean_N", "sd_N", "p99_N", "p999_N",
+            "p_over_force", "p_over_pressure", "false_alarm", "undetected", "several_joints",
+        )  # fmt: skip
+        dof = Problem.from_scenario(self.scenario).robot.dof
+        return (
+            dict.fromkeys(text, str)
+            | dict.fromkeys(numbers, float)
+            | {f"trigger_{j + 1}": float for j in range(dof)}
+            | {"acceptable": bool, "safe_speed_mm_s": float, "binding": str, "reason": str}
+        )
+
+
+class _Laws:
+    """Laws of one body and direction, remembered by speed: the area changes only how they are judged."""
+
+    def __init__(self, study: EffectivenessStudy, table: str, body: str, direction: str) -> None:
+        self._study = study
+        self._which = (table, body, direction)
+        self._known: dict[float, ForceLaw] = {}
+
+    @property
+    def _two_phases(self) -> bool:
+        scenario = self._study.scenario
+        return scenario.verdict.clamped_limit == "two_phase" and scenario.contact.kind == "clamped"
+
+    def law(self, speed: float, area: float) -> ForceLaw:
+        """The law at a speed; where contact has two phases, the area belongs to it."""
+        from bumpstop.collision import evaluate
+
+        if speed not in self._known or self._two_phases:
+            self._known[speed] = evaluate(self._study.scenario_of(*self._which, speed, area))
+        return self._known[speed]
+
+    def over(self, speed: float, area: float) -> tuple[float | None, float | None]:
+        """Probabilities of passing the force and the pressure limit with an area; None where there is no limit."""
+        law = self.law(speed, area)
+        limits = law.problem.limits
+        assert limits is not None
+        if self._two_phases:
+            return law.verdict.p_over_force, law.verdict.p_over_pressure
+        pressure = limits.pressure_N_cm2
+        allowed = None if pressure is None else pressure * area / law.scenario.contact.peak_factor
+        force = law.peak_force
+        return force.exceedance(limits.force_N), None if allowed is None else force.exceedance(allowed)
+
+    def judged(self, speed: float, area: float) -> tuple[bool, str]:
+        """Whether a speed is acceptable on an area, and what stands against it or comes nearest to.
+
+        By the quantile of the accepted risk, which costs a thousandth of a far tail.
+        """
+        settings = self._study.scenario.verdict
+        law = self.law(speed, area)
+        limits = law.problem.limits
+        assert limits is not None
+        if law.false_alarm_probability > settings.max_false_alarm:
+            return False, "false_alarm"
+        if self._two_phases:
+            force, pressure = (p or 0.0 for p in self.over(speed, area))
+            return max(force, pressure) <= settings.risk, "pressure" if pressure > force else "force"
+        factor = law.scenario.contact.peak_factor
+        within = law.peak_force.quantile(1 - settings.risk) <= limits.allowed_force_N(area, factor)
+        return within, limits.governing(area, factor)
+
+    def collision(self, speed: float, area: float) -> dict[str, Any]:
+        """One row: the law at a speed, judged on an area."""
+        over = self.over(speed, area)
+        law = self.law(speed, area)
+        limits = law.problem.limits
+        assert limits is not None
+        force = law.peak_force
+        triggers = {f"trigger_{j + 1}": float(p) for j, p in enumerate(law.trigger_joint_probability)}
+        return {
+            "kind": "collision",
+            "area_cm2": area,
+            "speed_mm_s": speed,
+            "limit_force_N": limits.force_N,
+            "limit_pressure_N_cm2": limits.pressure_N_cm2,
+            "mean_N": force.mean,
+            "sd_N": force.sd,
+            "p99_N": force.quantile(0.99),
+            "p999_N": force.quantile(0.999),
+            "false_alarm": law.false_alarm_probability,
+            "undetected": law.undetected_probability,
+            "several_joints": law.several_joints_probability,
+            **triggers,
+            "p_over_force": over[0],
+            "p_over_pressure": over[1],
+            "acceptable": self.judged(speed, area)[0],
+        }
+
+    def safe_speed(self, area: float) -> dict[str, Any]:
+        """The highest speed below which every speed looked at is acceptable, in tenths of mm/s; None: not even 1 mm/s.
+
+        A scan finds the first speed that is not acceptable, and bisection the edge below it.
+        """
+        top = self._study.highest_speed_mm_s
+        ratio = (top / LOWEST_SPEED_MM_S) ** (1 / (_SCAN - 1))
+        scan = sorted({round(LOWEST_SPEED_MM_S * ratio**i, 1) for i in range(_SCAN - 1)} | {top})
+        found: dict[str, Any] = {"kind": "safe_speed", "area_cm2": area, "reason": ""}
+        low = None
+        for speed in scan:
+            acceptable, binding = self.judged(speed, area)
+            if not acceptable:
+                break
+            low = speed
+        else:
+            reason = f"Nothing stands against it up to {top:g} mm/s."
+            return found | {"safe_speed_mm_s": top, "binding": "none", "reason": reason}
+        if low is None:
+            return found | {"binding": binding, "reason": f"Not acceptable even at {scan[0]:g} mm/s."}
+        # Whole tenths, so that the speed returned is one that was looked at.
+        below, above = math.floor(low / SPEED_STEP_MM_S + 1e-6), math.ceil(speed / SPEED_STEP_MM_S - 1e-6)
+        while above - below > 1:
+            middle = (below + above) // 2
+            acceptable, against = self.judged(round(middle * SPEED_STEP_MM_S, 1), area)
+            if acceptable:
+                below = middle
+            else:
+                above, binding = middle, against
+        return found | {"safe_speed_mm_s": round(below * SPEED_STEP_MM_S, 1), "binding": binding}
+
+
+def _load(scenario: Scenario, table: str) -> LimitTable:
+    from bumpstop.contact import LimitTable
+
+    return LimitTable.load(table, relative_to=scenario.folder)
+
+
+def _ascending(field: str, values: list[float] | None, default: tuple[float, ...]) -> tuple[float, ...]:
+    if not values:
+        return default
+    for value in values:
+        if not 0 < value < math.inf:
+            raise InputError(field, f"{value:g} cannot be used", "wanted a finite number above 0")
+    return tuple(sorted(set(values)))
