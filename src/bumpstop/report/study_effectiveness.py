@@ -221,8 +221,8 @@ class TriggersPart(Part):
         headings = ["motion", *(f"joint {name.rpartition('_')[2]}" for name in self._names), "several at once"]
         return [
             paragraph(
-                f"Against {first['label']} ({first['table']}), given detection. Joints that fire together count each, so "
-                "that a row may sum to more than all."
+                f"Against {first['label']} ({first['table']}), given detection. Joints that fire together count "
+                "each, so that a row may sum to more than all."
             ),
             table(headings, rows, caption="Probability that a joint is over its threshold at detection", numbers=True),
         ]

@@ -135,8 +135,8 @@ class FitsPart(Part):
             rows.append([each["key"], named or "not studied", *cells, f"{best}: {formula[best]}" if best else NONE])
         found = [
             paragraph(
-                f"R2 is the share of the variance of the means that a law explains. A law of the source stands where it "
-                f"explains at least {R2_WANTED:g}; where it does not, or where the source named none, the best is taken."
+                "R2 is the share of the variance of the means that a law explains. A law of the source stands where "
+                f"it explains at least {R2_WANTED:g}; where it does not, or the source named none, the best is taken."
             ),
             table(
                 ["parameter", "the source", *names, "taken"], rows, caption="R2 of four laws (table 5.3)", numbers=True
@@ -145,7 +145,7 @@ class FitsPart(Part):
         weak = [each for each in self._parameters if each.get("source_law") and each.get("better_law")]
         found += [
             paragraph(
-                f"{each['key']}: the source's {each['source_law']} law is not enough; {each['better_law']} is better."
+                f"{each['key']}: the source's {each['source_law']} law falls short; {each['better_law']} is better."
             )
             for each in weak
         ]

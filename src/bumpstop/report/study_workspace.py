@@ -129,8 +129,8 @@ class ForcePart(Part):
         return [
             paragraph(
                 f"Most common peak force of all collisions: {collisions[0]:g} to {collisions[1]:g} N; of the poses' "
-                f"medians: {medians[0]:g} to {medians[1]:g} N. The last bin holds everything beyond, undetected "
-                "collisions among it."
+                f"medians: {medians[0]:g} to {medians[1]:g} N. The first bin holds the motions that end before "
+                "contact, the last one everything beyond, undetected collisions among it."
             ),
             paragraph(
                 "The source states less than 9 % over 135 N for a hand. That share hangs on the joint acceleration, "
@@ -201,8 +201,8 @@ class SlicesPart(Part):
     def content(self) -> list[Html]:
         """How to read the slices."""
         text = (
-            "Slices of the workspace by the height of the tip at the start, with equally many points each. A point is a "
-            "pose with one direction: neighbours may differ because their directions do."
+            "Slices of the workspace by the height of the tip at the start, with equally many points each. A point is "
+            "a pose with one direction: neighbours may differ because their directions do."
         )
         cut = self._tip.shape[0] > _MOST_DOTS
         more = f" Drawn: the first {_MOST_DOTS} of {self._tip.shape[0]}; all are in the rows." if cut else ""
@@ -214,8 +214,8 @@ class SlicesPart(Part):
             Picture(
                 "slices",
                 "Tip positions in slices of height, marked by the probability of passing a limit.",
-                "Blue dots: within the accepted risk; green circles: more; orange crosses: over a limit in more than half "
-                "of all collisions.",
+                "Blue dots: within the accepted risk; green circles: more; orange crosses: over a limit in more than "
+                "half of all collisions.",
                 self._draw,
                 height=5.4,
             )
@@ -227,7 +227,7 @@ class SlicesPart(Part):
         reach = 1.05 * float(np.abs(tip[:, :2]).max())
         risk = self._study.scenario.verdict.risk
         panels = figure.subplots(2, 2, sharex=True, sharey=True)
-        figure.subplots_adjust(left=0.12, right=0.98, bottom=0.09, top=0.95, hspace=0.2, wspace=0.08)
+        figure.subplots_adjust(left=0.15, right=0.98, bottom=0.09, top=0.95, hspace=0.2, wspace=0.08)
         looks: tuple[tuple[Any, dict[str, Any]], ...] = (
             (worst <= risk, {"marker": ".", "s": 6, "color": LAW, "linewidths": 0}),
             ((worst > risk) & (worst <= 0.5), {"marker": "o", "s": 9, "facecolors": "none", "edgecolors": EVENT,
@@ -266,8 +266,8 @@ class SensitivityPart(Part):
         return [
             paragraph(
                 "Both are of the Jacobian of the joints that move, at the start pose. Three rows are the tip's "
-                "translation, in one unit. Six rows mix translation and rotation, as the source does; they depend on the "
-                "unit of length, here metres. A value near 0 foretells nothing, near 1 or -1 the order of the forces. "
+                "translation, in one unit. Six rows mix translation and rotation, as the source does; they depend on "
+                "the unit of length, here metres. A value near 0 foretells nothing, near 1 or -1 the order of the forces. "
                 "Neither knows thresholds nor the direction of the contact."
             ),
             table(("of the median force with the", "rank correlation"), rows, caption="Rank correlation", numbers=True),
@@ -306,8 +306,9 @@ class SensitivityPart(Part):
         force = np.minimum(self._known["p50_N"].to_numpy(), 1e300)
         counts = np.histogram2d(placed, force, bins=[ends, force_edges])[0]
         size = max(1.0, float(counts.max()))
+        shade = np.sqrt(np.where(counts.T > 0, counts.T, np.nan))
         panel.pcolormesh(
-            np.arange(MAP_CELLS + 1), np.arange(MAP_CELLS + 1), np.sqrt(counts.T), cmap="cividis_r", vmin=0,
+            np.arange(MAP_CELLS + 1), np.arange(MAP_CELLS + 1), shade, cmap="cividis_r", vmin=0,
             vmax=math.sqrt(size),
         )  # fmt: skip
         for i in range(MAP_CELLS):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -44,8 +44,8 @@ def spread_directions(law: DirectionLaw, own: FloatArray, count: int) -> FloatAr
     share = (np.arange(count) + 0.5) / count
     azimuth = np.arange(count) * math.pi * (3 - math.sqrt(5))
     polar = math.pi * share if law == "polar" else np.arccos(1 - 2 * share)
-    return _vectors(np.asarray(polar, dtype=np.float64), azimuth)
+    return _vectors(polar, azimuth)
 
 
-def _vectors(polar: FloatArray, azimuth: FloatArray) -> FloatArray:
+def _vectors(polar: Any, azimuth: FloatArray) -> FloatArray:
     return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)

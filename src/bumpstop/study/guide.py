@@ -50,9 +50,9 @@ class Price:
             raise InputError("--price", f"{written!r} of {swept.variable.name} is no price", "wanted a number above 0")
         return cls(swept, price)
 
-    def to_json(self) -> dict[str, Any]:
-        """Name and price."""
-        return {"key": self.swept.variable.name, "per_unit": self.per_unit}
+    def to_json(self) -> str:
+        """As a person writes it."""
+        return f"{self.swept.variable.name}={self.per_unit:g}"
 
 
 @dataclass(frozen=True)

@@ -260,9 +260,9 @@ class Range:
             variable.apply(scenario, value)
         return cls(variable, taken)
 
-    def to_json(self) -> dict[str, Any]:
-        """Name and values."""
-        return {"key": self.variable.name, "values": list(self.values)}
+    def to_json(self) -> str:
+        """As :meth:`parse` reads it."""
+        return f"{self.variable.name}=[{', '.join(f'{value:.12g}' for value in self.values)}]"
 
 
 _MOST_VALUES = 1000
