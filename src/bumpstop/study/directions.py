@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -41,11 +41,11 @@ def spread_directions(law: DirectionLaw, own: FloatArray, count: int) -> FloatAr
     """
     if law == "scenario":
         return np.tile(own, (count, 1))
-    share = (np.arange(count) + 0.5) / count
-    azimuth = np.arange(count) * math.pi * (3 - math.sqrt(5))
-    polar = math.pi * share if law == "polar" else np.arccos(1 - 2 * share)
+    share: FloatArray = (np.arange(count, dtype=np.float64) + 0.5) / count
+    azimuth: FloatArray = np.arange(count, dtype=np.float64) * (math.pi * (3 - math.sqrt(5)))
+    polar: FloatArray = math.pi * share if law == "polar" else np.arccos(1 - 2 * share)
     return _vectors(polar, azimuth)
 
 
-def _vectors(polar: Any, azimuth: FloatArray) -> FloatArray:
+def _vectors(polar: FloatArray, azimuth: FloatArray) -> FloatArray:
     return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.arrays import FloatArray
+
 if TYPE_CHECKING:
     import polars as pl
 
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
 
 # Accepted probabilities of passing a limit, one family of curves each.
 RISKS = (0.1, 0.01, 1e-3, 1e-4)
+_FINE = 129
 
 
 def allowed_force(problem: Problem) -> float:
@@ -27,7 +30,7 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
     """Where P(peak force over what is allowed) has each of :data:`RISKS`, over two ranges.
 
     The quantile at 1 - risk is smooth in both, unlike the probability: its ratio to the allowed force is contoured at
-    one, with straight lines between the rows.
+    one, on a cubic spline through the rows.
 
     Returns:
         ``keys``, ``controls``, and ``curves``: ``{risk, lines}``, a line as points ``[first, second]``.
@@ -48,9 +51,9 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
     curves = []
     for risk, column in zip(RISKS, ("p90_N", "p99_N", "p999_N", "p9999_N"), strict=True):
         quantile = own[column].to_numpy().reshape(x.size, y.size).T
-        # Without bound is far over; a logarithm keeps the lines between rows straight enough.
+        # Without bound is far over.
         ratio = np.log(np.where(np.isfinite(quantile), np.maximum(quantile, 1e-9), 1e9) / allowed)
-        lines = contour_generator(x, y, ratio).lines(0.0)
+        lines = contour_generator(*_finer(x, y, ratio)).lines(0.0)
         curves.append({"risk": risk, "lines": [np.asarray(line).tolist() for line in lines]})
     return {
         "keys": [first.variable.name, second.variable.name],
@@ -59,3 +62,13 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
         "controls": [first.variable.value(scenario), second.variable.value(scenario)],
         "curves": curves,
     }
+
+
+def _finer(x: FloatArray, y: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The ratio between the rows, where there are enough of them and none is beyond all bounds."""
+    from scipy.interpolate import RectBivariateSpline
+
+    if min(x.size, y.size) < 4 or np.abs(ratio).max() > 15:
+        return x, y, ratio
+    fine_x, fine_y = (np.interp(np.linspace(0, v.size - 1, _FINE), np.arange(v.size), v) for v in (x, y))
+    return fine_x, fine_y, np.asarray(RectBivariateSpline(y, x, ratio, s=0)(fine_y, fine_x))
