@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import bodies, evaluate, identify, plan, recording, robots, study
+from bumpstop.cli import bodies, evaluate, identify, plan, plant, recording, robots, study
 from bumpstop.errors import BumpstopError
 
 app = typer.Typer(
@@ -22,6 +22,7 @@ app.command("evaluate")(evaluate.command)
 app.add_typer(robots.app, name="robots")
 app.add_typer(recording.app, name="recording")
 app.add_typer(study.app, name="study")
+app.add_typer(plant.app, name="plant")
 app.command("bodies")(bodies.bodies)
 app.command("identify")(identify.identify)
 app.command("validate")(identify.validate)

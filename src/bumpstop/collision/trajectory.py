@@ -76,6 +76,30 @@ class Trajectory:
         return np.ascontiguousarray(c.transpose(1, 0, 2))
 
 
+def load_motion(path: Path, robot: Robot, step: float = 1e-3) -> Trajectory:
+    """Read and check a trajectory file.
+
+    Args:
+        path: of the file.
+        robot: whose joints it moves.
+        step: at which it is checked, and of which it has 1 to 120 000 [s].
+
+    Raises:
+        InputError: the file cannot be used, or the motion passes a limit of the robot; names file, row and column.
+    """
+    rows = read_rows(path, robot)
+    _check_rows(path, rows, robot)
+    trajectory = Trajectory(rows.time - rows.time[0], rows.position, rows.velocity)
+    if not step <= trajectory.duration <= _MOST_STEPS * step:
+        raise refusal(
+            path,
+            f"the motion takes {trajectory.duration:.6g} s",
+            f"wanted {step:g} to {_MOST_STEPS * step:g} s, 1 to {_MOST_STEPS} simulation steps",
+        )
+    _check_between(path, rows, trajectory, robot, step)
+    return trajectory
+
+
 def load_trajectory(scenario: Scenario, robot: Robot) -> Trajectory:
     """Read and check the trajectory of a scenario.
 
@@ -84,18 +108,7 @@ def load_trajectory(scenario: Scenario, robot: Robot) -> Trajectory:
     """
     motion = scenario.motion
     assert motion.file is not None
-    path = scenario.folder / motion.file
-    rows = read_rows(path, robot)
-    _check_rows(path, rows, robot)
-    trajectory = Trajectory(rows.time - rows.time[0], rows.position, rows.velocity)
-    step = scenario.simulation.step_s
-    if not step <= trajectory.duration <= _MOST_STEPS * step:
-        raise refusal(
-            path,
-            f"the motion takes {trajectory.duration:.6g} s",
-            f"wanted {step:g} to {_MOST_STEPS * step:g} s, 1 to {_MOST_STEPS} simulation steps",
-        )
-    _check_between(path, rows, trajectory, robot, step)
+    trajectory = load_motion(scenario.folder / motion.file, robot, scenario.simulation.step_s)
     time = motion.contact_time
     if time != "uniform" and not time < trajectory.duration:
         raise InputError(

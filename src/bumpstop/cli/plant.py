@@ -1,0 +1,102 @@
+"""``bumpstop plant``: experiments on an arm in MuJoCo."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from bumpstop.plant import PlantRun
+
+app = typer.Typer(
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    no_args_is_help=False,
+    help="Experiment on an arm in MuJoCo: recordings, with the truth behind them.",
+)
+
+
+@app.callback()
+def _plant() -> None:
+    """Experiment on an arm in MuJoCo: recordings, with the truth behind them."""
+
+
+@app.command("run")
+def run(
+    experiment: Annotated[Path, typer.Argument(help="Experiment file (TOML).", show_default=False)],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the files into this folder.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw the moment of the greatest force into this file, .png.")
+    ] = None,
+    video: Annotated[Path | None, typer.Option(help="Draw the run into this file, .gif.")] = None,
+    seed: Annotated[int | None, typer.Option(help="In place of the experiment's.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Run an experiment and write recording.parquet, truth.toml and trace.parquet."""
+    from bumpstop.plant.experiment import Experiment
+    from bumpstop.plant.picture import checked_ending
+
+    for path, option, ending in ((picture, "--picture", ".png"), (video, "--video", ".gif")):
+        if path is not None:
+            checked_ending(path, option, ending)
+    found = Experiment.load(experiment)
+    if seed is not None:
+        found = Experiment.from_dict(found.model_dump(exclude_unset=True) | {"seed": seed}, found.folder)
+    plant, command = found.prepare()
+    done = found.run_on(plant, command)
+    written = [str(path) for path in done.save(out)] if out is not None else []
+    if picture is not None or video is not None:
+        from bumpstop.plant import picture as drawing
+
+        for path, draw in ((picture, drawing.picture), (video, drawing.video)):
+            if path is not None:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                draw(plant, done, path)
+                written.append(str(path))
+    if as_json:
+        typer.echo(json.dumps(_as_json(done, written), allow_nan=False, indent=2))
+        return
+    log = done.recording
+    typer.echo(f"{log.robot}: {log.duration:.3f} s, {len(log.t)} samples at {log.rate_hz:.0f} Hz, {done.lost} lost")
+    for thing, peak in zip(done.truth["object"], done.truth["run"]["peak_force_N"], strict=True):
+        series = thing.get("series_stiffness_N_m")
+        words = "never touched" if series is None else f"peak {peak:.1f} N, {series:.0f} N/m with the arm in series"
+        typer.echo(f"{thing['name']}: {thing['stiffness_N_m']:g} N/m ({thing['status']}), {words}")
+    if done.reaction_time is not None:
+        typer.echo(f"reaction after {done.reaction_time:.3f} s")
+    for note in done.notes:
+        typer.echo(f"note: {note}")
+    for name in written:
+        typer.echo(f"wrote {name}")
+
+
+def _as_json(run: PlantRun, written: list[str]) -> dict[str, Any]:
+    log = run.recording
+    return {
+        "robot": log.robot,
+        "duration_s": log.duration,
+        "rate_hz": log.rate_hz,
+        "samples": len(log.t),
+        "lost": run.lost,
+        "seed": run.truth["seed"],
+        "reaction_s": run.reaction_time,
+        "objects": [
+            {
+                "name": thing["name"],
+                "stiffness_N_m": thing["stiffness_N_m"],
+                "series_stiffness_N_m": _finite(thing.get("series_stiffness_N_m")),
+                "peak_force_N": peak,
+            }
+            for thing, peak in zip(run.truth["object"], run.truth["run"]["peak_force_N"], strict=True)
+        ],
+        "files": written,
+        "notes": list(run.notes),
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

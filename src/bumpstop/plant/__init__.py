@@ -1,0 +1,26 @@
+"""A physical arm in MuJoCo to experiment on: it makes recordings, and knows what is true."""
+
+from bumpstop.plant.command import Command, PlantReaction, along, line
+from bumpstop.plant.drive import Gears
+from bumpstop.plant.mjcf import mjcf
+from bumpstop.plant.objects import PlantObject, object_kinds
+from bumpstop.plant.plant import Plant, Sample, Servo
+from bumpstop.plant.run import PlantRun, PlantTrace
+from bumpstop.plant.sensors import Sensors
+
+__all__ = [
+    "Command",
+    "Gears",
+    "Plant",
+    "PlantObject",
+    "PlantReaction",
+    "PlantRun",
+    "PlantTrace",
+    "Sample",
+    "Sensors",
+    "Servo",
+    "along",
+    "line",
+    "mjcf",
+    "object_kinds",
+]

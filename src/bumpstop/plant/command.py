@@ -1,0 +1,286 @@
+"""What the plant's controller asks of the joints: a motion, and the reactions it can turn into."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.errors import InputError
+from bumpstop.kernels import core
+
+if TYPE_CHECKING:
+    from bumpstop.collision.trajectory import Trajectory
+    from bumpstop.model import Robot
+
+# Of the source's controller: rates are resolved every 0.2 ms, positions given every 1 ms.
+COMMAND_STEP = 1e-3
+SUBSTEPS = 5
+_LONGEST_S = 3600.0
+_AFTERWARDS_S = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantReaction:
+    """What a callback answers to have the arm react.
+
+    Attributes:
+        kind: ``"reverse"`` goes back the way it came, ``"stop"`` stays.
+        joint_acceleration: limit of every joint, or one each [rad/s2 or m/s2].
+        latency_s: from the sample to the reaction; rounded up to whole milliseconds.
+    """
+
+    kind: Literal["reverse", "stop"] = "reverse"
+    joint_acceleration: float | Sequence[float] = 4.5
+    latency_s: float = 0.0
+
+
+class _Reactions(Protocol):
+    def __call__(
+        self, knot: int, reaction: PlantReaction, limit: FloatArray, rest: float
+    ) -> tuple[FloatArray, FloatArray]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """Joint positions every millisecond.
+
+    Attributes:
+        q, qd: (K, dof) positions and rates at 0, 1, 2, ... ms.
+        react: positions and rates from a millisecond on, if the arm reacts there; the first rows are the command's own.
+        notes: what was cut short.
+    """
+
+    q: FloatArray
+    qd: FloatArray
+    react: _Reactions
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return (len(self.q) - 1) * COMMAND_STEP
+
+    def reaction(self, knot: int, reaction: PlantReaction, rest: float = _AFTERWARDS_S) -> Command:
+        """The motion from millisecond ``knot`` on, if the arm reacts there.
+
+        It ends ``rest`` seconds after the arm stands, or goes back as fast as it came.
+        """
+        knot = min(knot, len(self.q) - 1)
+        n = self.q.shape[1]
+        limit = np.broadcast_to(np.asarray(reaction.joint_acceleration, dtype=np.float64), (n,)).copy()
+        as_float_array(limit, "reaction.joint_acceleration", (n,))
+        if not (limit > 0).all():
+            raise InputError("reaction.joint_acceleration", f"is {limit.min():g}", "wanted numbers above 0")
+        q, qd = self.react(knot, reaction, limit, rest)
+        return Command(q, qd, self.react)
+
+
+def line(
+    robot: Robot,
+    q: npt.ArrayLike,
+    velocity: Sequence[float],
+    *,
+    duration: float,
+    start: Literal["moving", "rest"] = "moving",
+    task: Literal["pose", "position"] = "pose",
+    held_joints: Sequence[int] = (),
+    joint_acceleration: float | Sequence[float] = 4.5,
+    hold: float = 0.0,
+) -> Command:
+    """The resolved-rate motion of ``collision``: the tip along a straight line at constant speed.
+
+    Args:
+        robot: the arm.
+        q: start pose (dof,) [rad or m].
+        velocity: of the tip, base frame (3,) [m/s].
+        duration: of the motion [s].
+        start: with the full rates, or from rest.
+        task: hold the orientation, or only follow the line.
+        held_joints: that do not move, from 1.
+        joint_acceleration: limits while the arm gathers speed [rad/s2].
+        hold: how long it then stands at the end, after stopping within the same limits [s].
+
+    Raises:
+        InputError: the start is singular or outside the limits, a joint or a length cannot be used.
+    """
+    n = robot.dof
+    pose = as_float_array(q, "pose", (n,))
+    target = as_float_array(velocity, "velocity", (3,))
+    outside = np.flatnonzero((pose < robot.lower) | (pose > robot.upper))
+    if outside.size:
+        j = int(outside[0])
+        raise InputError(
+            f"pose[{j + 1}]",
+            f"{pose[j]:.6g} is outside the limits of joint {j + 1}",
+            f"valid: {robot.lower[j]:.6g} to {robot.upper[j]:.6g}",
+        )
+    if not COMMAND_STEP <= as_number(duration, "duration") <= _LONGEST_S:
+        raise InputError("duration", f"is {duration} s", f"wanted {COMMAND_STEP} to {_LONGEST_S:g}")
+    held = [number - 1 for number in held_joints]
+    if any(not 0 <= j < n for j in held):
+        raise InputError("held_joints", f"{list(held_joints)} names a joint that is none", f"valid: 1 to {n}")
+    free = [j for j in range(n) if j not in held]
+    rows = 6 if task == "pose" else 3
+    if len(free) < rows:
+        raise InputError("task", f"{task!r} needs {rows} free joints, {len(free)} are free", "free more of them")
+    limit = np.broadcast_to(np.asarray(joint_acceleration, dtype=np.float64), (n,)).copy()
+    steps = round(duration / COMMAND_STEP)
+    tip_link, tip_point = robot.frame(None)
+    setup = core.Setup(
+        chain=robot.chain,
+        tip_link=tip_link,
+        tip_point=tip_point,
+        task_rows=rows,
+        free_joints=free,
+        damping=0.0,
+        step=COMMAND_STEP,
+        substeps=SUBSTEPS,
+        acceleration=limit,
+        velocity=np.where(np.isfinite(robot.velocity), robot.velocity, 1e300),
+        lower=robot.lower,
+        upper=robot.upper,
+        contact_link=tip_link,
+        contact_point=tip_point,
+        normal=target / np.linalg.norm(target) if target.any() else None,
+        steps=steps,
+        # A tick after every step, as the path of the joints is told at ticks.
+        period=1,
+        latency=0,
+        from_rest=start == "rest",
+        reverse=False,
+    )
+    begin = setup.start(pose, target)
+    if begin["singular"]:
+        raise InputError("pose", "is singular: no finite joint rates move the tip as asked", "give another pose")
+    path = setup.trace(pose, target, None, 1.0, 0.0)
+    states = np.asarray(path.reaction_state)
+    first = np.zeros(n) if start == "rest" else np.asarray(begin["qd"])
+    positions = np.tile(pose, (len(states) + 1, 1))
+    rates = np.zeros_like(positions)
+    rates[0] = first
+    positions[1:, free], rates[1:, free] = states[:, 0], states[:, 1]
+    notes = () if path.end == "horizon" else (f"The line ends after {len(states) * COMMAND_STEP:.3g} s: {path.end}.",)
+    resolver = _Resolver(robot, free, rows, target)
+
+    def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
+        aim = None if reaction.kind == "stop" else -target
+        return resolver.brake(positions[knot], rates[knot], aim, limit, rest)
+
+    command = Command(positions, rates, react, notes)
+    if hold > 0:
+        q_stop, qd_stop = resolver.brake(positions[-1], rates[-1], None, limit, rest=hold)
+        # Only the way in is a line, which a reaction may leave.
+        last = len(positions) - 1
+        held_react = command.react
+        whole_q, whole_qd = np.concatenate([positions, q_stop[1:]]), np.concatenate([rates, qd_stop[1:]])
+
+        def react_on_line(
+            knot: int, reaction: PlantReaction, limit: FloatArray, rest: float
+        ) -> tuple[FloatArray, FloatArray]:
+            if knot <= last:
+                return held_react(knot, reaction, limit, rest)
+            aim = None if reaction.kind == "stop" else -target
+            return resolver.brake(whole_q[knot], whole_qd[knot], aim, limit, rest)
+
+        return Command(whole_q, whole_qd, react_on_line, notes)
+    return command
+
+
+class _Resolver:
+    """Rates of the joints that move the tip as wanted, in the manner of ``line_motion.hpp``."""
+
+    def __init__(self, robot: Robot, free: list[int], rows: int, velocity: FloatArray) -> None:
+        self._robot, self._free, self._rows = robot, np.array(free), rows
+        self._place = robot.frame(None)
+        self._velocity_limit = robot.velocity[self._free]
+
+    def rates(self, q: FloatArray, velocity: FloatArray) -> FloatArray:
+        """(free,), scaled as a whole to the velocity limits."""
+        jacobian = self._robot.chain.jacobians(q[None], *self._place)[0][: self._rows, self._free]
+        target = np.zeros(self._rows)
+        target[:3] = velocity
+        found: FloatArray = np.linalg.lstsq(jacobian, target, rcond=None)[0]
+        return found / max(1.0, float(np.max(np.abs(found) / self._velocity_limit)))
+
+    def brake(
+        self,
+        q: FloatArray,
+        qd: FloatArray,
+        velocity: FloatArray | None,
+        limit: FloatArray,
+        rest: float,
+    ) -> tuple[FloatArray, FloatArray]:
+        """From a state to a velocity of the tip, None: to rest; then ``rest`` seconds more."""
+        q, qd, free = q.copy(), qd.copy(), self._free
+        step = COMMAND_STEP / SUBSTEPS
+        most = limit[free] * step
+        positions, rates = [q.copy()], [qd.copy()]
+        left = None
+        while left is None or left > 0:
+            for _ in range(SUBSTEPS):
+                wanted = np.zeros(len(free)) if velocity is None else self.rates(q, velocity)
+                change = wanted - qd[free]
+                over = float(np.max(np.abs(change) / most))
+                qd[free] = wanted if over <= 1 else qd[free] + change / over
+                q[free] += qd[free] * step
+            positions.append(q.copy())
+            rates.append(qd.copy())
+            if left is not None:
+                left -= 1
+            elif over <= 1:
+                left = round(rest / COMMAND_STEP)
+            if len(positions) > 20000:
+                break
+        return np.array(positions), np.array(rates)
+
+
+def along(trajectory: Trajectory, robot: Robot, hold: float = 0.0) -> Command:
+    """Follow a joint trajectory, then hold its end.
+
+    Args:
+        trajectory: of ``collision``.
+        robot: the arm.
+        hold: how long it stands at the end [s].
+    """
+    count = int(np.floor(trajectory.duration / COMMAND_STEP + 1e-9)) + 1
+    t: FloatArray = np.arange(count, dtype=np.float64) * COMMAND_STEP
+    q, qd = trajectory.at(t), trajectory.at(t, 1)
+    if hold > 0:
+        rows = round(hold / COMMAND_STEP)
+        q, qd = np.concatenate([q, np.tile(q[-1], (rows, 1))]), np.concatenate([qd, np.zeros((rows, robot.dof))])
+    link, point = robot.frame(None)
+
+    def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
+        if knot >= count - 1:
+            return np.tile(q[knot], (2, 1)), np.zeros((2, robot.dof))
+        kernel: Any = core.Trajectory(
+            chain=robot.chain,
+            time=trajectory.time,
+            coefficient=trajectory.coefficients,
+            contact_link=link,
+            contact_point=point,
+            step=COMMAND_STEP,
+            substeps=SUBSTEPS,
+            acceleration=limit,
+            period=1,
+            latency=0,
+            reverse=reaction.kind == "reverse",
+        )
+        # Tick k comes after step k + 1, and the path begins there.
+        way = np.concatenate([[t[knot]], np.asarray(kernel.reaction(max(0, knot - 1)))])
+        if reaction.kind == "reverse":
+            way = np.concatenate([way, way[-1] - np.arange(1, round(rest / COMMAND_STEP) + 1) * COMMAND_STEP])
+        else:
+            way = np.concatenate([way, np.full(round(rest / COMMAND_STEP), way[-1])])
+        way = np.clip(way, 0.0, trajectory.duration)
+        found = trajectory.at(way)
+        rates = np.gradient(found, COMMAND_STEP, axis=0)
+        rates[0] = trajectory.at(float(way[0]), 1)
+        return found, rates
+
+    return Command(q, qd, react)

@@ -1,0 +1,227 @@
+"""The drives of the arm: what motor and gear do between the current and the link, the other way round than `joint`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.joint import JointParameters, JointTorqueModel
+    from bumpstop.model import Robot
+
+PerJoint = float | Sequence[float]
+# Of the difference, how much the load that friction goes by follows in a millisecond: a time constant of 20 ms.
+_LOAD_SHARE_PER_MS = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gears:
+    """What the gears do beyond the joint torque model, a number for all joints or one for each.
+
+    The motors feel all of it, and no model of the class that is identified can say it.
+
+    Attributes:
+        rotor_inertia: reflected to the joint [kg m2 or kg]; None: the joint model's inertia, else the robot's rotor's.
+        load_share: friction per torque through the gear, against the motion [1].
+        stribeck: friction at rest beyond that at speed [Nm].
+        stribeck_speed: at which it has fallen to 1/e [rad/s].
+        ripple: amplitude of the torque that a harmonic drive's wave generator makes [Nm].
+        ripple_per_turn: waves in a turn of the joint: twice the gear ratio.
+        presliding: way over which hysteresis builds up and turns round [rad]; 0: at once, as the joint model has it.
+        stiffness: of the gear [Nm/rad]; infinite: rigid.
+        damping_ratio: of the twist of a gear that gives.
+        scatter: sd of the friction current about its law, new at every sample; None: the joint model's ``friction_sd``.
+    """
+
+    rotor_inertia: PerJoint | None = None
+    load_share: PerJoint = 0.0
+    stribeck: PerJoint = 0.0
+    stribeck_speed: PerJoint = 0.05
+    ripple: PerJoint = 0.0
+    ripple_per_turn: PerJoint = 200.0
+    presliding: PerJoint = 0.0
+    stiffness: PerJoint = np.inf
+    damping_ratio: float = 0.05
+    scatter: PerJoint | None = None
+
+
+class Drives:
+    """All drives of an arm, with what their gears remember.
+
+    With i the current, f the joint model's map and i_f its friction current, the gear passes on f(i - i_f). Hysteresis
+    and what :class:`Gears` adds are further torques against the motor. The current is the one that gives what the motor
+    had to give: ``JointTorqueModel.torque`` undoes it exactly where gears add nothing.
+    """
+
+    def __init__(self, robot: Robot, model: JointTorqueModel | None, gears: Gears) -> None:
+        n = robot.dof
+        self.names = tuple(joint.name for joint in robot.joints)
+        self.gears = gears
+        known = {} if model is None else {joint.name: joint for joint in model.joints}
+        stray = [name for name in known if name not in self.names]
+        if stray:
+            raise InputError(
+                "joint_model", f"has a joint {stray[0]!r} that {robot.name} has not", f"valid: {', '.join(self.names)}"
+            )
+        joints: list[JointParameters | None] = [known.get(name) for name in self.names]
+        self.unmodelled = tuple(
+            name for name, joint in zip(self.names, joints, strict=True) if joint is None and model is not None
+        )
+
+        def each(name: str, default: float = 0.0) -> FloatArray:
+            return np.array([default if joint is None else joint.value(name) for joint in joints])
+
+        # A joint without a model is a motor whose current is its torque.
+        self.A, self.B = each("A"), each("B", 1.0)
+        self.odd = np.array([joint is None or joint.map == "odd" for joint in joints])
+        self.power = np.array([joint is None or joint.friction == "power" for joint in joints])
+        self.D, self.F = each("D"), each("F")
+        self.coulomb, self.viscous = each("coulomb"), each("viscous")
+        self.stribeck, self.load = each("stribeck"), each("load")
+        self.stribeck_speed = np.array(
+            [1.0 if joint is None or joint.friction == "power" else joint.value("stribeck_speed") for joint in joints]
+        )
+        self.hysteresis = each("hysteresis")
+        self.rest = np.array([0.01 if joint is None else joint.rest_speed for joint in joints])
+        ranges = [None if joint is None else joint.current_range for joint in joints]
+        self.low = np.array([-np.inf if found is None else found[0] for found in ranges])
+        self.high = np.array([np.inf if found is None else found[1] for found in ranges])
+        own = [joint.rotor_inertia for joint in robot.joints]
+        fitted = [None if joint is None else joint.parameters["inertia"] for joint in joints]
+        self.inertia = per_joint(
+            [rotor if found is None else found.value for rotor, found in zip(own, fitted, strict=True)]
+            if gears.rotor_inertia is None
+            else gears.rotor_inertia,
+            n,
+            "friction.rotor_inertia",
+        )
+        self.scatter = per_joint(
+            [0.0 if joint is None or joint.friction_sd is None else joint.friction_sd for joint in joints]
+            if gears.scatter is None
+            else gears.scatter,
+            n,
+            "friction.scatter",
+        )
+        self.load_share = per_joint(gears.load_share, n, "friction.load_share", 0.99)
+        self.extra = per_joint(gears.stribeck, n, "friction.stribeck")
+        self.extra_speed = per_joint(gears.stribeck_speed, n, "friction.stribeck_speed", least=1e-6)
+        self.ripple = per_joint(gears.ripple, n, "friction.ripple")
+        self.waves = per_joint(gears.ripple_per_turn, n, "friction.ripple_per_turn")
+        self.presliding = per_joint(gears.presliding, n, "friction.presliding")
+        self.stiffness = per_joint(gears.stiffness, n, "friction.stiffness", np.inf, least=1.0)
+        # Most drives need a few of the terms only, and this is the innermost loop that is not MuJoCo's.
+        self._all_odd, self._all_power = bool(self.odd.all()), bool(self.power.all())
+        self._endless = bool(np.isinf(self.low).all() and np.isinf(self.high).all())
+        self._ripples, self._slides = bool(self.ripple.any()), bool(self.presliding.any())
+        self._more = bool(self.load_share.any() or self.extra.any())
+        self.reset(np.zeros(n))
+
+    def reset(self, q: FloatArray, qd: FloatArray | None = None, tau: FloatArray | None = None) -> None:
+        """Forget the motion: start in this pose (dof,), with these rates and torques passed on (dof,)."""
+        self._memory = np.zeros_like(q) if qd is None else np.where(np.abs(qd) > 2 * self.rest, np.sign(qd), 0.0)
+        self._last = q.copy()
+        self._slope: FloatArray | float = 0.0
+        self._passed: FloatArray = np.zeros_like(q) if tau is None else tau
+
+    def _friction(self, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """sgn(qd) and the friction current without its share of the current, both as the joint model has them."""
+        speed = np.abs(qd)
+        sign = np.minimum(np.maximum(qd / self.rest, -1.0), 1.0)
+        by_power = self.D * np.maximum(speed, self.rest) ** self.F
+        if self._all_power:
+            return sign, sign * by_power
+        by_stribeck = self.coulomb + self.stribeck * np.exp(-((speed / self.stribeck_speed) ** 2))
+        return sign, sign * np.where(self.power, by_power, by_stribeck) + self.viscous * qd
+
+    def _map(self, current: FloatArray, sign: FloatArray) -> FloatArray:
+        if self._endless and self._all_odd:
+            return np.asarray(current * (self.B + self.A * np.abs(current)))
+        inside = np.minimum(np.maximum(current, self.low), self.high)
+        bend = np.where(self.odd, np.abs(inside), -sign * inside) * self.A
+        return np.asarray(inside * (self.B + bend) + (current - inside) * (self.B + 2 * bend))
+
+    def _inverse_map(self, tau: FloatArray, sign: FloatArray) -> FloatArray:
+        """The joint current that gives a torque; the maps are monotone over their range."""
+        if self._endless and self._all_odd:
+            return np.asarray(2 * tau / (self.B + np.sqrt(np.maximum(self.B * self.B + 4 * self.A * np.abs(tau), 0.0))))
+        root = np.where(self.odd, np.abs(tau), -sign * tau) * self.A
+        current: FloatArray = 2 * tau / (self.B + np.sqrt(np.maximum(self.B**2 + 4 * root, 0.0)))
+        inside = np.minimum(np.maximum(current, self.low), self.high)
+        if (inside != current).any():
+            bend = np.where(self.odd, np.abs(inside), -sign * inside) * self.A
+            beyond = inside + (tau - inside * (self.B + bend)) / (self.B + 2 * bend)
+            current = np.where(inside != current, beyond, current)
+        return current
+
+    def _current(self, mapped: FloatArray, sign: FloatArray, friction: FloatArray) -> FloatArray:
+        """Current of the motors, with the friction that grows with the current itself."""
+        current = self._inverse_map(mapped, sign) + friction
+        return np.asarray(current / (1.0 - self.load * sign * np.sign(current)))
+
+    def resist(self, q: FloatArray, qd: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What the gears do now; brings their memory forward.
+
+        Args:
+            q: positions of the motors (dof,) [rad or m].
+            qd: their rates (dof,).
+            tau: what they give (dof,) [Nm or N].
+
+        Returns:
+            Damping (dof,) [Nm s/rad], torque against +q that does not follow the rate (dof,) [Nm], and how much of the
+            damping is friction of the joint model (dof,) [Nm s/rad].
+        """
+        speed = np.abs(qd)
+        slow = np.minimum(np.maximum(2.0 - speed / self.rest, 0.0), 1.0)
+        if self._slides:
+            way = q - self._last
+            aim = np.sign(way)
+            share = np.exp(-np.abs(way) / np.maximum(self.presliding, 1e-12))
+            gradual = np.where(way == 0, self._memory, aim + (self._memory - aim) * share)
+            self._memory = np.where(self.presliding > 0, gradual, np.where(slow > 0, self._memory, np.sign(qd)))
+            self._last = q.copy()
+        else:
+            self._memory = np.where(slow > 0, self._memory, np.sign(qd))
+        against = self._memory * slow * self.hysteresis
+        if self._ripples:
+            against = against + self.ripple * np.sin(self.waves * q)
+        # Below the speed of rest friction is a line through zero: its slope there is that at the speed of rest.
+        moving = np.where(qd < 0, np.minimum(qd, -self.rest), np.maximum(qd, self.rest))
+        sign, friction = self._friction(moving)
+        # At once, friction that grows with the load and a servo that answers it would chase each other.
+        self._passed = passed = self._passed + _LOAD_SHARE_PER_MS * (tau - against - self._slope * qd - self._passed)
+        slope = (self._map(self._current(passed, sign, friction), sign) - passed) / moving
+        self._slope = slope
+        if not self._more:
+            return slope, against, slope
+        more = self.load_share * np.abs(passed) + self.extra * np.exp(-((speed / self.extra_speed) ** 2))
+        return slope + more / np.abs(moving), against, slope
+
+    def current(self, tau: FloatArray, qd: FloatArray, slope: FloatArray) -> FloatArray:
+        """Current of the motors.
+
+        Args:
+            tau: what the motors give (dof,) [Nm or N].
+            qd: their rates (dof,).
+            slope: what of the damping is friction of the joint model (dof,) [Nm s/rad].
+
+        Returns:
+            (dof,) in the joint model's unit.
+        """
+        sign, friction = self._friction(qd)
+        return self._current(tau - slope * qd, sign, friction)
+
+
+def per_joint(value: PerJoint, n: int, field: str, most: float = np.inf, least: float = 0.0) -> FloatArray:
+    """A number for all joints or a list of one each, as (n,); refuses what is out of range."""
+    numbers = np.full(n, float(value)) if isinstance(value, int | float) else np.asarray(value, dtype=np.float64)
+    numbers = as_float_array(numbers, field, (n,), finite=False)
+    for j in range(n):
+        if not least <= numbers[j] <= most:
+            raise InputError(f"{field}[{j + 1}]", f"is {numbers[j]:g}", f"wanted {least:g} to {most:g}")
+    return numbers

@@ -1,0 +1,423 @@
+"""Experiments: the file a person writes, read strictly."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from bumpstop.collision.scenario import as_written
+from bumpstop.errors import InputError, near_matches
+from bumpstop.joint import JointTorqueModel
+from bumpstop.model import Robot
+from bumpstop.plant.command import Command, PlantReaction, along, line
+from bumpstop.plant.drive import Gears
+from bumpstop.plant.motions import pick_and_place, press, workspace
+from bumpstop.plant.objects import PlantObject
+from bumpstop.plant.plant import Plant, Sample, Servo
+from bumpstop.plant.sensors import Sensors
+
+if TYPE_CHECKING:
+    from bumpstop.plant.run import PlantRun
+
+_MOST_BYTES = 1_000_000
+
+
+def _between(low: float, high: float) -> Any:
+    return Field(ge=low, le=high, allow_inf_nan=False)
+
+
+NotNegative = Annotated[float, _between(0, 1e6)]
+Each = NotNegative | list[NotNegative]
+Three = Annotated[list[Annotated[float, _between(-1e5, 1e5)]], Field(min_length=3, max_length=3)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+# Keys of [motion] that a kind of motion needs, and those it has beside them.
+_NEEDED = {"line": ("velocity_mm_s", "duration_s"), "press": ("velocity_mm_s", "way_mm"), "trajectory": ("file",)}
+_ALLOWED = {
+    "line": ("start", "task", "held_joints", "joint_acceleration_rad_s2", "hold_s"),
+    "press": ("held_joints", "joint_acceleration_rad_s2"),
+    "trajectory": ("hold_s",),
+    "pick_and_place": ("offset_mm",),
+}
+
+
+class ExperimentMotion(_Table):
+    """What the arm is told to do."""
+
+    kind: Literal["line", "press", "trajectory", "pick_and_place", "workspace_1", "workspace_2"]
+    velocity_mm_s: Three | None = None
+    duration_s: Annotated[float, _between(1e-3, 3600)] | None = None
+    start: Literal["moving", "rest"] = "rest"
+    task: Literal["pose", "position"] = "pose"
+    held_joints: list[int] = []
+    joint_acceleration_rad_s2: Annotated[float, _between(0.1, 1e3)] = 4.5
+    way_mm: Annotated[float, _between(0.1, 1e4)] | None = None
+    offset_mm: Three = [120.0, 0.0, -120.0]
+    file: str | None = None
+    hold_s: Annotated[float, _between(0, 3600)] = 0.0
+
+    @model_validator(mode="after")
+    def _complete(self) -> ExperimentMotion:
+        for key in _NEEDED.get(self.kind, ()):
+            if getattr(self, key) is None:
+                raise InputError(f"motion.{key}", "is missing", f'kind = "{self.kind}" needs it')
+        if self.velocity_mm_s is not None and not any(self.velocity_mm_s):
+            raise InputError("motion.velocity_mm_s", "is zero", "give a direction")
+        allowed = {"kind", *_NEEDED.get(self.kind, ()), *_ALLOWED.get(self.kind, ())}
+        for key in sorted(self.model_fields_set - allowed):
+            raise InputError(f"motion.{key}", f'has no meaning with kind = "{self.kind}"', "leave it out")
+        return self
+
+
+class ExperimentFriction(_Table):
+    """What the gears do beyond the joint model: as :class:`~bumpstop.plant.Gears`."""
+
+    rotor_inertia_kg_m2: Each | None = None
+    load_share: Each = 0.0
+    stribeck_Nm: Each = 0.0
+    stribeck_speed_rad_s: Each = 0.05
+    ripple_Nm: Each = 0.0
+    ripple_per_turn: Each = 200.0
+    presliding_rad: Each = 0.0
+    stiffness_Nm_rad: Annotated[float, Field(gt=0)] | list[Annotated[float, Field(gt=0)]] = float("inf")
+    damping_ratio: Annotated[float, _between(0, 2)] = 0.05
+    scatter: Each | None = None
+
+
+class ExperimentSensors(_Table):
+    """Feedback: as :class:`~bumpstop.plant.Sensors`."""
+
+    rate_hz: Annotated[float, _between(1, 1000)] = 250.0
+    jitter_s: Annotated[float, _between(0, 1)] = 0.0
+    loss: Annotated[float, _between(0, 0.9)] = 0.0
+    position_noise_rad: Each = 0.0
+    position_step_rad: Each = 0.0
+    current_noise: Each = 0.0
+    current_step: Each = 0.0
+    force_noise_N: NotNegative = 0.0
+    moment_noise_Nm: NotNegative = 0.0
+
+
+class ExperimentServo(_Table):
+    """The position controller: as :class:`~bumpstop.plant.Servo`."""
+
+    bandwidth_hz: Annotated[float, _between(1, 200)] = 100.0
+    damping_ratio: Annotated[float, _between(0.1, 5)] = 1.0
+
+
+class ExperimentObject(_Table):
+    """Something to press on or to run into."""
+
+    kind: str
+    name: str = ""
+    position_mm: Three | None = None
+    ahead_mm: Annotated[float, _between(0, 1e4)] | None = None
+    normal: Three | None = None
+    stiffness_N_m: Annotated[float, _between(1, 1e7)] | None = None
+    mass_kg: Annotated[float, _between(1e-6, 1e4)] | None = None
+    limits: str = "bgia2011"
+    size_mm: Annotated[list[Annotated[float, _between(1, 1e4)]], Field(min_length=2, max_length=2)] = [60.0, 60.0]
+
+
+class ExperimentReaction(_Table):
+    """When to react, and how: a threshold on the wrist's force."""
+
+    force_N: Annotated[float, _between(1e-3, 1e6)]
+    kind: Literal["reverse", "stop"] = "reverse"
+    joint_acceleration_rad_s2: Annotated[float, _between(0.1, 1e5)] = 4.5
+    latency_s: Annotated[float, _between(0, 10)] = 0.0
+
+
+class Experiment(_Table):
+    """One experiment on the plant. The attributes are the keys of the file, in the file's units (docs/plant.md)."""
+
+    robot: str
+    base: str | None = None
+    tip: str | None = None
+    joint_model: str | None = None
+    pose_deg: list[float] | None = None
+    pose_rad: list[float] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    gravity_m_s2: Three = [0.0, 0.0, -9.80665]
+    contact_link: str | None = None
+    contact_point_mm: Three = [0.0, 0.0, 0.0]
+    motion: ExperimentMotion
+    friction: ExperimentFriction = ExperimentFriction()
+    sensors: ExperimentSensors = ExperimentSensors()
+    servo: ExperimentServo = ExperimentServo()
+    object: list[ExperimentObject] = []
+    reaction: ExperimentReaction | None = None
+    folder: Annotated[Path, Field(exclude=True)] = Path()
+
+    @model_validator(mode="after")
+    def _pose(self) -> Experiment:
+        given = [key for key in ("pose_deg", "pose_rad") if getattr(self, key) is not None]
+        if self.motion.kind in ("line", "press", "pick_and_place"):
+            if len(given) != 1:
+                problem = "and pose_rad are both given" if given else "is missing"
+                raise InputError("pose_deg", problem, "give pose_deg or pose_rad, one of them")
+        elif given:
+            raise InputError(given[0], f'has no meaning with motion.kind = "{self.motion.kind}"', "leave it out")
+        return self
+
+    @classmethod
+    def load(cls, path: str | Path) -> Experiment:
+        """Read an experiment file.
+
+        Raises:
+            InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
+        """
+        path = Path(path)
+        try:
+            with path.open("rb") as file:
+                content = file.read(_MOST_BYTES + 1)
+        except (OSError, ValueError) as error:
+            why = error.strerror if isinstance(error, OSError) else str(error)
+            raise InputError(str(path), f"cannot be read ({why})", "wanted an experiment file") from None
+        if len(content) > _MOST_BYTES:
+            raise InputError(str(path), f"is longer than {_MOST_BYTES} bytes", "wanted an experiment file")
+        try:
+            data = tomllib.loads(content.decode("utf-8-sig"))
+        except UnicodeDecodeError as error:
+            raise InputError(str(path), f"is not UTF-8 text (byte {error.start + 1})") from None
+        except (ValueError, RecursionError) as error:
+            raise InputError(str(path), f"is not valid TOML: {' '.join(str(error).split())[:200]}") from None
+        return cls.from_dict(data, path.parent)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], folder: Path | str = ".") -> Experiment:
+        """Check an experiment given as nested dictionaries; ``folder`` is where relative paths in it start.
+
+        Raises:
+            InputError: a key is unknown, missing or has a value that cannot be used.
+        """
+        if not isinstance(data, dict) or "folder" in data:
+            raise InputError("folder" if isinstance(data, dict) else "experiment", "is not a key of an experiment")
+        try:
+            return cls.model_validate({**data, "folder": Path(folder)})
+        except ValidationError as error:
+            raise _explain(error) from None
+
+    def arm(self) -> Robot:
+        """The robot.
+
+        Raises:
+            InputError: there is none of that name, or its file cannot be used.
+        """
+        if Path(self.robot).suffix or "/" in self.robot:
+            return Robot.from_urdf(self.folder / self.robot, self.base, self.tip)
+        return Robot.load(self.robot)
+
+    def prepare(self) -> tuple[Plant, Command]:
+        """The plant and what it is told to do.
+
+        Raises:
+            InputError: something cannot be used with this robot.
+        """
+        robot = self.arm()
+        command = self._command(robot)
+        model = None
+        if self.joint_model is not None:
+            path = self.folder / self.joint_model
+            is_file = self.joint_model.endswith(".toml") or "/" in self.joint_model
+            model = JointTorqueModel.load(path if is_file else self.joint_model)
+        friction, sensors = self.friction, self.sensors
+        plant = Plant(
+            robot,
+            model,
+            friction=Gears(
+                rotor_inertia=friction.rotor_inertia_kg_m2,
+                load_share=friction.load_share,
+                stribeck=friction.stribeck_Nm,
+                stribeck_speed=friction.stribeck_speed_rad_s,
+                ripple=friction.ripple_Nm,
+                ripple_per_turn=friction.ripple_per_turn,
+                presliding=friction.presliding_rad,
+                stiffness=friction.stiffness_Nm_rad,
+                damping_ratio=friction.damping_ratio,
+                scatter=friction.scatter,
+            ),
+            sensors=Sensors(
+                rate_hz=sensors.rate_hz,
+                jitter_s=sensors.jitter_s,
+                loss=sensors.loss,
+                position_noise=sensors.position_noise_rad,
+                position_step=sensors.position_step_rad,
+                current_noise=sensors.current_noise,
+                current_step=sensors.current_step,
+                force_noise=sensors.force_noise_N,
+                moment_noise=sensors.moment_noise_Nm,
+            ),
+            objects=[self._object(robot, i) for i in range(len(self.object))],
+            seed=self.seed,
+            servo=Servo(bandwidth_hz=self.servo.bandwidth_hz, damping_ratio=self.servo.damping_ratio),
+            contact_link=self.contact_link,
+            contact_point=[x / 1e3 for x in self.contact_point_mm],
+            gravity=self.gravity_m_s2,
+        )
+        return plant, command
+
+    def run(self) -> PlantRun:
+        """Prepare and run it.
+
+        Raises:
+            InputError: as :meth:`prepare`.
+        """
+        return self.run_on(*self.prepare())
+
+    def run_on(self, plant: Plant, command: Command) -> PlantRun:
+        """Run it on what :meth:`prepare` gave.
+
+        Of every object that is touched the truth gets the series stiffness where that happened first.
+        """
+        reaction = self.reaction
+
+        def watch(sample: Sample) -> PlantReaction | None:
+            if reaction is None or float(np.linalg.norm(sample.wrench[:3])) <= reaction.force_N:
+                return None
+            return PlantReaction(
+                kind=reaction.kind,
+                joint_acceleration=reaction.joint_acceleration_rad_s2,
+                latency_s=reaction.latency_s,
+            )
+
+        run = plant.run(command, on_sample=None if reaction is None else watch)
+        for i, thing in enumerate(plant.objects):
+            touched = np.flatnonzero(run.trace.contact_force[:, i] > 0)
+            if touched.size:
+                stiffness = plant.series_stiffness(run.trace.q[touched[0]], thing)
+                run.truth["object"][i]["series_stiffness_N_m"] = stiffness
+        return run
+
+    def _start(self, robot: Robot) -> np.ndarray[Any, np.dtype[np.float64]]:
+        given = self.pose_rad if self.pose_deg is None else self.pose_deg
+        key = "pose_rad" if self.pose_deg is None else "pose_deg"
+        assert given is not None
+        if len(given) != robot.dof:
+            raise InputError(key, f"has {len(given)} values", f"{robot.name} has {robot.dof} joints")
+        pose = np.array(given, dtype=np.float64)
+        if self.pose_deg is not None:
+            turns = [joint.kind == "revolute" for joint in robot.joints]
+            pose = np.where(turns, np.radians(pose), pose)
+        return pose
+
+    def _velocity(self) -> list[float]:
+        assert self.motion.velocity_mm_s is not None
+        return [v / 1e3 for v in self.motion.velocity_mm_s]
+
+    def _command(self, robot: Robot) -> Command:
+        motion = self.motion
+        if motion.kind == "trajectory":
+            from bumpstop.collision.trajectory import load_motion
+
+            assert motion.file is not None
+            return along(load_motion(self.folder / motion.file, robot), robot, hold=motion.hold_s)
+        if motion.kind in ("workspace_1", "workspace_2"):
+            return workspace(robot, int(motion.kind[-1]))
+        pose = self._start(robot)
+        if motion.kind == "pick_and_place":
+            return pick_and_place(robot, pose, [x / 1e3 for x in motion.offset_mm])
+        if motion.kind == "press":
+            assert motion.way_mm is not None
+            return press(
+                robot,
+                pose,
+                self._velocity(),
+                way=motion.way_mm / 1e3,
+                joint_acceleration=motion.joint_acceleration_rad_s2,
+                held_joints=motion.held_joints,
+            )
+        assert motion.duration_s is not None
+        return line(
+            robot,
+            pose,
+            self._velocity(),
+            duration=motion.duration_s,
+            start=motion.start,
+            task=motion.task,
+            held_joints=motion.held_joints,
+            joint_acceleration=motion.joint_acceleration_rad_s2,
+            hold=motion.hold_s,
+        )
+
+    def _object(self, robot: Robot, i: int) -> PlantObject:
+        thing, where = self.object[i], f"object[{i + 1}]"
+        straight = self.motion.kind in ("line", "press")
+        if (thing.position_mm is None) == (thing.ahead_mm is None):
+            problem = "is missing" if thing.position_mm is None else "and ahead_mm are both given"
+            raise InputError(f"{where}.position_mm", problem, "give position_mm, or ahead_mm along a line")
+        if thing.ahead_mm is not None and not straight:
+            raise InputError(f"{where}.ahead_mm", "needs a straight motion", "give position_mm and normal")
+        normal = thing.normal
+        if normal is None:
+            if not straight:
+                raise InputError(f"{where}.normal", "is missing", "wanted the direction the object yields in")
+            normal = self._velocity()
+        if thing.ahead_mm is not None:
+            way = np.array(self._velocity())
+            point = [x / 1e3 for x in self.contact_point_mm]
+            begin = robot.pose(self._start(robot), self.contact_link, point)[:3, 3]
+            position = begin + way / np.linalg.norm(way) * thing.ahead_mm / 1e3
+        else:
+            assert thing.position_mm is not None
+            position = np.array(thing.position_mm) / 1e3
+        limits = thing.limits
+        if limits.endswith(".toml") or "/" in limits:
+            limits = str(self.folder / limits)
+        more: dict[str, Any] = {} if thing.mass_kg is None else {"mass": thing.mass_kg}
+        alone = sum(other.kind == thing.kind for other in self.object) == 1
+        return PlantObject.of(
+            thing.kind,
+            name=thing.name or (thing.kind if alone else f"{thing.kind} {i + 1}"),
+            position=position.tolist(),
+            normal=normal,
+            stiffness=thing.stiffness_N_m,
+            limits=limits,
+            size=(thing.size_mm[0] / 2e3, thing.size_mm[1] / 2e3),
+            **more,
+        )
+
+
+_TABLES: dict[str, type[_Table]] = {
+    "motion": ExperimentMotion,
+    "friction": ExperimentFriction,
+    "sensors": ExperimentSensors,
+    "servo": ExperimentServo,
+    "object": ExperimentObject,
+    "reaction": ExperimentReaction,
+}
+
+
+def _explain(error: ValidationError) -> InputError:
+    """Pydantic's first complaint as one sentence; an unknown key comes first, as it often explains a missing one."""
+    details = error.errors()
+    first = next((detail for detail in details if detail["type"] == "extra_forbidden"), details[0])
+    keys = [part for part in first["loc"] if part == first["loc"][0] or (isinstance(part, str) and part.isidentifier())]
+    number = next((part for part in first["loc"][1:2] if isinstance(part, int)), None)
+    table = _TABLES.get(str(keys[0])) if len(first["loc"]) > 1 else None
+    # Behind the key pydantic names the branches of ``number | list``.
+    depth = 1 if table is None else 2
+    names = [str(key) for key in keys[:depth]]
+    if number is not None and table is not None:
+        names[0] += f"[{number + 1}]"
+    field = ".".join(names)
+    if first["type"] == "extra_forbidden":
+        model: type[_Table] = Experiment if table is None else table
+        known = [name for name in model.model_fields if name != "folder"]
+        return InputError(field, "is not a key of an experiment", near_matches(names[-1].split("[")[0], known))
+    if first["type"] == "value_error":
+        cause: InputError = first["ctx"]["error"]
+        return InputError(cause.field, cause.problem, cause.valid)
+    if first["type"] == "missing":
+        return InputError(field, "is missing", "an experiment needs it")
+    wanted = first["msg"].replace("Input should be ", "wanted ").replace("valid ", "")
+    wanted = wanted[0].lower() + wanted[1:]
+    return InputError(field, f"{as_written(first['input'])} cannot be used", wanted)

@@ -1,0 +1,184 @@
+"""What the plant's arm runs into: bodies on a slide whose joint is the spring."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from bumpstop.arrays import as_float_array, as_number
+from bumpstop.errors import InputError, near_matches
+
+# A body on its spring swings this fast where no mass is given [rad/s]: light enough to add no blow of its own at
+# collision speeds, slow enough for the integration step.
+_OWN_FREQUENCY = 2000.0
+_DAMPING_RATIO = 0.3
+_THICKNESS = 0.02
+
+
+@lru_cache
+def _kinds() -> dict[str, dict[str, Any]]:
+    text = resources.files("bumpstop.plant").joinpath("data", "objects.toml").read_text(encoding="utf-8")
+    kinds: dict[str, dict[str, Any]] = tomllib.loads(text)
+    return kinds
+
+
+def object_kinds() -> tuple[str, ...]:
+    """Names of the objects whose stiffness is known: arguments of :meth:`PlantObject.of`."""
+    return tuple(_kinds())
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantObject:
+    """One object. Pushed along ``normal`` by x it pushes back with ``stiffness`` times x, at rest.
+
+    Attributes:
+        name: unique in a plant.
+        position: where its face is touched first, in the base frame [m].
+        normal: the direction it yields in: away from the arm, base frame; any length.
+        stiffness: [N/m].
+        mass: that moves with the face [kg]; None: so little that it swings on the spring with 2000 rad/s.
+        damping_ratio: of that swing, 1 is critical.
+        size: half width and half height of the face [m].
+        status: of the stiffness: ``"given"``, ``"published"``, ``"derived"`` or ``"assumed"``.
+        source: where the stiffness comes from.
+        colour: red, green, blue, 0 to 1.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    stiffness: float
+    mass: float | None = None
+    damping_ratio: float = _DAMPING_RATIO
+    size: tuple[float, float] = (0.06, 0.06)
+    status: str = "given"
+    source: str = ""
+    colour: tuple[float, float, float] = (0.34, 0.71, 0.91)
+
+    def __post_init__(self) -> None:
+        where = f"object {self.name!r}"
+        as_float_array(self.position, f"{where} position", (3,))
+        normal = as_float_array(self.normal, f"{where} normal", (3,))
+        if np.linalg.norm(normal) < 1e-9:
+            raise InputError(f"{where} normal", f"{list(self.normal)} is no direction", "wanted three numbers")
+        for name, low, high in (("stiffness", 1.0, 1e7), ("damping_ratio", 0.0, 10.0)):
+            if not low <= as_number(getattr(self, name), f"{where} {name}") <= high:
+                raise InputError(f"{where} {name}", f"is {getattr(self, name)}", f"wanted {low:g} to {high:g}")
+        if self.mass is not None:
+            least = self.stiffness / 1e7
+            if not least <= as_number(self.mass, f"{where} mass") <= 1e4:
+                problem = f"{self.mass:g} kg on {self.stiffness:g} N/m cannot be used"
+                raise InputError(f"{where} mass", problem, f"wanted {least:.3g} to 10000: lighter swings too fast")
+        if min(self.size) <= 0:
+            raise InputError(f"{where} size", f"is {self.size}", "wanted two lengths above 0")
+
+    @classmethod
+    def of(
+        cls,
+        kind: str,
+        *,
+        position: Sequence[float],
+        normal: Sequence[float],
+        name: str = "",
+        stiffness: float | None = None,
+        limits: str = "bgia2011",
+        **more: Any,
+    ) -> PlantObject:
+        """An object of a kind: foam, plexiglas, ..., or a body region of a limit table.
+
+        Args:
+            kind: one of :func:`object_kinds`, or a body region of ``limits``.
+            position: as the attribute.
+            normal: as the attribute.
+            name: default: the kind.
+            stiffness: replaces the kind's [N/m].
+            limits: name or path of a limit table.
+            more: further attributes.
+
+        Raises:
+            InputError: there is no such kind or body region.
+        """
+        kinds = _kinds()
+        if kind in kinds:
+            row = kinds[kind]
+            figures = (float(row["stiffness_N_m"]), str(row["status"]), str(row["source"]))
+            more.setdefault("colour", tuple(row["colour"]))
+        else:
+            figures = _of_body(kind, limits, tuple(kinds))
+            more.setdefault("colour", (0.80, 0.47, 0.65))
+        if stiffness is not None:
+            figures = (stiffness, "given", "")
+        x, y, z = (float(value) for value in as_float_array(position, "position", (3,)))
+        a, b, c = (float(value) for value in as_float_array(normal, "normal", (3,)))
+        return cls(
+            name=name or kind,
+            position=(x, y, z),
+            normal=(a, b, c),
+            stiffness=figures[0],
+            status=figures[1],
+            source=figures[2],
+            **more,
+        )
+
+    @property
+    def geom(self) -> str:
+        """Name of its body and of its face in MuJoCo."""
+        return f"object:{self.name}"
+
+    @property
+    def moving_mass(self) -> float:
+        """Mass that moves [kg]."""
+        return self.stiffness / _OWN_FREQUENCY**2 if self.mass is None else self.mass
+
+    @property
+    def damping(self) -> float:
+        """Of the slide [N s/m]."""
+        return 2 * self.damping_ratio * math.sqrt(self.stiffness * self.moving_mass)
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """The normal, of length 1."""
+        unit = np.asarray(self.normal, dtype=np.float64) / np.linalg.norm(self.normal)
+        return float(unit[0]), float(unit[1]), float(unit[2])
+
+    def mjcf(self, contact_radius: float) -> list[str]:
+        """The body; its face is a ball's radius back, so that the ball's centre is where contact begins [m]."""
+        n = np.asarray(self.direction)
+        side = np.cross(n, (0.0, 0.0, 1.0) if abs(n[2]) < 0.9 else (1.0, 0.0, 0.0))
+        side /= np.linalg.norm(side)
+        # z of the body along the normal.
+        x, y = (" ".join(map(repr, axis.tolist())) for axis in (side, np.cross(n, side)))
+        centre = np.asarray(self.position) + (contact_radius + _THICKNESS / 2) * n
+        mass, colour = self.moving_mass, " ".join(f"{part:g}" for part in self.colour)
+        inertia = max(mass * 1e-4, 1e-12)
+        name = self.geom.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+        return [
+            f'<body name="{name}" pos="{" ".join(map(repr, centre.tolist()))}" xyaxes="{x} {y}" gravcomp="1">',
+            f'<inertial pos="0 0 0" mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>',
+            f'<joint name="{name}" type="slide" axis="0 0 1" stiffness="{self.stiffness!r}" '
+            f'damping="{self.damping!r}"/>',
+            f'<geom name="{name}" type="box" size="{self.size[0]!r} {self.size[1]!r} {_THICKNESS / 2!r}" '
+            f'rgba="{colour} 1"/>',
+            "</body>",
+        ]
+
+
+def _of_body(body: str, limits: str, kinds: tuple[str, ...]) -> tuple[float, str, str]:
+    from bumpstop.contact import LimitTable
+
+    table = LimitTable.load(limits)
+    try:
+        found = table.contact_limits(body, "clamped")
+    except InputError:
+        known = (*kinds, *(region.name for region in table.regions))
+        raise InputError(
+            "object.kind", f"{body!r} is neither an object nor a body region of {limits}", near_matches(body, known)
+        ) from None
+    return found.stiffness_N_m, "published", f"{limits}: {body}"

@@ -1,0 +1,424 @@
+"""The plant: an arm in MuJoCo with controller, motors, gears, sensors and things to hit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.errors import InputError
+from bumpstop.model import Robot, inverse_dynamics, mass_matrix
+from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction, line
+from bumpstop.plant.drive import Drives, Gears
+from bumpstop.plant.mjcf import mjcf
+from bumpstop.plant.objects import PlantObject
+from bumpstop.plant.run import PlantRun, PlantTrace, truth_of
+from bumpstop.plant.sensors import Channels, SamplePlan, Sensors
+
+if TYPE_CHECKING:
+    from bumpstop.joint import JointTorqueModel
+
+STEP = 2e-4
+_PER_COMMAND = round(COMMAND_STEP / STEP)
+# A reaction may outlast its motion by so much; samples are planned for it.
+_AFTERWARDS_S = 5.0
+_PUSHES_N = (20.0, 60.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Servo:
+    """The position controller of the joints, which works at every integration step (5 kHz).
+
+    It adds to the torque that the commanded motion needs ``w^2 m (q_wanted - q) + 2 d w m (qd_wanted - qd)``, with m
+    what the joint moves in the start pose.
+
+    Attributes:
+        bandwidth_hz: w over 2 pi.
+        damping_ratio: d.
+    """
+
+    bandwidth_hz: float = 100.0
+    damping_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("bandwidth_hz", 1.0, 200.0), ("damping_ratio", 0.1, 5.0)):
+            if not low <= as_number(getattr(self, name), f"servo.{name}") <= high:
+                raise InputError(f"servo.{name}", f"is {getattr(self, name)}", f"wanted {low:g} to {high:g}")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a controller knows at a feedback sample, and what only the plant knows.
+
+    Attributes:
+        t: since the start [s].
+        q: as the encoders say (dof,) [rad or m].
+        current: as the amplifiers say (dof,).
+        wrench: as the wrist sensor says (6,).
+        contact_force: true force on each object along its normal (objects,) [N].
+        contact_torque: true torque that the motors must add for it: J_v' n F, summed (dof,) [Nm or N].
+    """
+
+    t: float
+    q: FloatArray
+    current: FloatArray
+    wrench: FloatArray
+    contact_force: FloatArray
+    contact_torque: FloatArray
+
+
+OnSample = Callable[[Sample], "PlantReaction | None"]
+
+
+class Plant:
+    """An arm to experiment on.
+
+    Args:
+        robot: with the inertia of every link.
+        joint_model: how current becomes torque; None: a current of 1 is 1 Nm, without friction.
+        friction: what the gears do beyond it.
+        sensors: of the controller.
+        objects: to press on or to run into.
+        seed: of everything random, 0 to 2^64 - 1: the same seed gives the same recording, to the last bit.
+        servo: the position controller.
+        contact_link, contact_point: where the arm touches; default: the tip.
+        gravity: acceleration of free fall in the base frame [m/s2].
+
+    Raises:
+        InputError: something cannot be used; or mujoco is not installed.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        joint_model: JointTorqueModel | None = None,
+        *,
+        friction: Gears | None = None,
+        sensors: Sensors | None = None,
+        objects: Sequence[PlantObject] = (),
+        seed: int = 0,
+        servo: Servo | None = None,
+        contact_link: str | None = None,
+        contact_point: Sequence[float] = (0.0, 0.0, 0.0),
+        gravity: Sequence[float] = (0.0, 0.0, -9.80665),
+    ) -> None:
+        self._mujoco = import_mujoco()
+        self.robot, self.joint_model = robot, joint_model
+        self.gears, self.sensors, self.servo = friction or Gears(), sensors or Sensors(), servo or Servo()
+        self.objects = tuple(objects)
+        names = [thing.name for thing in self.objects]
+        if len(set(names)) < len(names):
+            raise InputError("object.name", f"{names} has one twice", "name each object differently")
+        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**64:
+            raise InputError("seed", f"is {seed!r}", "wanted a whole number from 0 to 2^64 - 1")
+        self.seed = seed
+        self.contact = (contact_link, tuple(float(x) for x in as_float_array(contact_point, "contact_point", (3,))))
+        self.gravity = tuple(float(x) for x in as_float_array(gravity, "gravity", (3,)))
+        self.drives = Drives(robot, joint_model, self.gears)
+        self._channels = Channels(self.sensors, robot.dof)
+        self._geared = replace(
+            robot,
+            joints=tuple(
+                replace(joint, rotor_inertia=float(rotor))
+                for joint, rotor in zip(robot.joints, self.drives.inertia, strict=True)
+            ),
+        )
+        self._check_gears()
+        rotor = self.drives.inertia
+        self.xml = mjcf(
+            robot,
+            rotor_inertia=rotor,
+            joint_stiffness=self.drives.stiffness,
+            joint_damping=[
+                2 * self.gears.damping_ratio * math.sqrt(k * max(m, 1e-12)) if np.isfinite(k) else 0.0
+                for k, m in zip(self.drives.stiffness, rotor, strict=True)
+            ],
+            objects=self.objects,
+            gravity=self.gravity,
+            step=STEP,
+            contact_link=contact_link,
+            contact_point=self.contact[1],
+        )
+        try:
+            self.model = self._mujoco.MjModel.from_xml_string(self.xml)
+        except ValueError as error:
+            raise InputError("robot", f"MuJoCo cannot use {robot.name}: {' '.join(str(error).split())}") from None
+        self.data = self._mujoco.MjData(self.model)
+
+    def _check_gears(self) -> None:
+        for j, (stiffness, rotor) in enumerate(zip(self.drives.stiffness, self.drives.inertia, strict=True), start=1):
+            if np.isfinite(stiffness) and rotor <= 0:
+                raise InputError(f"friction.rotor_inertia[{j}]", "is zero", "a gear that gives needs a rotor behind it")
+
+    @cached_property
+    def _motor(self) -> Any:
+        """Where the motors' coordinates are."""
+        if not np.isfinite(self.drives.stiffness).any():
+            return slice(0, self.robot.dof)
+        return np.array([self.model.joint(joint.name).qposadr[0] for joint in self.robot.joints])
+
+    @cached_property
+    def _twist(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Joints whose gear gives, and where their twist is."""
+        soft = np.flatnonzero(np.isfinite(self.drives.stiffness))
+        names = [f"{self.robot.joints[j].name}:twist" for j in soft]
+        return soft, np.array([self.model.joint(name).qposadr[0] for name in names], dtype=np.int64)
+
+    def joint_positions(self) -> FloatArray:
+        """Of the links, now (dof,) [rad or m]."""
+        q: FloatArray = np.array(self.data.qpos[self._motor])
+        soft, at = self._twist
+        if len(soft):
+            q[soft] += self.data.qpos[at]
+        return q
+
+    def _gains(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        moved: FloatArray = np.diag(mass_matrix(self._geared, q)).copy()
+        soft = self._twist[0]
+        moved[soft] = self.drives.inertia[soft]
+        w = 2 * math.pi * self.servo.bandwidth_hz
+        kp = moved * w * w
+        return kp, 2 * self.servo.damping_ratio * w * moved
+
+    def _controls(self, command: Command, kp: FloatArray, kv: FloatArray) -> FloatArray:
+        """What the servo is told at every integration step (steps, dof)."""
+        share = (np.arange(_PER_COMMAND) / _PER_COMMAND)[:, None]
+        q0, q1, v0, v1 = command.q[:-1, None], command.q[1:, None], command.qd[:-1, None], command.qd[1:, None]
+        # Cubic Hermite between milliseconds.
+        s2, s3 = share**2, share**3
+        q = (
+            (2 * s3 - 3 * s2 + 1) * q0
+            + (3 * s2 - 2 * s3) * q1
+            + COMMAND_STEP * ((s3 - 2 * s2 + share) * v0 + (s3 - s2) * v1)
+        )
+        qd = v0 + share * (v1 - v0)
+        qdd = np.broadcast_to((v1 - v0) / COMMAND_STEP, q.shape)
+        n = self.robot.dof
+        q, qd, qdd = (np.ascontiguousarray(part.reshape(-1, n)) for part in (q, qd, qdd))
+        needed = inverse_dynamics(self._geared, q, qd, qdd, gravity=self.gravity)
+        return np.asarray(q + (kv * qd + needed) / kp)
+
+    def run(self, command: Command, *, on_sample: OnSample | None = None) -> PlantRun:
+        """Follow a command to its end.
+
+        Args:
+            command: of :func:`~bumpstop.plant.line` or :func:`~bumpstop.plant.along`.
+            on_sample: called with every feedback sample that is not lost. The first :class:`PlantReaction` it returns
+                turns the motion; after that it is not called any more.
+
+        Returns:
+            The recording, the truth behind it, and forces over time.
+
+        Raises:
+            InputError: the command is not for this robot, or the arm is inside an object at the start.
+        """
+        mj, model, data, drives = self._mujoco, self.model, self.data, self.drives
+        n, motor = self.robot.dof, self._motor
+        if command.q.shape[1] != n:
+            raise InputError("command", f"is for {command.q.shape[1]} joints", f"{self.robot.name} has {n}")
+        self._begin(command)
+        kp, kv = self._gains(command.q[0])
+        model.actuator_gainprm[:, 0] = kp
+        model.actuator_biastype[:] = mj.mjtBias.mjBIAS_AFFINE
+        model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -kp, -kv
+        model.dof_damping[motor] = 0.0
+        controls = self._controls(command, kp, kv)
+        damping, against, slope = drives.resist(np.array(data.qpos[motor]), command.qd[0], self._needed(command))
+        plan = SamplePlan.draw(self.sensors, n, command.duration + _AFTERWARDS_S, STEP, COMMAND_STEP, self.seed)
+        trace = PlantTrace.empty(len(command.q) + round(_AFTERWARDS_S / COMMAND_STEP), n, len(self.objects))
+        rows: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
+        sample_at, sample = plan.step, 0
+        turn_at: int | None = None  # step at which the reaction begins
+        answer: PlantReaction | None = None
+        reacted: float | None = None
+        first_control = 0
+        step, last = 0, len(controls)
+        mj_step, ctrl, qvel, qpos = mj.mj_step, data.ctrl, data.qvel, data.qpos
+        while step < last:
+            # The gears resist anew every millisecond; their damping acts at every step.
+            model.dof_damping[motor] = damping
+            data.qfrc_applied[motor] = -against
+            end = step + _PER_COMMAND
+            while step < end:
+                upto = end if sample >= len(sample_at) else min(end, max(step + 1, int(sample_at[sample])))
+                for row in controls[step - first_control : upto - first_control]:
+                    ctrl[:] = row
+                    mj_step(model, data)
+                step = upto
+                if sample < len(sample_at) and sample_at[sample] <= step:
+                    if plan.kept[sample]:
+                        found = self._sample(plan, sample, step, slope)
+                        rows.append((found.t, found.q, found.current, found.wrench))
+                        if on_sample is not None and turn_at is None:
+                            answer = on_sample(found)
+                            if answer is not None:
+                                late = (found.t + answer.latency_s) / COMMAND_STEP
+                                turn_at = math.ceil(late - 1e-6) * _PER_COMMAND
+                    sample += 1
+            motor_q, motor_qd = np.array(qpos[motor]), np.array(qvel[motor])
+            given = np.array(data.qfrc_actuator[motor])
+            self._note(trace, step, motor_qd, given, slope, against)
+            if turn_at is not None and answer is not None and reacted is None and step >= min(turn_at, last):
+                knot = step // _PER_COMMAND
+                turned = command.reaction(knot, answer)
+                controls, first_control = self._controls(turned, kp, kv), step
+                room = round(_AFTERWARDS_S / STEP)
+                last = step + min(len(controls), room)
+                reacted = step * STEP
+            damping, against, slope = drives.resist(motor_q, motor_qd, given)
+        return PlantRun.of(self, command, rows, trace.cut(), reacted, lost=int((~plan.kept[:sample]).sum()))
+
+    def _needed(self, command: Command) -> FloatArray:
+        """Torque that holds the start of a command at its rates (dof,) [Nm or N]."""
+        q, qd = command.q[0], command.qd[0]
+        return inverse_dynamics(self._geared, q, qd, np.zeros_like(q), gravity=self.gravity)
+
+    def _begin(self, command: Command) -> None:
+        mj, model, data = self._mujoco, self.model, self.data
+        mj.mj_resetData(model, data)
+        q, qd = command.q[0], command.qd[0]
+        data.qpos[self._motor], data.qvel[self._motor] = q, qd
+        soft, at = self._twist
+        if len(soft):
+            data.qpos[at] = -self._needed(command)[soft] / self.drives.stiffness[soft]
+            data.qpos[self._motor] -= _scattered(data.qpos[at], soft, self.robot.dof)
+        self.drives.reset(np.array(data.qpos[self._motor]), qd, self._needed(command))
+        mj.mj_forward(model, data)
+        for thing, force in zip(self.objects, self._contact_forces(), strict=True):
+            if force > 0:
+                raise InputError(f"object {thing.name!r} position", "is inside the arm at the start", "move it away")
+
+    def _contact_forces(self) -> FloatArray:
+        """On each object along its normal, now (objects,) [N]."""
+        forces = np.zeros(len(self.objects))
+        data = self.data
+        if data.ncon:
+            geoms, addresses = data.contact.geom, data.contact.efc_address
+            for pair, address in zip(geoms, addresses, strict=True):
+                if address >= 0:
+                    forces[self._object_of[int(max(pair))]] += data.efc_force[address]
+        return forces
+
+    @cached_property
+    def _object_of(self) -> dict[int, int]:
+        """Number of the object whose face a geom is."""
+        return {self.model.geom(thing.geom).id: i for i, thing in enumerate(self.objects)}
+
+    def _sample(self, plan: SamplePlan, sample: int, step: int, slope: FloatArray) -> Sample:
+        data, motor = self.data, self._motor
+        qd = np.array(data.qvel[motor])
+        current = self.drives.current(np.array(data.qfrc_actuator[motor]), qd, slope)
+        current = current + self.drives.scatter * plan.scatter[sample]
+        forces = self._contact_forces()
+        torque = np.zeros(self.robot.dof)
+        if forces.any():
+            jacobian = self.robot.jacobian(self.joint_positions(), *self.contact)[:3]
+            torque = jacobian.T @ sum(
+                f * np.array(thing.direction) for f, thing in zip(forces, self.objects, strict=True)
+            )
+        return Sample(
+            t=step * STEP,
+            q=self._channels.position(np.array(data.qpos[motor]), plan.position[sample]),
+            current=self._channels.current(current, plan.current[sample]),
+            # MuJoCo's sensor has the sign of what the tool exerts on what it touches.
+            wrench=self._channels.wrench(-np.array(data.sensordata[:6]), plan.wrench[sample]),
+            contact_force=forces,
+            contact_torque=torque,
+        )
+
+    def _note(
+        self,
+        trace: PlantTrace,
+        step: int,
+        motor_qd: FloatArray,
+        given: FloatArray,
+        slope: FloatArray,
+        against: FloatArray,
+    ) -> None:
+        """Write down what is true now."""
+        i = step // _PER_COMMAND - 1
+        trace.t[i] = step * STEP
+        trace.q[i] = self.joint_positions()
+        trace.qd[i] = motor_qd
+        trace.qdd[i] = self.data.qacc[self._motor]
+        trace.tau[i] = given - against - self.model.dof_damping[self._motor] * motor_qd
+        trace.friction[i] = against + self.model.dof_damping[self._motor] * motor_qd
+        trace.contact_force[i] = self._contact_forces()
+        trace.rows[0] = i + 1
+
+    def series_stiffness(self, q: npt.ArrayLike, thing: PlantObject) -> float:
+        """Stiffness of an object as the controller feels it, by two static pushes [N/m].
+
+        The object is put before the contact point in the pose ``q``; the arm is told to go into it until 20 and 60 N
+        are due, waits, and the difference of the forces over that of the ways commanded is the stiffness: object,
+        contact, servo and gears in series. Friction holds the arm alike in both pushes.
+
+        Args:
+            q: pose at which the arm touches (dof,) [rad or m].
+            thing: what is pushed, along its normal.
+
+        Raises:
+            InputError: the arm cannot move along the normal there.
+        """
+        pose = as_float_array(q, "q", (self.robot.dof,))
+        n = np.array(thing.direction)
+        touch = self.robot.pose(pose, *self.contact)[:3, 3]
+        # A hair's breadth away, so that no rounding begins inside; the difference of the pushes does not know it.
+        x, y, z = (touch + 1e-6 * n).tolist()
+        held = replace(thing, position=(x, y, z))
+        pushed = Plant(
+            self.robot,
+            self.joint_model,
+            friction=self.gears,
+            objects=[held],
+            servo=self.servo,
+            contact_link=self.contact[0],
+            contact_point=self.contact[1],
+            gravity=self.gravity,
+        )
+        ways, forces = [], []
+        for force in _PUSHES_N:
+            way, seconds = force / thing.stiffness, 0.2
+            begin = pose
+            command = line(
+                self.robot,
+                begin,
+                tuple((n * way / seconds).tolist()),
+                duration=seconds,
+                start="rest",
+                joint_acceleration=4.5,
+                task="pose" if self.robot.dof >= 6 else "position",
+                hold=0.3,
+            )
+            run = pushed.run(command)
+            end = self.robot.pose(command.q[-1], *self.contact)[:3, 3]
+            ways.append(float(n @ (end - touch)))
+            forces.append(float(run.trace.contact_force[-1, 0]))
+        if not ways[1] - ways[0] > 1e-9:
+            raise InputError("series_stiffness", "the arm does not move along the object's normal here")
+        return (forces[1] - forces[0]) / (ways[1] - ways[0])
+
+    def truth(self) -> dict[str, Any]:
+        """What the plant is made of, for a TOML file."""
+        return truth_of(self)
+
+
+def _scattered(values: FloatArray, at: npt.NDArray[np.int64], n: int) -> FloatArray:
+    out = np.zeros(n)
+    out[at] = values
+    return out
+
+
+def import_mujoco() -> Any:
+    """The module, or an error that says how to get it."""
+    try:
+        import mujoco
+    except ImportError:
+        raise InputError("plant", "mujoco is not installed", "pip install 'bumpstop[plant]'") from None
+    return mujoco

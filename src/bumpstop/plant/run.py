@@ -1,0 +1,239 @@
+"""What came of an experiment: the recording, the truth behind it, and how to keep both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.recording import Recording
+
+if TYPE_CHECKING:
+    from bumpstop.plant.command import Command
+    from bumpstop.plant.plant import Plant
+
+RECORDING, TRUTH, TRACE = "recording.parquet", "truth.toml", "trace.parquet"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlantTrace:
+    """What was true, every millisecond.
+
+    Attributes:
+        t: (N,) [s].
+        q, qd, qdd: of the joints (N, dof) [rad or m]; rates and accelerations are the motors'.
+        tau: what the gears pass on to rotor and link (N, dof) [Nm or N].
+        friction: what they keep (N, dof).
+        contact_force: on each object along its normal (N, objects) [N].
+        rows: how many of them are filled, in a list of one.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    tau: FloatArray
+    friction: FloatArray
+    contact_force: FloatArray
+    rows: npt.NDArray[np.int64]
+
+    @classmethod
+    def empty(cls, rows: int, dof: int, objects: int) -> PlantTrace:
+        """Room for so many rows."""
+        of_joints = {name: np.zeros((rows, dof)) for name in ("q", "qd", "qdd", "tau", "friction")}
+        return cls(
+            t=np.zeros(rows),
+            contact_force=np.zeros((rows, objects)),
+            rows=np.zeros(1, dtype=np.int64),
+            **of_joints,
+        )
+
+    def cut(self) -> PlantTrace:
+        """The rows that were filled."""
+        n = int(self.rows[0])
+        names = ("t", "q", "qd", "qdd", "tau", "friction", "contact_force")
+        return replace(self, **{name: getattr(self, name)[:n].copy() for name in names})
+
+
+@dataclass(frozen=True, eq=False)
+class PlantRun:
+    """One experiment.
+
+    Attributes:
+        recording: what the controller reported: t, q, current and wrench.
+        truth: what the plant is made of, and what happened; plain values.
+        trace: what was true every millisecond.
+        reaction_time: when the arm began to react [s], or None.
+        lost: samples that got lost.
+        notes: what was cut short, and what could not be modelled.
+    """
+
+    recording: Recording
+    truth: dict[str, Any]
+    trace: PlantTrace
+    reaction_time: float | None
+    lost: int
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        plant: Plant,
+        command: Command,
+        rows: Sequence[tuple[float, FloatArray, FloatArray, FloatArray]],
+        trace: PlantTrace,
+        reaction_time: float | None,
+        lost: int,
+    ) -> PlantRun:
+        """Put together what a plant wrote down."""
+        if len(rows) < 2:
+            problem = f"gave {len(rows)} samples"
+            raise InputError("motion", problem, "wanted at least 2: a longer motion or a higher rate")
+        t, q, current, wrench = (np.array(part) for part in zip(*rows, strict=True))
+        recording = Recording(
+            t=t,
+            q=q,
+            current=current,
+            wrench=wrench,
+            joint_names=tuple(joint.name for joint in plant.robot.joints),
+            robot=plant.robot.name,
+        )
+        notes = list(command.notes)
+        if plant.drives.unmodelled:
+            names = ", ".join(plant.drives.unmodelled)
+            notes.append(f"No joint model of {names}: the current is the torque, without friction.")
+        happened: dict[str, Any] = {
+            "samples": len(rows),
+            "lost": lost,
+            "duration_s": float(trace.t[-1]),
+            "peak_force_N": [float(force) for force in trace.contact_force.max(axis=0)],
+        }
+        if reaction_time is not None:
+            happened["reaction_s"] = reaction_time
+        return cls(recording, plant.truth() | {"run": happened}, trace, reaction_time, lost, tuple(notes))
+
+    @property
+    def peak_force(self) -> float:
+        """Greatest force on any object, by the millisecond [N]."""
+        return float(self.trace.contact_force.max(initial=0.0))
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write the recording, the truth and the trace into a folder; returns their paths.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        import polars as pl
+
+        out = Path(folder)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            self.recording.save(out / RECORDING)
+            (out / TRUTH).write_text(to_toml(self.truth), encoding="utf-8")
+            columns: dict[str, Any] = {"t": self.trace.t}
+            for stem in ("q", "qd", "qdd", "tau", "friction", "contact_force"):
+                value = getattr(self.trace, stem)
+                columns |= {f"{stem}_{j + 1}": value[:, j] for j in range(value.shape[1])}
+            pl.DataFrame(columns).write_parquet(out / TRACE)
+        except OSError as error:
+            problem = f"{str(folder)!r} cannot be written ({error.strerror or error})"
+            raise InputError("--out", problem, "give another folder") from None
+        return [out / name for name in (RECORDING, TRUTH, TRACE)]
+
+
+def truth_of(plant: Plant) -> dict[str, Any]:
+    """All parameters of a plant as plain values, in the order of a file."""
+    import mujoco
+
+    from bumpstop.plant.plant import STEP
+
+    drives = plant.drives
+    joints = []
+    for j, name in enumerate(drives.names):
+        modelled = plant.joint_model is not None and name not in drives.unmodelled
+        row: dict[str, Any] = {"name": name, "modelled": modelled}
+        row |= {"map": "odd" if drives.odd[j] else "load_dependent", "A": drives.A[j], "B": drives.B[j]}
+        if drives.power[j]:
+            row |= {"friction": "power", "D": drives.D[j], "F": drives.F[j]}
+        else:
+            names = ("coulomb", "viscous", "stribeck", "stribeck_speed", "load")
+            row |= {"friction": "stribeck"} | {key: getattr(drives, key)[j] for key in names}
+        row |= {
+            "hysteresis_Nm": drives.hysteresis[j],
+            "rest_speed_rad_s": drives.rest[j],
+            "inertia_kg_m2": drives.inertia[j],
+            "friction_sd": drives.scatter[j],
+            "load_share": drives.load_share[j],
+            "extra_stribeck_Nm": drives.extra[j],
+            "extra_stribeck_speed_rad_s": drives.extra_speed[j],
+            "ripple_Nm": drives.ripple[j],
+            "ripple_per_turn": drives.waves[j],
+            "presliding_rad": drives.presliding[j],
+            "stiffness_Nm_rad": drives.stiffness[j],
+        }
+        joints.append({key: float(value) if isinstance(value, np.floating) else value for key, value in row.items()})
+    objects = [
+        {
+            "name": thing.name,
+            "position_m": list(thing.position),
+            "normal": list(thing.direction),
+            "stiffness_N_m": thing.stiffness,
+            "moving_mass_kg": thing.moving_mass,
+            "damping_N_s_m": thing.damping,
+            "status": thing.status,
+            "source": thing.source,
+        }
+        for thing in plant.objects
+    ]
+    sensors = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(plant.sensors).items()}
+    return {
+        "robot": plant.robot.name,
+        "inertia_status": plant.robot.inertia_status,
+        "unit": "Nm" if plant.joint_model is None else plant.joint_model.unit,
+        "seed": plant.seed,
+        "gravity_m_s2": list(plant.gravity),
+        "step_s": STEP,
+        "mujoco": mujoco.__version__,
+        "servo": asdict(plant.servo),
+        "sensors": sensors,
+        "joint": joints,
+        "object": objects,
+    }
+
+
+def to_toml(data: Mapping[str, Any]) -> str:
+    """Nested tables and lists of tables as TOML."""
+    lines = [f"{key} = {_value(value)}" for key, value in data.items() if not _is_table(value)]
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            lines += ["", f"[{key}]", *(f"{inner} = {_value(item)}" for inner, item in value.items())]
+        elif _is_table(value):
+            for row in value:
+                lines += ["", f"[[{key}]]", *(f"{inner} = {_value(item)}" for inner, item in row.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(float(value)) if math.isfinite(value) else "inf" if value > 0 else "-inf" if value < 0 else "nan"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    escaped = "".join(
+        {"\\": "\\\\", '"': '\\"'}.get(c, c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}") for c in str(value)
+    )
+    return f'"{escaped}"'
