@@ -2,7 +2,9 @@
 
 from bumpstop.plant.command import Command, PlantReaction, along, line
 from bumpstop.plant.drive import Gears
+from bumpstop.plant.experiment import Experiment
 from bumpstop.plant.mjcf import mjcf
+from bumpstop.plant.motions import pick_and_place, press, workspace
 from bumpstop.plant.objects import PlantObject, object_kinds
 from bumpstop.plant.plant import Plant, Sample, Servo
 from bumpstop.plant.run import PlantRun, PlantTrace
@@ -10,6 +12,7 @@ from bumpstop.plant.sensors import Sensors
 
 __all__ = [
     "Command",
+    "Experiment",
     "Gears",
     "Plant",
     "PlantObject",
@@ -23,4 +26,7 @@ __all__ = [
     "line",
     "mjcf",
     "object_kinds",
+    "pick_and_place",
+    "press",
+    "workspace",
 ]

@@ -80,12 +80,13 @@ class Drives:
         # A joint without a model is a motor whose current is its torque.
         self.A, self.B = each("A"), each("B", 1.0)
         self.odd = np.array([joint is None or joint.map == "odd" for joint in joints])
+        self.laws = tuple("none" if joint is None else joint.friction for joint in joints)
         self.power = np.array([joint is None or joint.friction == "power" for joint in joints])
         self.D, self.F = each("D"), each("F")
         self.coulomb, self.viscous = each("coulomb"), each("viscous")
         self.stribeck, self.load = each("stribeck"), each("load")
         self.stribeck_speed = np.array(
-            [1.0 if joint is None or joint.friction == "power" else joint.value("stribeck_speed") for joint in joints]
+            [1.0 if joint is None else joint.value("stribeck_speed") or 1.0 for joint in joints]
         )
         self.hysteresis = each("hysteresis")
         self.rest = np.array([0.01 if joint is None else joint.rest_speed for joint in joints])

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.collision.trajectory import Trajectory
 from bumpstop.errors import InputError
-from bumpstop.plant.command import COMMAND_STEP, Command, along, line
+from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction, along, line
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _LEG_S, _BACK_S, _RAMP_S = 1.5, 3.0, 0.5
 _MOVES = 8
 _OF_RANGE = 0.8  # of each joint's range
+_GATHERING_S = 2.0
 _LOWEST = 0.1  # of joint origins and tip [m]
 # Of the fastest the joint may go: the two motions differ in pace.
 _PACE = {1: (0.15, 0.45), 2: (0.25, 0.6)}
@@ -133,8 +134,6 @@ def press(
     Raises:
         InputError: as :func:`~bumpstop.plant.line`.
     """
-    from bumpstop.plant.command import PlantReaction
-
     speed = float(np.linalg.norm(as_float_array(velocity, "velocity", (3,))))
     if speed <= 0 or way <= 0:
         raise InputError("motion", f"presses {way:g} m at {speed:g} m/s", "wanted a way and a speed above 0")
@@ -143,16 +142,25 @@ def press(
         robot,
         q,
         velocity,
-        duration=seconds,
+        # Gathering speed takes time, too; what is too long is cut off.
+        duration=seconds + _GATHERING_S,
         start="rest",
         joint_acceleration=joint_acceleration,
         held_joints=held_joints,
     )
+    tip = robot.pose(there.q)[:, :3, 3]
+    gone = (tip - tip[0]) @ np.asarray(velocity) / speed
+    far = np.flatnonzero(gone >= way)
+    if not far.size:
+        why = there.notes[0] if there.notes else "the joints do not gather that speed."
+        raise InputError(
+            "motion.way_mm", f"{1e3 * way:g} mm are not reached: {why}", f"it gets {1e3 * gone.max():.4g} mm"
+        )
+    last = int(far[0])
     turn = PlantReaction(kind="reverse", joint_acceleration=joint_acceleration)
-    last = len(there.q) - 1
     back = there.reaction(last, turn, rest=seconds)
     return Command(
-        np.concatenate([there.q, back.q[1:]]), np.concatenate([there.qd, back.qd[1:]]), there.react, there.notes
+        np.concatenate([there.q[:last], back.q]), np.concatenate([there.qd[:last], back.qd]), there.react, ()
     )
 
 

@@ -375,7 +375,8 @@ class Plant:
         pushed = Plant(
             self.robot,
             self.joint_model,
-            friction=self.gears,
+            # What swings must have come to rest: damping changes when it does, not where.
+            friction=replace(self.gears, damping_ratio=1.0),
             objects=[held],
             servo=self.servo,
             contact_link=self.contact[0],

@@ -152,6 +152,7 @@ def truth_of(plant: Plant) -> dict[str, Any]:
     """All parameters of a plant as plain values, in the order of a file."""
     import mujoco
 
+    from bumpstop.joint.model import OF_FRICTION
     from bumpstop.plant.plant import STEP
 
     drives = plant.drives
@@ -160,11 +161,8 @@ def truth_of(plant: Plant) -> dict[str, Any]:
         modelled = plant.joint_model is not None and name not in drives.unmodelled
         row: dict[str, Any] = {"name": name, "modelled": modelled}
         row |= {"map": "odd" if drives.odd[j] else "load_dependent", "A": drives.A[j], "B": drives.B[j]}
-        if drives.power[j]:
-            row |= {"friction": "power", "D": drives.D[j], "F": drives.F[j]}
-        else:
-            names = ("coulomb", "viscous", "stribeck", "stribeck_speed", "load")
-            row |= {"friction": "stribeck"} | {key: getattr(drives, key)[j] for key in names}
+        law = drives.laws[j]
+        row |= {"friction": law} | {key: getattr(drives, key)[j] for key in OF_FRICTION.get(law, ())}
         row |= {
             "hysteresis_Nm": drives.hysteresis[j],
             "rest_speed_rad_s": drives.rest[j],
