@@ -24,8 +24,8 @@ POSES = {
     "standard, sideways": ([0, 30, 0, -20, 0, -40, 0], [0, 50, 0]),
     "reaching, downward": ([20, 50, 10, -40, 15, -50, 0], [0, 0, -50]),
 }
-# Section 3.2: object, speed [mm/s], the error its force estimate stayed under [N], how far we press before the arm turns
-# [m], and the cut-off at which forces are compared [Hz]: a contact of 30 ms needs a higher one.
+# Section 3.2: object, speed [mm/s], the error its force estimate stayed under [N], how far we press before the arm
+# turns [m], and the cut-off at which forces are compared [Hz]: a contact of 30 ms needs a higher one.
 PRESSES = [
     ("foam", 25, 5, 0.012, 10.0),
     ("foam", 50, 5, 0.012, 10.0),

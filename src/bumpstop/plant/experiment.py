@@ -418,11 +418,7 @@ def _explain(error: ValidationError) -> InputError:
         return InputError(cause.field, cause.problem, cause.valid)
     if first["type"] == "missing":
         return InputError(field, "is missing", "an experiment needs it")
-    wanted = (
-        first["msg"]
-        .replace("Input should be ", "wanted ")
-        .replace("a valid integer", "a whole number")
-        .replace("a valid ", "a ")
-    )
+    wanted = first["msg"].replace("Input should be ", "wanted ")
+    wanted = wanted.replace("a valid integer", "a whole number").replace("a valid ", "a ")
     wanted = wanted[0].lower() + wanted[1:]
     return InputError(field, f"{as_written(first['input'])} cannot be used", wanted)

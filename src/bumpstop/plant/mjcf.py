@@ -73,11 +73,11 @@ def mjcf(
         '<asset><texture name="sky" type="skybox" builtin="gradient" rgb1="0.92 0.94 0.96" rgb2="0.75 0.80 0.86" '
         'width="64" height="64"/>'
         '<texture name="grid" type="2d" builtin="checker" rgb1="0.86 0.87 0.88" rgb2="0.80 0.81 0.83" width="256" '
-        'height="256"/><material name="floor" texture="grid" texrepeat="8 8"/></asset>',
+        'height="256"/><material name="floor" texture="grid" texrepeat="32 32"/></asset>',
         '<default><geom contype="0" conaffinity="0" mass="0"/></default>',
         "<worldbody>",
         '<light pos="0.8 -1.2 2.5" dir="-0.3 0.45 -1" diffuse="0.5 0.5 0.5"/>',
-        '<geom type="plane" size="2 2 0.1" material="floor"/>',
+        '<geom type="plane" size="8 8 0.1" material="floor"/>',
         _capsule((0, 0, 0), robot.joints[0].origin, 0.08, "0.25 0.27 0.30 1"),
     ]
     for j, joint in enumerate(robot.joints):

@@ -153,9 +153,8 @@ def press(
     far = np.flatnonzero(gone >= way)
     if not far.size:
         why = there.notes[0] if there.notes else "the joints do not gather that speed."
-        raise InputError(
-            "motion.way_mm", f"{1e3 * way:g} mm are not reached: {why}", f"it gets {1e3 * gone.max():.4g} mm"
-        )
+        problem = f"{1e3 * way:g} mm are not reached: {why}"
+        raise InputError("motion.way_mm", problem, f"it gets {1e3 * gone.max():.4g} mm")
     last = int(far[0])
     turn = PlantReaction(kind="reverse", joint_acceleration=joint_acceleration)
     back = there.reaction(last, turn, rest=seconds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ Image = npt.NDArray[np.uint8]
 _BACKENDS = ("egl", "osmesa")
 _FRAMES_PER_S = 25
 _MOST_FRAMES = 1500
+_OCTREE = 2  # Pillow's Quantize.FASTOCTREE
 _NO_LIBRARY = "on Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri, or libosmesa6 and MUJOCO_GL=osmesa"
 
 
@@ -56,10 +58,25 @@ def offscreen(width: int, height: int) -> Any:
 
 
 class Painter:
-    """Draws a plant; a context manager."""
+    """Draws a plant; a context manager.
 
-    def __init__(self, plant: Plant, width: int = 960, height: int = 720) -> None:
+    Args:
+        plant: what is drawn.
+        q: poses that must fit into the picture (N, dof) [rad or m]; the camera stands still.
+        width, height: of the picture.
+    """
+
+    def __init__(self, plant: Plant, q: FloatArray, width: int = 960, height: int = 720) -> None:
         self._mujoco, self._plant = import_mujoco(), plant
+        robot = plant.robot
+        tips = robot.pose(q)[:, :3, 3]
+        places = np.concatenate([np.zeros((1, 3)), tips, *(robot.pose(q, j.link)[:, :3, 3] for j in robot.joints)])
+        low, high = places.min(axis=0), places.max(axis=0)
+        self._look_at = (low + high) / 2
+        self._distance = 1.6 * float(np.linalg.norm(high - low))
+        # From the side the tip is on, turned so far that the arm is not seen end on.
+        x, y = tips.mean(axis=0)[:2]
+        self._azimuth = math.degrees(math.atan2(y, x)) + 125.0
         self._size = (width, height)
         self._data = self._mujoco.MjData(plant.model)
 
@@ -88,9 +105,8 @@ class Painter:
         mj.mj_camlight(plant.model, data)
         camera = mj.MjvCamera()
         camera.type = mj.mjtCamera.mjCAMERA_FREE
-        span = plant.robot.span if np.isfinite(plant.robot.span) else 1.0
-        camera.lookat[:] = (0.2 * span, 0.0, 0.4 * span)
-        camera.distance, camera.azimuth, camera.elevation = 2.0 * span, 125.0, -15.0
+        camera.lookat[:] = self._look_at
+        camera.distance, camera.azimuth, camera.elevation = self._distance, self._azimuth, -15.0
         mj.mjv_updateScene(plant.model, data, mj.MjvOption(), None, camera, mj.mjtCatBit.mjCAT_ALL.value, self._scene)
         width, height = self._size
         view = mj.MjrRect(0, 0, width, height)
@@ -109,7 +125,7 @@ def picture(plant: Plant, run: PlantRun, path: str | Path) -> None:
     path = checked_ending(path, "--picture", ".png")
     forces = run.trace.contact_force
     row = int(np.argmax(forces.sum(axis=1))) if forces.any() else len(run.trace.t) - 1
-    with _files(path), Painter(plant) as painter:
+    with _files(path), Painter(plant, run.trace.q[row : row + 1]) as painter:
         _image(painter.draw(run.trace.q[row], _pushed(plant, run, row))).save(path)
 
 
@@ -125,14 +141,14 @@ def video(plant: Plant, run: PlantRun, path: str | Path) -> int:
     every = round(1000 / _FRAMES_PER_S)
     while len(run.trace.t) / every > _MOST_FRAMES:
         every *= 2
-    with _files(path), Painter(plant, 480, 360) as painter:
+    with _files(path), Painter(plant, run.trace.q[::every], 480, 360) as painter:
         frames = [
-            # One palette for all: a palette of its own for each frame flickers.
-            _image(painter.draw(run.trace.q[row], _pushed(plant, run, row))).quantize(128, method=0)
+            _image(painter.draw(run.trace.q[row], _pushed(plant, run, row)))
             for row in range(0, len(run.trace.t), every)
         ]
-        palette = frames[0]
-        first, *others = (frame.convert("RGB").quantize(palette=palette, dither=0) for frame in frames)
+        # One palette for all, as palettes of their own flicker; the octree keeps small areas of strong colour.
+        palette = frames[0].quantize(255, method=_OCTREE)
+        first, *others = (frame.quantize(palette=palette, dither=0) for frame in frames)
         first.save(path, save_all=True, append_images=others, duration=1000 // _FRAMES_PER_S, loop=0)
     return len(frames)
 
