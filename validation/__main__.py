@@ -27,6 +27,7 @@ from validation import (  # noqa: E402
     convergence,
     instruction_sets,
     page,
+    plant,
     reference,
     two_laws,
     urdf,
@@ -53,6 +54,7 @@ COMPARISONS = {
     "workspace": workspace,
     "instruction_sets": instruction_sets,
     "urdf": urdf,
+    "plant": plant,
 }
 
 

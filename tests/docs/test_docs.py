@@ -78,7 +78,7 @@ def complete_scenarios() -> list[Any]:
     found = []
     for page in PAGES:
         for number, text in enumerate(blocks(page, "toml"), start=1):
-            if re.search(r"^robot *=", text, re.MULTILINE) and "[motion]" in text:
+            if re.search(r"^robot *=", text, re.MULTILINE) and "[motion]" in text and "[contact]" in text:
                 found.append(pytest.param(text, id=f"{page.name}-{number}"))
     return found
 
@@ -203,6 +203,11 @@ def test_options_of_robots(command: str) -> None:
 def test_options_of_recording(command: str) -> None:
     group: Any = typer.main.get_command(app).commands["recording"]  # type: ignore[attr-defined]
     compare_options(group.commands[command].params, f"recording {command}")
+
+
+def test_options_of_plant() -> None:
+    group: Any = typer.main.get_command(app).commands["plant"]  # type: ignore[attr-defined]
+    compare_options(group.commands["run"].params, "plant run")
 
 
 def compare_options(parameters: Any, heading: str) -> None:

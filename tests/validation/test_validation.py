@@ -24,6 +24,7 @@ NEEDS = {
     "chapter5": ["dissertation"],
     "chapter6": ["dissertation"],
     "workspace": ["dissertation"],
+    "plant": ["dissertation"],
 }
 
 
