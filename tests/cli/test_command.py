@@ -117,6 +117,7 @@ def test_completion_answers() -> None:
         "evaluate",
         "robots",
         "bodies",
+        "plant",
         "recording",
         "identify",
         "validate",
