@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.model_report import dynamics_report
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,7 +23,10 @@ Until = Annotated[float | None, typer.Option(help="End at this time of the recor
 def identify(
     recordings: Annotated[list[Path], typer.Argument(help="Recordings.", show_default=False)],
     robot: Annotated[str, typer.Option(help="A built-in name, or the path of a URDF file.", show_default=False)],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the fitted model there (TOML).")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Write the model there: a .toml, or a folder for it and a report."),
+    ] = None,
     columns: Columns = None,
     begin: Begin = None,
     until: Until = None,
@@ -55,10 +59,13 @@ def identify(
     groups = [_group(text, arm.dof) for text in shared_motor or []]
     fit = identify_dynamics(log, arm, cutoff_hz=cutoff, couplings=groups)
     scores = fit.score(log)
-    if out is not None:
+    model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
+    if model_file is not None and out is not None:
+        if model_file != out:
+            dynamics_report(fit, log, out, where="on the rows of the fit", filter_hz=None, contact_joint=None)
         named = {"robot": str(Path(robot).resolve()) if is_file else robot}
         named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
-        save_fit(fit, out, robot=named, created_from=[str(recording)])
+        save_fit(fit, model_file, robot=named, created_from=[str(recording)])
     if as_json:
         typer.echo(json.dumps(_identified(fit, scores, log), allow_nan=False, indent=2))
         return
@@ -75,8 +82,10 @@ def identify(
         typer.echo(f"not visible in this motion: {', '.join(fit.unseen)}")
     for note in log.report.notes:
         typer.echo(f"note: {note}")
-    if out is not None:
-        typer.echo(f"model: {out}")
+    if model_file is not None:
+        typer.echo(f"model: {model_file}")
+        if model_file != out:
+            typer.echo(f"report: {model_file.parent / 'report.html'}")
 
 
 def validate(
@@ -85,6 +94,11 @@ def validate(
     columns: Columns = None,
     begin: Begin = None,
     until: Until = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write a report into this folder.")] = None,
+    contact_joint: Annotated[
+        int | None,
+        typer.Option(help="Joint whose torque tells the contact force; default: the one that feels it most."),
+    ] = None,
     filter_hz: Annotated[
         float | None, typer.Option("--filter", help="Cut-off at which torques are compared [Hz]; default: the model's.")
     ] = None,
@@ -96,6 +110,11 @@ def validate(
     fit = load_fit(model)
     log = _part(recording, columns, fit.robot, begin, until)
     scores = fit.score(log, filter_hz=filter_hz)
+    contact = ""
+    if out is not None:
+        contact = dynamics_report(
+            fit, log, out, where=f"on {recording}", filter_hz=filter_hz, contact_joint=contact_joint
+        )
     if as_json:
         joints = [
             {
@@ -112,6 +131,10 @@ def validate(
         typer.echo(json.dumps({"joints": joints}, allow_nan=False, indent=2))
         return
     _print_scores(scores, filter_hz or fit.cutoff_hz, f"on {recording}")
+    if contact:
+        typer.echo(contact)
+    if out is not None:
+        typer.echo(f"report: {out / 'report.html'}")
 
 
 def _part(path: Path, columns: Path | None, robot: Any, begin: float | None, until: float | None) -> Recording:

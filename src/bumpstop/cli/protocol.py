@@ -44,6 +44,8 @@ def identify_by_protocol(
     for log in logs:
         for note in log.report.notes:
             typer.echo(f"note: {log.source}: {note}")
+    if out is not None and out.suffix != ".toml":
+        typer.echo(f"report: {out / 'report.html'}")
     if out is not None:
         typer.echo(f"model: {out if out.suffix == '.toml' else out / 'joint_model.toml'}")
 
@@ -57,6 +59,9 @@ def _write(fit: ProtocolFit, out: Path) -> None:
         fit.model().save(out / "joint_model.toml")
     except OSError as error:
         raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror})", "give another") from None
+    from bumpstop.report.protocol import write_protocol_report
+
+    write_protocol_report(fit, out)
 
 
 def protocol_json(fit: ProtocolFit, logs: Sequence[Recording]) -> dict[str, Any]:

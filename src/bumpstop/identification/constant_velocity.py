@@ -26,6 +26,7 @@ _PIECE_S = 0.1  # of a ramp
 _LEAST_ROWS = 20
 _LEAST_WAY = 0.1  # share of the stroke that a stretch must cover
 _GAP_S = 0.5  # a longer one ends a stretch
+_BEFORE_MOTION_S = 0.5  # at the end of a hold the joint may begin to move
 _SETTLED = 0.5  # share of a hold after which the current has settled
 
 
@@ -157,7 +158,7 @@ def _holds(experiment: JointExperiment, log: Prepared) -> list[Stretch]:
         if not before.size or np.ptp(log.q[rows, swinging]) < experiment.swing:
             continue
         begin = log.t[rows[0]] + _SETTLED * (log.t[rows[-1]] - log.t[rows[0]])
-        settled = rows[log.t[rows] >= begin]
+        settled = rows[(log.t[rows] >= begin) & (log.t[rows] <= log.t[rows[-1]] - _BEFORE_MOTION_S)]
         if settled.size >= _LEAST_ROWS:
             found.append(_stretch("hold", float(moved[before[-1]]), log, settled, j))
     return found

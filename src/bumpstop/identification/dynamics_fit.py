@@ -44,7 +44,7 @@ class JointScore:
         name: of the joint.
         r2: share of the torque's variance that is predicted, both filtered alike.
         r2_raw: the same against the unfiltered torque.
-        mean, sd, rmse: of the error, unfiltered [Nm or N].
+        mean, sd, rmse: of the error, predicted less measured, unfiltered [Nm or N].
     """
 
     name: str
@@ -97,18 +97,18 @@ class DynamicsFit:
             recording: with torque, of the same robot.
             filter_hz: cut-off of the zero-phase filter that both pass for ``r2``; default: that of the fit.
         """
-        motion, torque = _motion_and_torque(recording, self.cutoff_hz)
+        motion, torque = recorded_motion(recording, self.cutoff_hz)
         predicted = self.predict(motion)
         cutoff = filter_hz or self.cutoff_hz
         smooth, smooth_predicted = (lowpass(x, motion.rate_hz, cutoff) for x in (torque, predicted))
-        error = torque - predicted
+        error = predicted - torque  # eq 3.1
         scores = []
         for j, joint in enumerate(self.robot.joints):
             scores.append(
                 JointScore(
                     name=joint.name,
-                    r2=_r2(smooth[:, j], smooth_predicted[:, j]),
-                    r2_raw=_r2(torque[:, j], predicted[:, j]),
+                    r2=share_predicted(smooth[:, j], smooth_predicted[:, j]),
+                    r2_raw=share_predicted(torque[:, j], predicted[:, j]),
                     mean=float(error[:, j].mean()),
                     sd=float(error[:, j].std()),
                     rmse=float(np.sqrt((error[:, j] ** 2).mean())),
@@ -217,14 +217,15 @@ class _System:
         couplings: tuple[tuple[tuple[int, float], ...], ...],
         sign_shares: FloatArray | float = _SIGN_SHARES[0],
     ) -> _System:
-        motion, torque = _motion_and_torque(recording, cutoff_hz)
+        motion, torque = recorded_motion(recording, cutoff_hz)
         sign_speed = np.maximum(sign_shares * np.sqrt((motion.qd**2).mean(axis=0)), 1e-4)
         raw = torque_columns(robot, motion, sign_speed, couplings)
         columns, wanted = (lowpass(x, motion.rate_hz, _FIT_PER_CUTOFF * cutoff_hz) for x in (raw, torque))
         return cls(robot, couplings, cutoff_hz, sign_speed, motion.rate_hz, raw, columns, torque, wanted)
 
 
-def _motion_and_torque(recording: Recording, cutoff_hz: float) -> tuple[EvenMotion, FloatArray]:
+def recorded_motion(recording: Recording, cutoff_hz: float) -> tuple[EvenMotion, FloatArray]:
+    """The filtered motion of a recording, and its torques (N, n) at the same times."""
     if recording.tau is None:
         raise InputError("recording", f"{recording.source or 'it'} has no joint torque", "wanted tau_1 .. tau_n")
     motion = even_motion(recording.t, recording.q, recording.qd, cutoff_hz)
@@ -245,7 +246,7 @@ def _cross_validate(
     system = _System.of(recording, robot, cutoff_hz, couplings)
     predicted = _left_out(system, system.raw)
     measured, predicted = (lowpass(x, system.rate_hz, reference_hz) for x in (system.torque, predicted))
-    return float(np.mean([1 - _r2(measured[:, j], predicted[:, j]) for j in range(robot.dof)]))
+    return float(np.mean([1 - share_predicted(measured[:, j], predicted[:, j]) for j in range(robot.dof)]))
 
 
 def _best_shares(
@@ -353,6 +354,7 @@ def _standard_errors(matrix: FloatArray, residual: FloatArray, joints: int) -> F
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
-def _r2(measured: FloatArray, predicted: FloatArray) -> float:
+def share_predicted(measured: FloatArray, predicted: FloatArray) -> float:
+    """R2: the share of a variance that is predicted; NaN where there is none."""
     spread = float(((measured - measured.mean()) ** 2).sum())
     return 1 - float(((measured - predicted) ** 2).sum()) / spread if spread > 0 else math.nan

@@ -1,0 +1,48 @@
+"""Pages of ``bumpstop identify --out`` and ``bumpstop validate --out`` for fitted dynamics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bumpstop.identification import DynamicsFit
+    from bumpstop.recording import Recording
+
+
+def dynamics_report(
+    fit: DynamicsFit, log: Recording, folder: Path, *, where: str, filter_hz: float | None, contact_joint: int | None
+) -> str:
+    """Write the page on a fit and a recording; what was found of contact, in a sentence, or nothing.
+
+    Args:
+        fit: the model.
+        log: with torques, and perhaps a wrench.
+        folder: of the page.
+        where: on which rows, in words.
+        filter_hz: where both are compared filtered; default: the fit's.
+        contact_joint: whose torque the contact comparison uses, from 1; default: the one that feels it most.
+    """
+    from bumpstop.identification.validation import compare_dynamics, contact_of
+    from bumpstop.report.validation import SelectionPart, write_validation_report
+
+    comparison = compare_dynamics(fit, log, filter_hz=filter_hz)
+    contact = contact_of(fit, log, joint=None if contact_joint is None else contact_joint - 1)
+    selection = SelectionPart(
+        {f"{cutoff:g} Hz": 100 * share for cutoff, share in fit.held_out.items()},
+        f"{fit.cutoff_hz:g} Hz",
+        "The cut-off of the motion's filter is chosen by the error on fifths of the recording, each predicted from the "
+        "other four: the largest that does as well as the best.",
+        "unexplained on held-out fifths [%]",
+    )
+    name = Path(log.source).name or "a recording"
+    title = f"{fit.robot.title or fit.robot.name}: predicted torque, {name}"
+    write_validation_report(comparison, folder, title=title, where=where, contact=contact, selection=selection)
+    if contact is None:
+        return ""
+    error = contact.error[contact.judged]
+    most = f"{abs(error).mean():.3g} N on average, {abs(error).max():.3g} N at most" if error.size else "none judged"
+    return (
+        f"contact force by {fit.robot.joints[contact.joint].name}: error {most}; {contact.not_judged} rows not judged, "
+        f"their torque is below {contact.least_torque:.3g} Nm"
+    )

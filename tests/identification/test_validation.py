@@ -1,0 +1,149 @@
+"""Validation: error by speed and acceleration, and the contact comparison, where the answer is planted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.cli.main import main
+from bumpstop.identification import identify_dynamics, save_fit
+from bumpstop.identification.validation import (
+    ContactComparison,
+    binned_error,
+    compare_contact,
+    compare_dynamics,
+    contact_of,
+)
+from bumpstop.recording import Recording
+
+
+def planted(robot: bs.Robot, seed: int, *, seconds: float, noise: float = 0.6) -> Recording:
+    """A motion of four harmonics, torques of the robot's own inertia with friction, and noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, seconds, 0.01)
+    q, qd, qdd = (np.zeros((t.size, robot.dof)) for _ in range(3))
+    for harmonic in range(1, 5):
+        w = 2 * np.pi * 0.13 * harmonic
+        size, phase = 0.5 * rng.normal(size=robot.dof) / harmonic, rng.uniform(0, 6, size=robot.dof)
+        angle = w * t[:, None] + phase
+        q, qd, qdd = q + size * np.sin(angle), qd + w * size * np.cos(angle), qdd - w * w * size * np.sin(angle)
+    tau = bs.model.inverse_dynamics(robot, q, qd, qdd) + 2.0 * np.tanh(qd / 0.02) + 1.5 * qd
+    return Recording(t=t, q=q, qd=qd, tau=tau + noise * rng.normal(size=q.shape))
+
+
+def test_statistics_are_those_of_the_error() -> None:
+    """Of the fit's own score, and by numpy on the recorded rows."""
+    robot = bs.Robot.load("ur5e")
+    log = planted(robot, 1, seconds=10.0)
+    fit = identify_dynamics(log, robot, cutoff_hz=6.0)
+    found = compare_dynamics(fit, log)
+    assert [score.r2 for score in found.scores()] == [score.r2 for score in fit.score(log)]
+    assert [score.mean for score in found.scores()] == [score.mean for score in fit.score(log)]
+    error = found.predicted - found.measured
+    np.testing.assert_allclose([score.sd for score in found.scores()], error.std(axis=0))
+
+
+def test_error_that_a_model_lacks_shows_where_it_lacks_it() -> None:
+    """A planted missing inertia is a slope over acceleration and nothing over speed."""
+    rng = np.random.default_rng(1)
+    speed, acceleration = rng.normal(size=(2, 40_000))
+    error = -0.7 * acceleration + 0.1 * rng.normal(size=speed.size)
+    by_acceleration, by_speed = (binned_error(x, error, 10) for x in (acceleration, speed))
+    middle = by_acceleration.edges.mean(axis=1)
+    assert np.polyfit(middle, by_acceleration.mean, 1)[0] == pytest.approx(-0.7, rel=0.03)
+    assert np.abs(by_speed.mean[by_speed.rows > 500]).max() < 4 * 0.71 / np.sqrt(500)
+    assert by_speed.rows.min() >= 20
+    assert by_acceleration.rows.sum() > 0.99 * 0.998 * speed.size
+
+
+def pressed(*, gain: float = 1.0, noise: float = 0.0) -> tuple[bs.Robot, ContactComparison]:
+    """A press of up to 60 N along the tool, felt by the joints as gain times what it is."""
+    robot = bs.Robot.load("sia5d")
+    t = np.arange(0.0, 4.0, 0.01)
+    q = np.tile(np.radians([0, 30, 0, -20, 0, -40, 0]), (t.size, 1)) + 0.01 * t[:, None]
+    force = 60 * np.clip(np.minimum(t - 1, 3 - t), 0, None)
+    wrench = np.zeros((t.size, 6))
+    wrench[:, 0] = -force
+    rotation = robot.pose(q)[:, :3, :3]
+    in_base = np.einsum("nij,nj->ni", rotation, wrench[:, :3])
+    torque = gain * np.einsum("nij,ni->nj", robot.jacobian(q)[:, :3], in_base)
+    torque += noise * np.random.default_rng(2).normal(size=torque.shape)
+    return robot, compare_contact(robot, t, q, torque, wrench)
+
+
+def test_contact_force_is_the_measured_one_times_the_planted_gain() -> None:
+    for gain in (1.0, 1.2):
+        _, found = pressed(gain=gain)
+        np.testing.assert_allclose(found.estimated[found.judged], gain * found.force[found.judged])
+        np.testing.assert_allclose(found.all_joints[found.judged], gain * found.force[found.judged])
+        np.testing.assert_allclose(found.error[found.judged], (gain - 1) * found.force[found.judged], atol=1e-9)
+
+
+def test_small_torques_are_not_judged() -> None:
+    """Eq 3.8 divides by the torque of the measured force: rows below three of its standard deviations are left out."""
+    _, found = pressed(noise=0.5)
+    own = np.abs(found.torque_expected)
+    assert found.least_torque == pytest.approx(1.5, rel=0.3)
+    assert (own[found.judged] > found.least_torque).all()
+    assert np.isnan(found.estimated[~found.judged]).all()
+    assert 0 < found.not_judged < 0.2 * found.t.size
+    # What is judged errs by at most noise over lever arm, here at four standard deviations.
+    lever = own[found.judged] / found.force[found.judged]
+    assert np.abs(found.error[found.judged] * lever).max() < 4.5 * 0.5
+
+
+def test_contact_by_the_base_frame_and_what_is_refused() -> None:
+    robot = bs.Robot.load("ur5e")
+    rng = np.random.default_rng(4)
+    q = rng.uniform(-1, 1, size=(30, 6))
+    wrench = np.zeros((30, 6))
+    wrench[:, 2] = np.linspace(0, 50, 30)
+    torque = np.einsum("nij,ni->nj", robot.jacobian(q), wrench)
+    found = compare_contact(robot, np.arange(30.0), q, torque, wrench, in_base_frame=True, joint=1, least_torque=0.5)
+    np.testing.assert_allclose(found.estimated[found.judged], found.force[found.judged])
+    with pytest.raises(bs.InputError, match="has no force"):
+        compare_contact(robot, np.arange(30.0), q, torque, 0 * wrench)
+    with pytest.raises(bs.InputError, match="9 is none of ur5e"):
+        compare_contact(robot, np.arange(30.0), q, torque, wrench, joint=8)
+
+
+def test_pages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The page, its figures, and the contact comparison of a recording with a wrench."""
+    robot = bs.Robot.load("ur5e")
+    log = planted(robot, 2, seconds=12.0, noise=0.1)
+    fit = identify_dynamics(log, robot, cutoff_hz=6.0)
+    save_fit(fit, tmp_path / "model.toml", robot={"robot": "ur5e"}, created_from=["here"])
+    wrench = np.zeros((log.t.size, 6))
+    wrench[:, 2] = -40 * np.clip(np.sin(log.t - 4), 0, None) * (log.t > 4) * (log.t < 7.1)
+    in_base = np.einsum("nij,nj->ni", robot.pose(log.q)[:, :3, :3], wrench[:, :3])
+    assert log.tau is not None
+    touched = log.tau - np.einsum("nij,ni->nj", robot.jacobian(log.q)[:, :3], in_base)
+    pressed_log = Recording(t=log.t, q=log.q, qd=log.qd, tau=touched, wrench=wrench)
+    contact = contact_of(fit, pressed_log)
+    assert contact is not None
+    assert np.nanmean(np.abs(contact.error)) < 3.0
+    assert contact_of(fit, log) is None
+    pressed_log.save(tmp_path / "log.parquet")
+    arguments = [
+        "validate",
+        str(tmp_path / "model.toml"),
+        str(tmp_path / "log.parquet"),
+        "--out",
+        str(tmp_path / "page"),
+    ]
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 0
+    assert "contact force by" in capsys.readouterr().out
+    page = (tmp_path / "page" / "report.html").read_text()
+    for title in ("Error by joint", "Measured and predicted", "Where the model is weak", "Contact force"):
+        assert f">{title}</h2>" in page
+    assert "<script" not in page
+    assert len(list((tmp_path / "page").glob("*.png"))) == 3 * 6 + 1
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--contact-joint", "9"])
+    assert ended.value.code == 2
+    assert "9 is none of ur5e" in capsys.readouterr().err
