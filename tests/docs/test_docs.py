@@ -187,6 +187,27 @@ def test_console(
                 assert any(Path(file).match(pattern) for file in written), pattern
 
 
+def test_tutorial_of_identification(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every console of the tutorial, one after the other in one folder."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", WIDTH)
+    shell = Shell(tmp_path, capsys)
+    for text in blocks(ROOT / "docs" / "tutorial_identification.md", "console"):
+        parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
+        for command, wanted in zip(parts[1::2], parts[2::2], strict=True):
+            if command.startswith("python "):
+                arguments = [sys.executable, *shlex.split(command)[1:]]
+                done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+                printed, shell.status = done.stdout + done.stderr, done.returncode
+            else:
+                printed = shell.run(command)
+            assert shell.status == 0, printed
+            assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
+
+
 @pytest.mark.parametrize("command", ["evaluate", "bodies", "robots", "identify", "validate"])
 def test_options(command: str) -> None:
     parameters: Any = typer.main.get_command(app).commands[command].params  # type: ignore[attr-defined]
@@ -197,6 +218,12 @@ def test_options(command: str) -> None:
 def test_options_of_robots(command: str) -> None:
     group: Any = typer.main.get_command(app).commands["robots"]  # type: ignore[attr-defined]
     compare_options(group.commands[command].params, f"robots {command}")
+
+
+@pytest.mark.parametrize("command", ["identification", "excitation"])
+def test_options_of_plan(command: str) -> None:
+    group: Any = typer.main.get_command(app).commands["plan"]  # type: ignore[attr-defined]
+    compare_options(group.commands[command].params, f"plan {command}")
 
 
 @pytest.mark.parametrize("command", ["info", "convert"])
