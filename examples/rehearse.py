@@ -1,7 +1,7 @@
 """Rehearse a planned motion without an arm: ``python rehearse.py excitation.csv run.parquet [SEED]``.
 
 A UR10e of the published inertia, with friction and noise of our own choosing, follows the trajectory. What it would
-have recorded of itself, positions and joint torques at an uneven 250 Hz with one sample in a hundred lost, is written down.
+have recorded of itself, positions and joint torques at an uneven 250 Hz with one sample in a hundred lost, is written.
 """
 
 import sys
