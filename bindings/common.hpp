@@ -68,6 +68,7 @@ void bind_model(nb::module_& module);
 void bind_dynamics(nb::module_& module);
 void bind_signal(nb::module_& module);
 void bind_joint(nb::module_& module);
+void bind_detection(nb::module_& module);
 void bind_sensitivity(nb::module_& module);
 void bind_collision(nb::module_& module);
 void bind_trajectory(nb::module_& module);

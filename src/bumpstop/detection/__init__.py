@@ -1,5 +1,7 @@
-"""Detection: residuals, where the arm is blind, thresholds tuned to a rate of false alarms, and scores."""
+"""Detection: residuals, thresholds and their tuning, the detector, where the arm is blind, and scores."""
 
+from bumpstop.detection.detector import Detector
+from bumpstop.detection.events import DetectionRun, Event
 from bumpstop.detection.labels import Label, load_labels
 from bumpstop.detection.residual_file import ResidualSeries
 from bumpstop.detection.residuals import ResidualRecord
@@ -12,26 +14,36 @@ from bumpstop.detection.sensitivity import (
     largest_undetected_torque,
     required_torque,
 )
+from bumpstop.detection.series import detect, residual_record
+from bumpstop.detection.settings import DetectorSettings
+from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning import FARTHEST, Tuning, tune
 
 __all__ = [
     "FARTHEST",
     "BlindForces",
+    "DetectionRun",
+    "Detector",
+    "DetectorSettings",
+    "Event",
     "Label",
     "ResidualRecord",
     "ResidualSeries",
     "Roc",
     "Score",
+    "Thresholds",
     "Tolerance",
     "Tuning",
     "blind_force_along",
     "blind_forces",
+    "detect",
     "event_times",
     "gaps",
     "largest_undetected_force",
     "largest_undetected_torque",
     "load_labels",
     "required_torque",
+    "residual_record",
     "roc",
     "scaled_residual",
     "score",

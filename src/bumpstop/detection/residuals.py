@@ -30,20 +30,23 @@ class ResidualRecord:
             tenth of the record.
         correlation_rows: (dof,) integrated correlation time of each joint, in rows; 1 for white noise.
         notes: what is unusual about the record.
+        t: (N,) times of the rows [s]; None: not kept.
     """
 
     rows: FloatArray
     block_rows: int
     correlation_rows: FloatArray
     notes: tuple[str, ...] = ()
+    t: FloatArray | None = None
 
     @classmethod
-    def from_rows(cls, rows: FloatArray, notes: tuple[str, ...] = ()) -> ResidualRecord:
+    def from_rows(cls, rows: FloatArray, notes: tuple[str, ...] = (), t: FloatArray | None = None) -> ResidualRecord:
         """Choose the block length of a record.
 
         Args:
             rows: (N, dof), at least 100 of them [Nm or N].
             notes: what is already known of the record.
+            t: (N,) times of the rows [s], where they are known.
         """
         rows = as_float_array(rows, "residuals", (None, None))
         count = rows.shape[0]
@@ -58,7 +61,7 @@ class ResidualRecord:
                 f"The residuals are correlated over {times.max():.3g} rows: blocks of {wanted} would be wanted, more "
                 "than a tenth of the record. A longer recording would say more."
             )
-        return cls(rows, block, times, (*notes, *more))
+        return cls(rows, block, times, (*notes, *more), t)
 
     @classmethod
     def load(cls, path: str | Path, dof: int, period: float) -> ResidualRecord:
@@ -102,7 +105,37 @@ class ResidualRecord:
         rows = np.stack(columns[1:], axis=1)
         if rows.shape[0] < _FEWEST_ROWS:
             raise InputError(where, f"{str(path)!r} has {rows.shape[0]} rows", f"wanted at least {_FEWEST_ROWS}")
-        return cls.from_rows(rows, _check_time(columns[0], period, where, str(path)))
+        return cls.from_rows(rows, _check_time(columns[0], period, where, str(path)), columns[0])
+
+    def save(self, path: str | Path) -> None:
+        """Write ``t, residual_1 .. residual_n`` as Parquet: a scenario takes it as its noise.
+
+        Raises:
+            InputError: the times are not known, or the file cannot be written.
+        """
+        if self.t is None:
+            raise InputError("residuals", "have no times", "only records with times can be written")
+        write_residuals(path, self.t, self.rows)
+
+
+def write_residuals(path: str | Path, t: FloatArray, rows: FloatArray) -> None:
+    """Write ``t, residual_1 .. residual_n`` as Parquet.
+
+    Args:
+        path: of the file.
+        t: (N,) [s].
+        rows: (N, n) [Nm or N].
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    import polars as pl
+
+    columns = {"t": t} | {f"residual_{j + 1}": rows[:, j] for j in range(rows.shape[1])}
+    try:
+        pl.DataFrame(columns).write_parquet(path)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
 
 
 def _check_time(t: FloatArray, period: float, where: str, path: str) -> tuple[str, ...]:

@@ -90,6 +90,20 @@ class DynamicsFit:
         torque: FloatArray = columns[:, :, list(self.columns)] @ self.values
         return torque
 
+    def residual(self, recording: Recording) -> tuple[EvenMotion, FloatArray]:
+        """Recorded minus predicted torque, unfiltered, of the same robot.
+
+        Returns:
+            The motion on its even grid, and the residual (N, n) there [Nm or N].
+
+        Raises:
+            InputError: no torque, other joints, or too few rows.
+        """
+        if recording.dof != self.robot.dof:
+            raise InputError("recording", f"has {recording.dof} joints", f"{self.robot.name} has {self.robot.dof}")
+        motion, torque = _motion_and_torque(recording, self.cutoff_hz)
+        return motion, torque - self.predict(motion)
+
     def score(self, recording: Recording, *, filter_hz: float | None = None) -> tuple[JointScore, ...]:
         """Compare predicted with recorded torque.
 

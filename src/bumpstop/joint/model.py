@@ -234,6 +234,11 @@ class JointTorqueModel:
                 raise InputError(f"joint {name} name", "appears twice", "wanted a name for each joint")
         object.__setattr__(self, "_kernel", [_kernel(joint) for joint in self.joints])
 
+    @property
+    def kernel(self) -> list[core.JointTorqueParameters]:
+        """The joints in the kernels' form."""
+        return self._kernel
+
     @classmethod
     def load(cls, path_or_name: str | os.PathLike[str]) -> JointTorqueModel:
         """Load a built-in model by name, or a model from a TOML file.

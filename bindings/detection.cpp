@@ -1,0 +1,298 @@
+// The detector over the rows of a recording, and tick by tick.
+#include <nanobind/stl/array.h>
+
+#include "bumpstop/detection/detector.hpp"
+#include "common.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+namespace {
+
+Detector make_detector(const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor,
+                       const std::vector<JointTorqueParameters>& joints, const std::vector<JointTorqueErrors>& errors,
+                       const DetectorSettings& settings) {
+    std::vector<LinkInertia> links(std::size_t(chain.dof));
+    for (std::size_t i = 0; i < links.size(); ++i) {
+        links[i].mass = mass(i);
+        links[i].rotor = rotor(i);
+        for (int k = 0; k < 3; ++k) {
+            links[i].center[k] = center(i, k);
+            for (int l = 0; l < 3; ++l) links[i].tensor[3 * k + l] = tensor(i, k, l);
+        }
+    }
+    return Detector(chain, links, joints, errors, settings);
+}
+
+void store_row(const std::array<double, max_joints>& values, NewArray<double>& out, std::size_t row) {
+    const std::size_t width = out.shape[1];
+    for (std::size_t j = 0; j < width; ++j) out.data[row * width + j] = values[j];
+}
+
+// An alarm is taken as dealt with once every residual has been below its threshold for `rearm` seconds.
+class Rearming {
+  public:
+    explicit Rearming(double after) : after_(after) {}
+    bool over(double t, bool alarm, bool loud) {
+        if (!alarm || loud || quiet_ > t) {
+            quiet_ = t;
+            return false;
+        }
+        return t - quiet_ >= after_;
+    }
+
+  private:
+    double after_, quiet_ = -std::numeric_limits<double>::infinity();
+};
+
+nb::tuple run(Detector& detector, Vector t, Matrix q, Matrix signal, std::optional<Matrix> qd, double rearm) {
+    const std::size_t rows = t.shape(0), width = std::size_t(detector.joints());
+    NewArray<double> residual({rows, width}), fast({rows, width}), threshold({rows, width});
+    NewArray<std::uint8_t> state({rows}), fault({rows}), flags({rows});
+    std::vector<DetectorEvent> events;
+    {
+        nb::gil_scoped_release unlocked;
+        Rearming rearming(rearm);
+        DetectorSample sample;
+        for (std::size_t i = 0; i < rows; ++i) {
+            sample.t = t(i);
+            for (std::size_t j = 0; j < width; ++j) {
+                sample.q[j] = q(i, j);
+                sample.signal[j] = signal(i, j);
+                if (qd) sample.qd[j] = (*qd)(i, j);
+            }
+            const bool before = detector.alarmed();
+            const DetectorOutput& out = detector.update(sample);
+            if (!before && detector.alarmed()) events.push_back(detector.event());
+            store_row(out.residual, residual, i);
+            store_row(out.fast, fast, i);
+            store_row(out.threshold, threshold, i);
+            state.data[i] = std::uint8_t(out.state);
+            fault.data[i] = std::uint8_t(out.fault);
+            flags.data[i] = std::uint8_t(out.stop | out.late << 1 | out.unseen << 2 | out.payload_changed << 3);
+            if (rearming.over(out.t, out.state == DetectorState::alarm, (out.over | out.over_fast) != 0))
+                detector.acknowledge();
+        }
+    }
+    return nb::make_tuple(residual.release(), fast.release(), threshold.release(), state.release(), fault.release(),
+                          flags.release(), events);
+}
+
+// The same for residuals that come from elsewhere. `events` are rows.
+nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Matrix qd, Matrix qdd, double rearm) {
+    const std::size_t rows = t.shape(0), width = residual.shape(1);
+    NewArray<double> fast({rows, width}), threshold({rows, width});
+    NewArray<std::uint8_t> state({rows}), unseen({rows});
+    std::vector<std::size_t> events;
+    std::vector<std::uint32_t> over, over_fast;
+    {
+        nb::gil_scoped_release unlocked;
+        Decision decision(settings, int(width));
+        Rearming rearming(rearm);
+        for (std::size_t i = 0; i < rows; ++i) {
+            const double dt = i > 0 ? t(i) - t(i - 1) : 0;
+            if (decision.judge(t(i), dt, &residual(i, 0), &qd(i, 0), &qdd(i, 0), nullptr)) {
+                events.push_back(i);
+                over.push_back(decision.over());
+                over_fast.push_back(decision.over_fast());
+            }
+            std::copy(decision.fast(), decision.fast() + width, &fast.data[i * width]);
+            std::copy(decision.threshold(), decision.threshold() + width, &threshold.data[i * width]);
+            state.data[i] = std::uint8_t(decision.state());
+            unseen.data[i] = decision.unseen();
+            if (rearming.over(t(i), decision.state() == DetectorState::alarm,
+                              (decision.over() | decision.over_fast()) != 0))
+                decision.acknowledge();
+        }
+    }
+    return nb::make_tuple(fast.release(), threshold.release(), state.release(), unseen.release(), events, over,
+                          over_fast);
+}
+
+ContactEstimate contact_of(const Chain& chain, Vector q, Vector residual, Vector sd, int link, Vector point,
+                           Vector direction) {
+    JointAngles<double> angle;
+    angle.set(chain, q.data());
+    Posture<double> posture;
+    forward_kinematics(chain, q.data(), angle, posture);
+    return estimate_contact(chain, posture, residual.data(), sd.data(),
+                            link_point(chain, link, {point(0), point(1), point(2)}),
+                            {direction(0), direction(1), direction(2)});
+}
+
+void bind_settings(nb::module_& module) {
+    nb::class_<JointTorqueErrors>(module, "JointTorqueErrors",
+                                  "Standard errors of one joint, in the units of the header.")
+        .def(nb::init<>())
+        .def_rw("A", &JointTorqueErrors::A)
+        .def_rw("B", &JointTorqueErrors::B)
+        .def_rw("D", &JointTorqueErrors::D)
+        .def_rw("F", &JointTorqueErrors::F)
+        .def_rw("coulomb", &JointTorqueErrors::coulomb)
+        .def_rw("viscous", &JointTorqueErrors::viscous)
+        .def_rw("stribeck", &JointTorqueErrors::stribeck)
+        .def_rw("stribeck_speed", &JointTorqueErrors::stribeck_speed)
+        .def_rw("load", &JointTorqueErrors::load)
+        .def_rw("hysteresis", &JointTorqueErrors::hysteresis)
+        .def_rw("inertia", &JointTorqueErrors::inertia)
+        .def_rw("friction", &JointTorqueErrors::friction);
+    nb::class_<SampleLimits>(module, "SampleLimits", "What a sample may be.")
+        .def(nb::init<>())
+        .def_rw("period", &SampleLimits::period)
+        .def_rw("shortest_interval", &SampleLimits::shortest_interval)
+        .def_rw("late_interval", &SampleLimits::late_interval)
+        .def_rw("longest_interval", &SampleLimits::longest_interval)
+        .def_rw("resolution", &SampleLimits::resolution)
+        .def_rw("lower", &SampleLimits::lower)
+        .def_rw("upper", &SampleLimits::upper)
+        .def_rw("velocity", &SampleLimits::velocity)
+        .def_rw("signal", &SampleLimits::signal)
+        .def_rw("measured_rates", &SampleLimits::measured_rates);
+    nb::class_<ThresholdLaw>(module, "ThresholdLaw", "Thresholds, constant or growing with motion.")
+        .def(nb::init<>())
+        .def_rw("constant", &ThresholdLaw::constant)
+        .def_rw("speed", &ThresholdLaw::speed)
+        .def_rw("acceleration", &ThresholdLaw::acceleration)
+        .def_rw("rest", &ThresholdLaw::rest)
+        .def_rw("rest_speed", &ThresholdLaw::rest_speed)
+        .def_rw("fast", &ThresholdLaw::fast)
+        .def_rw("model_errors", &ThresholdLaw::model_errors);
+    nb::class_<DecisionSettings>(module, "DecisionSettings", "From residuals to alarms.")
+        .def(nb::init<>())
+        .def_rw("thresholds", &DecisionSettings::thresholds)
+        .def_rw("arming_delay", &DecisionSettings::arming_delay)
+        .def_rw("rest_time", &DecisionSettings::rest_time)
+        .def_rw("low_hz", &DecisionSettings::low_hz)
+        .def_rw("high_hz", &DecisionSettings::high_hz);
+    nb::class_<Payload>(module, "Payload", "A point mass on the last link.")
+        .def(nb::init<>())
+        .def_rw("mass", &Payload::mass)
+        .def_rw("center", &Payload::center);
+    nb::class_<PayloadWatchSettings>(module, "PayloadWatchSettings", "When a payload counts as changed.")
+        .def(nb::init<>())
+        .def_rw("window", &PayloadWatchSettings::window)
+        .def_rw("interval", &PayloadWatchSettings::interval)
+        .def_rw("least_mass", &PayloadWatchSettings::least_mass)
+        .def_rw("least_share", &PayloadWatchSettings::least_share)
+        .def_rw("least_change", &PayloadWatchSettings::least_change);
+    nb::class_<DetectorSettings>(module, "DetectorSettings", "Everything the detector is told beside robot and model.")
+        .def(nb::init<>())
+        .def_rw("residual", &DetectorSettings::residual)
+        .def_rw("source", &DetectorSettings::source)
+        .def_rw("observer_gain", &DetectorSettings::observer_gain)
+        .def_rw("window", &DetectorSettings::window)
+        .def_rw("degree", &DetectorSettings::degree)
+        .def_rw("gravity", &DetectorSettings::gravity)
+        .def_rw("samples", &DetectorSettings::samples)
+        .def_rw("decision", &DetectorSettings::decision)
+        .def_rw("grace", &DetectorSettings::grace)
+        .def_rw("unknown", &DetectorSettings::unknown)
+        .def_rw("noise_sd", &DetectorSettings::noise_sd)
+        .def_rw("direction", &DetectorSettings::direction)
+        .def_rw("payload", &DetectorSettings::payload)
+        .def_rw("payload_watch", &DetectorSettings::payload_watch)
+        .def(
+            "set_contact",
+            [](DetectorSettings& self, const Chain& chain, int link, const Vector3& point) {
+                self.contact = link_point(chain, link, point);
+            },
+            nb::arg("chain"), nb::arg("link"), nb::arg("point"), "Where the force of an event is given.");
+}
+
+}  // namespace
+
+void bind_detection(nb::module_& module) {
+    nb::enum_<ResidualKind>(module, "ResidualKind")
+        .value("direct", ResidualKind::direct)
+        .value("observer", ResidualKind::observer);
+    nb::enum_<TorqueSource>(module, "TorqueSource")
+        .value("current", TorqueSource::current)
+        .value("torque", TorqueSource::torque);
+    nb::enum_<DetectorState>(module, "DetectorState")
+        .value("blind", DetectorState::blind)
+        .value("arming", DetectorState::arming)
+        .value("watching", DetectorState::watching)
+        .value("alarm", DetectorState::alarm);
+    nb::enum_<SampleFault>(module, "SampleFault")
+        .value("none", SampleFault::none)
+        .value("filling", SampleFault::filling)
+        .value("not_finite", SampleFault::not_finite)
+        .value("repeated", SampleFault::repeated)
+        .value("out_of_order", SampleFault::out_of_order)
+        .value("gap", SampleFault::gap)
+        .value("outside_limits", SampleFault::outside_limits)
+        .value("impossible_jump", SampleFault::impossible_jump)
+        .value("impossible_signal", SampleFault::impossible_signal);
+    bind_settings(module);
+    nb::class_<ContactEstimate>(module, "ContactEstimate", "What a residual says of a contact.")
+        .def_ro("link", &ContactEstimate::link)
+        .def_ro("possible", &ContactEstimate::possible)
+        .def_ro("force_along", &ContactEstimate::force_along)
+        .def_ro("force", &ContactEstimate::force)
+        .def_ro("leftover", &ContactEstimate::leftover)
+        .def_ro("misfit", &ContactEstimate::misfit);
+    nb::class_<DetectorEvent>(module, "DetectorEvent", "An alarm.")
+        .def_ro("t", &DetectorEvent::t)
+        .def_ro("over", &DetectorEvent::over)
+        .def_ro("over_fast", &DetectorEvent::over_fast)
+        .def_ro("residual", &DetectorEvent::residual)
+        .def_ro("threshold", &DetectorEvent::threshold)
+        .def_ro("q", &DetectorEvent::q)
+        .def_ro("contact", &DetectorEvent::contact)
+        .def_ro("payload_changed", &DetectorEvent::payload_changed)
+        .def_ro("payload_change", &DetectorEvent::payload_change);
+    nb::class_<DetectorOutput>(module, "DetectorOutput", "Of one tick.")
+        .def_ro("state", &DetectorOutput::state)
+        .def_ro("fault", &DetectorOutput::fault)
+        .def_ro("stop", &DetectorOutput::stop)
+        .def_ro("late", &DetectorOutput::late)
+        .def_ro("unseen", &DetectorOutput::unseen)
+        .def_ro("payload_changed", &DetectorOutput::payload_changed)
+        .def_ro("t", &DetectorOutput::t)
+        .def_ro("over", &DetectorOutput::over)
+        .def_ro("over_fast", &DetectorOutput::over_fast)
+        .def_ro("residual", &DetectorOutput::residual)
+        .def_ro("fast", &DetectorOutput::fast)
+        .def_ro("threshold", &DetectorOutput::threshold)
+        .def_ro("qd", &DetectorOutput::qd)
+        .def_ro("qdd", &DetectorOutput::qdd);
+    nb::class_<Detector>(module, "LoopDetector", "The detector of a control loop.")
+        .def(
+            "__init__",
+            [](Detector* self, const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor,
+               const std::vector<JointTorqueParameters>& joints, const std::vector<JointTorqueErrors>& errors,
+               const DetectorSettings& settings) {
+                new (self) Detector(make_detector(chain, mass, center, tensor, rotor, joints, errors, settings));
+            },
+            nb::arg("chain"), nb::arg("mass"), nb::arg("center"), nb::arg("tensor"), nb::arg("rotor"),
+            nb::arg("joints"), nb::arg("errors"), nb::arg("settings"))
+        .def("run", &run, nb::arg("t"), nb::arg("q"), nb::arg("signal"), nb::arg("qd").none(), nb::arg("rearm"),
+             "Residuals, fast channel and thresholds (N, n), state, fault and flags (N,), events.")
+        .def(
+            "update",
+            [](Detector& self, double t, Vector q, Vector signal, Vector qd) {
+                DetectorSample sample;
+                sample.t = t;
+                for (int j = 0; j < self.joints(); ++j) {
+                    sample.q[j] = q(j);
+                    sample.signal[j] = signal(j);
+                    sample.qd[j] = qd(j);
+                }
+                return self.update(sample);
+            },
+            nb::arg("t"), nb::arg("q"), nb::arg("signal"), nb::arg("qd"), "Judges a sample.")
+        .def("overdue", &Detector::overdue, nb::arg("now"))
+        .def("acknowledge", &Detector::acknowledge)
+        .def("reset", &Detector::reset)
+        .def("set_payload", &Detector::set_payload, nb::arg("payload"))
+        .def("payload_change", [](const Detector& self) { return self.payload().change(); })
+        .def("event", &Detector::event);
+    module.attr("sample_faults") = sample_faults;
+    module.attr("detector_states") = detector_states;
+    module.def("judge", &judge, nb::arg("settings"), nb::arg("t"), nb::arg("residual"), nb::arg("qd"), nb::arg("qdd"),
+               nb::arg("rearm"), "Fast channel and thresholds (N, n), state and unseen (N,), rows of events, joints.");
+    module.def("estimate_contact", &contact_of, nb::arg("chain"), nb::arg("q"), nb::arg("residual"), nb::arg("sd"),
+               nb::arg("link"), nb::arg("point"), nb::arg("direction"), "What a residual says of a contact.");
+    module.def("dead_zone", &dead_zone, nb::arg("joint"), nb::arg("current"), "Torque hidden at standstill [Nm].");
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,279 @@
+/// @file
+/// The collision detector of a control loop: a sample in, a state out, at every tick.
+///
+/// Nothing is allocated, nothing throws. Signs: the residual is estimated minus predicted motor torque.
+#pragma once
+
+#include "bumpstop/detection/decision.hpp"
+#include "bumpstop/detection/isolation.hpp"
+#include "bumpstop/detection/payload.hpp"
+#include "bumpstop/detection/sample_guard.hpp"
+#include "bumpstop/joint/joint_bank.hpp"
+#include "bumpstop/signal/chain_derivative.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+enum class ResidualKind {
+    direct,    // estimated torque minus Newton-Euler (eq 4.1)
+    observer,  // minus the momentum observer's external torque
+};
+enum class TorqueSource {
+    current,  // the joint model makes torque of motor current
+    torque,   // the signal is joint torque
+};
+
+struct DetectorSettings {
+    ResidualKind residual = ResidualKind::direct;
+    TorqueSource source = TorqueSource::current;
+    double observer_gain = 50;        ///< K [1/s]
+    int window = 8, degree = 2;       ///< of the derivatives, see CausalDerivative
+    Vector3 gravity{0, 0, -9.80665};  ///< base frame [m/s2]
+    SampleLimits samples;
+    DecisionSettings decision;
+    double grace = 0;                           ///< blind for longer asks for a stop [s]; 0: at once
+    std::uint32_t unknown = 0;                  ///< joint j as bit j: its torque is not known, and its residual is zero
+    std::array<double, max_joints> noise_sd{};  ///< of the residual, above 0; infinite: the joint is not watched
+    LinkPoint contact;                          ///< where the force of an event is given
+    Vector3 direction{0, 0, -1};                ///< unit vector the force is given along, base frame
+    Payload payload;                            ///< declared
+    PayloadWatchSettings payload_watch;
+};
+
+/// Of one tick. In a blind tick the residual is not of use and NaN.
+struct DetectorOutput {
+    DetectorState state = DetectorState::blind;
+    SampleFault fault = SampleFault::filling;
+    bool stop = true;     ///< the arm must stop: an alarm, or blind for longer than the grace
+    bool late = false;    ///< samples are missing before this one
+    bool unseen = false;  ///< over a threshold, but the detector is arming
+    bool payload_changed = false;
+    double t = 0;                                ///< of the sample [s]
+    std::uint32_t over = 0, over_fast = 0;       ///< joint j as bit j
+    std::array<double, max_joints> residual{};   ///< Nm or N
+    std::array<double, max_joints> fast{};       ///< of the fast channel; zero where no joint is watched there
+    std::array<double, max_joints> threshold{};  ///< of the residual in this tick
+    std::array<double, max_joints> qd{}, qdd{};  ///< as the detector sees them
+};
+
+/// The alarm that stays until it is acknowledged.
+struct DetectorEvent {
+    double t = 0;
+    std::uint32_t over = 0, over_fast = 0;
+    std::array<double, max_joints> residual{}, threshold{}, q{};
+    ContactEstimate contact;
+    bool payload_changed = false;  ///< a changed payload explains the residuals up to here
+    double payload_change = 0;     ///< kg
+};
+
+class Detector {
+  public:
+    /// `links`: inertia of every link. `joints` and `errors`: of the joint model, or empty where the signal is torque.
+    Detector(const Chain& chain, std::span<const LinkInertia> links, std::span<const JointTorqueParameters> joints,
+             std::span<const JointTorqueErrors> errors, const DetectorSettings& settings) noexcept
+        : chain_(chain),
+          settings_(settings),
+          bank_(joints, errors),
+          derivative_(settings.window, settings.degree, chain.dof),
+          guard_(settings.samples, chain.dof),
+          observer_(settings.observer_gain, chain.dof),
+          decision_(settings.decision, chain.dof),
+          watch_(settings.payload_watch, chain.dof) {
+        for (int j = 0; j < chain.dof; ++j) links_[j] = links[j];
+        for (int j = 0; j < int(joints.size()); ++j) reflected_[j] = joints[j].inertia;
+        set_payload(settings.payload);
+    }
+
+    /// Judges a sample. The result stays until the next call.
+    const DetectorOutput& update(const DetectorSample& sample) noexcept {
+        out_.t = sample.t;
+        out_.unseen = false;
+        out_.over = out_.over_fast = 0;
+        const SampleFault fault = guard_.check(sample);
+        out_.late = guard_.late();
+        if (fault == SampleFault::gap) forget();
+        if (fault != SampleFault::none && fault != SampleFault::gap) return blind(fault, sample.t);
+        const bool full = settings_.samples.measured_rates ? derivative_.update(sample.t, sample.qd.data())
+                                                           : derivative_.update(sample.t, sample.q.data());
+        // A gap is told once, by the sample after it.
+        if (!full) return blind(fault == SampleFault::gap && begun_ ? fault : SampleFault::filling, sample.t);
+        const double* qd = settings_.samples.measured_rates ? sample.qd.data() : derivative_.rate();
+        const double* qdd = settings_.samples.measured_rates ? derivative_.rate() : derivative_.acceleration();
+        JointAngles<double> angle;
+        angle.set(chain_, sample.q.data());
+        if (!residual_of(sample, angle, qd, qdd)) return blind(SampleFault::filling, sample.t);
+        double sum = 0;
+        for (int j = 0; j < chain_.dof; ++j) {
+            if (settings_.unknown >> j & 1) out_.residual[j] = 0;
+        }
+        for (int j = 0; j < chain_.dof; ++j) sum += std::fabs(out_.residual[j]) + std::fabs(qdd[j]);
+        if (!(sum <= std::numeric_limits<double>::max())) {
+            forget();
+            return blind(SampleFault::not_finite, sample.t);
+        }
+        begun_ = true;
+        return judged(sample, angle, qd, qdd);
+    }
+
+    /// No sample has been believed for longer than the longest interval: `update` was not called, or called in vain.
+    bool overdue(double now) const noexcept {
+        return !(now - guard_.last_time() <= settings_.samples.longest_interval);
+    }
+    /// The alarm has been dealt with; the next tick is judged anew.
+    void acknowledge() noexcept { decision_.acknowledge(); }
+    /// As after construction, but for the payload.
+    void reset() noexcept {
+        guard_.reset();
+        bank_.reset();
+        decision_.reset();
+        watch_.reset();
+        derivative_.reset();
+        observer_.reset();
+        begun_ = false;
+        seen_ = -std::numeric_limits<double>::infinity();
+        out_ = {};
+    }
+    /// Declares what the arm carries from now on.
+    void set_payload(const Payload& payload) noexcept {
+        const int last = chain_.dof - 1;
+        std::array<LinkInertia, max_joints> links = links_;
+        links[last] = with_payload(links_[last], payload);
+        inertias_ = Inertias(chain_, std::span<const LinkInertia>(links.data(), std::size_t(chain_.dof)));
+        payload_point_ = link_point(chain_, last, payload.center);
+        watch_.reset();
+        // The momentum was that of another body.
+        observer_.reset();
+    }
+
+    const DetectorOutput& output() const noexcept { return out_; }
+    /// The last alarm.
+    const DetectorEvent& event() const noexcept { return event_; }
+    /// What the residuals of the last seconds say of the payload.
+    const PayloadWatch& payload() const noexcept { return watch_; }
+    /// The alarm stands.
+    bool alarmed() const noexcept { return decision_.state() == DetectorState::alarm; }
+    const DetectorSettings& settings() const noexcept { return settings_; }
+    int joints() const noexcept { return chain_.dof; }
+
+  private:
+    void forget() noexcept {
+        derivative_.reset();
+        observer_.reset();
+        decision_.interrupt();
+    }
+
+    /// Fills out_.residual; false while the observer begins.
+    bool residual_of(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
+                     const double* qdd) noexcept {
+        const bool observes = settings_.residual == ResidualKind::observer;
+        const int n = chain_.dof;
+        alignas(64) double current[max_joints] = {}, rate[max_joints] = {}, acceleration[max_joints] = {};
+        double tau[max_joints];
+        for (int j = 0; j < n; ++j) {
+            current[j] = sample.signal[j];
+            rate[j] = qd[j];
+            acceleration[j] = observes ? 0.0 : qdd[j];
+        }
+        errors_ = settings_.decision.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
+        if (settings_.source == TorqueSource::current) {
+            bank_.torque(current, rate, acceleration, tau, errors_ ? sd_.data() : nullptr);
+        } else {
+            for (int j = 0; j < n; ++j) tau[j] = current[j];
+        }
+        if (!observes) {
+            double predicted[max_joints];
+            inverse_dynamics(chain_, inertias_, sample.q.data(), angle, qd, qdd, settings_.gravity, predicted);
+            for (int j = 0; j < n; ++j) out_.residual[j] = tau[j] - predicted[j];
+            return true;
+        }
+        MomentumTerms<double> terms;
+        momentum_terms(chain_, inertias_, sample.q.data(), angle, qd, settings_.gravity, terms);
+        for (int j = 0; j < n; ++j) {
+            terms.momentum[j] += reflected_[j] * qd[j];
+            tau[j] += terms.velocity_force[j] - terms.gravity[j];
+        }
+        const bool known = observer_.update(guard_.interval(), terms.momentum, tau);
+        for (int j = 0; j < n; ++j) out_.residual[j] = -observer_.estimate()[j];
+        return known;
+    }
+
+    const DetectorOutput& judged(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
+                                 const double* qdd) noexcept {
+        const bool alarm =
+            decision_.judge(sample.t, guard_.interval(), out_.residual.data(), qd, qdd, errors_ ? sd_.data() : nullptr);
+        out_.state = decision_.state();
+        out_.fault = SampleFault::none;
+        out_.over = decision_.over();
+        out_.over_fast = decision_.over_fast();
+        out_.unseen = decision_.unseen();
+        seen_ = sample.t;
+        for (int j = 0; j < chain_.dof; ++j) {
+            out_.threshold[j] = decision_.threshold()[j];
+            out_.fast[j] = decision_.fast()[j];
+            out_.qd[j] = qd[j];
+            out_.qdd[j] = qdd[j];
+        }
+        if (watch_.due(sample.t)) weigh(sample, angle);
+        out_.payload_changed = watch_.recognised();
+        if (alarm) record(sample, angle);
+        out_.stop = out_.state == DetectorState::alarm;
+        return out_;
+    }
+
+    void weigh(const DetectorSample& sample, const JointAngles<double>& angle) noexcept {
+        Posture<double> posture;
+        forward_kinematics(chain_, sample.q.data(), angle, posture);
+        const Point3<double> p = posture.position(payload_point_);
+        double per_kilogram[max_joints];
+        for (int j = 0; j < chain_.dof; ++j) {
+            const Point3<double> column = linear_column(chain_, posture, p, j);
+            const Vector3& g = settings_.gravity;
+            per_kilogram[j] = -(column.x * g[0] + column.y * g[1] + column.z * g[2]);
+        }
+        watch_.look(sample.t, out_.residual.data(), per_kilogram, settings_.noise_sd.data());
+    }
+
+    void record(const DetectorSample& sample, const JointAngles<double>& angle) noexcept {
+        Posture<double> posture;
+        forward_kinematics(chain_, sample.q.data(), angle, posture);
+        event_.t = sample.t;
+        event_.over = out_.over;
+        event_.over_fast = out_.over_fast;
+        event_.residual = out_.residual;
+        event_.threshold = out_.threshold;
+        event_.q = sample.q;
+        event_.contact = estimate_contact(chain_, posture, out_.residual.data(), settings_.noise_sd.data(),
+                                          settings_.contact, settings_.direction);
+        event_.payload_changed = out_.payload_changed;
+        event_.payload_change = watch_.change();
+    }
+
+    const DetectorOutput& blind(SampleFault fault, double t) noexcept {
+        // An alarm that stands is not hidden by a bad sample, but the bad sample is told.
+        out_.state = DetectorState::blind;
+        out_.fault = fault;
+        out_.stop = decision_.state() == DetectorState::alarm || !(t - seen_ <= settings_.grace);
+        out_.residual.fill(std::numeric_limits<double>::quiet_NaN());
+        out_.fast.fill(std::numeric_limits<double>::quiet_NaN());
+        return out_;
+    }
+
+    Chain chain_;
+    DetectorSettings settings_;
+    std::array<LinkInertia, max_joints> links_{};
+    std::array<double, max_joints> reflected_{};  // inertia of the joint model, which the observer's momentum lacks
+    Inertias inertias_;
+    JointTorqueBank bank_;
+    ChainDerivative<max_joints> derivative_;
+    SampleGuard guard_;
+    MomentumObserver observer_;
+    Decision decision_;
+    PayloadWatch watch_;
+    LinkPoint payload_point_;
+    bool begun_ = false, errors_ = false;
+    double seen_ = -std::numeric_limits<double>::infinity();  // when a tick was last judged
+    alignas(64) std::array<double, max_joints> sd_{};
+    DetectorOutput out_;
+    DetectorEvent event_;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,158 @@
+/// @file
+/// From the residual of an alarm to a force and to the links that may have been hit.
+#pragma once
+
+#include <cstdint>
+
+#include "bumpstop/model/kinematics.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// What a residual says of a contact. Residuals are minus the contact's torques, so forces here are those of the arm on
+/// the body: along +n where the arm pushes.
+struct ContactEstimate {
+    int link = -1;                            ///< likeliest, from 0; -1: no joint is watched
+    std::uint32_t possible = 0;               ///< link i as bit i: a contact there could explain the residual
+    double force_along = 0;                   ///< least squares, along the direction asked for [N]
+    Vector3 force{};                          ///< least squares at the point, shortest [N, base frame]
+    double leftover = 0;                      ///< of that force: largest |r_j - fit_j| / sd_j over watched joints
+    std::array<double, max_joints> misfit{};  ///< by link: sum ((r_j - fit_j) / sd_j)^2 of the best wrench there
+};
+
+namespace detail {
+
+/// Solves a symmetric positive semidefinite 3 x 3 system for the shortest least-squares answer: cyclic Jacobi rotations.
+inline Vector3 shortest_solution(Matrix3 m, const Vector3& right) noexcept {
+    Matrix3 v{1, 0, 0, 0, 1, 0, 0, 0, 1};
+    for (int sweep = 0; sweep < 12; ++sweep)
+        for (int p = 0; p < 2; ++p)
+            for (int q = p + 1; q < 3; ++q) {
+                const double off = m[3 * p + q];
+                if (off == 0) continue;
+                const double theta = (m[3 * q + q] - m[3 * p + p]) / (2 * off);
+                const double t = (theta < 0 ? -1 : 1) / (std::fabs(theta) + std::hypot(theta, 1.0));
+                const double c = 1 / std::hypot(t, 1.0), s = t * c;
+                for (int k = 0; k < 3; ++k) {
+                    const double a = m[3 * k + p], b = m[3 * k + q];
+                    m[3 * k + p] = c * a - s * b;
+                    m[3 * k + q] = s * a + c * b;
+                }
+                for (int k = 0; k < 3; ++k) {
+                    const double a = m[3 * p + k], b = m[3 * q + k], e = v[3 * k + p], f = v[3 * k + q];
+                    m[3 * p + k] = c * a - s * b;
+                    m[3 * q + k] = s * a + c * b;
+                    v[3 * k + p] = c * e - s * f;
+                    v[3 * k + q] = s * e + c * f;
+                }
+            }
+    const double largest = std::max({m[0], m[4], m[8]});
+    Vector3 x{};
+    for (int e = 0; e < 3; ++e) {
+        if (!(m[4 * e] > 1e-9 * largest)) continue;
+        const double share = (v[e] * right[0] + v[3 + e] * right[1] + v[6 + e] * right[2]) / m[4 * e];
+        for (int k = 0; k < 3; ++k) x[k] += share * v[3 * k + e];
+    }
+    return x;
+}
+
+/// Takes out of `right` what the columns explain (modified Gram-Schmidt, largest column first); gives their rank.
+inline int take_out(double (&column)[6][max_joints], int columns, int rows, double* right) noexcept {
+    double first = 0;
+    bool used[6] = {};
+    for (int rank = 0;; ++rank) {
+        int best = -1;
+        double square = 0;
+        for (int c = 0; c < columns; ++c) {
+            if (used[c]) continue;
+            double sum = 0;
+            for (int r = 0; r < rows; ++r) sum += column[c][r] * column[c][r];
+            if (sum > square) square = sum, best = c;
+        }
+        if (rank == 0) first = square;
+        if (best < 0 || rank == rows || !(square > 1e-12 * first)) return rank;
+        used[best] = true;
+        const double inverse = 1 / square;
+        const auto reduce = [&](double* x) {
+            double share = 0;
+            for (int r = 0; r < rows; ++r) share += column[best][r] * x[r];
+            for (int r = 0; r < rows; ++r) x[r] -= share * inverse * column[best][r];
+        };
+        for (int c = 0; c < columns; ++c)
+            if (!used[c]) reduce(column[c]);
+        reduce(right);
+    }
+}
+
+}  // namespace detail
+
+/// `sd`: noise of the residual by joint, above 0; infinite: the joint is not watched and says nothing. `point` and the
+/// unit vector `direction` (base frame) are where and how a contact is asked for.
+///
+/// A contact on link i cannot load the joints beyond it: their residuals must be noise. What it does to the joints up to
+/// i is the torque of some wrench, fitted by least squares. Link i is possible where no watched joint is left with more
+/// than three sd; the likeliest has the least misfit plus twice the rank of its fit (Akaike 1974), as an outer link can
+/// always explain more.
+inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double>& posture, const double* residual,
+                                        const double* sd, const LinkPoint& point, const Vector3& direction) noexcept {
+    ContactEstimate out;
+    const int n = chain.dof;
+    double weight[max_joints];
+    for (int j = 0; j < n; ++j) weight[j] = 1 / sd[j];  // 0: not watched
+
+    const Point3<double> p = posture.position(point);
+    Matrix3 normal{};
+    Vector3 right{};
+    double along = 0, along_square = 0;
+    for (int j = 0; j <= point.link; ++j) {
+        const Point3<double> column = linear_column(chain, posture, p, j);
+        const double a[3] = {column.x * weight[j], column.y * weight[j], column.z * weight[j]},
+                     r = residual[j] * weight[j];
+        const double share = a[0] * direction[0] + a[1] * direction[1] + a[2] * direction[2];
+        along += share * r;
+        along_square += share * share;
+        for (int k = 0; k < 3; ++k) {
+            right[k] += a[k] * r;
+            for (int l = 0; l < 3; ++l) normal[3 * k + l] += a[k] * a[l];
+        }
+    }
+    out.force_along = along_square > 0 ? along / along_square : 0;
+    out.force = detail::shortest_solution(normal, right);
+    for (int j = 0; j < n; ++j) {
+        double fit = 0;
+        if (j <= point.link) {
+            const Point3<double> column = linear_column(chain, posture, p, j);
+            fit = column.x * out.force[0] + column.y * out.force[1] + column.z * out.force[2];
+        }
+        out.leftover = std::max(out.leftover, std::fabs(residual[j] - fit) * weight[j]);
+    }
+
+    double best = std::numeric_limits<double>::infinity();
+    for (int link = 0; link < n; ++link) {
+        double column[6][max_joints], left[max_joints];
+        const Point3<double> origin = posture.frame_position[link];
+        for (int j = 0; j < n; ++j) left[j] = residual[j] * weight[j];
+        for (int j = 0; j <= link; ++j) {
+            const Point3<double> c = linear_column(chain, posture, origin, j);
+            const Point3<double>& z = posture.axis[j];
+            const double turn = chain.joint[j].prismatic ? 0 : weight[j];
+            const double row[6] = {c.x * weight[j], c.y * weight[j], c.z * weight[j],
+                                   z.x * turn,      z.y * turn,      z.z * turn};
+            for (int k = 0; k < 6; ++k) column[k][j] = row[k];
+        }
+        const int rank = detail::take_out(column, 6, link + 1, left);
+        double worst = 0, misfit = 0;
+        for (int j = 0; j < n; ++j) {
+            worst = std::max(worst, std::fabs(left[j]));
+            misfit += left[j] * left[j];
+        }
+        out.misfit[link] = misfit;
+        if (worst <= 3) out.possible |= std::uint32_t(1) << link;
+        if (rank > 0 && misfit + 2 * rank < best) {
+            best = misfit + 2 * rank;
+            out.link = link;
+        }
+    }
+    return out;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,103 @@
+/// @file
+/// Filters of the detector, in discrete time: the momentum observer and the band-pass of the fast channel.
+///
+/// Intervals may differ from tick to tick. Nothing is allocated.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "bumpstop/model/momentum.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// exp(-rate dt), kept while neither changes.
+class Decay {
+  public:
+    explicit Decay(double rate = 0) noexcept : rate_(rate) {}
+    double over(double dt) noexcept {
+        if (dt != dt_) {
+            dt_ = dt;
+            value_ = std::exp(-rate_ * dt);
+        }
+        return value_;
+    }
+
+  private:
+    double rate_, dt_ = 0, value_ = 1;
+};
+
+/// Estimates tau_ext from the generalised momentum, without acceleration (De Luca and Mattone 2003):
+///
+///   y(k) = (p(k) - p(k-1)) / dt - (b(k) + b(k-1)) / 2,    b = tau + dT/dq - g
+///   e(k) = e(k-1) + (1 - exp(-K dt)) (y(k) - e(k-1))
+///
+/// y is the mean of tau_ext over the interval, but for the trapezium's error dt^2 b'' / 12. A torque that acts from a
+/// sample on, and that the arm gives way to, is 1 - exp(-K t) of itself at every later sample, whatever the intervals
+/// are. Where the motors hold against it, so that it steps in tau, the interval before the first sample that has it
+/// counts half: k samples after that one e is 1 - a^k (1 + a) / 2 of it, a = exp(-K dt).
+///
+/// White noise of standard deviation s in tau leaves s sqrt((1 - a) / 2); in p it leaves
+/// s (1 - a) / dt sqrt(2 / (1 + a)).
+class MomentumObserver {
+  public:
+    /// `gain`: K [1/s], above 0.
+    MomentumObserver(double gain, int joints) noexcept : decay_(gain), joints_(joints) {}
+
+    /// Momentum and b of a sample `dt` after the last one. False for the first sample, which only begins.
+    bool update(double dt, const double* momentum, const double* force) noexcept {
+        const bool known = known_;
+        const double share = known ? 1 - decay_.over(dt) : 0, rate = known ? 1 / dt : 0;
+        for (int j = 0; j < joints_; ++j) {
+            const double mean = (momentum[j] - momentum_[j]) * rate - 0.5 * (force[j] + force_[j]);
+            estimate_[j] = known ? estimate_[j] + share * (mean - estimate_[j]) : 0.0;
+            momentum_[j] = momentum[j];
+            force_[j] = force[j];
+        }
+        known_ = true;
+        return known;
+    }
+    void reset() noexcept { known_ = false; }
+    /// tau_ext by joint [Nm or N]; minus the residual.
+    const double* estimate() const noexcept { return estimate_.data(); }
+
+  private:
+    Decay decay_;
+    int joints_;
+    bool known_ = false;
+    std::array<double, max_joints> momentum_{}, force_{}, estimate_{};
+};
+
+/// The fast channel: a first-order low-pass against noise, then what is left over by a second, slower one.
+///
+///   u(k) = a u(k-1) + (1 - a) r(k),   w(k) = b w(k-1) + (1 - b) u(k),   band(k) = u(k) - w(k)
+///
+/// with a = exp(-2 pi f_high dt) and b = exp(-2 pi f_low dt). It begins at its first input, so that neither a constant
+/// error nor the beginning looks like a blow. A step of the input passes with b (a-filtered) and is forgotten in about
+/// 1 / (2 pi f_low); its delay is that of u, dt a / (1 - a). White noise of standard deviation s leaves
+/// s b (1 - a) sqrt(2 / ((1 + a) (1 + b) (1 - a b))).
+class BandPass {
+  public:
+    /// 0 < low < high [Hz].
+    BandPass(double low_hz, double high_hz, int joints) noexcept
+        : low_(6.283185307179586 * low_hz), high_(6.283185307179586 * high_hz), joints_(joints) {}
+
+    void update(double dt, const double* input, double* band) noexcept {
+        const double a = high_.over(dt), b = low_.over(dt);
+        for (int j = 0; j < joints_; ++j) {
+            smooth_[j] = known_ ? input[j] + a * (smooth_[j] - input[j]) : input[j];
+            slow_[j] = known_ ? smooth_[j] + b * (slow_[j] - smooth_[j]) : input[j];
+            band[j] = smooth_[j] - slow_[j];
+        }
+        known_ = true;
+    }
+    void reset() noexcept { known_ = false; }
+
+  private:
+    Decay low_, high_;
+    int joints_;
+    bool known_ = false;
+    std::array<double, max_joints> smooth_{}, slow_{};
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,96 @@
+/// @file
+/// What the arm carries: declared, and recognised when it has changed.
+#pragma once
+
+#include <cmath>
+
+#include "bumpstop/model/dynamics.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// A body held by the last link, as a point mass.
+struct Payload {
+    double mass = 0;   ///< kg
+    Vector3 center{};  ///< in the frame of the last link [m]
+};
+
+/// The inertia of a link together with a point mass: the parallel axis theorem about the common centre.
+inline LinkInertia with_payload(const LinkInertia& link, const Payload& payload) noexcept {
+    LinkInertia sum = link;
+    sum.mass = link.mass + payload.mass;
+    if (!(sum.mass > 0)) return link;
+    const double reduced = link.mass * payload.mass / sum.mass;
+    Vector3 apart{};
+    double square = 0;
+    for (int k = 0; k < 3; ++k) {
+        apart[k] = payload.center[k] - link.center[k];
+        sum.center[k] = link.center[k] + payload.mass / sum.mass * apart[k];
+        square += apart[k] * apart[k];
+    }
+    for (int k = 0; k < 3; ++k)
+        for (int l = 0; l < 3; ++l) sum.tensor[3 * k + l] += reduced * ((k == l ? square : 0) - apart[k] * apart[l]);
+    return sum;
+}
+
+struct PayloadWatchSettings {
+    double window = 5;          ///< time over which the past fades [s]
+    double interval = 0.02;     ///< between looks [s]
+    double least_mass = 0;      ///< change that counts [kg]; 0: none is looked for
+    double least_share = 0.8;   ///< of the residual's square that the mass must explain
+    double least_change = 0.1;  ///< by how much the mass's torques must have varied, as a share of their mean square
+};
+
+/// Fits r = g_m(q) m, the torques that one more kilogram at the payload's point asks for, to the residuals of the last
+/// seconds, weighted by `sd`. A mass shows in every pose by another torque; a clamp does not follow the pose. So the
+/// change counts only once the pose has varied.
+class PayloadWatch {
+  public:
+    PayloadWatch(const PayloadWatchSettings& settings, int joints) noexcept : settings_(settings), joints_(joints) {}
+
+    /// A look is due at time t [s].
+    bool due(double t) const noexcept { return settings_.least_mass > 0 && !(t - looked_ < settings_.interval); }
+
+    /// `per_kilogram`: g_m by joint [Nm/kg or N/kg]; `sd` as for estimate_contact.
+    void look(double t, const double* residual, const double* per_kilogram, const double* sd) noexcept {
+        const double keep = std::exp(-std::fmin(t - looked_, 1e6) / settings_.window);
+        looked_ = t;
+        double aa = 0, ar = 0, rr = 0;
+        weight_ = keep * weight_ + 1;
+        for (int j = 0; j < joints_; ++j) {
+            const double a = per_kilogram[j] / sd[j], r = residual[j] / sd[j];
+            aa += a * a;
+            ar += a * r;
+            rr += r * r;
+            mean_[j] = keep * mean_[j] + a;
+        }
+        aa_ = keep * aa_ + aa;
+        ar_ = keep * ar_ + ar;
+        rr_ = keep * rr_ + rr;
+    }
+    /// Mass beyond the declared one [kg].
+    double change() const noexcept { return aa_ > 0 ? ar_ / aa_ : 0; }
+    /// Of the residual's square that it explains, 0 to 1.
+    double share() const noexcept { return aa_ > 0 && rr_ > 0 ? ar_ * ar_ / (aa_ * rr_) : 0; }
+    /// The payload has changed, as far as the residuals of different poses tell.
+    bool recognised() const noexcept {
+        if (!(settings_.least_mass > 0) || !(std::fabs(change()) >= settings_.least_mass)) return false;
+        double squares = 0;
+        for (int j = 0; j < joints_; ++j) squares += mean_[j] * mean_[j];
+        const bool varied = aa_ - squares / weight_ >= settings_.least_change * aa_;
+        return varied && share() >= settings_.least_share;
+    }
+    void reset() noexcept {
+        aa_ = ar_ = rr_ = weight_ = 0;
+        mean_.fill(0);
+        looked_ = -std::numeric_limits<double>::infinity();
+    }
+
+  private:
+    PayloadWatchSettings settings_;
+    int joints_;
+    double looked_ = -std::numeric_limits<double>::infinity();
+    double aa_ = 0, ar_ = 0, rr_ = 0, weight_ = 0;
+    std::array<double, max_joints> mean_{};
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

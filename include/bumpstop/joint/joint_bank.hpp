@@ -1,0 +1,169 @@
+/// @file
+/// The torques of all joints of an arm at once, with what is uncertain about them: joint_torque with a joint in every lane.
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "bumpstop/joint/joint_torque.hpp"
+#include "bumpstop/model/chain.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Standard errors of JointTorqueParameters, in their units; 0: unknown, or none.
+struct JointTorqueErrors {
+    double A = 0, B = 0, D = 0, F = 0, coulomb = 0, viscous = 0, stribeck = 0, stribeck_speed = 0, load = 0;
+    double hysteresis = 0, inertia = 0;
+    double friction = 0;  ///< standard deviation of measured friction about the law [current]
+};
+
+/// Torque that friction can hide at standstill, each way [Nm or N]: what the motor need not answer while the joint
+/// sticks. Friction at rest_speed under `current`, through the map's slope there, and hysteresis.
+inline double dead_zone(const JointTorqueParameters& p, double current) noexcept {
+    const double friction = absolute(friction_current(p, current, p.rest_speed));
+    const double inside = maximum(p.current_low, minimum(p.current_high, current));
+    const double slope = p.map == CurrentMap::odd ? p.B + 2 * p.A * absolute(inside) : p.B;
+    return slope * friction + absolute(p.hysteresis);
+}
+
+/// Nothing is allocated. The state of hysteresis is inside.
+class JointTorqueBank {
+  public:
+    JointTorqueBank() = default;
+    JointTorqueBank(std::span<const JointTorqueParameters> joints, std::span<const JointTorqueErrors> errors) noexcept
+        : joints_(int(joints.size())) {
+        for (int j = 0; j < joints_; ++j) {
+            const JointTorqueParameters& p = joints[j];
+            Group& g = group_[j / native_lanes];
+            const int lane = j % native_lanes;
+            const bool power = p.friction == FrictionLaw::power;
+            any_power_ = any_power_ || power;
+            any_stribeck_ = any_stribeck_ || !power;
+            set_lane(g.odd, lane, p.map == CurrentMap::odd ? 1 : 0);
+            set_lane(g.power, lane, power ? 1 : 0);
+            set_lane(g.A, lane, p.A);
+            set_lane(g.B, lane, p.B);
+            set_lane(g.scale, lane, power ? p.D * std::pow(top, p.F) : 0);
+            set_lane(g.unit_scale, lane, power ? std::pow(top, p.F) : 0);
+            set_lane(g.F, lane, power ? p.F : 0);
+            set_lane(g.coulomb, lane, p.coulomb);
+            set_lane(g.viscous, lane, p.viscous);
+            set_lane(g.stribeck, lane, p.stribeck);
+            set_lane(g.inverse_stribeck_speed, lane, 1 / p.stribeck_speed);
+            set_lane(g.load, lane, p.load);
+            set_lane(g.hysteresis, lane, p.hysteresis);
+            set_lane(g.inertia, lane, p.inertia);
+            set_lane(g.rest, lane, p.rest_speed);
+            set_lane(g.inverse_rest, lane, 1 / p.rest_speed);
+            set_lane(g.low, lane, p.current_low);
+            set_lane(g.high, lane, p.current_high);
+            if (errors.empty()) continue;
+            const JointTorqueErrors& e = errors[j];
+            set_lane(g.errors.A, lane, e.A);
+            set_lane(g.errors.B, lane, e.B);
+            set_lane(g.errors.D, lane, e.D);
+            set_lane(g.errors.F, lane, e.F);
+            set_lane(g.errors.coulomb, lane, e.coulomb);
+            set_lane(g.errors.viscous, lane, e.viscous);
+            set_lane(g.errors.stribeck, lane, e.stribeck);
+            set_lane(g.errors.stribeck_speed, lane, e.stribeck_speed);
+            set_lane(g.errors.load, lane, e.load);
+            set_lane(g.errors.hysteresis, lane, e.hysteresis);
+            set_lane(g.errors.inertia, lane, e.inertia);
+            set_lane(g.errors.friction, lane, e.friction);
+        }
+    }
+
+    /// Torques [Nm or N] as joint_torque gives them, and, where `sd` is given, their standard errors from those of the
+    /// parameters, taken as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints numbers;
+    /// those beyond the last joint must be finite.
+    void torque(const double* current, const double* qd, const double* qdd, double* tau, double* sd) noexcept {
+        for (int first = 0, k = 0; first < joints_; first += native_lanes, ++k)
+            if (sd != nullptr)
+                one<true>(group_[k], load<L>(current + first), load<L>(qd + first), load<L>(qdd + first), tau + first,
+                          sd + first);
+            else
+                one<false>(group_[k], load<L>(current + first), load<L>(qd + first), load<L>(qdd + first), tau + first,
+                           nullptr);
+    }
+
+    /// Forgets the last motion of every joint.
+    void reset() noexcept {
+        for (Group& g : group_) g.direction = 0.0;
+    }
+    /// sgn(qd_H) of joint j; 0: it has not moved yet.
+    double direction(int j) const noexcept { return lane_of(group_[j / native_lanes].direction, j % native_lanes); }
+
+  private:
+    using L = Lanes<native_lanes>;
+    static constexpr double top = 1e4;  // as in friction_current
+
+    struct Errors {
+        L A = 0.0, B = 0.0, D = 0.0, F = 0.0, coulomb = 0.0, viscous = 0.0, stribeck = 0.0, stribeck_speed = 0.0;
+        L load = 0.0, hysteresis = 0.0, inertia = 0.0, friction = 0.0;
+    };
+    struct Group {
+        L odd = 1.0, power = 0.0, A = 0.0, B = 0.0, scale = 0.0, unit_scale = 0.0, F = 0.0;
+        L coulomb = 0.0, viscous = 0.0, stribeck = 0.0, inverse_stribeck_speed = 1.0, load = 0.0;
+        L hysteresis = 0.0, inertia = 0.0, rest = 1.0, inverse_rest = 1.0;
+        L low = -std::numeric_limits<double>::infinity(), high = std::numeric_limits<double>::infinity();
+        L direction = 0.0;
+        Errors errors;
+    };
+
+    template <bool WithErrors>
+    void one(Group& g, L current, L qd, L qdd, double* tau, double* sd) const noexcept {
+        const L zero = 0.0, unit = 1.0;
+        const L speed = absolute(qd), amount = absolute(current);
+        const L sign = maximum(-unit, minimum(unit, qd * g.inverse_rest));
+        L magnitude = zero, ratio = unit, bell = zero, shape = zero, u = zero;
+        if (any_power_) {
+            ratio = minimum(unit, maximum(speed, g.rest) * (1 / top));
+            ratio = logarithm(ratio);
+            shape = exp_negative(-(ratio * g.F), zero);
+            magnitude = shape * g.scale;
+        }
+        if (any_stribeck_) {
+            u = minimum(L(26.0), speed * g.inverse_stribeck_speed);
+            bell = exp_negative(u * u, zero);
+            const L wet = bell * g.stribeck + g.coulomb;
+            magnitude = select(g.power > zero, magnitude, wet);
+        }
+        const L friction = sign * (magnitude + amount * g.load) + qd * g.viscous;
+        const L joint_current = current - friction;
+        const L inside = maximum(g.low, minimum(g.high, joint_current));
+        const L bend = select(g.odd > zero, absolute(inside) * g.A, -(sign * inside * g.A));
+        const L torque = inside * (bend + g.B) + (joint_current - inside) * (2.0 * bend + g.B);
+        const L rest = maximum(zero, minimum(unit, 2.0 - speed * g.inverse_rest));
+        g.direction = select(rest > zero, g.direction, select(qd > zero, unit, -unit));
+        store(torque - qdd * g.inertia - g.direction * rest * g.hysteresis, tau);
+        if constexpr (WithErrors) {
+            const Errors& e = g.errors;
+            const L slope = 2.0 * bend + g.B, through = slope * sign;
+            // With the load-dependent map A comes with -sgn(qd).
+            const L by_A = select(g.odd > zero, absolute(inside), -(sign * inside)) * (2.0 * joint_current - inside);
+            const L unit_power = shape * g.unit_scale;
+            const L log_speed = ratio + 9.210340371976183;  // ln |qd|: `ratio` is that of |qd| / top
+            L variance = square(by_A * e.A) + square(joint_current * e.B) + square(slope * e.friction) +
+                         square(slope * qd * e.viscous) + square(through * amount * e.load) +
+                         square(rest * g.direction * e.hysteresis) + square(qdd * e.inertia);
+            if (any_power_)
+                variance +=
+                    select(g.power > zero,
+                           square(through * unit_power * e.D) + square(through * magnitude * log_speed * e.F), zero);
+            if (any_stribeck_) {
+                const L by_width = through * g.stribeck * bell * (2.0 * u * u) * g.inverse_stribeck_speed;
+                variance += square(through * e.coulomb) + square(through * bell * e.stribeck) +
+                            square(by_width * e.stribeck_speed);
+            }
+            store(square_root(variance), sd);
+        }
+    }
+    static L square(L x) { return x * x; }
+
+    int joints_ = 0;
+    bool any_power_ = false, any_stribeck_ = false;
+    std::array<Group, max_joints / native_lanes> group_{};
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

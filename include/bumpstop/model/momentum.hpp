@@ -1,0 +1,76 @@
+/// @file
+/// Generalised momentum of a chain and the forces that change it, in one pass out and one back.
+#pragma once
+
+#include "bumpstop/model/dynamics.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// What a momentum observer needs of a chain. Lagrange: dp/dt = tau + tau_ext + `velocity_force` - `gravity`.
+template <class T>
+struct MomentumTerms {
+    T momentum[max_joints];        ///< p = M(q) qd = dT/dqd, rotors included [kg m2/s or kg m/s]
+    T velocity_force[max_joints];  ///< dT/dq = C(q, qd)' qd [Nm or N]
+    T gravity[max_joints];         ///< g(q) [Nm or N]
+};
+
+/// `gravity` is the acceleration of free fall in the base frame [m/s2].
+///
+/// A body behind joint i sees the motion that comes in through the joint turned back by q_i. So dT/dq_i is what that
+/// turn changes: with the twist (w, v) that comes in and the momenta (l, f) of all links from i on, both about the
+/// origin of frame i, dT/dq_i = -(z x w) l - (z x v) f; for a prismatic joint (w x z) f.
+template <class T>
+void momentum_terms(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle, const T* qd,
+                    const Vector3& gravity, MomentumTerms<T>& out) noexcept {
+    const T zero = 0.0;
+    Point3<T> momentum[max_joints], spin[max_joints], weight[max_joints], moment[max_joints];
+    T wx[max_joints], wy[max_joints], vx[max_joints], vy[max_joints];  // of the twist that comes in
+    Point3<T> w{zero, zero, zero}, v = w;
+    Point3<T> a = into_first_frame(chain, Point3<T>{T(-gravity[0]), T(-gravity[1]), T(-gravity[2])});
+    for (int i = 0; i < chain.dof; ++i) {
+        const Chain::Joint& joint = chain.joint[i];
+        const MassMoments<double>& mass = inertias.link[i];
+        const JointTurn<T> turn(joint, angle.cos[i], angle.sin[i]);
+        a = turn.outward(a);
+        if (i > 0) {
+            const Vector3& d = inertias.displacement[i];
+            v = {v.x + w.y * d[2] - w.z * d[1], v.y + w.z * d[0] - w.x * d[2], v.z + w.x * d[1] - w.y * d[0]};
+            v = turn.outward(v);
+            w = turn.outward(w);
+        }
+        wx[i] = w.x;
+        wy[i] = w.y;
+        vx[i] = v.x;
+        vy[i] = v.y;
+        if (joint.prismatic) {
+            v = {v.x + w.y * q[i], v.y - w.x * q[i], v.z + qd[i]};
+        } else {
+            w.z += qd[i];
+        }
+        const Point3<T> h{T(mass.first[0]), T(mass.first[1]), T(mass.first[2])};
+        const Point3<T> wh = cross(w, h), hv = cross(h, v);
+        momentum[i] = {v.x * mass.mass + wh.x, v.y * mass.mass + wh.y, v.z * mass.mass + wh.z};
+        spin[i] = {hv.x + w.x * (mass.yy + mass.zz) - w.y * mass.xy - w.z * mass.xz,
+                   hv.y + w.y * (mass.xx + mass.zz) - w.x * mass.xy - w.z * mass.yz,
+                   hv.z + w.z * (mass.xx + mass.yy) - w.x * mass.xz - w.y * mass.yz};
+        weight[i] = {a.x * mass.mass, a.y * mass.mass, a.z * mass.mass};
+        moment[i] = cross(h, a);
+    }
+    Point3<T> f{zero, zero, zero}, l = f, g = f, m = f;
+    for (int i = chain.dof - 1;; --i) {
+        f = f + momentum[i];
+        l = l + spin[i];
+        g = g + weight[i];
+        m = m + moment[i];
+        const bool slides = chain.joint[i].prismatic;
+        out.momentum[i] = (slides ? f.z : l.z) + qd[i] * inertias.rotor[i];
+        out.velocity_force[i] =
+            slides ? wy[i] * f.x - wx[i] * f.y : wy[i] * l.x - wx[i] * l.y + vy[i] * f.x - vx[i] * f.y;
+        out.gravity[i] = slides ? g.z : m.z;
+        if (i == 0) break;
+        carry_inward<true>(chain, inertias, q, angle, i, f, l);
+        carry_inward<true>(chain, inertias, q, angle, i, g, m);
+    }
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

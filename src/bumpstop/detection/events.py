@@ -1,0 +1,171 @@
+"""What a detector finds in a recording: alarms, residuals, and when it was blind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.kernels import core
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+STATES = ("blind", "arming", "watching", "alarm")
+"""Names of the detector's states; a state is its place here."""
+FAULTS = (
+    "none",
+    "filling",
+    "not_finite",
+    "repeated",
+    "out_of_order",
+    "gap",
+    "outside_limits",
+    "impossible_jump",
+    "impossible_signal",
+)
+"""Why a tick is blind; a fault is its place here."""
+BLIND = STATES.index("blind")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Event:
+    """An alarm: from the tick at which some joint passed its threshold.
+
+    Forces are those of the arm on the body, so they raise the residual by J_v' F.
+
+    Attributes:
+        t: of that tick [s].
+        joints: numbers (from 0) of the joints over their threshold.
+        fast_joints: of those over that of the fast channel.
+        residual: (n,) [Nm or N].
+        threshold: (n,) in this tick [Nm or N].
+        q: (n,) [rad or m].
+        force_along: along the direction asked for, by least squares [N].
+        force: (3,) shortest force at the point asked for that fits best, base frame [N].
+        leftover: what that force leaves over, in standard deviations of the noise, of the worst joint.
+        link: name of the likeliest link; None: no joint is watched.
+        possible_links: all whose contact could explain the residual within three standard deviations.
+        payload_change_kg: mass that explains the residuals of the last seconds, or None where none does.
+    """
+
+    t: float
+    joints: tuple[int, ...]
+    fast_joints: tuple[int, ...]
+    residual: FloatArray
+    threshold: FloatArray
+    q: FloatArray
+    force_along: float
+    force: FloatArray
+    leftover: float
+    link: str | None
+    possible_links: tuple[str, ...]
+    payload_change_kg: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """For programs; joints are numbered from 1."""
+        return {
+            "t": self.t,
+            "joints": [j + 1 for j in self.joints],
+            "fast_joints": [j + 1 for j in self.fast_joints],
+            "residual_Nm": self.residual.tolist(),
+            "threshold_Nm": [None if np.isinf(x) else float(x) for x in self.threshold],
+            "force_N": self.force_along,
+            "best_force_N": self.force.tolist(),
+            "link": self.link,
+            "possible_links": list(self.possible_links),
+            "payload_change_kg": self.payload_change_kg,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DetectionRun:
+    """A detector over a recording.
+
+    Attributes:
+        t: (N,) [s].
+        residual: (N, n), estimated minus predicted motor torque [Nm or N]; NaN in blind rows.
+        fast: (N, n) of the fast channel, likewise.
+        threshold: (N, n) of the residual; in blind rows that of the row before.
+        state: (N,) places in ``STATES``.
+        fault: (N,) places in ``FAULTS``; 0 in rows that are not blind.
+        stop: (N,) the detector asked for a stop.
+        late: (N,) samples were missing before the row.
+        unseen: (N,) over a threshold while arming.
+        payload_changed: (N,) the payload is recognised to have changed.
+        events: alarms.
+        notes: what is unusual.
+    """
+
+    t: FloatArray
+    residual: FloatArray
+    fast: FloatArray
+    threshold: FloatArray
+    state: npt.NDArray[np.uint8]
+    fault: npt.NDArray[np.uint8]
+    stop: npt.NDArray[np.bool_]
+    late: npt.NDArray[np.bool_]
+    unseen: npt.NDArray[np.bool_]
+    payload_changed: npt.NDArray[np.bool_]
+    events: tuple[Event, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def blind(self) -> npt.NDArray[np.bool_]:
+        """(N,) rows in which the detector could not tell."""
+        found: npt.NDArray[np.bool_] = self.state == BLIND
+        return found
+
+    @property
+    def blind_s(self) -> float:
+        """How long it was blind: the intervals that end in blind rows [s]."""
+        return self._seconds(self.blind)
+
+    @property
+    def arming_s(self) -> float:
+        """How long it did not judge because a motion had just begun [s]."""
+        return self._seconds(self.state == STATES.index("arming"))
+
+    def _seconds(self, rows: npt.NDArray[np.bool_]) -> float:
+        steps = np.diff(self.t, prepend=self.t[0])
+        return float(np.maximum(steps[rows], 0).sum())
+
+    def blind_rows(self) -> dict[str, int]:
+        """Blind rows by fault."""
+        return {name: int(n) for k, name in enumerate(FAULTS) if k and (n := np.count_nonzero(self.fault == k))}
+
+    def to_json(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "events": [event.to_json() for event in self.events],
+            "blind_s": self.blind_s,
+            "blind_rows": self.blind_rows(),
+            "arming_s": self.arming_s,
+            "late_rows": int(self.late.sum()),
+            "unseen_rows": int(self.unseen.sum()),
+            "rows": int(self.t.size),
+            "notes": list(self.notes),
+        }
+
+    def save_residuals(self, path: str | Path) -> None:
+        """Write ``t, residual_1 .. residual_n`` as Parquet, blind rows left out.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        from bumpstop.detection.residuals import write_residuals
+
+        seen = ~self.blind
+        if not seen.any():
+            raise InputError("residuals", "the detector was blind all the time", "nothing is left to write")
+        write_residuals(path, self.t[seen], self.residual[seen])
+
+
+def bits(mask: int) -> tuple[int, ...]:
+    """Numbers of the bits that are set."""
+    return tuple(j for j in range(core.max_joints) if mask >> j & 1)

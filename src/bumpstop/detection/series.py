@@ -1,0 +1,161 @@
+"""Residuals of a recording: by a joint model as the loop would have them, or by fitted dynamics afterwards."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.detection.detector import Detector
+from bumpstop.detection.events import STATES, DetectionRun
+from bumpstop.detection.residuals import ResidualRecord
+from bumpstop.detection.settings import DetectorSettings
+from bumpstop.detection.thresholds import Thresholds
+from bumpstop.errors import InputError
+from bumpstop.identification import DynamicsFit
+from bumpstop.kernels import core
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+_TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
+
+
+def detect(
+    recording: Recording,
+    robot: Robot,
+    model: JointTorqueModel | DynamicsFit | None,
+    thresholds: Thresholds | npt.ArrayLike,
+    settings: DetectorSettings | None = None,
+    *,
+    rearm_s: float = 0.5,
+) -> DetectionRun:
+    """Run a detector over a recording.
+
+    With fitted dynamics the residual is recorded minus predicted torque. Prediction uses zero-phase filters, which look
+    ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct.
+
+    Args:
+        recording: with currents for a joint model, with joint torque otherwise.
+        robot: with inertia, unless dynamics are fitted.
+        model: of currents; or fitted dynamics; or None, where the robot's own inertia predicts recorded torque.
+        thresholds: by joint.
+        settings: everything else.
+        rearm_s: as for :meth:`Detector.run`.
+
+    Raises:
+        InputError: parts that do not belong together; an observer with fitted dynamics.
+    """
+    if not isinstance(model, DynamicsFit):
+        return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
+    given = settings or DetectorSettings()
+    if given.residual != "direct":
+        raise InputError("residual", f"{given.residual!r} is not available with fitted dynamics", "valid: 'direct'")
+    if model.robot.dof != robot.dof:
+        raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
+    law = Thresholds.of(thresholds, robot.dof)
+    if law.model_errors > 0:
+        raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
+    motion, residual = model.residual(recording)
+    detector = Detector(_with_some_inertia(robot), None, law, given)
+    decision = core.DecisionSettings()
+    detector.fill_decision(decision)
+    fast, threshold, state, unseen, rows, over, over_fast = core.judge(
+        decision, motion.t, residual, motion.qd, motion.qdd, rearm_s
+    )
+    events = tuple(
+        detector.event_of(
+            detector.explain(motion.q[row], residual[row]),
+            t=float(motion.t[row]),
+            joints=tuple(j for j in range(robot.dof) if over[k] >> j & 1),
+            fast_joints=tuple(j for j in range(robot.dof) if over_fast[k] >> j & 1),
+            residual=residual[row],
+            threshold=threshold[row],
+            q=motion.q[row],
+        )
+        for k, row in enumerate(rows)
+    )
+    blind = _in_gaps(motion.t, recording)
+    state[blind] = STATES.index("blind")
+    nothing = np.zeros(motion.t.size, dtype=bool)
+    note = "Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."
+    return DetectionRun(
+        t=motion.t,
+        residual=residual,
+        fast=fast,
+        threshold=threshold,
+        state=state,
+        fault=np.zeros(motion.t.size, dtype=np.uint8),
+        stop=state == STATES.index("alarm"),
+        late=nothing,
+        unseen=unseen != 0,
+        payload_changed=nothing,
+        events=events,
+        notes=(note, *detector.notes),
+    )
+
+
+def residual_record(
+    recording: Recording,
+    robot: Robot,
+    model: JointTorqueModel | DynamicsFit | None,
+    *,
+    settings: DetectorSettings | None = None,
+    feedback_period_s: float | None = None,
+) -> ResidualRecord:
+    """Residuals of a contact-free recording, to be resampled as a scenario's noise or to tune thresholds by.
+
+    Args:
+        recording: in which nothing is touched.
+        robot: with inertia, unless dynamics are fitted.
+        model: as for :func:`detect`.
+        settings: of the detector whose residual it is.
+        feedback_period_s: keep a row every so often, a whole number of the recording's periods [s]; None: all.
+
+    Returns:
+        Rows with their times; blind rows are left out, and a note counts them.
+
+    Raises:
+        InputError: as :func:`detect`; fewer than 100 rows; a feedback period that is no multiple of the recording's.
+    """
+    run = detect(recording, robot, model, np.full(robot.dof, math.inf), settings)
+    seen = np.flatnonzero(~run.blind)
+    notes = tuple(note for note in run.notes if not note.startswith("No joint is watched"))
+    if seen.size < run.t.size:
+        notes = (*notes, f"{run.t.size - seen.size} of {run.t.size} rows are left out: the detector was blind.")
+    if feedback_period_s is not None:
+        period = float(np.median(np.diff(run.t)))
+        stride = max(1, round(feedback_period_s / period))
+        if abs(stride * period - feedback_period_s) > _TOLERANCE * feedback_period_s:
+            raise InputError(
+                "feedback_period_s",
+                f"{feedback_period_s:g} is no multiple of the rows' period, {period:.6g} s",
+                f"for example {stride * period:.6g}",
+            )
+        seen = seen[::stride]
+    return ResidualRecord.from_rows(np.ascontiguousarray(run.residual[seen]), notes, run.t[seen])
+
+
+def _in_gaps(t: npt.NDArray[np.float64], recording: Recording) -> npt.NDArray[np.bool_]:
+    """Grid times inside a gap of the recording, where what stands there was made up by interpolation."""
+    inside = np.zeros(t.size, dtype=bool)
+    for start, length in recording.report.gaps:
+        inside |= (t > start) & (t < start + length)
+    return inside
+
+
+def _with_some_inertia(robot: Robot) -> Robot:
+    """The robot itself, or with massless links where some inertia is not known: only its geometry is used."""
+    from bumpstop.model import LinkInertia
+
+    if all(joint.inertia is not None for joint in robot.joints):
+        return robot
+    nothing = LinkInertia(mass=0.0, center=(0.0, 0.0, 0.0), tensor=((0.0,) * 3,) * 3)
+    joints = tuple(replace(joint, inertia=joint.inertia or nothing) for joint in robot.joints)
+    return replace(robot, joints=joints)

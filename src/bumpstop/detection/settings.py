@@ -1,0 +1,113 @@
+"""What the detector is told beside robot, joint model and thresholds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from bumpstop.arrays import as_float_array, as_number
+from bumpstop.errors import InputError, near_matches
+from bumpstop.kernels import core
+from bumpstop.model.dynamics import STANDARD_GRAVITY
+
+ResidualKind = Literal["direct", "observer"]
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectorSettings:
+    """Settings, checked when they are made.
+
+    Attributes:
+        residual: ``"direct"`` or ``"observer"``.
+        observer_gain_1_s: K of the momentum observer: it shows 1 - exp(-K t) of a torque.
+        window: samples in the fit behind rates and accelerations, above ``degree``, at most 64.
+        degree: of that fit, 2 to 5.
+        measured_rates: take rates from the recording, and accelerations from them, instead of both from positions.
+        period_s: between samples [s]; None: that of the recording.
+        late_periods: an interval longer than this many periods means lost samples: counted and said.
+        longest_periods: beyond it the past is forgotten, and the detector blind until the window is full again.
+        limit_margin: positions this far outside their limits are impossible [rad or m].
+        largest_signal: (n,) currents or torques beyond are impossible; None: any finite one will do.
+        grace_s: how long the detector may be blind before it asks for a stop [s].
+        arming_delay_s: after a motion begins nothing is judged for so long [s]; the source has 0.5.
+        rest_time_s: all joints slower than their rest_speed for so long: the arm rests, and is judged [s].
+        rest_speed: below it a joint rests where no joint model says so [rad/s or m/s].
+        low_hz, high_hz: band of the fast channel.
+        noise_sd: (n,) of the residual, for forces and links [Nm]; None: a third of the threshold.
+        link, point: where the force of an event is given; a link's name (None: the tip), and in its frame [m].
+        direction: unit vector of the arm's force on the body, base frame.
+        gravity: acceleration of free fall, base frame [m/s2].
+        payload_kg: declared, a point mass.
+        payload_center: of it, in the frame of the last link [m]; None: the tip.
+        payload_change_kg: an undeclared change of at least this is looked for; 0: none is.
+        payload_window_s: time over which what is known of it fades [s].
+    """
+
+    residual: ResidualKind = "direct"
+    observer_gain_1_s: float = 50.0
+    window: int = 8
+    degree: int = 2
+    measured_rates: bool = False
+    period_s: float | None = None
+    late_periods: float = 1.5
+    longest_periods: float = 5.0
+    limit_margin: float = 0.1
+    largest_signal: tuple[float, ...] | None = None
+    grace_s: float = 0.0
+    arming_delay_s: float = 0.0
+    rest_time_s: float = 0.1
+    rest_speed: float = 0.01
+    low_hz: float = 0.5
+    high_hz: float = 30.0
+    noise_sd: tuple[float, ...] | None = None
+    link: str | None = None
+    point: Vector = (0.0, 0.0, 0.0)
+    direction: Vector = (0.0, 0.0, -1.0)
+    gravity: Vector = STANDARD_GRAVITY
+    payload_kg: float = 0.0
+    payload_center: Vector | None = None
+    payload_change_kg: float = 0.0
+    payload_window_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        if self.residual not in get_args(ResidualKind):
+            near = near_matches(str(self.residual), get_args(ResidualKind))
+            raise InputError("residual", f"{self.residual!r} is no kind of residual", near)
+        self._check_whole("degree", 2, core.max_fit_degree)
+        self._check_whole("window", self.degree + 1, core.max_causal_window)
+        for name, low, high in (
+            ("observer_gain_1_s", 1e-3, 1e5),
+            ("late_periods", 1.0, math.inf),
+            ("longest_periods", 1.0, math.inf),
+            ("limit_margin", 0.0, math.inf),
+            ("grace_s", 0.0, math.inf),
+            ("arming_delay_s", 0.0, math.inf),
+            ("rest_time_s", 0.0, math.inf),
+            ("rest_speed", 1e-6, math.inf),
+            ("low_hz", 1e-6, math.inf),
+            ("high_hz", 1e-6, math.inf),
+            ("payload_kg", 0.0, math.inf),
+            ("payload_change_kg", 0.0, math.inf),
+            ("payload_window_s", 1e-3, math.inf),
+        ):
+            if not low <= as_number(getattr(self, name), name) <= high:
+                limits = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
+                raise InputError(name, f"is {getattr(self, name)}", f"wanted {limits}")
+        if not self.low_hz < self.high_hz:
+            raise InputError("low_hz", f"{self.low_hz:g} is not below high_hz = {self.high_hz:g}")
+        if not self.late_periods <= self.longest_periods:
+            raise InputError("late_periods", f"{self.late_periods:g} is above longest_periods")
+        if self.period_s is not None and not as_number(self.period_s, "period_s") > 0:
+            raise InputError("period_s", f"is {self.period_s}", "wanted more than zero")
+        for name in ("point", "direction", "gravity", "payload_center"):
+            if getattr(self, name) is not None:
+                as_float_array(getattr(self, name), name, (3,))
+        if abs(math.hypot(*self.direction) - 1) > 1e-9:
+            raise InputError("direction", f"has length {math.hypot(*self.direction):.6g}", "wanted a unit vector")
+
+    def _check_whole(self, name: str, low: int, high: int) -> None:
+        value = getattr(self, name)
+        if isinstance(value, bool) or value != int(value) or not low <= value <= high:
+            raise InputError(name, f"is {value!r}", f"wanted a whole number from {low} to {high}")

@@ -1,0 +1,176 @@
+"""Thresholds of the detector: numbers, or a file of them."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.errors import InputError, near_matches
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+# Keys of a file, and the fields they fill.
+_KEYS = {
+    "thresholds_Nm": "constant",
+    "per_speed_Nm_s": "speed",
+    "per_acceleration_Nm_s2": "acceleration",
+    "at_rest_Nm": "rest",
+    "fast_Nm": "fast",
+}
+_WANTED = "wanted one number above 0 for each joint; inf: not watched"
+
+
+@dataclass(frozen=True, eq=False)
+class Thresholds:
+    """Of the residual and of its fast channel, joint by joint.
+
+    theta_j = constant_j + speed_j |qd_j| + acceleration_j |qdd_j| + rest_j f(qd_j) + model_errors sd_j, where f is 1 up
+    to the joint's rest_speed and falls to 0 at twice that, and sd_j is the standard error of the torque estimated from
+    the current. What motion adds to ``constant`` it adds to ``fast`` too. None of this adapts to what is measured: a
+    slow clamp is not learned away.
+
+    Attributes:
+        constant: (n,) [Nm or N], above 0; infinite: the joint is not watched.
+        speed: (n,) [Nm s/rad], not negative; default: zero.
+        acceleration: (n,) [Nm s2/rad], likewise.
+        rest: (n,) at standstill [Nm], likewise.
+        fast: (n,) of the band-passed channel [Nm], above 0; default: infinite, not watched.
+        model_errors: standard errors of the joint model's torque to add.
+        period_s: between the samples they were found for [s]; None: not said.
+    """
+
+    constant: FloatArray
+    speed: FloatArray | None = None
+    acceleration: FloatArray | None = None
+    rest: FloatArray | None = None
+    fast: FloatArray | None = None
+    model_errors: float = 0.0
+    period_s: float | None = None
+
+    def __post_init__(self) -> None:
+        constant = as_float_array(self.constant, "thresholds_Nm", (None,), finite=False)
+        object.__setattr__(self, "constant", _positive(constant, "thresholds_Nm"))
+        n = constant.size
+        for key, name in list(_KEYS.items())[1:]:
+            value = getattr(self, name)
+            if value is None:
+                value = np.full(n, math.inf if name == "fast" else 0.0)
+            array = as_float_array(value, key, (n,), finite=name != "fast")
+            if name == "fast":
+                _positive(array, key)
+            elif (array < 0).any():
+                j = int(np.argmax(array < 0))
+                raise InputError(f"{key}[{j}]", f"is {array[j]:g}", "wanted zero or more")
+            object.__setattr__(self, name, array)
+        if as_number(self.model_errors, "model_errors") < 0:
+            raise InputError("model_errors", f"is {self.model_errors}", "wanted zero or more")
+        if self.period_s is not None and not as_number(self.period_s, "period_s") > 0:
+            raise InputError("period_s", f"is {self.period_s}", "wanted more than zero")
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return int(self.constant.size)
+
+    @classmethod
+    def of(cls, given: Thresholds | npt.ArrayLike, dof: int) -> Thresholds:
+        """Thresholds, or numbers, for a robot of ``dof`` joints.
+
+        Raises:
+            InputError: of another length, or none that can be used.
+        """
+        made = (
+            given if isinstance(given, Thresholds) else cls(as_float_array(given, "thresholds", (None,), finite=False))
+        )
+        if made.dof != dof:
+            raise InputError("thresholds", f"{made.dof} of them", f"the robot has {dof} joints: wanted {dof}")
+        return made
+
+    @classmethod
+    def parse(cls, text: str) -> Thresholds:
+        """Numbers with commas between them (``20,10,inf``), or the path of a file for :meth:`load`."""
+        parts = text.split(",")
+        try:
+            return cls(np.array([float(part) for part in parts]))
+        except ValueError:
+            return cls.load(text)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Thresholds:
+        """Read a TOML file, or a JSON object as ``tune`` prints it.
+
+        Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
+        ``fast_Nm``, ``model_errors``, ``period_s``. Others are refused in TOML and passed over in JSON, where null
+        stands for infinity.
+
+        Raises:
+            InputError: the file cannot be read, or holds something else.
+        """
+        where = str(path)
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except (OSError, ValueError) as error:
+            problem = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            raise InputError("thresholds", f"cannot read {where!r} ({problem})", "wanted numbers or a file") from None
+        is_json = where.endswith(".json")
+        try:
+            data: Any = json.loads(text) if is_json else tomllib.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InputError(where, f"is not valid {'JSON' if is_json else 'TOML'}: {error}") from None
+        known = (*_KEYS, "model_errors", "period_s")
+        if not isinstance(data, dict) or "thresholds_Nm" not in data:
+            raise InputError(where, "has no key 'thresholds_Nm'", _WANTED)
+        unknown = [key for key in data if key not in known]
+        if unknown and not is_json:
+            raise InputError(where, f"{unknown[0]!r} is no key", near_matches(unknown[0], known))
+        fields: dict[str, Any] = {}
+        for key, value in data.items():
+            if key in _KEYS:
+                fields[_KEYS[key]] = _column(value, f"{where}: {key}")
+            elif key in known and value is not None:
+                fields[key] = value
+        return cls(**fields)
+
+    def save(self, path: str | Path) -> None:
+        """Write them as TOML, so that :meth:`load` gives equal ones."""
+        lines = [f"{key} = {_toml(getattr(self, name))}" for key, name in _KEYS.items()]
+        lines.append(f"model_errors = {float(self.model_errors)!r}")
+        if self.period_s is not None:
+            lines.append(f"period_s = {float(self.period_s)!r}")
+        try:
+            Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+
+    @property
+    def watched(self) -> Sequence[bool]:
+        """Whether any channel watches a joint."""
+        assert self.fast is not None
+        return [bool(seen) for seen in np.isfinite(self.constant) | np.isfinite(self.fast)]
+
+
+def _positive(array: FloatArray, field: str) -> FloatArray:
+    bad = np.flatnonzero(~(array > 0))
+    if bad.size:
+        raise InputError(f"{field}[{bad[0]}]", f"is {array[bad[0]]:g}", _WANTED)
+    return array
+
+
+def _column(value: Any, where: str) -> FloatArray:
+    if not isinstance(value, list):
+        raise InputError(where, f"is {value!r}", "wanted a list")
+    return np.array([math.inf if item is None else as_number(item, where, finite=False) for item in value])
+
+
+def _toml(values: FloatArray) -> str:
+    return "[" + ", ".join("inf" if math.isinf(value) else repr(float(value)) for value in values) + "]"
