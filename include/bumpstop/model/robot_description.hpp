@@ -74,24 +74,20 @@ class DescriptionLine {
     std::istringstream text_;
 };
 
-}  // namespace detail
-
-/// Reads a description. Nothing and a message in `error` where the text is none: the message names the line.
-inline std::optional<RobotDescription> read_robot(std::istream& in, std::string& error) {
+/// Reads up to 'end' and leaves what follows it; `number` counts the lines.
+inline std::optional<RobotDescription> read_robot_part(std::istream& in, int& number, std::string& error) {
     RobotDescription robot;
     std::string line;
-    int number = 0;
     bool begun = false, ended = false;
     auto wrong = [&](const std::string& what) {
         error = "line " + std::to_string(number) + ": " + what;
         return std::nullopt;
     };
-    while (std::getline(in, line)) {
+    while (!ended && std::getline(in, line)) {
         ++number;
         if (line.empty() || line[0] == '#') continue;
-        detail::DescriptionLine here(line);
+        DescriptionLine here(line);
         const std::string& key = here.keyword;
-        if (ended) return wrong("text after 'end'");
         if (!begun) {
             std::string version;
             if (key != "bumpstop-robot" || !here.word(version) || version != "1")
@@ -146,6 +142,27 @@ inline std::optional<RobotDescription> read_robot(std::istream& in, std::string&
     if (!begun || !ended) return wrong(begun ? "the description ends without 'end'" : "the description is empty");
     if (robot.joints.empty()) return wrong("no joints");
     return robot;
+}
+
+/// The next line that says something; false at the end of the text.
+inline bool next_line(std::istream& in, std::string& line, int& number) {
+    while (std::getline(in, line)) {
+        ++number;
+        if (!line.empty() && line[0] != '#') return true;
+    }
+    return false;
+}
+
+}  // namespace detail
+
+/// Reads a description. Nothing and a message in `error` where the text is none: the message names the line.
+inline std::optional<RobotDescription> read_robot(std::istream& in, std::string& error) {
+    int number = 0;
+    std::optional<RobotDescription> robot = detail::read_robot_part(in, number, error);
+    std::string line;
+    if (!robot || !detail::next_line(in, line, number)) return robot;
+    error = "line " + std::to_string(number) + ": text after 'end'";
+    return std::nullopt;
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

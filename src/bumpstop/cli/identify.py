@@ -55,7 +55,7 @@ def identify(
     recording = recordings[0]
     is_file = bool(Path(robot).suffix) or "/" in robot
     arm = Robot.from_urdf(robot, base, tip) if is_file else Robot.load(robot)
-    log = _part(recording, columns, arm, begin, until)
+    log = part_of(recording, columns, arm, begin, until)
     groups = [_group(text, arm.dof) for text in shared_motor or []]
     fit = identify_dynamics(log, arm, cutoff_hz=cutoff, couplings=groups)
     scores = fit.score(log)
@@ -108,7 +108,7 @@ def validate(
     from bumpstop.identification import load_fit
 
     fit = load_fit(model)
-    log = _part(recording, columns, fit.robot, begin, until)
+    log = part_of(recording, columns, fit.robot, begin, until)
     scores = fit.score(log, filter_hz=filter_hz)
     contact = ""
     if out is not None:
@@ -137,7 +137,8 @@ def validate(
         typer.echo(f"report: {out / 'report.html'}")
 
 
-def _part(path: Path, columns: Path | None, robot: Any, begin: float | None, until: float | None) -> Recording:
+def part_of(path: Path, columns: Path | None, robot: Any, begin: float | None, until: float | None) -> Recording:
+    """A recording, or what lies between two times of it, counted from its beginning [s]."""
     from bumpstop.recording import Recording
 
     log = Recording.load(path, columns=columns, robot=robot)

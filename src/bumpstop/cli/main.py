@@ -9,7 +9,20 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import bodies, evaluate, identify, plan, plant, recording, robots, study
+from bumpstop.cli import (
+    bodies,
+    detect,
+    evaluate,
+    identify,
+    plan,
+    plant,
+    recording,
+    robots,
+    score,
+    sensitivity,
+    study,
+    tune,
+)
 from bumpstop.errors import BumpstopError
 
 app = typer.Typer(
@@ -27,6 +40,11 @@ app.command("bodies")(bodies.bodies)
 app.command("identify")(identify.identify)
 app.command("validate")(identify.validate)
 app.add_typer(plan.app, name="plan")
+app.command("tune")(tune.command)
+app.command("score")(score.command)
+app.command("sensitivity")(sensitivity.command)
+app.command("detect")(detect.detect)
+app.command("detector")(detect.detector)
 
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 2 bad input, 1 our fault.
 BAD_INPUT = 2

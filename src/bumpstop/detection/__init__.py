@@ -1,6 +1,7 @@
 """Detection: residuals, thresholds and their tuning, the detector, where the arm is blind, and scores."""
 
 from bumpstop.detection.detector import Detector
+from bumpstop.detection.detector_file import describe_detector, save_detector
 from bumpstop.detection.events import DetectionRun, Event
 from bumpstop.detection.labels import Label, load_labels
 from bumpstop.detection.residual_file import ResidualSeries
@@ -36,6 +37,7 @@ __all__ = [
     "Tuning",
     "blind_force_along",
     "blind_forces",
+    "describe_detector",
     "detect",
     "event_times",
     "gaps",
@@ -45,6 +47,7 @@ __all__ = [
     "required_torque",
     "residual_record",
     "roc",
+    "save_detector",
     "scaled_residual",
     "score",
     "tune",

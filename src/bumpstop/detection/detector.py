@@ -35,9 +35,9 @@ class Detector:
     once. Its noise is that of the estimated torque, and M(q) times that of the accelerations, which with degree 2 are
     (window - 1) / 2 samples late (``signal.causal_derivatives`` gives their noise).
 
-    *Observer*: minus the external torque of a momentum observer. It needs no acceleration. With a = exp(-K dt) a step of
-    the torque shows as 1 - a^k (1 + a) / 2 of itself k samples after the first that has it: 1 - exp(-K t), half a sample
-    late. White noise of standard deviation s in the torque leaves s sqrt((1 - a) / 2), in the momentum
+    *Observer*: minus the external torque of a momentum observer. It needs no acceleration. With a = exp(-K dt) a step
+    of the torque shows as 1 - a^k (1 + a) / 2 of itself k samples after the first that has it: 1 - exp(-K t), half a
+    sample late. White noise of standard deviation s in the torque leaves s sqrt((1 - a) / 2), in the momentum
     s (1 - a) / dt sqrt(2 / (1 + a)).
 
     The *fast channel* is the residual through a band-pass from low_hz to high_hz, with thresholds of its own. With

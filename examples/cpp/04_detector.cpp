@@ -1,0 +1,63 @@
+// A control loop at 1 kHz, or as fast as its samples come: a detector from the file that `bumpstop detector` wrote, fed with
+// a recording as CSV (t, then q and the signal of every joint).
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "bumpstop/detection/detector_description.hpp"
+
+static std::vector<bumpstop::DetectorSample> read_samples(const char* path, int joints) {
+    std::vector<bumpstop::DetectorSample> samples;
+    std::ifstream file(path);
+    std::string line;
+    std::getline(file, line);  // the header
+    while (std::getline(file, line)) {
+        bumpstop::DetectorSample sample;
+        const char* at = line.c_str();
+        const auto number = [&] {
+            char* end = nullptr;
+            const double value = std::strtod(at, &end);
+            at = *end == ',' ? end + 1 : end;
+            return value;
+        };
+        sample.t = number();
+        for (int j = 0; j < joints; ++j) sample.q[j] = number();
+        for (int j = 0; j < joints; ++j) sample.signal[j] = number();
+        samples.push_back(sample);
+    }
+    return samples;
+}
+
+int main(int count, char** arguments) {
+    if (count < 3) {
+        std::fprintf(stderr, "error: wanted a detector and a recording\n");
+        return 2;
+    }
+    std::ifstream file(arguments[1]);
+    std::string error;
+    const auto description = bumpstop::read_detector(file, error);
+    if (!description) {
+        std::fprintf(stderr, "error: %s\n", error.c_str());
+        return 2;
+    }
+    // From here on nothing allocates.
+    bumpstop::Detector detector = description->detector();
+    double largest = 0;
+    for (const bumpstop::DetectorSample& sample : read_samples(arguments[2], detector.joints())) {
+        const bool before = detector.alarmed();
+        const bumpstop::DetectorOutput& out = detector.update(sample);
+        if (out.state != bumpstop::DetectorState::blind)
+            for (int j = 0; j < detector.joints(); ++j) largest = std::max(largest, std::fabs(out.residual[j]));
+        if (before || !detector.alarmed()) continue;
+        // Here the loop would stop the arm.
+        const bumpstop::DetectorEvent& event = detector.event();
+        std::printf("alarm at %.6f s: joints", event.t);
+        for (int j = 0; j < detector.joints(); ++j)
+            if ((event.over | event.over_fast) >> j & 1) std::printf(" %d", j + 1);
+        std::printf(", %.6f N, likeliest on %s\n", event.contact.force_along,
+                    event.contact.link < 0 ? "no link" : description->robot.joints[event.contact.link].link.c_str());
+    }
+    std::printf("largest residual %.12f Nm\n", largest);
+}

@@ -1,0 +1,186 @@
+/// @file
+/// A detector as a file describes it: robot, joint model, thresholds and settings, as `bumpstop detector` writes them.
+#pragma once
+
+#include "bumpstop/detection/detector.hpp"
+#include "bumpstop/model/robot_description.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Everything a loop needs. The description allocates; the detector it makes does not.
+struct DetectorDescription {
+    RobotDescription robot;
+    std::vector<JointTorqueParameters> joints;  ///< empty where the signal is torque
+    std::vector<JointTorqueErrors> errors;
+    DetectorSettings settings;
+
+    Detector detector() const {
+        std::vector<LinkInertia> links;
+        for (const RobotDescription::Joint& joint : robot.joints) links.push_back(*joint.inertia);
+        return Detector(robot.chain(), links, joints, errors, settings);
+    }
+};
+
+namespace detail {
+
+/// One keyword of the file, and where its numbers go.
+struct DetectorKey {
+    const char* name;
+    double* place;
+    int count;  ///< -1: one for each joint
+    double low, high;
+    bool seen = false;
+};
+
+inline bool read_joint_torque(DescriptionLine& line, JointTorqueParameters& p) {
+    std::string map, friction;
+    double v[15];
+    if (!line.word(map) || !line.word(friction) || !line.numbers(v, 15)) return false;
+    if ((map != "odd" && map != "load_dependent") || (friction != "power" && friction != "stribeck")) return false;
+    p.map = map == "odd" ? CurrentMap::odd : CurrentMap::load_dependent;
+    p.friction = friction == "power" ? FrictionLaw::power : FrictionLaw::stribeck;
+    double* place[15] = {&p.A,           &p.B,
+                         &p.D,           &p.F,
+                         &p.coulomb,     &p.viscous,
+                         &p.stribeck,    &p.stribeck_speed,
+                         &p.load,        &p.hysteresis,
+                         &p.inertia,     &p.rest_speed,
+                         &p.current_low, &p.current_high,
+                         &p.speed_high};
+    for (int k = 0; k < 15; ++k) *place[k] = v[k];
+    return p.rest_speed > 0 && p.stribeck_speed > 0 && p.inertia >= 0 && p.current_low < p.current_high;
+}
+
+inline bool read_joint_errors(DescriptionLine& line, JointTorqueErrors& e) {
+    double* place[12] = {&e.A,       &e.B,          &e.D,        &e.F,
+                         &e.coulomb, &e.viscous,    &e.stribeck, &e.stribeck_speed,
+                         &e.load,    &e.hysteresis, &e.inertia,  &e.friction};
+    for (double* number : place)
+        if (!line.numbers(number, 1) || !(*number >= 0)) return false;
+    return true;
+}
+
+}  // namespace detail
+
+/// Reads a detector. Nothing and a message in `error` where the text is none: the message names the line.
+inline std::optional<DetectorDescription> read_detector(std::istream& in, std::string& error) {
+    int number = 0;
+    std::optional<RobotDescription> robot = detail::read_robot_part(in, number, error);
+    if (!robot) return std::nullopt;
+    DetectorDescription out;
+    out.robot = *robot;
+    const int n = int(robot->joints.size());
+    const auto wrong = [&](const std::string& what) -> std::optional<DetectorDescription> {
+        error = "line " + std::to_string(number) + ": " + what;
+        return std::nullopt;
+    };
+    for (const RobotDescription::Joint& joint : robot->joints)
+        if (!joint.inertia) return wrong("the inertia of " + joint.link + " is not known");
+
+    DetectorSettings& s = out.settings;
+    SampleLimits& samples = s.samples;
+    DecisionSettings& decision = s.decision;
+    ThresholdLaw& law = decision.thresholds;
+    PayloadWatchSettings& watch = s.payload_watch;
+    constexpr double inf = std::numeric_limits<double>::infinity(), large = std::numeric_limits<double>::max();
+    double window = 0, degree = 0, measured_rates = 0, unknown = 0, contact[4] = {}, payload[4] = {};
+    detail::DetectorKey keys[] = {
+        {"period", &samples.period, 1, 1e-9, large},
+        {"shortest_interval", &samples.shortest_interval, 1, 0, large},
+        {"late_interval", &samples.late_interval, 1, 0, large},
+        {"longest_interval", &samples.longest_interval, 1, 1e-9, large},
+        {"resolution", &samples.resolution, 1, 0, large},
+        {"lower", samples.lower.data(), -1, -inf, inf},
+        {"upper", samples.upper.data(), -1, -inf, inf},
+        {"velocity", samples.velocity.data(), -1, 0, inf},
+        {"signal", samples.signal.data(), -1, 0, inf},
+        {"measured_rates", &measured_rates, 1, 0, 1},
+        {"observer_gain", &s.observer_gain, 1, 1e-9, large},
+        {"window", &window, 1, 3, double(ChainDerivative<max_joints>::max_window)},
+        {"degree", &degree, 1, 2, double(max_fit_degree)},
+        {"gravity", s.gravity.data(), 3, -large, large},
+        {"grace", &s.grace, 1, 0, large},
+        {"unknown", &unknown, 1, 0, double((1 << max_joints) - 1)},
+        {"noise_sd", s.noise_sd.data(), -1, 1e-300, inf},
+        {"contact", contact, 4, -large, large},
+        {"direction", s.direction.data(), 3, -1, 1},
+        {"payload", payload, 4, -large, large},
+        {"payload_watch", &watch.window, 1, 1e-9, large},
+        {"payload_interval", &watch.interval, 1, 0, large},
+        {"payload_least", &watch.least_mass, 1, 0, large},
+        {"payload_share", &watch.least_share, 1, 0, 1},
+        {"payload_change", &watch.least_change, 1, 0, 1},
+        {"constant", law.constant.data(), -1, 1e-300, inf},
+        {"speed", law.speed.data(), -1, 0, large},
+        {"acceleration", law.acceleration.data(), -1, 0, large},
+        {"rest", law.rest.data(), -1, 0, large},
+        {"rest_speed", law.rest_speed.data(), -1, 1e-300, large},
+        {"fast", law.fast.data(), -1, 1e-300, inf},
+        {"model_errors", &law.model_errors, 1, 0, large},
+        {"arming_delay", &decision.arming_delay, 1, 0, large},
+        {"rest_time", &decision.rest_time, 1, 0, large},
+        {"low_hz", &decision.low_hz, 1, 1e-9, large},
+        {"high_hz", &decision.high_hz, 1, 1e-9, large},
+    };
+    bool begun = false, ended = false, residual = false, source = false;
+    std::string line;
+    while (!ended && detail::next_line(in, line, number)) {
+        detail::DescriptionLine here(line);
+        const std::string& key = here.keyword;
+        std::string word;
+        if (!begun) {
+            if (key != "bumpstop-detector" || !here.word(word) || word != "1")
+                return wrong("not a detector of version 1");
+            begun = true;
+        } else if (key == "end") {
+            ended = true;
+        } else if (key == "residual") {
+            if (!here.word(word) || (word != "direct" && word != "observer"))
+                return wrong("'residual' wants direct or observer");
+            s.residual = word == "direct" ? ResidualKind::direct : ResidualKind::observer;
+            residual = true;
+        } else if (key == "source") {
+            if (!here.word(word) || (word != "current" && word != "torque"))
+                return wrong("'source' wants current or torque");
+            s.source = word == "current" ? TorqueSource::current : TorqueSource::torque;
+            source = true;
+        } else if (key == "joint_torque") {
+            if (!detail::read_joint_torque(here, out.joints.emplace_back()))
+                return wrong("'joint_torque' wants a map, a friction law and fifteen numbers");
+        } else if (key == "joint_errors") {
+            if (!detail::read_joint_errors(here, out.errors.emplace_back()))
+                return wrong("'joint_errors' wants twelve numbers, not negative");
+        } else {
+            detail::DetectorKey* found = nullptr;
+            for (detail::DetectorKey& one : keys)
+                if (key == one.name) found = &one;
+            if (found == nullptr) return wrong("unknown keyword '" + key + "'");
+            const int count = found->count < 0 ? n : found->count;
+            bool fits = !found->seen && here.numbers(found->place, count);
+            for (int k = 0; fits && k < count; ++k)
+                fits = found->place[k] >= found->low && found->place[k] <= found->high;
+            if (!fits) return wrong("'" + key + "' wants " + std::to_string(count) + " numbers in its range, once");
+            found->seen = true;
+        }
+    }
+    if (!ended) return wrong("the detector ends without 'end'");
+    for (const detail::DetectorKey& key : keys)
+        if (!key.seen) return wrong("'" + std::string(key.name) + "' is missing");
+    if (!residual || !source) return wrong("'residual' or 'source' is missing");
+    const std::size_t wanted = s.source == TorqueSource::current ? std::size_t(n) : 0;
+    if (out.joints.size() != wanted || out.errors.size() != wanted)
+        return wrong("wanted " + std::to_string(wanted) + " lines 'joint_torque' and 'joint_errors'");
+    if (window <= degree) return wrong("'window' is not above 'degree'");
+    if (!(decision.low_hz < decision.high_hz)) return wrong("'low_hz' is not below 'high_hz'");
+    if (!(contact[0] >= 0 && contact[0] < n)) return wrong("'contact' names no link");
+    if (!(payload[0] >= 0)) return wrong("'payload' has a negative mass");
+    s.window = int(window);
+    s.degree = int(degree);
+    samples.measured_rates = measured_rates != 0;
+    s.unknown = std::uint32_t(unknown);
+    s.contact = link_point(robot->chain(), int(contact[0]), {contact[1], contact[2], contact[3]});
+    s.payload = {payload[0], {payload[1], payload[2], payload[3]}};
+    return out;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
