@@ -90,7 +90,8 @@ def test_nothing_to_compare() -> None:
     # No event in an hour: the exact upper end is -log(0.025).
     assert (low, high) == (0.0, pytest.approx(-math.log(0.025)))
     whole = scored([5.0], labels=(Label(0.0, 100.0),), watched=(0.0, 100.0))
-    assert whole["hours"] == 0 and whole["false_alarms_per_hour"] is None
+    assert whole["hours"] == 0
+    assert whole["false_alarms_per_hour"] is None
 
 
 def test_refusals() -> None:

@@ -3,23 +3,52 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop.detection import ResidualSeries
+    from bumpstop.detection import DetectionRun, ResidualSeries, Thresholds
 
-Model = Annotated[
-    Path | None, typer.Option(help="Joint model, or what identify wrote (TOML), to predict a recording's torque.")
-]
-RobotName = Annotated[
-    str | None, typer.Option(help="A built-in name, or the path of a URDF file; default: the model's.")
-]
 Columns = Annotated[Path | None, typer.Option(help="Column file of the recording (TOML).")]
+
+
+def load_series(path: Path, model: str | None, robot: str | None, columns: Path | None) -> ResidualSeries:
+    """Residuals of a file that holds them, or of a contact-free recording.
+
+    Raises:
+        InputError: a file that cannot be used, or a model given for residuals that need none.
+    """
+    from bumpstop.detection import ResidualSeries, residual_record
+
+    if holds_residuals(path):
+        for option, value in (("--model", model), ("--robot", robot), ("--columns", columns)):
+            if value is not None:
+                raise InputError(option, f"has no meaning with the residuals of {str(path)!r}", "leave it out")
+        return ResidualSeries.load(path)
+    from bumpstop.cli.detect import load_model
+    from bumpstop.cli.identify import part_of
+
+    given, arm = load_model(model, robot, None, None)
+    record = residual_record(part_of(path, columns, arm, None, None), arm, given)
+    assert record.t is not None
+    return ResidualSeries(record.t, record.rows, str(path))
+
+
+def load_run(
+    path: Path, thresholds: Thresholds, model: str | None, robot: str | None, columns: Path | None, rearm_s: float
+) -> tuple[ResidualSeries, DetectionRun]:
+    """Residuals of a recording, without its blind rows, and what the detector made of them."""
+    from bumpstop.cli.detect import load_model
+    from bumpstop.cli.identify import part_of
+    from bumpstop.detection import ResidualSeries, detect
+
+    given, arm = load_model(model, robot, None, None)
+    run = detect(part_of(path, columns, arm, None, None), arm, given, thresholds, rearm_s=rearm_s)
+    seen = ~run.blind
+    return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run
 
 
 def holds_residuals(path: Path) -> bool:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.residuals import Columns, Model, RobotName, holds_residuals, load_run
+from bumpstop.cli.detect import ModelFile, RobotName
+from bumpstop.cli.residuals import Columns, holds_residuals, load_run
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def command(
     thresholds: Annotated[
         str | None, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm], for residuals or a recording.")
     ] = None,
-    model: Model = None,
+    model: ModelFile = None,
     robot: RobotName = None,
     columns: Columns = None,
     early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
@@ -37,7 +38,7 @@ def command(
     out: Annotated[Path | None, typer.Option(help="Write report.html and its figures into this folder.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
-    """Compare events with labelled contacts: delays, misses, false alarms an hour, and what other thresholds would do."""
+    """Compare events with labelled contacts: delays, misses, false alarms, and what other thresholds would do."""
     from bumpstop.detection import Tolerance, load_labels
 
     for option, value in (("--early", early), ("--late", late), ("--rearm", rearm)):
@@ -124,13 +125,15 @@ def _of_residuals(
     file: Path,
     labels: tuple[Label, ...],
     thresholds: str,
-    model: Path | None,
+    model: str | None,
     robot: str | None,
     columns: Path | None,
     rearm_s: float,
     tolerance: Tolerance,
 ) -> tuple[Score, Roc]:
     """Events of a recording are those of the detector; residuals alone are compared with constant thresholds."""
+    import numpy as np
+
     from bumpstop.detection import ResidualSeries, Thresholds, event_times, gaps, roc, scaled_residual, score
 
     given = Thresholds.parse(thresholds)
@@ -139,8 +142,8 @@ def _of_residuals(
         times = event_times(series, scaled_residual(series, Thresholds.of(given, series.dof).constant), 1.0, rearm_s)
         watched, blind = (float(series.t[0]), float(series.t[-1])), gaps(series)
     else:
-        series, run = load_run(file, given, model=model, robot=robot, columns=columns, rearm_s=rearm_s)
-        times = [event.t for event in run.events]
+        series, run = load_run(file, given, model, robot, columns, rearm_s)
+        times = np.array([event.t for event in run.events])
         watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()
     whole = score(times, labels, watched, blind=blind, tolerance=tolerance)
     factors = roc(series, given.constant, labels, _FACTORS, rearm_s=rearm_s, tolerance=tolerance)

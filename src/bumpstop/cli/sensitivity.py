@@ -38,7 +38,7 @@ def command(
     tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
-    """Tell which forces at a pose go unnoticed: the largest of all, along a direction, and those that no joint feels."""
+    """Tell which forces at a pose go unnoticed: the largest, along a direction, and those that no joint feels."""
     from bumpstop.detection import Thresholds
 
     arm = load_robot(robot, base, tip)
@@ -166,7 +166,7 @@ def _print(robot: Robot, found: dict[str, Any]) -> None:
         if found["largest_felt_force_N"] > 0:
             console.print(f"  across that: {found['largest_felt_force_N']:.4g} N, as ({farthest}) N")
     console.print(
-        f"along ({_row(found['direction'])}): {_figure(found['force_along_N'])} N; from anywhere between the thresholds "
+        f"along ({_row(found['direction'])}): {_figure(found['force_along_N'])} N; from anywhere between thresholds "
         f"{_figure(found['worst_case_force_along_N'])} N"
     )
     table = Table(box=None, pad_edge=False)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.residuals import Columns, Model, RobotName, joint_numbers, load_series
+from bumpstop.cli.detect import ModelFile, RobotName
+from bumpstop.cli.residuals import Columns, joint_numbers, load_series
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ def command(
         typer.Argument(help="Contact-free recordings, or Parquet with residuals.", show_default=False),
     ],
     per_hour: Annotated[float, typer.Option(help="Wanted false alarms an hour, of all joints together.")] = 1.0,
-    model: Model = None,
+    model: ModelFile = None,
     robot: RobotName = None,
     columns: Columns = None,
     joints: Annotated[str | None, typer.Option(metavar="LIST", help="Watch these joints only: 1,2,3.")] = None,
@@ -39,7 +40,7 @@ def command(
     from bumpstop.cli.trade import trade
     from bumpstop.detection import tune
 
-    series = [load_series(path, model=model, robot=robot, columns=columns) for path in recordings]
+    series = [load_series(path, model, robot, columns) for path in recordings]
     watched = joint_numbers(joints, series[0].dof) if joints is not None else None
     try:
         tuning = tune(series, per_hour, joints=watched, confidence=confidence)

@@ -135,6 +135,14 @@ class DetectionRun:
         steps = np.diff(self.t, prepend=self.t[0])
         return float(np.maximum(steps[rows], 0).sum())
 
+    def blind_intervals(self) -> list[tuple[float, float]]:
+        """Times from and to when it was blind: from the last row that was not to the last that was [s]."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.blind, [False]]).astype(np.int8)))
+        return [
+            (float(self.t[max(0, first - 1)]), float(self.t[end - 1]))
+            for first, end in zip(edges[::2], edges[1::2], strict=True)
+        ]
+
     def blind_rows(self) -> dict[str, int]:
         """Blind rows by fault."""
         return {name: int(n) for k, name in enumerate(FAULTS) if k and (n := np.count_nonzero(self.fault == k))}
@@ -143,6 +151,9 @@ class DetectionRun:
         """For programs."""
         return {
             "events": [event.to_json() for event in self.events],
+            "start_s": float(self.t[0]),
+            "end_s": float(self.t[-1]),
+            "blind": [list(interval) for interval in self.blind_intervals()],
             "blind_s": self.blind_s,
             "blind_rows": self.blind_rows(),
             "arming_s": self.arming_s,

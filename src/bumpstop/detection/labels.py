@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -64,7 +65,7 @@ def checked_labels(labels: Sequence[Label], where: str = "labels") -> tuple[Labe
             raise InputError(
                 where, f"a contact from {label.start_s:g} to {label.end_s:g} s", "wanted an end after its start"
             )
-    for before, after in zip(ordered[:-1], ordered[1:], strict=True):
+    for before, after in itertools.pairwise(ordered):
         if after.start_s < before.end_s:
             raise InputError(
                 where,

@@ -28,19 +28,19 @@ _LOGS = np.linspace(-1, 1, 9)
 class PeaksOverThreshold:
     """Peaks of a series over a level, and the generalised Pareto tail fitted to their squares.
 
-    Clusters over the level come as a Poisson process with ``rate`` an hour; the squares of their peaks exceed that of the
-    level by a generalised Pareto variable of ``scale`` and ``shape`` (S. Coles, "An introduction to statistical modeling
-    of extreme values", 2001, chapter 4). Squares, as those of Gaussian noise have an exponential tail from low levels on,
-    shape 0, where Gaussian peaks themselves take on the shape of their limit only far out. The likelihood carries a
-    prior of the shape, that of a normal variable with mean 0 and standard deviation 0.3 that is not negative: a shape
+    Clusters over the level come as a Poisson process with ``rate`` an hour; the squares of their peaks exceed that of
+    the level by a generalised Pareto variable of ``scale`` and ``shape`` (S. Coles, "An introduction to statistical
+    modeling of extreme values", 2001, chapter 4). Squares, as those of Gaussian noise have an exponential tail from low
+    levels on, shape 0, where Gaussian peaks themselves take on the shape of their limit only far out. The likelihood
+    carries a prior of the shape, that of a normal variable with mean 0 and standard deviation 0.3 that is not negative: a shape
     below 0 is a tail that ends, and few peaks are no proof of an end. Noise that does end alarms less often than said.
 
     Attributes:
         level: square of what the peaks are over.
         excess: (k,) squares of the peaks minus ``level``, one for each cluster.
         hours: length of the series without its gaps [h].
-        cluster_rows: rows over the level that are this far apart or farther belong to two clusters: found from the times
-            between them, at most the correlation time.
+        cluster_rows: rows over the level that are this far apart or farther belong to two clusters: found from the
+            times between them, at most the correlation time.
         rate: clusters an hour.
         scale, shape: of the tail, most likely.
     """
@@ -168,7 +168,7 @@ def clusters(x: FloatArray, level: float, gap: int) -> tuple[npt.NDArray[np.int6
 def _level(
     joined: FloatArray, stretches: Sequence[FloatArray], longest: int, wanted: int
 ) -> tuple[float, FloatArray, int]:
-    """The highest of some forty levels that leaves the wanted number of clusters, or that with most: level, peaks, gap."""
+    """The highest of some forty levels that leaves the wanted clusters, or that with most: level, peaks, gap."""
     rising = np.sort(joined)
     best_level, best, best_gap = math.inf, np.empty(0), longest
     # Each step takes a quarter more rows; below the middle clusters only grow together.

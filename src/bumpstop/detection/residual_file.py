@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.detection.residuals import write_residuals
 from bumpstop.errors import InputError
 
 # An interval this many typical ones long is a gap: nothing is known of what happened in it.
@@ -60,7 +62,7 @@ class ResidualSeries:
         """Rows between gaps: where an interval is longer than one and a half typical ones, a new stretch begins."""
         cuts = np.flatnonzero(np.diff(self.t) > _GAP * self.period) + 1
         edges = [0, *(int(cut) for cut in cuts), self.t.size]
-        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
     def between(self, start_s: float, end_s: float) -> ResidualSeries:
         """Rows with start_s <= t < end_s; times stay as they are."""
@@ -106,10 +108,4 @@ class ResidualSeries:
         Raises:
             InputError: the file cannot be written.
         """
-        import polars as pl
-
-        columns = {"t": self.t} | {f"residual_{j + 1}": self.rows[:, j] for j in range(self.dof)}
-        try:
-            pl.DataFrame(columns).write_parquet(path)
-        except OSError as error:
-            raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
+        write_residuals(path, self.t, self.rows)

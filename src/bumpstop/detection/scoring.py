@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -160,9 +161,9 @@ def score(
 ) -> Score:
     """Compare the times of events with labels.
 
-    - An event belongs to a label if it lies between ``early_s`` before its start and ``late_s`` after its end. Where that
-      holds for two labels, it belongs to the one it lies inside, else to the one whose edge is nearer, the earlier one of
-      two as near.
+    - An event belongs to a label if it lies between ``early_s`` before its start and ``late_s`` after its end. Where
+      that holds for two labels, it belongs to the one it lies inside, else to the one whose edge is nearer, the earlier
+      one of two as near.
     - The first event of a label is its detection; more of them count as nothing. Events of no label are false alarms.
     - A label without an event is missed, also where the detector was blind meanwhile: that is what blindness costs.
     - Labels not wholly inside the time watched are left out, and so are the events that belong to them.
@@ -281,8 +282,8 @@ def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm
 
 def gaps(series: ResidualSeries) -> list[Interval]:
     """Times without rows [s]."""
-    parts = series.stretches()
-    return [(float(series.t[a.stop - 1]), float(series.t[b.start])) for a, b in zip(parts[:-1], parts[1:], strict=True)]
+    parts = itertools.pairwise(series.stretches())
+    return [(float(series.t[a.stop - 1]), float(series.t[b.start])) for a, b in parts]
 
 
 def _owner(time: float, labels: Sequence[Label], edges: Tolerance) -> int:

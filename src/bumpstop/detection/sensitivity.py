@@ -104,8 +104,15 @@ def blind_force_along(
     """Largest force along a direction that no threshold notices: min over j of (theta_j + z sigma_j -+ mu_j) / |a_j|.
 
     Args:
-        robot, q, thresholds, link, point, noise_mean, noise_sd, z: as of :func:`blind_forces`.
+        robot: as of :func:`blind_forces`, like all but ``direction``.
+        q: joint positions, (dof,) or (N, dof) [rad or m].
         direction: in which the arm pushes, unit vector in B. (3,), or (N, 3) with a row for each of ``q``.
+        thresholds: theta [Nm or N].
+        link: the force acts on.
+        point: of that link [m].
+        noise_mean: mu [Nm or N].
+        noise_sd: sigma [Nm or N].
+        z: standard deviations by which the faces are moved out.
 
     Returns:
         () or (N,) [N]; infinite where no watched joint feels it.
@@ -130,7 +137,10 @@ def blind_band(
 
     Args:
         dof: joints of the robot.
-        thresholds, noise_mean, noise_sd, z: as of :func:`blind_forces`.
+        thresholds: theta, one or (dof,), as of :func:`blind_forces`.
+        noise_mean: mu.
+        noise_sd: sigma.
+        z: standard deviations by which they are moved out.
     """
     theta = _per_joint(thresholds, "thresholds", dof, finite=False)
     mean, sd = _per_joint(noise_mean, "noise_mean", dof), _per_joint(noise_sd, "noise_sd", dof)

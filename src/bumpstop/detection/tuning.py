@@ -102,8 +102,8 @@ def tune(
     2. The largest residual of any joint, each in units of its threshold, is one series. Its tail gives the factor at
        which any joint alarms ``per_hour`` times an hour, whatever the joints have in common, and the intervals.
 
-    Alarms that follow each other closely count as one (see ``PeaksOverThreshold``). Thresholds are symmetric; a mean of the
-    residual counts.
+    Alarms that follow each other closely count as one (see ``PeaksOverThreshold``). Thresholds are symmetric; a mean of
+    the residual counts.
 
     Args:
         series: one or several recordings with the same joints and rate.
@@ -172,8 +172,8 @@ def _notes(
     times = tuning.extrapolation()
     if times > FARTHEST:
         notes.append(
-            f"Extrapolated too far: one alarm in {1 / tuning.target:.4g} h is {times:.4g} times what was recorded, more "
-            f"than {FARTHEST} times. Record for at least {1 / tuning.target / FARTHEST:.3g} h."
+            f"Extrapolated too far: one alarm in {1 / tuning.target:.4g} h is {times:.4g} times what was recorded, "
+            f"more than {FARTHEST} times. Record for at least {1 / tuning.target / FARTHEST:.3g} h."
         )
     mean = np.concatenate(stretches).mean(axis=0)
     for j in np.flatnonzero(np.abs(mean) > _BIASED * thresholds):

@@ -102,8 +102,8 @@ class TailPart(Part):
 
         alt = "False alarms an hour falling with a common factor on all thresholds, with interval and recorded peaks"
         caption = (
-            f"Shaded: {100 * tuning.confidence:g} % interval. Dots: independent peaks of the recording, each at the rate "
-            "at which it was reached or passed. Hatched: more than 100 times beyond what was recorded."
+            f"Shaded: {100 * tuning.confidence:g} % interval. Dots: independent peaks of the recording, each at the "
+            "rate at which it was reached or passed. Hatched: more than 100 times beyond what was recorded."
         )
         return [Picture("alarm_rate", alt, caption, draw)]
 
