@@ -22,6 +22,7 @@ import bumpstop as bs  # noqa: E402
 from bumpstop import kernels  # noqa: E402
 from validation import (  # noqa: E402
     against_twin,
+    blind_force,
     chapter5,
     chapter6,
     convergence,
@@ -29,6 +30,7 @@ from validation import (  # noqa: E402
     page,
     plant,
     reference,
+    tuning,
     two_laws,
     urdf,
     workspace,
@@ -55,6 +57,8 @@ COMPARISONS = {
     "instruction_sets": instruction_sets,
     "urdf": urdf,
     "plant": plant,
+    "blind_force": blind_force,
+    "tuning": tuning,
 }
 
 

@@ -1,8 +1,8 @@
 """The farthest vertex by brute force: walk outward on the polytope's surface from many directions.
 
 It shares nothing with the library: no coordinates are changed, no edges are enumerated. From the point where a
-direction leaves the polytope it goes on along the face as far as the distance grows, then along the edge, then from vertex to
-neighbouring vertex until none is farther. Every step shoots a ray at the faces.
+direction leaves the polytope it goes on along the face as far as the distance grows, then along the edge, then from
+vertex to neighbouring vertex until none is farther. Every step shoots a ray at the faces.
 """
 
 from __future__ import annotations

@@ -208,7 +208,9 @@ def test_tutorial_of_identification(
             assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
 
 
-@pytest.mark.parametrize("command", ["evaluate", "bodies", "robots", "identify", "validate"])
+@pytest.mark.parametrize(
+    "command", ["evaluate", "bodies", "robots", "identify", "validate", "tune", "score", "sensitivity"]
+)
 def test_options(command: str) -> None:
     parameters: Any = typer.main.get_command(app).commands[command].params  # type: ignore[attr-defined]
     compare_options(parameters, command)

@@ -32,8 +32,8 @@ class PeaksOverThreshold:
     the level by a generalised Pareto variable of ``scale`` and ``shape`` (S. Coles, "An introduction to statistical
     modeling of extreme values", 2001, chapter 4). Squares, as those of Gaussian noise have an exponential tail from low
     levels on, shape 0, where Gaussian peaks themselves take on the shape of their limit only far out. The likelihood
-    carries a prior of the shape, that of a normal variable with mean 0 and standard deviation 0.3 that is not negative: a shape
-    below 0 is a tail that ends, and few peaks are no proof of an end. Noise that does end alarms less often than said.
+    carries a prior of the shape, that of a normal variable with mean 0 and standard deviation 0.3 that is not negative:
+    a shape below 0 is a tail that ends, and few peaks prove no end. Noise that does end alarms less often than said.
 
     Attributes:
         level: square of what the peaks are over.

@@ -1,0 +1,183 @@
+"""``bumpstop tune``, ``score`` and ``sensitivity``, and residuals on their way into a scenario."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.detection import ResidualSeries, Thresholds, blind_forces, tune
+from cli.support import EXAMPLE, run, strict_json
+from detection.tuning_cases import residuals
+
+
+@pytest.fixture(scope="module")
+def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Residuals of the example's seven joints, a row every feedback period of 4 ms."""
+    series = residuals(0.05, 1, joints=7)
+    path = tmp_path_factory.mktemp("noise") / "free.parquet"
+    ResidualSeries(np.arange(series.t.size) * 0.004, 0.4 * series.rows).save(path)
+    return path
+
+
+def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) -> None:
+    saved, out = tmp_path / "thresholds.toml", tmp_path / "report"
+    done = run("tune", noise, "--per-hour", 60, "--json", "--save", saved, "--out", out, "--scenario", EXAMPLE)
+    assert done.status == 0, done.err
+    found = strict_json(done.out)
+    wanted = tune(ResidualSeries.load(noise), 60.0)
+    assert found["thresholds_Nm"] == pytest.approx(wanted.thresholds().tolist(), rel=1e-12)
+    assert found["per_hour"] == 60
+    low, high = found["per_hour_interval"]
+    assert low < 60 < high
+    for value, (below, above) in zip(found["thresholds_Nm"], found["thresholds_interval_Nm"], strict=True):
+        assert below < value < above
+    np.testing.assert_allclose(Thresholds.load(saved).constant, wanted.thresholds(), rtol=1e-12)
+    text = saved.read_text()
+    assert "60 false alarms an hour wanted" in text
+    assert str(noise) in text
+    # Fewer alarms cost newtons.
+    trade = found["trade"]
+    rates = [point["per_hour"] for point in trade]
+    assert rates == sorted(rates)
+    assert 60 in rates
+    forces = [point["scenarios"][str(EXAMPLE)]["p95"] for point in trade]
+    assert forces == sorted(forces, reverse=True)
+    assert forces[0] > 1.1 * forces[-1]
+    blind = [point["scenarios"][str(EXAMPLE)]["anywhere"] for point in trade]
+    assert blind == sorted(blind, reverse=True)
+    assert {path.name for path in out.iterdir()} == {
+        "report.html", "alarm_rate.svg", "alarm_rate.png", "alarms_against_newtons.svg", "alarms_against_newtons.png",
+    }  # fmt: skip
+    assert ">nan<" not in (out / "report.html").read_text()
+
+
+def test_tune_for_people(noise: Path) -> None:
+    done = run("tune", noise, "--per-hour", 0.1, "--joints", "1,2", "--scenario", EXAMPLE)
+    assert done.status == 0, done.err
+    assert "0.1 false alarms an hour; 95 % interval" in done.out
+    assert "not watched" in done.out
+    assert "Extrapolated too far" in done.out
+    assert "* more than 100 times what was recorded" in done.out
+
+
+def test_residuals_become_the_noise_of_a_scenario(noise: Path) -> None:
+    """The scenario's own noise, told from the file, is that of the file."""
+    series = ResidualSeries.load(noise)
+    scenario = bs.load_scenario(EXAMPLE)
+    data = scenario.to_dict()
+    for key in ("noise_sd_Nm", "noise_mean_Nm", "noise_correlation"):
+        data["detector"].pop(key, None)
+    data["detector"]["residuals"] = str(noise)
+    problem = bs.Problem.from_scenario(bs.Scenario.from_dict(data, EXAMPLE.parent))
+    assert problem.residuals is not None
+    np.testing.assert_array_equal(problem.residuals.rows, series.rows)
+    np.testing.assert_allclose(problem.noise_sd, series.rows.std(axis=0), rtol=1e-3)
+    law = bs.sampled_law(problem, samples=2000)
+    assert 0 < law.peak_force.quantile(0.5) < math.inf
+    # Thresholds tuned on the very residuals keep false alarms of short motions rare; half of them do not.
+    tuned = tune(series, 10.0).thresholds()
+    quiet, loud = (
+        bs.sampled_law(
+            bs.Problem.from_scenario(
+                bs.Scenario.from_dict(
+                    data | {"detector": data["detector"] | {"thresholds_Nm": (factor * tuned).tolist()}}, EXAMPLE.parent
+                )
+            ),
+            samples=2000,
+        ).false_alarm_probability
+        for factor in (1.0, 0.4)
+    )
+    assert quiet < 0.01
+    assert loud > 0.1
+
+
+def test_score_of_residuals(noise: Path, tmp_path: Path) -> None:
+    series = ResidualSeries.load(noise)
+    thresholds = tune(series, 60.0).thresholds()
+    rows = series.rows.copy()
+    for start in (20.0, 60.0):
+        rows[(series.t >= start) & (series.t < start + 0.5), 3] += 3 * thresholds[3]
+    touched, labels, out = tmp_path / "touched.parquet", tmp_path / "labels.csv", tmp_path / "report"
+    ResidualSeries(series.t, rows).save(touched)
+    labels.write_text("start_s,end_s,kind\n20,20.5,push\n40,40.5,nothing\n60,60.5,push\n")
+    limits = ",".join(repr(float(x)) for x in thresholds)
+    done = run("score", touched, "--labels", labels, "--thresholds", limits, "--json", "--out", out)
+    assert done.status == 0, done.err
+    found = strict_json(done.out)
+    assert found["kinds"] == {"push": {"detected": 2, "missed": 0}, "nothing": {"detected": 0, "missed": 1}}
+    assert found["delay_s"]["max"] == pytest.approx(0, abs=1e-9)
+    assert found["hours"] == pytest.approx((series.t[-1] - 3 * 0.8) / 3600)
+    detected = [row["detected"] for row in found["roc"]]
+    assert detected == sorted(detected, reverse=True)
+    rates = [row["false_alarms_per_hour"] for row in found["roc"]]
+    assert rates[0] > rates[-1] == 0
+    assert {path.name for path in out.iterdir()} == {"report.html", "delay.svg", "delay.png", "roc.svg", "roc.png"}
+    assert "detected 2 of 3" in run("score", touched, "--labels", labels, "--thresholds", limits).out
+
+
+def test_sensitivity() -> None:
+    pose = "0,30,0,-20,0,-40,0"
+    given = ("sia5d", "--pose-deg", pose, "--thresholds", "20,10,20,20,20,20,20")
+    found = strict_json(run("sensitivity", *given, "--json").out)
+    q = np.radians([0, 30, 0, -20, 0, -40, 0])
+    wanted = blind_forces(bs.Robot.load("sia5d"), q, [20, 10, 20, 20, 20, 20, 20])
+    assert found["largest_force_N"] == pytest.approx(float(wanted.largest), rel=1e-12)
+    # From anywhere between the thresholds: twice as much.
+    assert found["worst_case_force_along_N"] == pytest.approx(2 * found["force_along_N"], rel=1e-12)
+    growing = strict_json(run("sensitivity", *given, "--stiffness", 75000, "--speed-mm-s", 50, "--json").out)
+    # Each joint's torque grows by its own lever: as a force it is K v dt for all.
+    assert growing["worst_case_force_along_N"] - found["worst_case_force_along_N"] == pytest.approx(15, rel=1e-9)
+    straight = run("sensitivity", "sia5d", "--pose-deg", "0,0,0,0,0,0,0", "--thresholds", "20,20,20,20,20,20,20")
+    assert straight.status == 0, straight.err
+    assert "no bound" in straight.out
+    assert "not felt at all: along (0, 0, 1)" in straight.out
+    json.loads(json.dumps(found, allow_nan=False))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("tune", "NOISE", "--per-hour", "0"), "--per-hour: is 0"),
+        (("tune", "NOISE", "--joints", "8"), "--joints: '8' cannot be used; wanted numbers from 1 to 7"),
+        (("tune", "NOISE", "--joints", ""), "--joints: '' cannot be used"),
+        (("tune", "NOISE", "--robot", "ur5e"), "--robot: has no meaning with the residuals"),
+        (("tune", "NOISE", "--confidence", "2"), "--confidence: is 2"),
+        (("tune", "nowhere.parquet"), "--robot: is missing"),
+        (("tune", "NOISE", "--scenario", "ur"), "has thresholds for 6 joints; the residuals have 7"),
+        (("tune", "NOISE", "--per-hour", "60", "--save", "/nowhere/x.toml"), "cannot be written"),
+        (("score", "NOISE", "--labels", "LABELS"), "--thresholds: is missing"),
+        (("score", "NOISE", "--labels", "LABELS", "--thresholds", "1,2"), "thresholds: 2 of them"),
+        (("score", "NOISE", "--labels", "LABELS", "--thresholds", "1", "--early", "-1"), "--early: is -1"),
+        (("score", "LABELS.json", "--labels", "LABELS"), "cannot be read"),
+        (("score", "EVENTS", "--labels", "LABELS"), "has no 'start_s'"),
+        (("sensitivity", "sia5d", "--pose-deg", "0,0", "--thresholds", "20"), "--pose-deg: '0,0' cannot be used"),
+        (("sensitivity", "sia5", "--pose-deg", "0", "--thresholds", "20"), "did you mean 'sia5d'"),
+        (
+            ("sensitivity", "ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", "--direction", "0,0,0"),
+            "--direction: has no length",
+        ),
+        (
+            ("sensitivity", "ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", "--z", "nan"),
+            "--z: is nan",
+        ),
+    ],
+)
+def test_refusals(arguments: tuple[str, ...], message: str, noise: Path, tmp_path: Path) -> None:
+    labels, events = tmp_path / "labels.csv", tmp_path / "events.json"
+    labels.write_text("start_s,end_s\n1,2\n")
+    events.write_text('{"events": []}')
+    places = {
+        "NOISE": noise, "LABELS": labels, "LABELS.json": tmp_path / "none.json", "EVENTS": events,
+        "ur": EXAMPLE.parent / "05_ur10e.toml",
+    }  # fmt: skip
+    done = run(*(places.get(argument, argument) for argument in arguments))
+    assert done.status == 2
+    assert done.out == ""
+    assert message in done.err
+    assert done.err.startswith("error: ")
+    assert "Traceback" not in done.err
