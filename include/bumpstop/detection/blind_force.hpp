@@ -199,15 +199,19 @@ inline BlindForce blind_force(const Point3<double>* column, const BlindBand* ban
 }
 
 /// Largest force F >= 0 along the unit vector n that no threshold notices: the smallest of high_j / (J_v' n)_j, or of
-/// low_j / (J_v' n)_j where that is negative [N]; infinite where no watched joint feels it.
+/// low_j / (J_v' n)_j where that is negative [N]; infinite where no watched joint feels it. A lever below 1e-12 of the
+/// longest is none.
 inline double blind_force_along(const Point3<double>* column, const BlindBand* band, int joints,
                                 const Point3<double>& n) noexcept {
-    double force = std::numeric_limits<double>::infinity();
+    double force = std::numeric_limits<double>::infinity(), longest = 0;
+    for (int j = 0; j < joints; ++j)
+        if (band[j].watched()) longest = std::max(longest, dot(column[j], column[j]));
+    const double none = blind_rank * std::sqrt(longest);
     for (int j = 0; j < joints; ++j) {
         if (!band[j].watched()) continue;
         const double torque = dot(column[j], n);
         if (torque != torque) return torque;  // of such a pose nothing is known
-        if (torque != 0) force = std::min(force, (torque < 0 ? band[j].low : band[j].high) / torque);
+        if (std::fabs(torque) > none) force = std::min(force, (torque < 0 ? band[j].low : band[j].high) / torque);
     }
     return force;
 }

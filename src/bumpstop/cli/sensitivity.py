@@ -107,7 +107,10 @@ def _found(
         raise InputError("--direction", "has no length", "for example 0,0,-1")
     along = np.array(direction) / length
     blind = blind_forces(robot, q, thresholds, **about)
-    per_newton = robot.jacobian(q, link, point)[:3].T @ along
+    columns = robot.jacobian(q, link, point)[:3]
+    per_newton = columns.T @ along
+    # What is left of a lever that is none is a rounding.
+    per_newton[np.abs(per_newton) <= 1e-12 * np.linalg.norm(columns, axis=0).max()] = 0.0
     torques = largest_undetected_torque(thresholds, per_newton * force_rate, period)
     forces = largest_undetected_force(torques, per_newton)
     linear = singular_values(robot, q, link, point)
@@ -166,8 +169,8 @@ def _print(robot: Robot, found: dict[str, Any]) -> None:
         if found["largest_felt_force_N"] > 0:
             console.print(f"  across that: {found['largest_felt_force_N']:.4g} N, as ({farthest}) N")
     console.print(
-        f"along ({_row(found['direction'])}): {_figure(found['force_along_N'])} N; from anywhere between thresholds "
-        f"{_figure(found['worst_case_force_along_N'])} N"
+        f"along ({_row(found['direction'])}): {_newtons(found['force_along_N'])}; from anywhere between thresholds "
+        f"{_newtons(found['worst_case_force_along_N'])}"
     )
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "threshold", "Nm per N", "undetected Nm", "as force, N"):
@@ -183,6 +186,10 @@ def _print(robot: Robot, found: dict[str, Any]) -> None:
 
 def _row(values: list[float]) -> str:
     return ", ".join(f"{round(value, 4) + 0.0:.4g}" for value in values)
+
+
+def _newtons(value: float) -> str:
+    return f"{value:.4g} N" if math.isfinite(value) else "no bound"
 
 
 def _figure(value: float) -> str:
