@@ -122,6 +122,12 @@ def test_completion_answers() -> None:
         "identify",
         "validate",
         "study",
+        "plan",
+        "detect",
+        "detector",
+        "tune",
+        "score",
+        "sensitivity",
     }
     options = bumpstop(COMP_WORDS="bumpstop evaluate --s", **(asked | {"COMP_CWORD": "2"})).stdout.split()
     assert set(options) == {"--sampled", "--seed", "--set"}
