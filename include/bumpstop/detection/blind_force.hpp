@@ -134,7 +134,7 @@ struct BlindPolytope {
 /// Largest force that no threshold notices, over all directions, from the columns of J_v at the point it acts on.
 ///
 /// Exact but for rounding: the farthest point of a convex polytope is a vertex, and every vertex is the end of an edge,
-/// where the faces of two joints meet. With n joints there are 2 n (n - 1) edges to cut off: some 2 us for seven joints.
+/// where the faces of two joints meet. With n joints there are 2 n (n - 1) edges to cut off.
 /// One pose at a time, as poses differ in rank and in which faces meet.
 ///
 /// @param column of each joint, B [m or 1].
