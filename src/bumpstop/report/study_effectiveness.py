@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.collision.verdict import percent
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture
 from bumpstop.report.section import Part
-from bumpstop.report.words import NONE, number, probability
+from bumpstop.report.words import NONE, number
 
 if TYPE_CHECKING:
     import polars as pl
@@ -59,7 +60,7 @@ class SafeSpeedsPart(Part):
         return [
             paragraph(
                 f"The highest speed, in mm/s, at which each limit is passed with a probability of at most "
-                f"{probability(self._risk)}. In brackets what stands against more: f force, p pressure, a false alarms."
+                f"{percent(self._risk)}. In brackets what stands against more: f force, p pressure, a false alarms."
             ),
             *(paragraph(f"{label}: {reason}") for label, reason in refused.items()),
             table(headings, rows, caption="Highest safe speed [mm/s]", numbers=True),
@@ -136,7 +137,7 @@ class CollisionsPart(Part):
                 f"{c['speed_mm_s']:g}",
                 f"{c['area_cm2']:g}",
                 *(NONE if c[name] is None else number(c[name]) for name in ("mean_N", "p99_N")),
-                *(NONE if c[name] is None else probability(c[name]) for name in ("p_over_force", "p_over_pressure")),
+                *(NONE if c[name] is None else percent(c[name]) for name in ("p_over_force", "p_over_pressure")),
                 "not permitted" if c["acceptable"] is None else "yes" if c["acceptable"] else element("strong", "no"),
             ]
             for c in self._collisions
@@ -213,8 +214,8 @@ class TriggersPart(Part):
         rows = [
             [
                 f"{row['direction']}, {row['speed_mm_s']:g} mm/s",
-                *(probability(row[name]) for name in self._names),
-                probability(row["several_joints"]),
+                *(percent(row[name]) for name in self._names),
+                percent(row["several_joints"]),
             ]
             for row in own.iter_rows(named=True)
         ]

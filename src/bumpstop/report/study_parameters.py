@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.collision.verdict import percent
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.report.words import NONE, number, probability
+from bumpstop.report.words import NONE, number
 from bumpstop.study.fits import R2_WANTED, Fit, fit_laws
 
 if TYPE_CHECKING:
@@ -226,7 +227,7 @@ class EqualRiskPart(Part):
         def draw(figure: Figure) -> None:
             panel = axes(figure)
             for curve, (color, style) in zip(pair["curves"], styles, strict=True):
-                label = f"{probability(curve['risk'])}" + ("" if curve["lines"] else " (not in this range)")
+                label = f"{percent(curve['risk'])}" + ("" if curve["lines"] else " (not in this range)")
                 for line in curve["lines"] or [[[math.nan, math.nan]]]:
                     points = np.array(line)
                     panel.plot(points[:, 0], points[:, 1], color=color, linestyle=style, label=label)
@@ -265,7 +266,7 @@ class GuidePart(Part):
         ratio = f"{now['force_over_allowed']:.4g}"
         found = [
             paragraph(
-                f"Now the force that is passed with the accepted probability of {probability(self._risk)} is {ratio} "
+                f"Now the force that is passed with the accepted probability of {percent(self._risk)} is {ratio} "
                 "times what force and pressure limit allow. Every plan below was checked by its own exact law."
             )
         ]

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.collision.verdict import percent
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.report.words import NONE, number, probability
+from bumpstop.report.words import NONE, number
 from bumpstop.study.workspace_summary import MAP_CELLS, worst_risk
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ class CountsPart(Part):
             if s["limits"]:
                 rows.append(("the same of the force limit, or the motion ends before contact",
                              _share(s["p_over_force_or_no_contact"])))  # fmt: skip
-                risk = probability(s["accepted_risk"])
+                risk = percent(s["accepted_risk"])
                 rows.append((f"poses that pass a limit with more than the accepted {risk}", str(s["poses_over_risk"])))
             rows += [
                 ("P(never detected)", _share(s["undetected"])),
@@ -107,7 +108,7 @@ class CountsPart(Part):
 def _share(found: dict[str, float] | None) -> str:
     if found is None:
         return NONE
-    return f"{probability(found['mean'])} (standard error {probability(found['standard_error'])})"
+    return f"{percent(found['mean'])} (standard error {percent(found['standard_error'])})"
 
 
 class ForcePart(Part):

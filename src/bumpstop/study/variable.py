@@ -162,7 +162,11 @@ class Variable:
             )
         found = getattr(here, key)
         item = self._item
-        if item is not None and isinstance(found, list):
+        if hasattr(type(found), "model_fields"):
+            raise InputError("--vary", f"{self.name!r} is a table", f"wanted one of its keys, e.g. {_key_of(key)}")
+        if item is not None and not isinstance(found, list):
+            raise InputError("--vary", f"{self.name!r} is not there", f"{self._key} is no list in this scenario")
+        if item is not None:
             if not 1 <= item <= len(found):
                 raise InputError("--vary", f"{self.name!r} is not there", f"{self._key} has {len(found)} items")
             return found[item - 1]
@@ -185,7 +189,11 @@ class Variable:
             return InputError("--vary", f"{self.name!r} is a list", f"wanted one of its items, e.g. {self._key}[1]")
         if found is None:
             return InputError("--vary", f"{self.name!r} has no value in the scenario", "give it one with --set first")
-        return InputError("--vary", f"{self.name!r} is {found!r}, no number", near_matches("", names()))
+        return InputError("--vary", f"{self.name!r} is {found!r}, no number", "wanted a numeric key")
+
+
+def _key_of(name: str) -> str:
+    return next(key for key in names() if key.startswith(f"{name}.") and key not in ALIASES)
 
 
 def names() -> list[str]:

@@ -1,0 +1,124 @@
+"""``bumpstop study``: what it prints, what it leaves, and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from bumpstop.study.study import Study
+from cli.support import EXAMPLE, run, strict_json
+
+SLOW = ("--set", "motion.velocity_mm_s=[0, 0, -10]")
+QUICK = {
+    "parameters": ("--vary", "motion.speed=40:60:5"),
+    "effectiveness": ("--body", "hand_finger", "--direction", "down", "--speed", 50, "--highest-speed", 20),
+    "workspace": (*SLOW, "--poses", 20, "--speed-sd", 2),
+}
+
+
+@pytest.mark.parametrize("name", list(QUICK))
+def test_files_and_json_say_the_same(name: str, tmp_path: Path) -> None:
+    result = run("study", name, EXAMPLE, "--json", "--out", tmp_path, *QUICK[name])
+    assert (result.status, result.err) == (0, "")
+    printed = strict_json(result.out)
+    assert printed.pop("seconds") > 0
+    assert printed == strict_json((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert printed["study"] == name
+    rows = pl.read_parquet(tmp_path / "rows.parquet")
+    assert rows.height > 0
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for unwanted in ("<script", "<link", 'src="', ">nan<", ">inf<", ">None<"):
+        assert unwanted not in html
+    figures = {path.stem for path in tmp_path.glob("*.svg")}
+    assert figures == {path.stem for path in tmp_path.glob("*.png")}
+    assert figures
+    assert not (tmp_path / "shards").exists()
+
+
+@pytest.mark.parametrize("name", list(QUICK))
+def test_words_for_people(name: str) -> None:
+    result = run("study", name, EXAMPLE, *QUICK[name])
+    assert (result.status, result.err) == (0, "")
+    wanted = {
+        "parameters": "motion.speed 40 to 60 mm/s: up; quadratic",
+        "effectiveness": "bgia2011 hand_finger down 2 cm2: 20, bound by none",
+        "workspace": "20 laws; 0 poses start at a singularity",
+    }
+    assert wanted[name] in result.out
+    assert "rows in" in result.out
+
+
+def test_settings_repeat_the_study(tmp_path: Path) -> None:
+    first = run("study", "workspace", EXAMPLE, "--json", "--out", tmp_path / "a", *QUICK["workspace"])
+    again = run("study", "workspace", tmp_path / "a" / "settings.toml", "--json", "--poses", 20, "--speed-sd", 2)
+    one, two = (strict_json(result.out) for result in (first, again))
+    one.pop("seconds"), two.pop("seconds")
+    assert one == two
+
+
+def test_an_interrupted_study_is_taken_up_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bumpstop.study.parameters import ParameterStudy
+
+    command = ("study", "parameters", EXAMPLE, "--threads", 1, "--json")
+    vary = [part for key in ("motion.speed=40:60:3", "contact.area_cm2=1:2:3") for part in ("--vary", key)]
+    whole = run(*command, *vary, "--out", tmp_path / "whole")
+    calls = []
+    shard = ParameterStudy.shard
+
+    def once(self: Study, number: int) -> pl.DataFrame:
+        calls.append(number)
+        if calls == [0, 1]:
+            raise KeyboardInterrupt
+        return shard(self, number)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ParameterStudy, "shard", once)
+    broken = run(*command, *vary, "--out", tmp_path / "half")
+    assert (broken.status, broken.err) == (1, "error: interrupted\n")
+    assert [path.name for path in (tmp_path / "half" / "shards").iterdir()] == ["000000.parquet"]
+    resumed = run(*command, *vary, "--out", tmp_path / "half")
+    assert calls == [0, 1, 1]
+    one, two = strict_json(whole.out), strict_json(resumed.out)
+    one.pop("seconds"), two.pop("seconds")
+    assert one == two
+    for name in ("rows.parquet", "summary.json", "report.html"):
+        assert (tmp_path / "half" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("parameters", "--vary", "motion.speed=60:40"), "--vary: 60 to 40 is an empty range"),
+        (("parameters", "--vary", "motion.sped=40:60"), "did you mean 'motion.speed'"),
+        (("parameters", "--pair", "motion.speed"), "--pair: 'motion.speed' is not KEY,KEY"),
+        (("parameters", "--price", "motion.speed=0"), "--price: '0' of motion.speed is no price"),
+        (("effectiveness", "--body", "tail"), "--body: 'tail' is a region of no table"),
+        (("effectiveness", "--speed", "0"), "--speed: 0 cannot be used"),
+        (("workspace",), "--poses: and --grid: give one of them"),
+        (("workspace", "--poses", "-1"), "--poses: '-1' cannot be used"),
+        (("workspace", "--poses", "5", "--directions", "even"), "--directions: 'even' is unknown"),
+        (("workspace", "--poses", "5", "--joint-limits", "no"), "--joint-limits: 'no' is unknown"),
+        (
+            ("workspace", "--poses", "5", "--set", "contact.kind=free", "--set", "contact.body_mass_kg=1"),
+            "contact.kind",
+        ),
+    ],
+)
+def test_refusals(arguments: tuple[str, ...], words: str) -> None:
+    name, *rest = arguments
+    result = run("study", name, EXAMPLE, *rest)
+    assert result.status == 2
+    assert result.out == ""
+    (line,) = result.err.splitlines()
+    assert line.startswith("error: ")
+    assert words in line
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
+    assert run("evaluate", EXAMPLE, "--out", tmp_path).status in (0, 3)
+    before = {path.name for path in tmp_path.iterdir()}
+    result = run("study", "workspace", EXAMPLE, "--poses", 5, "--out", tmp_path)
+    assert result.status == 2
+    assert "holds results made otherwise" in result.err
+    assert {path.name for path in tmp_path.iterdir()} == before

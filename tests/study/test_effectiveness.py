@@ -1,0 +1,138 @@
+"""The effectiveness study: what the source states in words (its chapter 6), safe speeds, and bodies without a limit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import bumpstop as bs
+from bumpstop.study import run
+from bumpstop.study.effectiveness import EffectivenessStudy
+from collision.cases import control_group
+
+BODIES = ["hand_finger", "lower_arm_wrist", "upper_arm_elbow"]
+
+
+@pytest.fixture(scope="module")
+def summary() -> dict[str, Any]:
+    """Three body parts of both tables, as the source moved."""
+    return run(EffectivenessStudy.of(control_group(), bodies=BODIES), threads=2)[1]
+
+
+def found(summary: dict[str, Any], **wanted: Any) -> dict[str, Any]:
+    (row,) = [row for row in summary["collisions"] if all(row[key] == value for key, value in wanted.items())]
+    return row
+
+
+def test_a_hand_downward(summary: dict[str, Any]) -> None:
+    hand = {"table": "bgia2011", "body": "hand_finger", "direction": "down", "area_cm2": 2.0}
+    verdicts = {v: found(summary, speed_mm_s=v, **hand)["acceptable"] for v in (10.0, 25.0, 50.0, 75.0, 100.0)}
+    assert verdicts == {10.0: True, 25.0: True, 50.0: True, 75.0: False, 100.0: False}
+    for speed in (75.0, 100.0):
+        assert found(summary, speed_mm_s=speed, **hand)["p_over_force"] > 0.5
+
+
+def test_arms_downward(summary: dict[str, Any]) -> None:
+    for speed in (10.0, 25.0, 50.0, 75.0):
+        lower = found(
+            summary, table="bgia2011", body="lower_arm_wrist", direction="down", area_cm2=2.0, speed_mm_s=speed
+        )
+        assert lower["p_over_force"] < 1e-3
+    upper = found(summary, table="bgia2011", body="upper_arm_elbow", direction="down", area_cm2=2.0, speed_mm_s=75.0)
+    assert upper["p_over_pressure"] < 1e-4
+
+
+def test_lateral_motion_is_noticed_by_joints_1_and_3(summary: dict[str, Any]) -> None:
+    rows, _ = run(EffectivenessStudy.of(control_group(), bodies=["hand_finger"], directions=["left"]))
+    lateral = rows.filter((rows["kind"] == "collision") & (rows["table"] == "bgia2011") & (rows["area_cm2"] == 1.0))
+    for row in lateral.iter_rows(named=True):
+        assert row["trigger_1"] == pytest.approx(row["trigger_3"], rel=0.1)
+        assert max(row[f"trigger_{j}"] for j in (2, 4, 5, 6, 7)) < 0.01
+    several = lateral.sort("speed_mm_s")["several_joints"].to_list()
+    assert several == sorted(several)
+    assert several[0] < 1 / 3
+
+
+def test_a_safe_speed_is_safe_and_a_tenth_more_is_not(summary: dict[str, Any]) -> None:
+    for row in summary["safe_speeds"][::5]:
+        speed = row["safe_speed_mm_s"]
+        direction = {"down": (0, 0, -1), "left": (0, 1, 0)}[row["direction"]]
+
+        def acceptable(speed: float, row: Any = row, direction: Any = direction) -> bool | None:
+            return bs.evaluate(
+                control_group(
+                    contact__body=row["body"],
+                    contact__limits=row["table"],
+                    contact__area_cm2=row["area_cm2"],
+                    motion__velocity_mm_s=[speed * x for x in direction],
+                )
+            ).verdict.acceptable
+
+        assert acceptable(speed) is True
+        assert acceptable(speed + 0.1) is False
+
+
+def test_a_larger_area_is_never_worse_and_tables_are_not_mixed(summary: dict[str, Any]) -> None:
+    speeds = {
+        (s["table"], s["body"], s["direction"], s["area_cm2"]): s["safe_speed_mm_s"] for s in summary["safe_speeds"]
+    }
+    for table, body, direction, area in speeds:
+        assert speeds[table, body, direction, 2.0] >= speeds[table, body, direction, area]
+    assert (
+        found(summary, table="ts15066", body="hand_finger", direction="down", area_cm2=1.0, speed_mm_s=50.0)[
+            "limit_force_N"
+        ]
+        != found(summary, table="bgia2011", body="hand_finger", direction="down", area_cm2=1.0, speed_mm_s=50.0)[
+            "limit_force_N"
+        ]
+    )
+
+
+def test_a_body_without_a_limit_for_free_contact_is_reported_and_not_judged() -> None:
+    scenario = control_group(contact__kind="free", contact__limits="ts15066", contact__body="hand_finger")
+    study = EffectivenessStudy.of(
+        scenario,
+        bodies=["face", "hand_finger"],
+        directions=["down"],
+        speeds_mm_s=[50.0],
+        areas_cm2=[1.0],
+        highest_speed_mm_s=2.0,
+    )
+    rows, summary = run(study)
+    by_body = {(row["table"], row["body"]): row for row in summary["collisions"]}
+    face = by_body["ts15066", "face"]
+    assert face["acceptable"] is None
+    assert "does not permit transient contact" in face["reason"]
+    assert "gives no mass" in by_body["bgia2011", "hand_finger"]["reason"]
+    assert by_body["ts15066", "hand_finger"]["mean_N"] > 0
+    speeds = {(s["table"], s["body"]): s for s in summary["safe_speeds"]}
+    assert speeds["ts15066", "face"]["safe_speed_mm_s"] is None
+    assert speeds["ts15066", "hand_finger"]["binding"] == "none"
+    assert rows.height == 2 * len(study.bodies)
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ({"bodies": ["hnad_finger"]}, "--body"),
+        ({"directions": ["sideways"]}, "--direction"),
+        ({"speeds_mm_s": [0.0]}, "--speed"),
+        ({"speeds_mm_s": [float("nan")]}, "--speed"),
+        ({"areas_cm2": [-1.0]}, "--area"),
+        ({"highest_speed_mm_s": 1.0}, "--highest-speed"),
+        ({"highest_speed_mm_s": float("inf")}, "--highest-speed"),
+    ],
+)
+def test_bad_choices_are_refused_by_name(options: dict[str, Any], field: str) -> None:
+    with pytest.raises(bs.InputError) as refused:
+        EffectivenessStudy.of(control_group(), **options)
+    assert refused.value.field == field
+
+
+def test_when_nothing_can_be_judged_it_says_so() -> None:
+    scenario = control_group(contact__kind="free", contact__limits="ts15066", contact__body="hand_finger")
+    with pytest.raises(bs.InputError, match="no body asked for"):
+        EffectivenessStudy.of(scenario, bodies=["face"])
+    with pytest.raises(bs.InputError, match="the same for every direction"):
+        EffectivenessStudy.of(control_group(contact__normal=[0.0, 0.0, -1.0]))

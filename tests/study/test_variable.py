@@ -1,0 +1,115 @@
+"""Variables: what a name means in a scenario, and ranges that cannot be used."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import bumpstop as bs
+from bumpstop.study.variable import ALIASES, Range, Variable, names
+from collision.cases import control_group
+
+
+@pytest.mark.parametrize(
+    ("name", "control", "unit", "value"),
+    [
+        ("motion.speed", 50, "mm/s", 80),
+        ("detector.thresholds", 10, "Nm", 4),
+        ("detector.thresholds_and_noise", 10, "Nm", 4),
+        ("contact.stiffness", 75000, "N/m", 5600),
+        ("contact.area_cm2", 1, "cm2", 2.5),
+        ("detector.feedback_period_s", 0.004, "s", 0.007),
+        ("detector.noise_sd_Nm[3]", 20 / 5.5, "Nm", 1),
+        ("pose_deg[2]", 30, "deg", 31),
+        ("reaction.joint_acceleration_rad_s2", 4.5, "rad/s2", 9),
+        ("motion.velocity_mm_s[1]", 0, "mm/s", 7),
+        ("verdict.risk", 1e-3, "", 1e-4),
+        ("simulation.substeps", 5, "", 3),
+    ],
+)
+def test_a_value_that_is_set_is_the_value_that_is_there(name: str, control: float, unit: str, value: float) -> None:
+    scenario, variable = control_group(), Variable(name)
+    assert variable.value(scenario) == pytest.approx(control)
+    assert variable.unit == unit
+    changed = variable.apply(scenario, value)
+    assert variable.value(changed) == pytest.approx(value, rel=1e-12)
+    assert variable.apply(changed, control).motion == scenario.motion
+
+
+def test_thresholds_change_in_proportion_with_noise_or_without() -> None:
+    scenario = control_group(detector__thresholds_Nm=[20.0, 10.0, 20.0, 20.0, 20.0, 20.0, math.inf])
+    alone = Variable("detector.thresholds").apply(scenario, 5.0).detector
+    assert alone.thresholds_Nm == [10.0, 5.0, 10.0, 10.0, 10.0, 10.0, math.inf]
+    assert alone.noise_sd_Nm == scenario.detector.noise_sd_Nm
+    both = Variable("detector.thresholds_and_noise").apply(scenario, 5.0).detector
+    assert both.noise_sd_Nm == pytest.approx([t / 5.5 for t in (10, 5, 10, 10, 10, 10, 10)])
+
+
+def test_a_list_with_a_value_for_each_joint_changes_in_proportion() -> None:
+    scenario = control_group(reaction__joint_acceleration_rad_s2=[4.0, 2.0, 4.0, 4.0, 8.0, 4.0, 4.0])
+    variable = Variable("reaction.joint_acceleration_rad_s2")
+    assert variable.value(scenario) == 2.0
+    changed = variable.apply(scenario, 3.0).reaction.joint_acceleration_rad_s2
+    assert changed == pytest.approx([6.0, 3.0, 6.0, 6.0, 12.0, 6.0, 6.0])
+
+
+def test_speed_keeps_the_direction() -> None:
+    scenario = control_group(motion__velocity_mm_s=[30.0, 0.0, -40.0])
+    assert Variable("motion.speed").apply(scenario, 10.0).motion.velocity_mm_s == pytest.approx([6.0, 0.0, -8.0])
+
+
+def test_quantised_values_are_rounded_and_named_once() -> None:
+    found = Range.parse("detector.feedback_period_s=0.001:0.0044:100", control_group())
+    assert found.values == (0.001, 0.002, 0.003, 0.004)
+    assert Range.parse("reaction.latency_s=0:0.004:9", control_group()).values == (0.0, 0.001, 0.002, 0.003, 0.004)
+
+
+def test_ranges_are_spaced_as_written() -> None:
+    scenario = control_group()
+    assert Range.parse("motion.speed=10:30:3", scenario).values == (10, 20, 30)
+    assert Range.parse("motion.speed=10:90:3:log", scenario).values == pytest.approx((10, 30, 90))
+    assert Range.parse("motion.speed=[30, 10, 30]", scenario).values == (10, 30)
+    found = Range.parse("contact.area_cm2=0.1:7.3:4", scenario)
+    assert Range.parse(found.to_json(), scenario).values == pytest.approx(found.values, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("motion.speed", "KEY=LOW:HIGH"),
+        ("motion.speed=5", "KEY=LOW:HIGH"),
+        ("motion.speed=5:1", "empty range"),
+        ("motion.speed=5:5", "empty range"),
+        ("motion.speed=nan:5", "not finite"),
+        ("motion.speed=1:inf", "not finite"),
+        ("motion.speed=a:b", "is no number"),
+        ("motion.speed=0:10", "is zero"),
+        ("motion.speed=-10:10:2:log", "even ratios"),
+        ("motion.speed=1:2:1", "no count"),
+        ("motion.speed=1:2:2.5", "no count"),
+        ("motion.speed=[1, 2", "bracket"),
+        ("motion.speed=[1]", "at least 2"),
+        ("motion.sped=1:2", "did you mean 'motion.speed'"),
+        ("motion.velocity_mm_s=1:2", "motion.speed"),
+        ("contact.limits=1:2", "no number"),
+        ("contact.padding_N_m=1:2", "has no value"),
+        ("detector.thresholds_Nm[8]=1:2", "7 items"),
+        ("detector.feedback_period_s=0.001:0.0014", "steps of 0.001"),
+        ("contact.area_cm2=-1:2", "contact.area_cm2"),
+        ("contact=1:2", "is a table"),
+        ("a.b.c=1:2", "no numeric key"),
+        ("detector.noise_mean_Nm[1]=1:2", "is no list"),
+    ],
+)
+def test_a_senseless_range_is_refused_by_name(text: str, problem: str) -> None:
+    with pytest.raises(bs.InputError) as refused:
+        Range.parse(text, control_group())
+    assert problem in str(refused.value)
+
+
+def test_every_name_is_known() -> None:
+    found = names()
+    assert set(ALIASES) < set(found)
+    assert "detector.thresholds_Nm" in found
+    assert "contact.body" not in found

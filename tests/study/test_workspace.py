@@ -1,0 +1,195 @@
+"""The workspace study: every row is its own law, what is drawn follows its law, and nothing is hidden."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+import bumpstop as bs
+from bumpstop.study import run
+from bumpstop.study import workspace as workspace_module
+from bumpstop.study.capsules import chain_points, segment_distance, self_collision
+from bumpstop.study.directions import draw_directions, spread_directions
+from bumpstop.study.workspace import WorkspaceStudy
+from collision.cases import control_group, ur10e
+
+SLOW = control_group(motion__velocity_mm_s=[0.0, 0.0, -10.0])
+OWN = np.array([0.0, 0.0, -1.0])
+
+
+@pytest.fixture(scope="module")
+def study() -> WorkspaceStudy:
+    return WorkspaceStudy(SLOW, poses=60, speed_sd_mm_s=2.0, seed=5)
+
+
+@pytest.fixture(scope="module")
+def rows(study: WorkspaceStudy) -> pl.DataFrame:
+    return run(study)[0]
+
+
+def test_every_row_is_the_law_of_its_pose(rows: pl.DataFrame) -> None:
+    # Joint limits end some motions, and nothing may be left out for it.
+    chosen = rows[:6] if rows.height >= 6 else rows
+    for row in chosen.iter_rows(named=True):
+        scenario = SLOW.with_values(
+            {
+                "pose_rad": [row[f"q_{j}"] for j in range(1, 8)],
+                "motion.velocity_mm_s": [1e3 * row[f"velocity_{axis}_m_s"] for axis in "xyz"],
+            }
+        )
+        law = bs.evaluate(scenario)
+        assert law.curve.end == row["end"]
+        assert row["p50_N"] == pytest.approx(law.peak_force.quantile(0.5), rel=1e-6)
+        assert row["p_over_force"] == pytest.approx(law.verdict.p_over_force, rel=1e-5, abs=1e-9)
+        assert row["p_over_pressure"] == pytest.approx(law.verdict.p_over_pressure, rel=1e-5, abs=1e-9)
+        assert row["undetected"] == pytest.approx(law.undetected_probability, rel=1e-5, abs=1e-12)
+        jacobian = bs.Robot.load("sia5d").jacobian([row[f"q_{j}"] for j in range(1, 8)])[:3, :6]
+        assert row["smallest_singular_value"] == pytest.approx(math.sqrt(np.linalg.eigvalsh(jacobian @ jacobian.T)[0]))
+
+
+def test_threads_and_shards_change_nothing(
+    study: WorkspaceStudy, rows: pl.DataFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert study.shards == 1
+    assert run(study, threads=3)[0].equals(rows)
+    monkeypatch.setattr(workspace_module, "SHARD_ROWS", 20)
+    small = WorkspaceStudy(SLOW, poses=60, seed=5)
+    assert small.shards == 3
+    assert run(small, threads=2)[0].equals(run(small)[0])
+    # The first poses of a longer study are those of a shorter one.
+    assert run(WorkspaceStudy(SLOW, poses=20, seed=5))[0]["q_1"].equals(run(small)[0]["q_1"][:20])
+    assert not run(WorkspaceStudy(SLOW, poses=20, seed=6))[0]["q_1"].equals(run(small)[0]["q_1"][:20])
+
+
+def test_held_joints_stay_and_the_others_fill_their_ranges() -> None:
+    study = WorkspaceStudy(SLOW, poses=250, seed=1)
+    q, redrawn = study._drawn(20_000, np.random.default_rng(1))
+    robot = bs.Robot.load("sia5d")
+    assert (q[:, 6] == 0).all()
+    assert not redrawn.any()
+    share = (q[:, :6] - robot.lower[:6]) / (robot.upper - robot.lower)[:6]
+    assert ((share >= 0) & (share <= 1)).all()
+    # Standard error of the mean of 20 000 even draws: 0.29 / 141 = 0.002; five of them.
+    assert share.mean(axis=0) == pytest.approx(np.full(6, 0.5), abs=0.0102)
+
+
+@pytest.mark.parametrize("spread", [False, True])
+def test_directions_are_even_over_the_sphere_or_over_the_polar_angle(spread: bool) -> None:
+    rng = np.random.default_rng(3)
+    n = 40_000
+    for law, low_cap in (("sphere", 0.5 * (1 - math.cos(0.5))), ("polar", 0.5 / math.pi)):
+        vectors = spread_directions(law, OWN, n) if spread else draw_directions(law, OWN, n, rng)  # type: ignore[arg-type]
+        assert np.linalg.norm(vectors, axis=1) == pytest.approx(np.ones(n))
+        share = float((vectors[:, 2] > math.cos(0.5)).mean())
+        assert share == pytest.approx(low_cap, abs=5 * math.sqrt(low_cap / n))
+        assert vectors.mean(axis=0) == pytest.approx(np.zeros(3), abs=5 / math.sqrt(3 * n) + 1e-3)
+
+
+def test_speeds_have_the_spread_asked_for_and_are_never_backward() -> None:
+    speeds = WorkspaceStudy(SLOW, poses=1, speed_sd_mm_s=9.0)._speeds(20_000, np.random.default_rng(0))
+    assert (speeds > 0).all()
+    narrow = WorkspaceStudy(SLOW, poses=1, speed_sd_mm_s=2.0)._speeds(20_000, np.random.default_rng(0))
+    assert narrow.mean() == pytest.approx(10.0, abs=5 * 2 / math.sqrt(20_000))
+    assert narrow.std() == pytest.approx(2.0, rel=0.03)
+
+
+def test_a_grid_has_every_combination_once() -> None:
+    scenario = ur10e(motion__held_joints=[4, 5, 6], motion__task="position")
+    study = WorkspaceStudy(scenario, grid=3, grid_directions=2)
+    rows, summary = run(study)
+    assert rows.height == 27 * 2 == study.drawn
+    for j in (1, 2, 3):
+        low, high = bs.Robot.load("ur10e").lower[j - 1], bs.Robot.load("ur10e").upper[j - 1]
+        values = sorted(set(rows[f"q_{j}"].to_list()))
+        assert values == pytest.approx([low + (high - low) * share for share in (1 / 6, 1 / 2, 5 / 6)])
+    assert rows.select("q_1", "q_2", "q_3", "velocity_z_m_s").unique().height == 54
+    assert summary["laws"] + summary["singular_starts"] == 54
+
+
+def test_singular_starts_are_reported_and_have_no_law() -> None:
+    # The middle of all ranges is an outstretched arm.
+    rows, summary = run(WorkspaceStudy(SLOW, grid=1, grid_directions=3))
+    assert summary["singular_starts"] == 3
+    assert summary["laws"] == 0
+    assert rows["end"].to_list() == ["singular_start"] * 3
+    assert rows["mean_N"].is_nan().all()
+
+
+def test_without_joint_limits_none_ends_a_motion() -> None:
+    settings: dict[str, Any] = {"poses": 60, "seed": 5}
+    respected = run(WorkspaceStudy(SLOW, **settings))[1]
+    ignored = run(WorkspaceStudy(SLOW, joint_limits="ignore", **settings))[1]
+    assert respected["ends"]["joint_limit"] > 0
+    assert ignored["ends"]["joint_limit"] == 0
+    assert ignored["no_contact"]["mean"] < respected["no_contact"]["mean"]
+
+
+def test_shares_are_those_of_the_rows(study: WorkspaceStudy, rows: pl.DataFrame) -> None:
+    summary = study.summary(rows)
+    assert summary["p_over_force"]["mean"] == pytest.approx(rows["p_over_force"].mean())
+    assert summary["distribution"]["edges_N"][-1] == 300
+    assert sum(summary["distribution"]["collisions"]) == pytest.approx(summary["laws"])
+    tails = np.array(rows["p_over_edges"].to_list())
+    assert (np.diff(tails, axis=1) <= 1e-12).all()
+
+
+# --- Self-collision ---------------------------------------------------------------------------------------------
+
+
+def test_distance_of_segments_against_brute_force() -> None:
+    rng = np.random.default_rng(0)
+    a, b, c, d = rng.normal(size=(4, 100, 3))
+    b[:20] = a[:20] + 1.7 * (d[:20] - c[:20])  # parallel
+    found = segment_distance(a, b, c, d)
+    share = np.linspace(0, 1, 301)[None, :, None]
+    first, second = a[:, None] + share * (b - a)[:, None], c[:, None] + share * (d - c)[:, None]
+    brute = np.array([np.linalg.norm(p[:, None] - r[None], axis=2).min() for p, r in zip(first, second, strict=True)])
+    # A grid of 301 points a side is never nearer, and farther by less than a grid's step of each.
+    step = (np.linalg.norm(b - a, axis=1) + np.linalg.norm(d - c, axis=1)) / 600
+    assert (brute >= found - 1e-12).all()
+    assert (brute <= found + step).all()
+
+
+def test_an_arm_folded_onto_itself_is_found_and_a_straight_one_is_not() -> None:
+    robot = bs.Robot.load("ur10e")
+    q = np.radians([[0, -90, 0, -90, 0, 0], [0, -90, 179, 0, 0, 0]])
+    assert chain_points(robot, q).shape == (2, 8, 3)
+    assert self_collision(robot, q, 0.04).tolist() == [False, True]
+    drawn = np.random.default_rng(2).uniform(robot.lower, robot.upper, size=(300, 6))
+    hits = [int(self_collision(robot, drawn, radius).sum()) for radius in (0.01, 0.03, 0.05)]
+    assert 0 < hits[0] <= hits[1]
+
+
+def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
+    study = WorkspaceStudy(ur10e(), poses=30, link_radius_mm=40.0, seed=1)
+    rows, summary = run(study)
+    q = rows.select([f"q_{j}" for j in range(1, 7)]).to_numpy()
+    assert not self_collision(bs.Robot.load("ur10e"), q, 0.04).any()
+    assert summary["self_collisions"]["poses_discarded"] == rows["redrawn"].sum() > 0
+
+
+# --- What cannot be studied -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scenario", "options", "field"),
+    [
+        (SLOW, {}, "--poses"),
+        (SLOW, {"poses": 1, "grid": 1}, "--poses"),
+        (SLOW, {"grid": 2, "speed_sd_mm_s": 1.0}, "--speed-sd"),
+        (SLOW, {"poses": 1, "speed_sd_mm_s": -1.0}, "--speed-sd"),
+        (SLOW, {"poses": 1, "speed_sd_mm_s": 11.0}, "--speed-sd"),
+        (SLOW, {"poses": 1, "link_radius_mm": math.nan}, "--link-radius"),
+        (SLOW, {"grid": 100}, "--grid"),
+        (control_group(contact__kind="free", contact__body_mass_kg=1.0), {"poses": 1}, "contact.kind"),
+        (control_group(contact__normal=[0.0, 0.0, -1.0]), {"poses": 1}, "contact.link"),
+    ],
+)
+def test_a_study_that_makes_no_sense_is_refused_by_name(scenario: bs.Scenario, options: Any, field: str) -> None:
+    with pytest.raises(bs.InputError) as refused:
+        WorkspaceStudy(scenario, **options)
+    assert refused.value.field == field
