@@ -11,6 +11,9 @@ from matplotlib.figure import Figure
 
 import bumpstop as bs
 from bumpstop.report.picture import INK, LAW, LIMIT, Picture, axes
+from bumpstop.study import run
+from bumpstop.study.directions import DirectionLaw
+from bumpstop.study.workspace import WorkspaceStudy
 from collision.cases import control_group
 from validation.facts import load
 from validation.findings import Cell, Findings
@@ -20,6 +23,9 @@ Floats = npt.NDArray[np.float64]
 LIMIT_N = 135.0  # hand, clamped, BG/BGIA 2011
 # Joint accelerations: that of table 5.2, and one of a brisker arm. The source read its own from a file not printed.
 ACCELERATIONS_RAD_S2 = (4.5, 20.0)
+# Damped least squares, the way many controllers cross singularities: the arm gets slower there instead of faster.
+DAMPING = 0.01
+DIRECTIONS: dict[DirectionLaw, str] = {"polar": "polar angle even", "sphere": "even on the sphere"}
 BIN_N = 10.0  # as wide as the source states its most common force
 MOST_COMMON_N = (30.0, 50.0)
 # Bins differ by more than chance if their counts differ by this many standard errors.
@@ -29,31 +35,26 @@ SEED = 623
 
 
 @dataclass(frozen=True)
-class Study:
-    """Laws of all poses under one direction law and one acceleration.
+class Case:
+    """One study of the library, under one direction law, joint acceleration and damping.
 
     Attributes:
-        directions: name of the law of directions.
-        acceleration: of the joints [rad/s2].
-        laws: of every pose.
-        over: mean probability of passing the limit, singular starts left out.
-        over_error: its standard error, from the spread over poses.
-        medians: histogram of the median peak force, one count a pose.
-        mixture: expected histogram of the peak force over all collisions, in poses.
+        name: for people.
+        summary: what the study found.
     """
 
-    directions: str
-    acceleration: float
-    laws: bs.collision.BatchLaws
-    over: float
-    over_error: float
-    medians: npt.NDArray[np.int64]
-    mixture: Floats
+    name: str
+    summary: dict[str, Any]
 
     @property
-    def singular(self) -> npt.NDArray[np.bool_]:
-        """Poses that start at a singularity and have no law."""
-        return np.asarray(self.laws.end == "singular_start")
+    def medians(self) -> Floats:
+        """Histogram of the median peak force, one count a pose."""
+        return np.asarray(self.summary["distribution"]["poses_by_median"], dtype=np.float64)
+
+    @property
+    def mixture(self) -> Floats:
+        """Expected histogram of the peak force over all collisions, in poses."""
+        return np.asarray(self.summary["distribution"]["collisions"])
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
@@ -66,33 +67,20 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"{count} poses, each joint even between its limits, joint 7 held at 0; the tool moves at "
         f"N({study['speed_mean_mm_s']}, {study['speed_sd_mm_s']}) mm/s and hits a hand, clamped, 75 000 N/m, force "
         f"limit {LIMIT_N:g} N. The source ran one collision each of {study['samples']} poses; here every pose has its "
-        "whole law. Singularities end the motion instead of being crossed with a truncated inverse, and so do joint "
-        "limits, which the source's simulator did not have. Collisions never detected count as over the limit."
+        "whole law, by bumpstop study workspace. Singularities end the motion instead of being crossed with a "
+        "truncated inverse, unless joint rates are damped; joint limits end it too, which the source's simulator did "
+        "not have. Collisions never detected count as over the limit."
     )
     _limits(findings, robot, study, pose_facts)
-    rng = np.random.default_rng(SEED)
-    q = rng.uniform(robot.lower, robot.upper, size=(count, robot.dof))
-    q[:, 6] = 0.0
-    speed = rng.normal(study["speed_mean_mm_s"], study["speed_sd_mm_s"], size=count) / 1e3
-    directions = {"polar angle even": polar_directions(rng, count), "even on the sphere": sphere_directions(rng, count)}
-    studies = []
-    for name, direction in directions.items():
+    cases = []
+    for directions, words in DIRECTIONS.items():
         for acceleration in ACCELERATIONS_RAD_S2:
-            studies.append(_study(name, acceleration, q, direction * speed[:, None]))
-            findings.progress(f"{name}, {acceleration:g} rad/s2: {100 * studies[-1].over:.1f} % over {LIMIT_N:g} N")
-    _report(findings, studies, study)
-
-
-def polar_directions(rng: np.random.Generator, count: int) -> Floats:
-    """Unit vectors with even polar angle and azimuth, which crowd at the poles: the source's law."""
-    polar, azimuth = rng.uniform(0, np.pi, count), rng.uniform(-np.pi, np.pi, count)
-    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
-
-
-def sphere_directions(rng: np.random.Generator, count: int) -> Floats:
-    """Unit vectors even over the sphere."""
-    direction = rng.normal(size=(count, 3))
-    return np.asarray(direction / np.linalg.norm(direction, axis=1)[:, None])
+            for damping in (0.0, DAMPING):
+                name = f"{words}, {acceleration:g} rad/s2" + (f", damping {damping:g}" if damping else "")
+                case = _case(name, directions, acceleration, damping, count, study)
+                cases.append(case)
+                findings.progress(f"{name}: {100 * case.summary['p_over_force']['mean']:.1f} % over {LIMIT_N:g} N")
+    _report(findings, cases, study)
 
 
 def _limits(findings: Findings, robot: bs.Robot, study: dict[str, Any], pose_facts: dict[str, Any]) -> None:
@@ -127,42 +115,38 @@ def _limits(findings: Findings, robot: bs.Robot, study: dict[str, Any], pose_fac
     )
 
 
-def _study(directions: str, acceleration: float, q: Floats, velocity: Floats) -> Study:
-    scenario = control_group(reaction__joint_acceleration_rad_s2=acceleration)
-    laws = bs.evaluate_batch(scenario, q, velocity, probabilities=[0.5], limits_N=[LIMIT_N, *EDGES_N], threads=2)
-    known = laws.end != "singular_start"
-    over = laws.exceedance[known, 0]
-    tail = np.column_stack([np.ones(known.sum()), laws.exceedance[known, 2:], np.zeros(known.sum())])
-    return Study(
-        directions=directions,
-        acceleration=acceleration,
-        laws=laws,
-        over=float(over.mean()),
-        over_error=float(over.std() / np.sqrt(over.size)),
-        # The last bin takes what lies beyond: undetected cases among it.
-        medians=np.histogram(laws.quantile[known, 0], bins=[*EDGES_N, np.inf])[0],
-        mixture=-np.diff(tail, axis=1).sum(axis=0),
+def _case(
+    name: str, directions: DirectionLaw, acceleration: float, damping: float, count: int, facts: dict[str, Any]
+) -> Case:
+    scenario = control_group(
+        reaction__joint_acceleration_rad_s2=acceleration,
+        motion__damping=damping,
+        motion__velocity_mm_s=[0.0, 0.0, -float(facts["speed_mean_mm_s"])],
     )
+    spread = float(facts["speed_sd_mm_s"])
+    study = WorkspaceStudy(scenario, poses=count, directions=directions, speed_sd_mm_s=spread, seed=SEED)
+    return Case(name, run(study, threads=2)[1])
 
 
-def _report(findings: Findings, studies: list[Study], facts: dict[str, Any]) -> None:
+def _report(findings: Findings, studies: list[Case], facts: dict[str, Any]) -> None:
     rows: list[list[Cell]] = []
     for study in studies:
-        laws, known = study.laws, ~study.singular
+        found = study.summary
+        over = found["p_over_force"]
         rows.append(
             [
-                f"{study.directions}, {study.acceleration:g} rad/s2",
-                study.over,
-                study.over_error,
-                study.over + float(laws.no_contact_probability[known].mean()),
+                study.name,
+                over["mean"],
+                over["standard_error"],
+                found["p_over_force_or_no_contact"]["mean"],
                 _mode(study.medians)[0],
                 _mode(study.mixture)[0],
-                float(np.median(laws.quantile[known, 0])),
-                int(study.singular.sum()),
-                int((laws.undetected_probability[known] > 0.5).sum()),
-                float(laws.undetected_probability[known].mean()),
-                float(laws.no_contact_probability[known].mean()),
-                *(int((laws.end == end).sum()) for end in ("joint_limit", "singularity", "horizon")),
+                found["median_force_N"]["median"],
+                found["singular_starts"],
+                found["poses_more_often_undetected"],
+                found["undetected"]["mean"],
+                found["no_contact"]["mean"],
+                *(found["ends"][end] for end in ("joint_limit", "singularity", "horizon")),
             ]
         )
     findings.table(
@@ -197,13 +181,13 @@ def _report(findings: Findings, studies: list[Study], facts: dict[str, Any]) -> 
             begin, end = _mode(histogram)
             there, elsewhere = _fullest(histogram)
             findings.check(
-                f"{study.directions}, {study.acceleration:g} rad/s2: nothing speaks against a most common {what} of "
+                f"{study.name}: nothing speaks against a most common {what} of "
                 f"{MOST_COMMON_N[0]:g} to {MOST_COMMON_N[1]:g} N",
                 elsewhere - there <= BEYOND_CHANCE * np.sqrt(there + elsewhere),
                 f"fullest bin {begin:g} to {end:g} N; {there:.0f} poses in the fullest there, {elsewhere:.0f} in the "
                 f"fullest elsewhere; the source: {low} to {high} N",
             )
-    shares = ", ".join(f"{100 * study.over:.1f} %" for study in studies)
+    shares = ", ".join(f"{100 * study.summary['p_over_force']['mean']:.1f} %" for study in studies)
     findings.say(
         f"The source has less than {100 * facts['over_force_limit_fraction_max']:g} % over {LIMIT_N:g} N; we find "
         f"{shares} in the order of the table. Nothing is tested on the share: it hangs on the joint acceleration, "
@@ -215,10 +199,9 @@ def _report(findings: Findings, studies: list[Study], facts: dict[str, Any]) -> 
         "edges_N": [*EDGES_N, None],
         "studies": [
             {
-                "directions": study.directions,
-                "acceleration_rad_s2": study.acceleration,
-                "over_limit": study.over,
-                "over_limit_error": study.over_error,
+                "study": study.name,
+                "over_limit": study.summary["p_over_force"]["mean"],
+                "over_limit_error": study.summary["p_over_force"]["standard_error"],
                 "medians": study.medians,
                 "mixture": study.mixture,
             }
@@ -249,13 +232,13 @@ def _fullest(histogram: npt.NDArray[Any]) -> tuple[float, float]:
     return float(counts[inside].max()), float(counts[~inside].max())
 
 
-def _draw(figure: Figure, studies: list[Study]) -> None:
+def _draw(figure: Figure, studies: list[Case]) -> None:
     panel = axes(figure)
     edges = [*EDGES_N, EDGES_N[-1] + BIN_N]
     panel.stairs(studies[0].medians, edges, fill=True, color=LAW, alpha=0.35)
-    for study, style in zip(studies, ("-", "--", "-.", ":"), strict=True):
-        label = f"{study.directions}, {study.acceleration:g} rad/s2"
-        panel.stairs(study.mixture, edges, color=INK, linestyle=style, linewidth=1.2, label=label)
+    undamped = [study for study in studies if "damping" not in study.name]
+    for study, style in zip(undamped, ("-", "--", "-.", ":"), strict=True):
+        panel.stairs(study.mixture, edges, color=INK, linestyle=style, linewidth=1.2, label=study.name)
     panel.axvline(LIMIT_N, color=LIMIT, linestyle="--", linewidth=1.2)
     panel.text(LIMIT_N + 3, panel.get_ylim()[1] * 0.4, "135 N", color=LIMIT)
     panel.set_xlabel("peak force [N]")
