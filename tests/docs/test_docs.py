@@ -239,6 +239,12 @@ def test_options_of_plant() -> None:
     compare_options(group.commands["run"].params, "plant run")
 
 
+@pytest.mark.parametrize("command", ["parameters", "effectiveness", "workspace"])
+def test_options_of_studies(command: str) -> None:
+    group: Any = typer.main.get_command(app).commands["study"]  # type: ignore[attr-defined]
+    compare_options(group.commands[command].params, f"study {command}")
+
+
 def compare_options(parameters: Any, heading: str) -> None:
     options = {p.opts[0]: p.default for p in parameters if p.param_type_name == "option" and p.name != "help"}
     text = section(read("docs/cli.md"), f"## `bumpstop {heading}`")
