@@ -60,6 +60,7 @@ def test_threads_and_shards_change_nothing(
     small = WorkspaceStudy(SLOW, poses=60, seed=5)
     assert small.shards == 3
     assert run(small, threads=2)[0].equals(run(small)[0])
+    assert run(small)[0]["q_1"].n_unique() == 60, "every shard draws poses of its own"
     # The first poses of a longer study are those of a shorter one.
     assert run(WorkspaceStudy(SLOW, poses=20, seed=5))[0]["q_1"].equals(run(small)[0]["q_1"][:20])
     assert not run(WorkspaceStudy(SLOW, poses=20, seed=6))[0]["q_1"].equals(run(small)[0]["q_1"][:20])
