@@ -17,6 +17,7 @@ from bumpstop.cli import (
     plan,
     plant,
     recording,
+    require,
     robots,
     score,
     sensitivity,
@@ -36,6 +37,7 @@ app.add_typer(robots.app, name="robots")
 app.add_typer(recording.app, name="recording")
 app.add_typer(study.app, name="study")
 app.add_typer(plant.app, name="plant")
+app.command("require")(require.require)
 app.command("bodies")(bodies.bodies)
 app.command("identify")(identify.identify)
 app.command("validate")(identify.validate)

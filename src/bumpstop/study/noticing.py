@@ -17,6 +17,7 @@ _POINTS = 65
 _BELOW = 5.0
 _DIRECT_TICKS = 8
 _LEAST = 1e-300
+_ROUNDING = 1e-9
 # How often the force that reaches a threshold is put right for a torque per newton that changes on the way.
 _CORRECTIONS = 6
 
@@ -71,9 +72,7 @@ class Noticing:
         high = np.where(np.isfinite(high), high, np.nan)
         force = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _POINTS)
         felt = residual(force) + mean
-        with np.errstate(divide="ignore", invalid="ignore"):
-            room_up = np.where(sd > 0, (thresholds - felt) / sd, np.sign(thresholds - felt) * np.inf)
-            room_down = np.where(sd > 0, (thresholds + felt) / sd, np.sign(thresholds + felt) * np.inf)
+        room_up, room_down = _room(thresholds - felt, thresholds, sd), _room(thresholds + felt, thresholds, sd)
         alarm = np.minimum(ndtr(-room_up) + ndtr(-room_down), 1.0)
         with np.errstate(divide="ignore"):
             hazard = -np.log1p(-alarm).sum(axis=2)
@@ -117,6 +116,12 @@ def _reaches(
             size = np.abs(np.diagonal(residual(finite), axis1=1, axis2=2))
             force = np.where(finite > 0, level * np.where(finite > 0, finite, 1.0) / size, force)
         return np.asarray(np.nanmin(np.where(np.isnan(force), np.inf, force), axis=1))
+
+
+def _room(left: FloatArray, thresholds: FloatArray, sd: FloatArray) -> FloatArray:
+    """What is left to the threshold, in standard deviations; without noise all or nothing."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(sd > 0, left / sd, np.where(left > _ROUNDING * thresholds, np.inf, -np.inf))
 
 
 def _summed(force: FloatArray, hazard: FloatArray, per_tick: FloatArray) -> FloatArray:

@@ -1,0 +1,89 @@
+"""``bumpstop require``: how far one thing may go before a scenario is no longer acceptable."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.evaluate import NOT_ACCEPTABLE
+from bumpstop.cli.study import AsJson, Changes, ScenarioFile, load
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
+
+_COUNT = 8  # of the second variable's values, where none is given
+
+
+def require(
+    scenario: ScenarioFile,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            metavar="KEY[=LOW:HIGH]",
+            help="What is varied, and between which values; a second one makes a trade curve.",
+            show_default=False,
+        ),
+    ],
+    risk: Annotated[
+        float | None, typer.Option(metavar="PROBABILITY", help="Accepted; default: verdict.risk.", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+    changes: Changes = None,
+) -> int:
+    """Find the harshest value that meets the limits, and with it every milder one.
+
+    Keys: motion.speed, detector.thresholds, detector.feedback_period_s, reaction.joint_acceleration_rad_s2,
+    contact.padding. Exit status: 0 found, 3 no value meets the limits, 2 bad input.
+    """
+    from bumpstop.study import plain
+    from bumpstop.study.requirement import require as solve
+    from bumpstop.study.requirement import require_curve
+    from bumpstop.study.variable import Range
+
+    checked = load(scenario, changes)
+    if len(vary) > 2:
+        raise InputError("--vary", f"is given {len(vary)} times", "wanted one variable, or two for a trade curve")
+    name, low, high = _ends(vary[0], checked)
+    if len(vary) == 1:
+        found = solve(checked, name, risk=risk, low=low, high=high)
+        if as_json:
+            typer.echo(json.dumps(plain(found.to_json()), allow_nan=False, indent=2))
+        else:
+            bound = "at most" if found.harsher == "higher" else "at least"
+            typer.echo(f"{name}: " + ("no value" if found.value is None else f"{bound} {found.value:g} {found.unit}"))
+            typer.echo(found.reason)
+            typer.echo(f"risk there {found.risk_at_value:.3g}, accepted {found.risk:g}; exact law")
+        return NOT_ACCEPTABLE if found.value is None or not found.false_alarm_ok else 0
+    if "=" not in vary[1]:
+        raise InputError("--vary", f"{vary[1]!r} has no range", f"wanted {vary[1]}=LOW:HIGH")
+    against = Range.parse(vary[1], checked, count=_COUNT)
+    rows = require_curve(checked, name, against, risk=risk, low=low, high=high)
+    if as_json:
+        typer.echo(json.dumps(plain({"curve": rows}), allow_nan=False, indent=2))
+    else:
+        _print_curve(rows, name, against.variable.label)
+    return NOT_ACCEPTABLE if all(row["value"] is None for row in rows) else 0
+
+
+def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | None]:
+    from bumpstop.study.requirement import check_name
+    from bumpstop.study.variable import Range
+
+    name = text.partition("=")[0].strip()
+    check_name(name)
+    if "=" not in text:
+        return name, None, None
+    ends = Range.parse(text, scenario)
+    return name, ends.low, ends.high
+
+
+def _print_curve(rows: list[dict[str, Any]], name: str, label: str) -> None:
+    from bumpstop.study.variable import Variable
+
+    typer.echo(f"{label:>36}  {Variable(name).label:>36}  fails by")
+    for row in rows:
+        value = "no value" if row["value"] is None else f"{row['value']:.4g}"
+        typer.echo(f"{row['against']['value']:>36.6g}  {value:>36}  {row['binding']}")

@@ -1,0 +1,112 @@
+"""Requirements against a search that tries every value, and against the law itself."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.errors import InputError
+from bumpstop.study.requirement import HIGHER_IS_HARSHER, require, require_curve
+from bumpstop.study.variable import Range, Variable
+
+# Two figures of the issue: half a percent, and twice as far the requirement is no longer met.
+AGREES, BEYOND = 0.005, 1.02
+
+
+def scenario(**changes: Any) -> bs.Scenario:
+    """A forearm under an arm that stops quickly: laws of few ticks."""
+    data: dict[str, Any] = {
+        "robot": "ur10e",
+        "pose_deg": [10, -80, 110, -120, -90, 20],
+        "motion": {"velocity_mm_s": [80, 40, -80]},
+        "contact": {"body": "lower_arm_wrist", "limits": "ts15066", "area_cm2": 2.0},
+        "detector": {"thresholds_Nm": [40, 40, 30, 12, 12, 12], "noise_sd_Nm": [7, 7, 5, 2, 2, 2]},
+        "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 10, "latency_s": 0.006},
+    }
+    data["detector"]["feedback_period_s"] = 0.002
+    return bs.Scenario.from_dict(data).with_values(changes)
+
+
+def over(case: bs.Scenario, vary: str, value: float) -> float:
+    """Probability of passing a limit, by the public way."""
+    verdict = bs.evaluate(Variable(vary).apply(case, value)).verdict
+    return max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
+
+
+@pytest.mark.parametrize("vary", HIGHER_IS_HARSHER)
+def test_value_meets_the_risk_and_two_percent_more_does_not(vary: str) -> None:
+    case = scenario(**({"detector.thresholds_Nm": [40, 40, 40, 40, 40, 40]} if vary == "contact.padding" else {}))
+    found = require(case, vary)
+    assert found.value is not None
+    assert found.binding in ("force", "pressure")
+    assert over(case, vary, found.value) <= found.risk
+    step = Variable(vary).quantum(case)
+    worse = found.value * BEYOND if HIGHER_IS_HARSHER[vary] else found.value / BEYOND
+    assert over(case, vary, worse if step is None else found.value + step) > found.risk
+
+
+@pytest.mark.parametrize("offset", [None, 3.0, 11.0])
+def test_agrees_with_trying_every_value(offset: float | None) -> None:
+    fixed = {} if offset is None else {"contact.offset_law": "fixed", "contact.offset_mm": offset}
+    # Little noise, so that a fixed distance shows its teeth.
+    case = scenario(**fixed, **{"detector.noise_sd_Nm": 0.5, "detector.feedback_period_s": 0.008})
+    found = require(case, "motion.speed", low=40.0, high=300.0)
+    assert found.value is not None
+    values = 40 * (300 / 40) ** np.linspace(0, 1, 1300)
+    failing = [value for value in values if over(case, "motion.speed", float(value)) > found.risk]
+    assert math.isclose(found.value, failing[0], rel_tol=AGREES)
+
+
+def test_quantised_values_are_safe_whole_steps() -> None:
+    case = scenario()
+    found = require(case, "detector.feedback_period_s")
+    steps = found.value / 0.001 if found.value else 0.0
+    assert math.isclose(steps, round(steps))
+    risks = [over(case, "detector.feedback_period_s", 0.001 * n) for n in range(1, round(steps) + 2)]
+    assert all(risk <= found.risk for risk in risks[:-1])
+    assert risks[-1] > found.risk
+
+
+def test_says_why_no_value_meets_it() -> None:
+    deaf = scenario(**{"detector.thresholds_Nm": [400.0, 400.0, 400.0, 400.0, 400.0, 400.0]})
+    found = require(deaf, "motion.speed")
+    assert found.value is None
+    assert found.risk_at_value > found.risk
+    assert "go unnoticed" in found.reason or "never noticed" in found.reason
+
+
+def test_whole_range_may_meet_it() -> None:
+    found = require(scenario(), "motion.speed", low=5.0, high=20.0)
+    assert (found.value, found.binding) == (20.0, "range")
+
+
+def test_curve_of_equal_risk_falls_with_the_latency() -> None:
+    case = scenario()
+    rows = require_curve(case, "motion.speed", Range.parse("reaction.latency_s=0:0.02:3", case))
+    speeds = [row["value"] for row in rows]
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[0] > speeds[-1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "field"),
+    [
+        ({}, {"vary": "motion.sped"}, "--vary"),
+        ({}, {"vary": "contact.area_cm2"}, "--vary"),
+        ({}, {"vary": "motion.speed", "low": 20.0, "high": 10.0}, "--vary"),
+        ({}, {"vary": "motion.speed", "low": -1.0, "high": 10.0}, "--vary"),
+        ({}, {"vary": "motion.speed", "risk": 0.0}, "--risk"),
+        ({}, {"vary": "motion.speed", "risk": math.nan}, "--risk"),
+        ({"contact.body": None, "contact.stiffness_N_m": 1e4}, {"vary": "motion.speed"}, "contact.body"),
+        ({"contact.body": "skull_forehead", "contact.kind": "free"}, {"vary": "motion.speed"}, "contact.body"),
+        ({"detector.thresholds_Nm": [math.inf] * 6}, {"vary": "detector.thresholds"}, "detector.thresholds"),
+    ],
+)
+def test_refuses_by_name(changes: dict[str, Any], arguments: dict[str, Any], field: str) -> None:
+    with pytest.raises(InputError) as caught:
+        require(scenario(**changes), **arguments)
+    assert caught.value.field == field
