@@ -91,13 +91,13 @@ def test_more_noise_is_noticed_earlier_and_a_rarer_bound_is_higher() -> None:
 
 
 def test_correlated_noise_and_observers_stay_below_the_bound() -> None:
-    scenario, q, velocity = draw(np.random.default_rng(12), 1, 30)
+    scenario, q, velocity = draw(np.random.default_rng(12), 1, 6)
     for changes in ({"detector.noise_correlation": 0.8}, {"detector.residual": "observer", "detector.observer_gain_1_s": 80.0}):
         changed = scenario.with_values(changes)
         found = predict_batch(changed, q, velocity, quantile=0.99)
         laws = evaluate_batch(changed, q, velocity, probabilities=[0.99])
         usable = found.trusted & (laws.end == "certain_detection")
-        assert usable.sum() >= 10
+        assert usable.sum() >= 3
         assert (found.bound[usable] >= laws.quantile[usable, 0]).all()
 
 

@@ -32,6 +32,12 @@ class Arms:
         The controller's own: scaled down as a whole where one would pass its velocity limit. Not finite where the pose
         is singular and motion.damping is 0.
         """
+        rates = self.unlimited_rates(q)
+        over = (np.abs(rates) / self.problem.robot.velocity).max(axis=1)
+        return np.asarray(rates / np.maximum(1.0, over)[:, None])
+
+    def unlimited_rates(self, q: FloatArray) -> FloatArray:
+        """The same without velocity limits (N, dof)."""
         problem, robot = self.problem, self.problem.robot
         motion = problem.scenario.motion
         free = [j for j in range(robot.dof) if j not in problem.held]
@@ -47,9 +53,7 @@ class Arms:
             rates[:, free] = _solve(jacobian, wanted)
         else:
             rates[:, free] = np.einsum("nij,ni->nj", jacobian, _solve(gram, wanted))
-        limit = np.where(np.isfinite(robot.velocity), robot.velocity, np.inf)
-        over = (np.abs(rates) / limit).max(axis=1)
-        return np.asarray(rates / np.maximum(1.0, over)[:, None])
+        return rates
 
     def limited(self, rate: FloatArray, wanted: FloatArray, time: FloatArray) -> FloatArray:
         """Rates (N, dof) as near to those wanted as joints can come in a time (N, 1) [s], all by one share of the way."""

@@ -1,0 +1,170 @@
+"""The same path in its own time: slowed where a speed limit, a joint speed or a joint acceleration asks for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision.trajectory import Trajectory
+
+# Of the joint limits: constraints hold at the moments of the grid, and what lies between keeps within the rest.
+_SHARE = 0.98
+# Between two rows of the output a cubic is this near to the path [rad or m].
+_PATH = 5e-10
+_MOST_PARTS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Retimed:
+    """A trajectory along the same path.
+
+    Attributes:
+        time: (rows,) [s], from 0.
+        position, velocity, acceleration: (rows, dof). Every waypoint of the original is a row, bit for bit.
+        waypoint: number of the row of every original waypoint.
+        path_time: of the original at every row [s].
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    waypoint: FloatArray
+    path_time: FloatArray
+
+
+def retime(
+    trajectory: Trajectory, pace: FloatArray, velocity_limit: FloatArray, acceleration_limit: FloatArray
+) -> Retimed:
+    """Follow the path of a trajectory as fast as its limits allow, and nowhere faster than the original.
+
+    The pace lambda = du/dt, u being the original's time, obeys, for the path q(u) with derivatives ' in u,
+    |q' lambda| <= velocity_limit and |q'' lambda^2 + q' a| <= acceleration_limit with a = d(lambda^2)/du / 2. In
+    x = lambda^2 both are straight lines, so a backward pass finds the greatest x at every moment from which the rest can
+    be followed, and a forward pass takes the greatest a that leads there (Pham and Pham, "A new approach to time-optimal
+    path parameterization based on reachability analysis", 2018).
+
+    Args:
+        trajectory: as given.
+        pace: greatest lambda at every waypoint (rows,), 0 to 1.
+        velocity_limit, acceleration_limit: (dof,).
+
+    Raises:
+        InputError: a waypoint allows no pace at all, or no pace keeps the acceleration limits.
+    """
+    u = trajectory.time
+    if (pace <= 0).any():
+        raise InputError("trajectory", f"no speed is safe at waypoint {int(np.argmax(pace <= 0)) + 1}", "change the path")
+    rate, bend = trajectory.at(u, 1), trajectory.at(u, 2)
+    with np.errstate(divide="ignore"):
+        joint = (_SHARE * velocity_limit / np.abs(rate)).min(axis=1)
+    most = np.minimum(np.minimum(pace, 1.0), joint) ** 2
+    # A piece of the path has one acceleration of the pace, and what it means is checked at both of its ends.
+    after = trajectory.at(np.nextafter(u[:-1], np.inf), 2)
+    before = trajectory.at(np.nextafter(u[1:], -np.inf), 2)
+    step, limit = np.diff(u), _SHARE * acceleration_limit
+    allowed = most.copy()
+    for i in range(len(u) - 2, -1, -1):
+        rows = _rows(rate[i], after[i], rate[i + 1], before[i], step[i])
+        allowed[i] = _greatest_start(rows, limit, step[i], most[i], allowed[i + 1])
+        if not allowed[i] > 0:
+            raise InputError("trajectory", f"no pace keeps the acceleration limits at waypoint {i + 1}", "smooth the path")
+    x = np.empty_like(allowed)
+    x[0] = allowed[0]
+    for i in range(len(step)):
+        rows = _rows(rate[i], after[i], rate[i + 1], before[i], step[i])
+        x[i + 1] = min(allowed[i + 1], x[i] + 2 * step[i] * _greatest_change(rows, limit, x[i]))
+        if not x[i + 1] > 0:
+            raise InputError("trajectory", f"no pace keeps the acceleration limits at waypoint {i + 2}", "smooth the path")
+    del bend
+    return _written(trajectory, x)
+
+
+def _rows(rate0: FloatArray, bend0: FloatArray, rate1: FloatArray, bend1: FloatArray, step: float) -> FloatArray:
+    """Joint accelerations as A x + B a at both ends of a piece that begins with x: (2 dof, 2)."""
+    return np.concatenate([np.stack([bend0, rate0], axis=1), np.stack([bend1, rate1 + 2 * step * bend1], axis=1)])
+
+
+def _greatest_change(rows: FloatArray, limit: FloatArray, x: float) -> float:
+    limits = np.concatenate([limit, limit])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (np.sign(rows[:, 1]) * limits - rows[:, 0] * x) / rows[:, 1]
+    ends = ends[rows[:, 1] != 0]
+    return float(ends.min()) if ends.size else np.inf
+
+
+def _greatest_start(rows: FloatArray, limit: FloatArray, step: float, most: float, after: float) -> float:
+    """The greatest x <= most from which some a keeps all limits and ends at no more than ``after``; 0 if there is none.
+
+    For a given x the a allowed are an interval, whose ends are concave and convex in x: it is empty beyond some x,
+    found by halving.
+    """
+    limits = np.concatenate([limit, limit])
+    moving = rows[:, 1] != 0
+    still, b = ~moving, rows[moving, 1]
+
+    def feasible(x: float) -> bool:
+        if still.any() and (np.abs(rows[still, 0] * x) > limits[still]).any():
+            return False
+        ends = np.stack([(-limits[moving] - rows[moving, 0] * x) / b, (limits[moving] - rows[moving, 0] * x) / b])
+        low = max(float(ends.min(axis=0).max(initial=-np.inf)), -x / (2 * step))
+        high = min(float(ends.max(axis=0).min(initial=np.inf)), (after - x) / (2 * step))
+        return low <= high + 1e-12 * abs(high)
+
+    if feasible(most):
+        return most
+    good, bad = 0.0, most
+    for _ in range(60):
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if feasible(middle) else (good, middle)
+    return good
+
+
+def _written(trajectory: Trajectory, x: FloatArray) -> Retimed:
+    """Rows close enough together that cubics between them keep to the path."""
+    u, pace = trajectory.time, np.sqrt(x)
+    step = np.diff(u)
+    change = np.diff(x) / (2 * step)
+    length = 2 * step / (pace[1:] + pace[:-1])
+    parts = 1
+    while True:
+        share = np.arange(parts) / parts
+        t = (length[:, None] * share).ravel()
+        piece = np.repeat(np.arange(len(step)), parts)
+        begin = np.concatenate([[0.0], np.cumsum(length)])
+        inside = pace[piece] * t + change[piece] / 2 * t**2
+        moment = np.append(u[piece] + inside, u[-1])
+        speed = np.append(pace[piece] + change[piece] * t, pace[-1])
+        moment[::parts] = u
+        time = np.append(begin[piece] + t, begin[-1])
+        position = trajectory.at(moment)
+        position[::parts] = trajectory.position
+        velocity = trajectory.at(moment, 1) * speed[:, None]
+        if parts >= _MOST_PARTS or _strays(trajectory, time, position, velocity, moment, speed) <= _PATH:
+            break
+        parts *= 2
+    acceleration = trajectory.at(moment, 2) * speed[:, None] ** 2
+    acceleration += trajectory.at(moment, 1) * np.append(change[piece], change[-1])[:, None]
+    return Retimed(time, position, velocity, acceleration, np.arange(len(u)) * parts, moment)
+
+
+def _strays(
+    trajectory: Trajectory,
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    moment: FloatArray,
+    speed: FloatArray,
+) -> float:
+    """Greatest distance of the cubics through the rows from the path, at the middle of every piece [rad or m]."""
+    dt = np.diff(time)[:, None]
+    middle = (position[1:] + position[:-1]) / 2 + dt / 8 * (velocity[:-1] - velocity[1:])
+    # With a pace that changes evenly in time the middle of the time lies here.
+    on_path = moment[:-1] + dt[:, 0] * (3 * speed[:-1] + speed[1:]) / 8
+    return float(np.abs(middle - trajectory.at(on_path)).max())

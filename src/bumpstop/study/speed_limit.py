@@ -1,0 +1,142 @@
+"""The highest speed at which a collision at a pose, in a direction, is still acceptable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.collision import Problem, evaluate_batch
+from bumpstop.study.short_path import Arms
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision import Scenario
+
+SLOWEST = 1e-3  # m/s; slower arms are not looked at
+_ROUNDS = 12
+_CLOSE = 0.01  # between a speed that is met and one that is not
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedLimits:
+    """Highest safe speeds; 0 where not even :data:`SLOWEST` is safe.
+
+    Attributes:
+        speed: of the tip (N,) [m/s].
+        risk: probability of passing a limit at that speed, by the exact law; NaN where ``speed`` is 0.
+        by: (N,) what holds it down: ``"law"``, ``"turning"`` (joints that turn faster than a straight line asks for),
+            ``"cap"`` or ``"none"`` (no speed is safe).
+        laws: exact laws worked out.
+    """
+
+    speed: FloatArray
+    risk: FloatArray
+    by: npt.NDArray[np.str_]
+    laws: int
+
+
+def force_limit(problem: Problem) -> float:
+    """Peak force [N] at which the limit of force, or of pressure over the area, is passed; infinite without limits."""
+    limits, contact = problem.limits, problem.scenario.contact
+    if limits is None:
+        return np.inf
+    pressure = limits.pressure_N_cm2
+    return min(limits.force_N, np.inf if pressure is None else pressure * contact.area_cm2 / contact.peak_factor)
+
+
+def foretold_speed(
+    problem: Problem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float
+) -> FloatArray:
+    """Speed (N,) [m/s] at which the bound of one tick reaches the limit.
+
+    The largest force that the accepted share of single ticks misses, the travel of a feedback period and of the latency,
+    and the stop: F + K v (T + t_latency) + K v^2 g / 2 = limit, with g the time to stop per speed.
+
+    Args:
+        problem: clamped contact.
+        torque: a = J_v' n (N, dof) [Nm/N].
+        gain: max_j |qd_j| / (v qdd_j), time to stop per speed of the tip (N,) [s2/m].
+        limit: force [N].
+        accepted: probability of passing it.
+    """
+    from scipy.special import ndtri
+
+    step, K = problem.scenario.simulation.step_s, problem.stiffness
+    rare = float(-ndtri(accepted))
+    with np.errstate(divide="ignore"):
+        missed = (problem.thresholds + np.abs(problem.noise_mean) + rare * problem.noise_sd) / np.abs(torque)
+    left = np.maximum(0.0, limit - missed.min(axis=1)) / K
+    late = (problem.period_steps + problem.latency_steps) * step
+    return np.asarray(2 * left / (late + np.sqrt(late**2 + 2 * gain * left)))
+
+
+def speed_limits(
+    scenario: Scenario, q: FloatArray, direction: FloatArray, cap: FloatArray, *, threads: int = 1
+) -> SpeedLimits:
+    """Find the highest safe speeds along straight lines through poses.
+
+    A formula gives the first guess, exact laws decide: every speed returned has been worked out and meets verdict.risk,
+    and one at most 1 % higher does not, unless the cap or the formula for turning joints is lower.
+
+    Args:
+        scenario: a straight line of the tip; its pose and velocity are replaced.
+        q: poses (N, dof) [rad or m].
+        direction: unit vectors, base frame (N, 3).
+        cap: no speed above it is looked at (N,) [m/s].
+        threads: for the exact laws.
+    """
+    problem = Problem.from_scenario(scenario)
+    limit, accepted = force_limit(problem), scenario.verdict.risk
+    arms = Arms(problem, q, direction)
+    torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
+    with np.errstate(invalid="ignore", over="ignore"):
+        gain = stop_gain(problem, arms.unlimited_rates(q))
+    guess = np.nan_to_num(foretold_speed(problem, torque, gain, limit, accepted))
+    count = len(q)
+    met, fails = np.zeros(count), np.full(count, np.inf)
+    risk = np.full(count, np.nan)
+    force_met, force_fails = np.zeros(count), np.full(count, np.inf)
+    trial = np.clip(guess, SLOWEST, cap)
+    open_ = np.flatnonzero(cap >= SLOWEST)
+    laws = 0
+    for _ in range(_ROUNDS):
+        if not open_.size:
+            break
+        v = trial[open_]
+        found = evaluate_batch(
+            scenario, q[open_], direction[open_] * v[:, None], probabilities=[1 - accepted], limits_N=[limit],
+            threads=threads,
+        )  # fmt: skip
+        laws += open_.size
+        over, force = found.exceedance[:, 0], found.quantile[:, 0]
+        good = over <= accepted
+        for rows, at, forces, chosen in ((open_[good], met, force_met, good), (open_[~good], fails, force_fails, ~good)):
+            at[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
+        risk[open_[good]] = over[good]
+        done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + _CLOSE)) | (fails <= SLOWEST * (1 + 1e-9))
+        open_ = open_[~done[open_]]
+        trial[open_] = _next(met[open_], fails[open_], force_met[open_], force_fails[open_], limit, cap[open_])
+    by = np.where(met >= cap * (1 - 1e-12), "cap", np.where(met > 0, "law", "none"))
+    return SpeedLimits(met, np.where(met > 0, risk, np.nan), by, laws)
+
+
+def stop_gain(problem: Problem, rates: FloatArray) -> FloatArray:
+    """Time to stop per speed, from joint rates per speed of the tip (N, dof): (N,) [s2/m]."""
+    return np.asarray((np.abs(rates) / problem.joint_acceleration).max(axis=1))
+
+
+def _next(
+    met: FloatArray, fails: FloatArray, low: FloatArray, high: FloatArray, limit: float, cap: FloatArray
+) -> FloatArray:
+    """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.log(limit / low) / np.log(high / low)
+        between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * _CLOSE)
+        between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
+        up = met * np.clip((limit / low) ** 0.8, 1 + _CLOSE, 3.0)
+        down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.9), SLOWEST)
+    trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), down)
+    return np.asarray(np.minimum(trial, cap))
