@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from bumpstop.cli import (
+    atlas,
     bodies,
     detect,
     evaluate,
@@ -35,6 +36,7 @@ app = typer.Typer(
 app.command("evaluate")(evaluate.command)
 app.add_typer(robots.app, name="robots")
 app.add_typer(recording.app, name="recording")
+study.app.command("atlas")(atlas.atlas)
 app.add_typer(study.app, name="study")
 app.add_typer(plant.app, name="plant")
 app.command("require")(require.require)

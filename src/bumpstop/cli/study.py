@@ -59,7 +59,7 @@ def execute(
     threads: int,
     report: Callable[[pl.DataFrame, dict[str, Any]], tuple[str, Sequence[Part], Sequence[str]]],
     lines: Callable[[dict[str, Any]], Sequence[str]],
-) -> None:
+) -> dict[str, Any]:
     """Run a study, write its files and print what it found.
 
     Args:
@@ -69,6 +69,9 @@ def execute(
         threads: of this process.
         report: title of the page, its parts and its notes, from rows and summary.
         lines: what a person reads on the terminal, from the summary.
+
+    Returns:
+        The summary.
     """
     from bumpstop.study import plain, run
 
@@ -85,12 +88,13 @@ def execute(
         page = write_study_report(study, title, parts, out, notes=notes, command=command)
     if as_json:
         typer.echo(json.dumps(plain(summary) | {"seconds": round(seconds, 3)}, allow_nan=False, indent=2))
-        return
+        return summary
     for line in lines(summary):
         typer.echo(line)
     typer.echo(f"{rows.height} rows in {seconds:.1f} s")
     if page is not None:
         typer.echo(f"report: {page}")
+    return summary
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bumpstop.collision import Scenario
 
 SLOWEST = 1e-3  # m/s; slower arms are not looked at
+_FIRST = 5e-3  # m/s; the first guess is no slower: laws of slow arms are long
 _ROUNDS = 12
 _CLOSE = 0.01  # between a speed that is met and one that is not
 
@@ -62,15 +63,20 @@ def foretold_speed(
         limit: force [N].
         accepted: probability of passing it.
     """
-    from scipy.special import ndtri
-
     step, K = problem.scenario.simulation.step_s, problem.stiffness
-    rare = float(-ndtri(accepted))
-    with np.errstate(divide="ignore"):
-        missed = (problem.thresholds + np.abs(problem.noise_mean) + rare * problem.noise_sd) / np.abs(torque)
-    left = np.maximum(0.0, limit - missed.min(axis=1)) / K
+    left = np.maximum(0.0, limit - _missed(problem, torque, accepted)) / K
     late = (problem.period_steps + problem.latency_steps) * step
     return np.asarray(2 * left / (late + np.sqrt(late**2 + 2 * gain * left)))
+
+
+def _missed(problem: Problem, torque: FloatArray, accepted: float) -> FloatArray:
+    """The largest force (N,) [N] that a single tick misses with the accepted probability."""
+    from scipy.special import ndtri
+
+    rare = float(-ndtri(accepted))
+    with np.errstate(divide="ignore"):
+        each = (problem.thresholds + np.abs(problem.noise_mean) + rare * problem.noise_sd) / np.abs(torque)
+    return np.asarray(each.min(axis=1))
 
 
 def speed_limits(
@@ -99,7 +105,8 @@ def speed_limits(
     met, fails = np.zeros(count), np.full(count, np.inf)
     risk = np.full(count, np.nan)
     force_met, force_fails = np.zeros(count), np.full(count, np.inf)
-    trial = np.clip(guess, SLOWEST, cap)
+    silent = _missed(problem, torque, accepted)
+    trial = np.clip(guess, np.minimum(_FIRST, cap), cap)
     open_ = np.flatnonzero(cap >= SLOWEST)
     laws = 0
     for _ in range(_ROUNDS):
@@ -118,7 +125,9 @@ def speed_limits(
         risk[open_[good]] = over[good]
         done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + _CLOSE)) | (fails <= SLOWEST * (1 + 1e-9))
         open_ = open_[~done[open_]]
-        trial[open_] = _next(met[open_], fails[open_], force_met[open_], force_fails[open_], limit, cap[open_])
+        trial[open_] = _next(
+            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_], cap[open_]
+        )
     by = np.where(met >= cap * (1 - 1e-12), "cap", np.where(met > 0, "law", "none"))
     return SpeedLimits(met, np.where(met > 0, risk, np.nan), by, laws)
 
@@ -129,14 +138,29 @@ def stop_gain(problem: Problem, rates: FloatArray) -> FloatArray:
 
 
 def _next(
-    met: FloatArray, fails: FloatArray, low: FloatArray, high: FloatArray, limit: float, cap: FloatArray
+    met: FloatArray,
+    fails: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    limit: float,
+    silent: FloatArray,
+    cap: FloatArray,
 ) -> FloatArray:
-    """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet."""
+    """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet.
+
+    Args:
+        met, fails: speeds known (N,) [m/s].
+        low, high: their forces (N,) [N].
+        limit: force to reach [N].
+        silent: force that even a slow arm reaches, about (N,) [N].
+        cap: no speed above it (N,) [m/s].
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.log(limit / low) / np.log(high / low)
         between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * _CLOSE)
         between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
-        up = met * np.clip((limit / low) ** 0.8, 1 + _CLOSE, 3.0)
-        down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.9), SLOWEST)
+        left = (limit - silent) / (low - silent)
+        up = met * np.clip(np.where(left > 0, left**0.8, 3.0), 1 + _CLOSE, 3.0)
+        down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6), SLOWEST)
     trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), down)
     return np.asarray(np.minimum(trial, cap))

@@ -1,0 +1,149 @@
+"""``bumpstop study atlas``: how fast the arm may move, along a trajectory or all over its workspace."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.evaluate import NOT_ACCEPTABLE, whole
+from bumpstop.cli.study import AsJson, Changes, Out, ScenarioFile, Seed, Threads, execute, load
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.study.atlas import TrajectoryAtlas
+    from bumpstop.study.retiming import Retimed
+
+_MOST_POSES = 10_000_000
+_NOTES = (
+    "At every row the tool moves on a straight line through the pose, and the body is clamped one feedback period of travel "
+    "or less away, evenly.",
+    "Speeds come from exact laws: each one written here meets the accepted risk, and a speed at most 1 % higher does not, "
+    "unless another cause is named.",
+)
+
+
+def atlas(
+    scenario: ScenarioFile,
+    poses: Annotated[
+        int | None,
+        typer.Option(
+            parser=whole(1, _MOST_POSES), metavar="NUMBER", help="Random poses, for a scenario of a line.",
+            show_default=False,
+        ),
+    ] = None,
+    cone: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG", help="Half angle of the cone of directions; default: 0 along a trajectory, else 180.",
+            show_default=False,
+        ),
+    ] = None,
+    cap: Annotated[float, typer.Option(metavar="MM_S", help="No speed above it is looked at.")] = 1000.0,
+    null_space: Annotated[
+        bool, typer.Option("--null-space", help="Suggest joint positions that feel better, for arms of seven joints.")
+    ] = False,
+    out: Out = None,
+    as_json: AsJson = False,
+    threads: Threads = 2,
+    seed: Seed = 0,
+    changes: Changes = None,
+) -> int:
+    """Find the highest safe speed at every waypoint of a trajectory, and slow the trajectory down to it.
+
+    A scenario of a line gives the highest safe speed at random poses instead. Exit status: 0 done, 3 the trajectory is
+    too fast as it is, 2 bad input.
+    """  # fmt: skip
+    from bumpstop.study.atlas import TrajectoryAtlas, WorkspaceAtlas
+
+    checked = load(scenario, changes)
+    if checked.motion.kind == "line":
+        if null_space:
+            raise InputError("--null-space", "has no meaning without a trajectory", "leave it out")
+        study = WorkspaceAtlas(
+            checked, cap_mm_s=cap, cone_deg=180.0 if cone is None else cone, poses=200 if poses is None else poses, seed=seed
+        )
+
+        def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
+            from bumpstop.report.study_atlas import WorkspaceAtlasPart
+
+            return "Safe speed over the workspace", [WorkspaceAtlasPart(rows, summary)], _NOTES
+
+        execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_workspace_lines)
+        return 0
+    if poses is not None:
+        raise InputError("--poses", "has no meaning with a trajectory", "leave it out")
+    return _along(TrajectoryAtlas(checked, cap_mm_s=cap, cone_deg=cone or 0.0), null_space, out, as_json, threads)
+
+
+def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: bool, threads: int) -> int:
+    if null_space:
+        from bumpstop.study.null_space import check_redundant
+
+        check_redundant(study.problem)
+
+    def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
+        from bumpstop.report.study_atlas import TrajectoryAtlasPart
+
+        assert out is not None
+        retimed, speed = _slowed(study, rows)
+        if retimed is not None:
+            from bumpstop.study.trajectory_writing import write_csv, write_ros
+
+            write_csv(out / "retimed.csv", retimed)
+            write_ros(out / "retimed.json", retimed, study.problem.robot)
+            summary = summary | {"retimed_duration_s": float(retimed.time[-1])}
+        rows.select("waypoint", "t_s", "limit_mm_s").write_csv(out / "speed_limit.csv")
+        if null_space:
+            _suggest(study, rows).write_parquet(out / "suggestions.parquet")
+        return "Safe speed along a trajectory", [TrajectoryAtlasPart(rows, summary, speed)], _NOTES
+
+    def lines(summary: dict[str, Any]) -> list[str]:
+        return [
+            f"{summary['over']} of {summary['waypoints']} waypoints are passed faster than is safe",
+            f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
+            f"({summary['lowest_at_s']:.4g} s)",
+        ]
+
+    summary = execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=lines)
+    return 0 if summary["acceptable"] else NOT_ACCEPTABLE
+
+
+def _slowed(study: TrajectoryAtlas, rows: pl.DataFrame) -> tuple[Retimed | None, Any]:
+    """The re-timed trajectory and its speed at the waypoints [mm/s]; None where some waypoint has no safe speed."""
+    import numpy as np
+
+    from bumpstop.study.retiming import retime
+
+    limit, speed = rows["limit_mm_s"].to_numpy(), rows["speed_mm_s"].to_numpy()
+    if (limit == 0).any():
+        return None, None
+    pace = np.minimum(1.0, limit / np.maximum(speed, 1e-9))
+    retimed = retime(study.trajectory, pace, study.problem.robot.velocity, study.problem.joint_acceleration)
+    rate = study.trajectory.at(study.trajectory.time, 1)
+    new = np.linalg.norm(retimed.velocity[retimed.waypoint], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.nan_to_num(new / np.linalg.norm(rate, axis=1))
+    return retimed, share * speed
+
+
+def _suggest(study: TrajectoryAtlas, rows: pl.DataFrame) -> pl.DataFrame:
+    import polars as pl
+
+    from bumpstop.study.null_space import feel_better
+
+    direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
+    found = feel_better(study.problem, study.trajectory.position, direction)
+    columns = {f"q_{j + 1}": found.q[:, j] for j in range(found.q.shape[1])}
+    return pl.DataFrame({"waypoint": rows["waypoint"], **columns, "unnoticed_N": found.unnoticed, "gain": found.gain})
+
+
+def _workspace_lines(summary: dict[str, Any]) -> list[str]:
+    return [
+        f"in {summary['none_safe']} of {summary['poses']} poses no speed is safe",
+        f"half of all poses are safe at {summary['limit_p50_mm_s']:.4g} mm/s, one in twenty at "
+        f"{summary['limit_p95_mm_s']:.4g} mm/s",
+    ]

@@ -1,0 +1,115 @@
+"""The part of a page that shows an atlas: safe speeds along a trajectory, or over the workspace."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.report.markup import Html, paragraph, table
+from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, PAPER, Picture, axes
+from bumpstop.report.section import Part
+
+if TYPE_CHECKING:
+    import polars as pl
+    from matplotlib.figure import Figure
+
+_COUNTED = {
+    "law": "the exact law",
+    "turning": "joints that turn more than on a straight line",
+    "cap": "the highest speed looked at",
+    "none": "no speed is safe",
+}
+
+
+class TrajectoryAtlasPart(Part):
+    """Speed and its limit over the waypoints, before and after slowing down."""
+
+    title = "Safe speed along the trajectory"
+    anchor = "trajectory"
+
+    def __init__(self, rows: pl.DataFrame, summary: dict[str, Any], retimed: Any = None) -> None:
+        self._rows, self._summary, self._retimed = rows, summary, retimed
+
+    def content(self) -> list[Html]:
+        """What limits how many waypoints, and what re-timing costs."""
+        found, rows = self._summary, self._rows
+        text = (
+            f"{found['over']} of {found['waypoints']} waypoints are passed faster than is safe. The lowest limit is "
+            f"{found['lowest_limit_mm_s']:.4g} mm/s, at waypoint {found['lowest_at_waypoint']} "
+            f"({found['lowest_at_s']:.4g} s)."
+        )
+        if "retimed_duration_s" in found:
+            text += f" Slowed down, the trajectory takes {found['retimed_duration_s']:.4g} s instead of {found['duration_s']:.4g} s."
+        counts = [(what, str((rows["by"] == name).sum())) for name, what in _COUNTED.items() if (rows["by"] == name).any()]
+        return [paragraph(text), table(("limited by", "waypoints"), counts, caption="What limits the speed")]
+
+    def pictures(self) -> list[Picture]:
+        """Speed and limit over time."""
+        return [
+            Picture(
+                "atlas_speed",
+                "Speed of the tip and its safe limit over the time of the trajectory.",
+                "Speed of the tip as programmed, the highest safe speed, and the speed after slowing down, at the "
+                "waypoints.",
+                self._draw,
+            )
+        ]
+
+    def _draw(self, figure: Figure) -> None:
+        plot, rows = axes(figure), self._rows
+        t, speed, limit = (rows[name].to_numpy() for name in ("t_s", "speed_mm_s", "limit_mm_s"))
+        plot.fill_between(t, speed, limit, where=speed > limit, color=LIMIT, alpha=0.25, hatch="///", linewidth=0)
+        plot.plot(t, limit, color=LIMIT, linestyle="--", label="highest safe speed")
+        plot.plot(t, speed, color=LAW, label="as programmed")
+        if self._retimed is not None:
+            plot.plot(t, self._retimed, color=EVENT, linestyle=":", linewidth=2.4, label="slowed down")
+        top = max(float(speed.max()), float(np.median(limit)))
+        plot.set(xlabel="time as programmed [s]", ylabel="speed of the tip [mm/s]", ylim=(0, 1.35 * top), xlim=(t[0], t[-1]))
+        plot.legend(loc="upper right", ncols=3, fontsize=8, frameon=True, **{"facecolor": PAPER["facecolor"], "edgecolor": "none"})
+
+
+class WorkspaceAtlasPart(Part):
+    """Safe speeds of random poses over their place."""
+
+    title = "Safe speed over the workspace"
+    anchor = "workspace"
+
+    def __init__(self, rows: pl.DataFrame, summary: dict[str, Any]) -> None:
+        self._rows, self._summary = rows, summary
+
+    def content(self) -> list[Html]:
+        """Quantiles, and poses without a safe speed."""
+        found = self._summary
+        text = (
+            f"In {found['none_safe']} of {found['poses']} poses no speed is safe; half of all poses are safe at "
+            f"{found['limit_p50_mm_s']:.4g} mm/s, one in twenty at {found['limit_p95_mm_s']:.4g} mm/s."
+        )
+        return [paragraph(text)]
+
+    def pictures(self) -> list[Picture]:
+        """Seen from the side: distance from the axis of the first joint, and height."""
+        return [
+            Picture(
+                "atlas_workspace",
+                "Safe speed of random poses over distance from the base axis and height.",
+                "Highest safe speed, by the place of the tip: distance from the vertical axis through the base, and "
+                "height. Crosses: no speed is safe.",
+                self._draw,
+                height=4.2,
+            )
+        ]
+
+    def _draw(self, figure: Figure) -> None:
+        plot, rows = axes(figure, right=1.0), self._rows
+        radius = np.hypot(rows["tip_x_m"].to_numpy(), rows["tip_y_m"].to_numpy())
+        height, limit = rows["tip_z_m"].to_numpy(), rows["limit_mm_s"].to_numpy()
+        none = limit == 0
+        plot.plot(radius[none], height[none], "x", color=FAINT, markersize=4)
+        if (~none).any():
+            dots = plot.scatter(radius[~none], height[~none], c=limit[~none], cmap="cividis", s=16)
+            width, tall = figure.get_size_inches()
+            bar = figure.add_axes(((width - 0.8) / width, 0.48 / tall, 0.14 / width, (tall - 0.8) / tall))
+            figure.colorbar(dots, cax=bar, label="safe speed [mm/s]")
+        plot.set(xlabel="distance from the base axis [m]", ylabel="height [m]", aspect="equal")
+        plot.grid(color=AREA, alpha=0.2)

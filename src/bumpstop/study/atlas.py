@@ -1,0 +1,313 @@
+"""Atlas: the highest safe speed at every waypoint of a trajectory, or all over the workspace."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision import Problem, Scenario
+from bumpstop.errors import InputError
+from bumpstop.study.short_path import Arms
+from bumpstop.study.speed_limit import SpeedLimits, foretold_speed, force_limit, speed_limits, stop_gain
+from bumpstop.study.study import Study
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.collision.trajectory import Trajectory
+
+SHARD_ROWS = 250
+MOST_POSES = 10_000_000
+# Directions tried for the worst one: on the rim of a cone beside its axis, and all over the sphere.
+_RIM, _SPHERE = 12, 48
+# The trajectory turns its joints more than a straight line would, if by this much.
+_TURNS_MORE = 1.02
+# A tip slower than this stands still, or only turns [m/s].
+_STANDS = 1e-6
+
+
+@dataclass(frozen=True)
+class Atlas(Study):
+    """What both atlases share.
+
+    Attributes:
+        cap_mm_s: no tip speed above it is looked at.
+        cone_deg: half angle of a cone of directions about the motion's own; the worst direction counts.
+    """
+
+    name: ClassVar[str] = "atlas"
+    title: ClassVar[str] = "atlas"
+
+    cap_mm_s: float = 1000.0
+    cone_deg: float = 0.0
+
+    def _check(self) -> None:
+        if not 1 <= self.cap_mm_s <= 1e4:
+            raise InputError("--cap", f"{self.cap_mm_s:g} mm/s cannot be used", "wanted 1 to 10000")
+        if not 0 <= self.cone_deg <= 180:
+            raise InputError("--cone", f"{self.cone_deg:g} deg cannot be used", "wanted 0 to 180")
+        limits = self._line_problem.limits
+        if limits is None:
+            raise InputError("contact.body", "is missing", "a safe speed needs limits: name a body region")
+        if not limits.permitted:
+            raise InputError("contact.body", f"no speed is safe: {limits.reason}", "name another body region")
+        scenario = self.scenario
+        for key, found, wanted in (
+            ("contact.kind", scenario.contact.kind, "clamped"),
+            ("verdict.clamped_limit", scenario.verdict.clamped_limit, "quasi_static"),
+        ):
+            if found != wanted:
+                raise InputError(key, f"{found!r} is not available in an atlas", f"wanted {wanted!r}")
+        if self._line_problem.residuals is not None:
+            raise InputError("detector.residuals", "have no exact law", "give detector.noise_sd_Nm")
+
+    @cached_property
+    def _line(self) -> Scenario:
+        """The scenario of a straight line that all rows share; its pose and velocity are replaced."""
+        raise NotImplementedError
+
+    @cached_property
+    def _line_problem(self) -> Problem:
+        return Problem.from_scenario(self._line)
+
+    def _worst(self, q: FloatArray, direction: FloatArray, cone: float, count: int) -> FloatArray:
+        """The direction in the cone whose foretold safe speed is the lowest (N, 3)."""
+        problem = self._line_problem
+        jacobian = Arms(problem, q, direction).linear_jacobian(q)
+        best = np.full(len(q), np.inf)
+        worst = direction.copy()
+        for around in _cone(direction, cone, count):
+            with np.errstate(invalid="ignore", over="ignore"):
+                gain = stop_gain(problem, Arms(problem, q, around).unlimited_rates(q))
+            torque = np.einsum("nij,ni->nj", jacobian, around)
+            accepted = self.scenario.verdict.risk
+            speed = np.nan_to_num(foretold_speed(problem, torque, gain, force_limit(problem), accepted))
+            lower = speed < best
+            best[lower], worst[lower] = speed[lower], around[lower]
+        return worst
+
+    def _columns(self, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> dict[str, Any]:
+        problem = self._line_problem
+        torque = np.einsum("nij,ni->nj", Arms(problem, q, direction).linear_jacobian(q), direction)
+        with np.errstate(divide="ignore"):
+            unnoticed = (problem.thresholds / np.abs(torque)).min(axis=1)
+        tip = problem.robot.pose(q)[:, :3, 3]
+        return {
+            **{f"q_{j + 1}": q[:, j] for j in range(q.shape[1])},
+            **{f"tip_{axis}_m": tip[:, i] for i, axis in enumerate("xyz")},
+            **{f"direction_{axis}": direction[:, i] for i, axis in enumerate("xyz")},
+            "limit_mm_s": 1e3 * found.speed,
+            "risk": found.risk,
+            "by": found.by,
+            "unnoticed_N": unnoticed,
+        }
+
+
+def _cone(direction: FloatArray, angle: float, count: int) -> list[FloatArray]:
+    """The axis (N, 3), then directions in the cone of this half angle [rad] about it."""
+    axis = np.where(np.abs(direction[:, [0]]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    side = np.cross(direction, axis)
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    other = np.cross(direction, side)
+    found = [direction]
+    if angle <= 0:
+        return found
+    # Even over the cap of the sphere, by a spiral of golden angles that ends on the rim.
+    for k in range(count):
+        height = 1 - (1 - math.cos(angle)) * (k + 1) / count
+        turn = k * math.pi * (3 - math.sqrt(5))
+        radius = math.sqrt(max(0.0, 1 - height**2))
+        found.append(height * direction + radius * (math.cos(turn) * side + math.sin(turn) * other))
+    return found
+
+
+@dataclass(frozen=True)
+class TrajectoryAtlas(Atlas):
+    """A row for every waypoint: the tool moves on a straight line through it, in the direction it moves there.
+
+    Waypoints at which the tip stands still take the direction of the nearest one at which it moves. Where the trajectory
+    turns a joint faster, for the speed of its tip, than a straight line asks for, the formula with the trajectory's own
+    rates limits the speed too.
+    """
+
+    def __post_init__(self) -> None:
+        if self.scenario.motion.kind != "trajectory":
+            raise InputError("motion.kind", "'line' has no waypoints", "wanted 'trajectory', or --poses")
+        self._check()
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The trajectory's own."""
+        return Problem.from_scenario(self.scenario)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """What is followed."""
+        trajectory = self.problem.trajectory
+        assert trajectory is not None
+        return trajectory
+
+    @cached_property
+    def _line(self) -> Scenario:
+        data = self.scenario.to_dict()
+        robot = self.problem.robot
+        data["motion"] = {"velocity_mm_s": [0.0, 0.0, 100.0], "task": "pose" if robot.dof >= 6 else "position"}
+        row = self._usable_row
+        data["pose_rad"] = self.trajectory.position[row].tolist()
+        data["motion"]["velocity_mm_s"] = (100 * self.direction[row]).tolist()
+        return Scenario.from_dict(data, self.scenario.folder)
+
+    @cached_property
+    def tip_velocity(self) -> FloatArray:
+        """Of the tip at every waypoint (rows, 3) [m/s]."""
+        from bumpstop.collision.trajectory import point_motion
+
+        robot = self.problem.robot
+        return point_motion(self.trajectory, robot, robot.frame(None), self.trajectory.time)[0]
+
+    @cached_property
+    def direction(self) -> FloatArray:
+        """Unit vectors (rows, 3)."""
+        speed = np.linalg.norm(self.tip_velocity, axis=1)
+        moves = np.flatnonzero(speed > _STANDS)
+        if not moves.size:
+            raise InputError("motion.file", "the tip does not move", "wanted a trajectory that moves it")
+        nearest = moves[np.abs(np.arange(len(speed))[:, None] - moves).argmin(axis=1)]
+        return np.asarray(self.tip_velocity[nearest] / speed[nearest][:, None])
+
+    @property
+    def _usable_row(self) -> int:
+        """A waypoint that is not singular, to check the scenario at: the one that feels a push best."""
+        jacobian = self.problem.robot.jacobian(self.trajectory.position)
+        return int(np.linalg.svd(jacobian, compute_uv=False)[:, -1].argmax())
+
+    @property
+    def shards(self) -> int:  # noqa: D102
+        return math.ceil(len(self.trajectory.time) / SHARD_ROWS)
+
+    def shard(self, number: int) -> pl.DataFrame:  # noqa: D102
+        import polars as pl
+
+        rows = np.arange(number * SHARD_ROWS, min((number + 1) * SHARD_ROWS, len(self.trajectory.time)))
+        q, own = self.trajectory.position[rows], self.direction[rows]
+        cap = np.full(len(rows), self.cap_mm_s / 1e3)
+        found = speed_limits(self._line, q, own, cap)
+        direction = own
+        if self.cone_deg > 0:
+            direction = self._worst(q, own, math.radians(self.cone_deg), _RIM)
+            aside = speed_limits(self._line, q, direction, cap)
+            lower = aside.speed < found.speed
+            direction = np.where(lower[:, None], direction, own)
+            found = SpeedLimits(
+                np.where(lower, aside.speed, found.speed),
+                np.where(lower, aside.risk, found.risk),
+                np.where(lower, aside.by, found.by),
+                found.laws + aside.laws,
+            )
+        found = self._turning(rows, own, found)
+        speed = np.linalg.norm(self.tip_velocity[rows], axis=1)
+        return pl.DataFrame(
+            {
+                "waypoint": rows + 1,
+                "t_s": self.trajectory.time[rows],
+                "speed_mm_s": 1e3 * speed,
+                **self._columns(q, direction, found),
+                "over": speed > found.speed * (1 + 1e-9),
+            }
+        )
+
+    def _turning(self, rows: Any, own: FloatArray, found: SpeedLimits) -> SpeedLimits:
+        """Lower the limits where the trajectory turns its joints more than straight lines do."""
+        problem, q = self._line_problem, self.trajectory.position[rows]
+        speed = np.linalg.norm(self.tip_velocity[rows], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            gain = stop_gain(problem, self.trajectory.at(self.trajectory.time[rows], 1)) / speed
+            straight = stop_gain(problem, Arms(problem, q, own).unlimited_rates(q))
+        torque = np.einsum("nij,ni->nj", Arms(problem, q, own).linear_jacobian(q), own)
+        more = (speed > _STANDS) & ~(gain <= _TURNS_MORE * straight)
+        allowed = foretold_speed(
+            problem, torque, np.where(more, gain, 0.0), force_limit(problem), self.scenario.verdict.risk
+        )
+        lower = more & (allowed < found.speed)
+        return SpeedLimits(
+            np.where(lower, allowed, found.speed),
+            np.where(lower, np.nan, found.risk),
+            np.where(lower, "turning", found.by),
+            found.laws,
+        )
+
+    def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
+        least = rows["limit_mm_s"].arg_min()
+        assert least is not None
+        return {
+            "study": self.name,
+            "waypoints": rows.height,
+            "over": int(rows["over"].sum()),
+            "none_safe": int((rows["limit_mm_s"] == 0).sum()),
+            "lowest_limit_mm_s": rows["limit_mm_s"][least],
+            "lowest_at_waypoint": rows["waypoint"][least],
+            "lowest_at_s": rows["t_s"][least],
+            "duration_s": self.trajectory.duration,
+            "acceptable": not bool(rows["over"].any()),
+            "law": "exact",
+        }
+
+
+@dataclass(frozen=True)
+class WorkspaceAtlas(Atlas):
+    """A row for every random pose: the highest speed that is safe in all directions of a cone, or in every direction.
+
+    Attributes:
+        poses: number of them, each joint even between its limits.
+        seed: of the poses.
+    """
+
+    poses: int = 1000
+    cone_deg: float = 180.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.scenario.motion.kind != "line":
+            raise InputError("--poses", "has no meaning with a trajectory", "leave it out, or give a line")
+        if not 1 <= self.poses <= MOST_POSES:
+            raise InputError("--poses", f"{self.poses} cannot be used", f"wanted 1 to {MOST_POSES}")
+        self._check()
+
+    @cached_property
+    def _line(self) -> Scenario:
+        return self.scenario
+
+    @property
+    def shards(self) -> int:  # noqa: D102
+        return math.ceil(self.poses / SHARD_ROWS)
+
+    def shard(self, number: int) -> pl.DataFrame:  # noqa: D102
+        import polars as pl
+
+        count = min(SHARD_ROWS, self.poses - number * SHARD_ROWS)
+        problem = self._line_problem
+        rng = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, number]))
+        low, high = np.maximum(problem.robot.lower, -math.pi), np.minimum(problem.robot.upper, math.pi)
+        q = rng.uniform(low, high, (count, problem.robot.dof))
+        q[:, problem.held] = problem.q[problem.held]
+        own = np.tile(problem.velocity / np.linalg.norm(problem.velocity), (count, 1))
+        direction = self._worst(q, own, math.radians(self.cone_deg), _SPHERE) if self.cone_deg > 0 else own
+        found = speed_limits(self.scenario, q, direction, np.full(count, self.cap_mm_s / 1e3))
+        first = number * SHARD_ROWS
+        return pl.DataFrame({"pose": np.arange(first, first + count) + 1, **self._columns(q, direction, found)})
+
+    def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
+        limit = rows["limit_mm_s"]
+        return {
+            "study": self.name,
+            "poses": rows.height,
+            "none_safe": int((limit == 0).sum()),
+            "at_cap": int((rows["by"] == "cap").sum()),
+            **{f"limit_p{int(100 * p):02d}_mm_s": limit.quantile(p, "linear") for p in (0.05, 0.25, 0.5, 0.75, 0.95)},
+            "law": "exact",
+        }

@@ -1,0 +1,195 @@
+"""Safe speeds against the laws themselves, and re-timed trajectories against limits and path."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+
+import bumpstop as bs
+from bumpstop.arrays import FloatArray
+from bumpstop.collision import evaluate_batch, load_scenario
+from bumpstop.collision.trajectory import Trajectory
+from bumpstop.errors import InputError
+from bumpstop.study import run
+from bumpstop.study.atlas import TrajectoryAtlas, WorkspaceAtlas
+from bumpstop.study.null_space import feel_better
+from bumpstop.study.retiming import retime
+from bumpstop.study.trajectory_writing import write_csv, write_ros
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PICK = REPOSITORY / "examples/06_pick_and_place_trajectory.toml"
+LINE = REPOSITORY / "examples/05_ur10e.toml"
+
+
+@pytest.fixture(scope="module")
+def pick() -> TrajectoryAtlas:
+    return TrajectoryAtlas(load_scenario(PICK))
+
+
+@pytest.fixture(scope="module")
+def found(pick: TrajectoryAtlas) -> Any:
+    return run(pick)[0]
+
+
+def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectoryAtlas, found: Any) -> None:
+    rows = found.filter(found["by"] == "law").gather_every(7)
+    q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
+    direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
+    limit = rows["limit_mm_s"].to_numpy() / 1e3
+    for factor, safe in ((1.0, True), (1.0101, False)):
+        laws = evaluate_batch(pick._line, q, direction * (factor * limit)[:, None], limits_N=[160.0])
+        # The forearm's limits: 160 N, and 50 N/cm2 over 4 cm2, which is more.
+        assert ((laws.exceedance[:, 0] <= 1e-3) == safe).all()
+
+
+def test_slowed_down_no_collision_passes_the_limits(pick: TrajectoryAtlas, found: Any, tmp_path: Path) -> None:
+    retimed = retime(pick.trajectory, pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
+    write_csv(tmp_path / "slow.csv", retimed)
+    before = bs.evaluate(pick.scenario)
+    after = bs.evaluate(pick.scenario.with_values({"motion.file": str(tmp_path / "slow.csv")}))
+
+    def detected_over(law: Any) -> float:
+        return float((law.verdict.p_over_force or 0.0) - law.undetected_probability)
+
+    # The laws of trajectories share no code with those of lines. Undetected ones meet an arm that stands still.
+    assert detected_over(before) > 0.1
+    assert detected_over(after) <= pick.scenario.verdict.risk
+
+
+def pace(rows: Any) -> FloatArray:
+    return np.asarray(np.minimum(1.0, rows["limit_mm_s"].to_numpy() / np.maximum(rows["speed_mm_s"].to_numpy(), 1e-9)))
+
+
+def wavy(rng: np.random.Generator, rows: int, with_velocity: bool) -> Trajectory:
+    t = np.linspace(0, 4, rows)
+    phase, size = rng.uniform(0, 6, (3, 6)), rng.uniform(0.1, 0.5, (3, 6))
+    order = np.arange(1, 4)[:, None]
+    q = (size[:, None] * np.sin(order[:, :, None] * t[None, :, None] + phase[:, None])).sum(axis=0)
+    qd = (size[:, None] * order[:, :, None] * np.cos(order[:, :, None] * t[None, :, None] + phase[:, None])).sum(axis=0)
+    return Trajectory(t, q, qd if with_velocity else None)
+
+
+@pytest.mark.parametrize("with_velocity", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_retimed_keeps_limits_and_path(seed: int, with_velocity: bool) -> None:
+    rng = np.random.default_rng(seed)
+    trajectory = wavy(rng, 120, with_velocity)
+    allowed = np.clip(0.7 + 0.5 * np.sin(np.linspace(0, 9, 120) + seed), 0.25, 1.0)
+    velocity, acceleration = np.full(6, 0.9), np.full(6, 2.0)
+    found = retime(trajectory, allowed, velocity, acceleration)
+    assert (np.diff(found.time) > 0).all()
+    assert found.time[-1] >= trajectory.duration * (1 - 1e-12)
+    assert (found.position[found.waypoint] == trajectory.position).all()
+    rate = np.linalg.norm(trajectory.at(trajectory.time, 1), axis=1)
+    assert (np.linalg.norm(found.velocity[found.waypoint], axis=1) <= allowed * rate * (1 + 1e-12)).all()
+    # What a robot makes of the rows, between them too.
+    spline = CubicHermiteSpline(found.time, found.position, found.velocity)
+    t = np.linspace(0, found.time[-1], 40_001)
+    assert (np.abs(spline(t, 1)) <= velocity).all()
+    assert (np.abs(spline(t, 2)) <= acceleration).all()
+    assert (np.abs(found.acceleration) <= acceleration).all()
+    # The pace changes evenly in time between waypoints, which tells where on the path a moment lies.
+    piece = np.clip(np.searchsorted(found.time, t, side="right") - 1, 0, len(found.time) - 2)
+    share = t - found.time[piece]
+    dt, du = np.diff(found.time)[piece], np.diff(found.path_time)[piece]
+    speeds = np.linalg.norm(found.velocity, axis=1) / np.maximum(np.linalg.norm(trajectory.at(found.path_time, 1), axis=1), 1e-12)
+    change = (speeds[piece + 1] - speeds[piece]) / dt
+    moment = found.path_time[piece] + share * speeds[piece] + change * share**2 / 2
+    assert np.abs(speeds[piece] * dt + change * dt**2 / 2 - du).max() < 1e-9
+    assert np.abs(spline(t) - trajectory.at(moment)).max() < 1e-9
+
+
+def test_nothing_to_slow_down_changes_nothing() -> None:
+    trajectory = wavy(np.random.default_rng(1), 50, True)
+    found = retime(trajectory, np.ones(50), np.full(6, 1e3), np.full(6, 1e4))
+    assert np.allclose(found.time[found.waypoint], trajectory.time, rtol=1e-12)
+
+
+def test_a_slow_place_is_braked_for_in_time() -> None:
+    """One joint at 1 rad/s that must pass one waypoint at a tenth: braking takes v^2 / 2 a each way."""
+    t = np.linspace(0, 10, 2001)
+    allowed = np.ones(2001)
+    allowed[1000] = 0.1
+    found = retime(Trajectory(t, t[:, None].copy(), np.ones((2001, 1))), allowed, np.array([10.0]), np.array([0.5]))
+    a = 0.98 * 0.5
+    lost = 2 * ((1 - 0.1) / a - (1 - 0.1**2) / (2 * a))
+    assert found.time[-1] == pytest.approx(10 + lost, rel=1e-4)
+
+
+def test_files_read_back(pick: TrajectoryAtlas, found: Any, tmp_path: Path) -> None:
+    retimed = retime(pick.trajectory, pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
+    write_csv(tmp_path / "slow.csv", retimed)
+    write_ros(tmp_path / "slow.json", retimed, pick.problem.robot)
+    for name in ("slow.csv", "slow.json"):
+        read = TrajectoryAtlas(load_scenario(PICK, {"motion.file": str(tmp_path / name)})).trajectory
+        assert (read.position == retimed.position).all()
+        assert np.abs(read.time - retimed.time).max() < 1e-9
+    message = json.loads((tmp_path / "slow.json").read_text())
+    assert len(message["points"][0]["accelerations"]) == 7
+
+
+def test_a_wider_cone_is_never_faster(found: Any) -> None:
+    wide = run(TrajectoryAtlas(load_scenario(PICK), cone_deg=40.0))[0]
+    assert (wide["limit_mm_s"] <= found["limit_mm_s"] * 1.0101).all()
+    assert (wide["limit_mm_s"] < found["limit_mm_s"] * 0.9).any()
+
+
+def test_self_motion_keeps_the_tool_and_feels_no_worse() -> None:
+    problem = TrajectoryAtlas(load_scenario(PICK)).problem
+    rng = np.random.default_rng(8)
+    robot = problem.robot
+    q = rng.uniform(0.5 * robot.lower, 0.5 * robot.upper, (6, 7))
+    direction = rng.normal(size=(6, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    found = feel_better(problem, q, direction)
+    assert np.abs(robot.pose(found.q) - robot.pose(q)).max() < 2e-6
+    assert ((found.q >= robot.lower) & (found.q <= robot.upper)).all()
+    torque = np.einsum("nij,ni->nj", robot.jacobian(found.q)[:, :3], direction)
+    assert np.allclose(found.unnoticed, (problem.thresholds / np.abs(torque)).min(axis=1))
+    assert (found.gain >= 1).all()
+    assert found.gain.max() > 1.1
+
+
+def test_workspace_does_not_depend_on_threads() -> None:
+    study = WorkspaceAtlas(load_scenario(LINE), poses=6, cone_deg=0.0, seed=4)
+    assert run(study)[0].equals(run(study, threads=2)[0])
+    assert (run(study)[0]["limit_mm_s"] > 0).any()
+
+
+@pytest.mark.parametrize(
+    ("path", "changes", "settings", "field"),
+    [
+        (PICK, {"contact.body": None, "contact.stiffness_N_m": 1e4}, {}, "contact.body"),
+        (PICK, {}, {"cap_mm_s": 0.0}, "--cap"),
+        (PICK, {}, {"cap_mm_s": math.nan}, "--cap"),
+        (PICK, {}, {"cone_deg": -1.0}, "--cone"),
+        (LINE, {"contact.kind": "free"}, {}, "contact.kind"),
+        (LINE, {"contact.kind": "free", "contact.body": "skull_forehead"}, {}, "contact.body"),
+        (LINE, {"verdict.clamped_limit": "two_phase"}, {}, "verdict.clamped_limit"),
+    ],
+)
+def test_refuses_by_name(path: Path, changes: dict[str, Any], settings: dict[str, Any], field: str) -> None:
+    kind = TrajectoryAtlas if path == PICK else WorkspaceAtlas
+    with pytest.raises(InputError) as caught:
+        kind(load_scenario(path, changes), **settings)
+    assert caught.value.field == field
+
+
+def test_an_arm_without_a_spare_joint_is_refused() -> None:
+    problem = WorkspaceAtlas(load_scenario(LINE), poses=1)._line_problem
+    with pytest.raises(InputError, match="6 free joints"):
+        feel_better(problem, problem.q[None], np.array([[0.0, 0.0, 1.0]]))
+
+
+def test_a_waypoint_without_a_safe_speed_is_named() -> None:
+    trajectory = wavy(np.random.default_rng(1), 10, True)
+    allowed = np.ones(10)
+    allowed[6] = 0.0
+    with pytest.raises(InputError, match="waypoint 7"):
+        retime(trajectory, allowed, np.ones(6), np.ones(6))
