@@ -98,7 +98,9 @@ def test_retimed_keeps_limits_and_path(seed: int, with_velocity: bool) -> None:
     piece = np.clip(np.searchsorted(found.time, t, side="right") - 1, 0, len(found.time) - 2)
     share = t - found.time[piece]
     dt, du = np.diff(found.time)[piece], np.diff(found.path_time)[piece]
-    speeds = np.linalg.norm(found.velocity, axis=1) / np.maximum(np.linalg.norm(trajectory.at(found.path_time, 1), axis=1), 1e-12)
+    speeds = np.linalg.norm(found.velocity, axis=1) / np.maximum(
+        np.linalg.norm(trajectory.at(found.path_time, 1), axis=1), 1e-12
+    )
     change = (speeds[piece + 1] - speeds[piece]) / dt
     moment = found.path_time[piece] + share * speeds[piece] + change * share**2 / 2
     assert np.abs(speeds[piece] * dt + change * dt**2 / 2 - du).max() < 1e-9

@@ -45,7 +45,9 @@ def test_single_scenario_is_the_batch_of_one() -> None:
     scenario, q, velocity = draw(np.random.default_rng(3), 1, 4)
     batch = predict_batch(scenario, q, velocity)
     for i in range(4):
-        one = predict(scenario.with_values({"pose_rad": q[i].tolist(), "motion.velocity_mm_s": (1e3 * velocity[i]).tolist()}))
+        one = predict(
+            scenario.with_values({"pose_rad": q[i].tolist(), "motion.velocity_mm_s": (1e3 * velocity[i]).tolist()})
+        )
         assert math.isclose(one.expected[0], batch.expected[i], rel_tol=1e-9)
         assert one.bound[0] == pytest.approx(batch.bound[i], rel=1e-9)
 
@@ -92,7 +94,10 @@ def test_more_noise_is_noticed_earlier_and_a_rarer_bound_is_higher() -> None:
 
 def test_correlated_noise_and_observers_stay_below_the_bound() -> None:
     scenario, q, velocity = draw(np.random.default_rng(12), 1, 6)
-    for changes in ({"detector.noise_correlation": 0.8}, {"detector.residual": "observer", "detector.observer_gain_1_s": 80.0}):
+    for changes in (
+        {"detector.noise_correlation": 0.8},
+        {"detector.residual": "observer", "detector.observer_gain_1_s": 80.0},
+    ):
         changed = scenario.with_values(changes)
         found = predict_batch(changed, q, velocity, quantile=0.99)
         laws = evaluate_batch(changed, q, velocity, probabilities=[0.99])
@@ -124,5 +129,3 @@ def test_refuses_by_name(changes: dict[str, Any], quantile: float, field: str) -
     with pytest.raises(InputError) as caught:
         predict_batch(scenario.with_values(changes), q, velocity, quantile=quantile)
     assert caught.value.field == field
-
-

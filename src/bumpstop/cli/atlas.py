@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 _MOST_POSES = 10_000_000
 _NOTES = (
-    "At every row the tool moves on a straight line through the pose, and the body is clamped one feedback period of travel "
-    "or less away, evenly.",
-    "Speeds come from exact laws: each one written here meets the accepted risk, and a speed at most 1 % higher does not, "
-    "unless another cause is named.",
+    "At every row the tool moves on a straight line through the pose, and the body is clamped; where the scenario does "
+    "not say how far away, one feedback period of travel or less, evenly.",
+    "Speeds come from exact laws: each one written here meets the accepted risk, and a speed at most 1 % higher does "
+    "not, unless another cause is named.",
 )
 
 
@@ -31,14 +31,17 @@ def atlas(
     poses: Annotated[
         int | None,
         typer.Option(
-            parser=whole(1, _MOST_POSES), metavar="NUMBER", help="Random poses, for a scenario of a line.",
+            parser=whole(1, _MOST_POSES),
+            metavar="NUMBER",
+            help="Random poses, for a scenario of a line.",
             show_default=False,
         ),
     ] = None,
     cone: Annotated[
         float | None,
         typer.Option(
-            metavar="DEG", help="Half angle of the cone of directions; default: 0 along a trajectory, else 180.",
+            metavar="DEG",
+            help="Half angle of the cone of directions; default: 0 along a trajectory, else 180.",
             show_default=False,
         ),
     ] = None,
@@ -64,7 +67,11 @@ def atlas(
         if null_space:
             raise InputError("--null-space", "has no meaning without a trajectory", "leave it out")
         study = WorkspaceAtlas(
-            checked, cap_mm_s=cap, cone_deg=180.0 if cone is None else cone, poses=200 if poses is None else poses, seed=seed
+            checked,
+            cap_mm_s=cap,
+            cone_deg=180.0 if cone is None else cone,
+            poses=200 if poses is None else poses,
+            seed=seed,
         )
 
         def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
@@ -144,6 +151,6 @@ def _suggest(study: TrajectoryAtlas, rows: pl.DataFrame) -> pl.DataFrame:
 def _workspace_lines(summary: dict[str, Any]) -> list[str]:
     return [
         f"in {summary['none_safe']} of {summary['poses']} poses no speed is safe",
-        f"half of all poses are safe at {summary['limit_p50_mm_s']:.4g} mm/s, one in twenty at "
+        f"half of all poses are safe up to {summary['limit_p50_mm_s']:.4g} mm/s, one in twenty up to "
         f"{summary['limit_p95_mm_s']:.4g} mm/s",
     ]

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.report.markup import Html, paragraph, table
-from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, PAPER, Picture, axes
+from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
 
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.figure import Figure
 
+# Quarters of the poses, slowest first: colour and marker.
+_GROUPS = ((LIMIT, "v"), ("#E69F00", "s"), (AREA, "D"), (LAW, "o"))
 _COUNTED = {
     "law": "the exact law",
     "turning": "joints that turn more than on a straight line",
@@ -40,8 +42,11 @@ class TrajectoryAtlasPart(Part):
             f"({found['lowest_at_s']:.4g} s)."
         )
         if "retimed_duration_s" in found:
-            text += f" Slowed down, the trajectory takes {found['retimed_duration_s']:.4g} s instead of {found['duration_s']:.4g} s."
-        counts = [(what, str((rows["by"] == name).sum())) for name, what in _COUNTED.items() if (rows["by"] == name).any()]
+            slow, fast = found["retimed_duration_s"], found["duration_s"]
+            text += f" Slowed down, the trajectory takes {slow:.4g} s instead of {fast:.4g} s."
+        counts = [
+            (what, str((rows["by"] == name).sum())) for name, what in _COUNTED.items() if (rows["by"] == name).any()
+        ]
         return [paragraph(text), table(("limited by", "waypoints"), counts, caption="What limits the speed")]
 
     def pictures(self) -> list[Picture]:
@@ -65,8 +70,17 @@ class TrajectoryAtlasPart(Part):
         if self._retimed is not None:
             plot.plot(t, self._retimed, color=EVENT, linestyle=":", linewidth=2.4, label="slowed down")
         top = max(float(speed.max()), float(np.median(limit)))
-        plot.set(xlabel="time as programmed [s]", ylabel="speed of the tip [mm/s]", ylim=(0, 1.35 * top), xlim=(t[0], t[-1]))
-        plot.legend(loc="upper right", ncols=3, fontsize=8, frameon=True, **{"facecolor": PAPER["facecolor"], "edgecolor": "none"})
+        plot.set(
+            xlabel="time as programmed [s]", ylabel="speed of the tip [mm/s]", ylim=(0, 1.35 * top), xlim=(t[0], t[-1])
+        )
+        plot.legend(
+            loc="upper right",
+            ncols=3,
+            fontsize=8,
+            frameon=True,
+            facecolor="white",
+            edgecolor="none",
+        )
 
 
 class WorkspaceAtlasPart(Part):
@@ -82,8 +96,8 @@ class WorkspaceAtlasPart(Part):
         """Quantiles, and poses without a safe speed."""
         found = self._summary
         text = (
-            f"In {found['none_safe']} of {found['poses']} poses no speed is safe; half of all poses are safe at "
-            f"{found['limit_p50_mm_s']:.4g} mm/s, one in twenty at {found['limit_p95_mm_s']:.4g} mm/s."
+            f"In {found['none_safe']} of {found['poses']} poses no speed is safe; half of all poses are safe up to "
+            f"{found['limit_p50_mm_s']:.4g} mm/s, one in twenty up to {found['limit_p95_mm_s']:.4g} mm/s."
         )
         return [paragraph(text)]
 
@@ -94,22 +108,29 @@ class WorkspaceAtlasPart(Part):
                 "atlas_workspace",
                 "Safe speed of random poses over distance from the base axis and height.",
                 "Highest safe speed, by the place of the tip: distance from the vertical axis through the base, and "
-                "height. Crosses: no speed is safe.",
+                "height. Every colour is a quarter of the poses that have one.",
                 self._draw,
                 height=4.2,
             )
         ]
 
     def _draw(self, figure: Figure) -> None:
-        plot, rows = axes(figure, right=1.0), self._rows
+        plot, rows = axes(figure, right=1.7), self._rows
         radius = np.hypot(rows["tip_x_m"].to_numpy(), rows["tip_y_m"].to_numpy())
         height, limit = rows["tip_z_m"].to_numpy(), rows["limit_mm_s"].to_numpy()
         none = limit == 0
-        plot.plot(radius[none], height[none], "x", color=FAINT, markersize=4)
         if (~none).any():
-            dots = plot.scatter(radius[~none], height[~none], c=limit[~none], cmap="cividis", s=16)
-            width, tall = figure.get_size_inches()
-            bar = figure.add_axes(((width - 0.8) / width, 0.48 / tall, 0.14 / width, (tall - 0.8) / tall))
-            figure.colorbar(dots, cax=bar, label="safe speed [mm/s]")
+            edges = np.quantile(limit[~none], [0.25, 0.5, 0.75])
+            group = np.where(none, -1, np.searchsorted(edges, limit))
+            for i, (colour, marker) in enumerate(_GROUPS):
+                inside = group == i
+                if inside.any():
+                    label = f"{limit[inside].min():.3g} to {limit[inside].max():.3g} mm/s"
+                    plot.plot(
+                        radius[inside], height[inside], marker, color=colour, markersize=5, linestyle="", label=label
+                    )
+        if none.any():
+            plot.plot(radius[none], height[none], "x", color=FAINT, markersize=4, label="no speed is safe")
+        figure.legend(loc="center right", fontsize=8.5, title="highest safe speed")
         plot.set(xlabel="distance from the base axis [m]", ylabel="height [m]", aspect="equal")
         plot.grid(color=AREA, alpha=0.2)

@@ -13,7 +13,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision import Problem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.short_path import Arms
-from bumpstop.study.speed_limit import SpeedLimits, foretold_speed, force_limit, speed_limits, stop_gain
+from bumpstop.study.speed_limit import SpeedLimits, force_limit, foretold_speed, speed_limits, stop_gain
 from bumpstop.study.study import Study
 
 if TYPE_CHECKING:
@@ -130,8 +130,8 @@ def _cone(direction: FloatArray, angle: float, count: int) -> list[FloatArray]:
 class TrajectoryAtlas(Atlas):
     """A row for every waypoint: the tool moves on a straight line through it, in the direction it moves there.
 
-    Waypoints at which the tip stands still take the direction of the nearest one at which it moves. Where the trajectory
-    turns a joint faster, for the speed of its tip, than a straight line asks for, the formula with the trajectory's own
+    Waypoints at which the tip stands still take the direction of the nearest one at which it moves. Where the
+    trajectory turns a joint faster, for the speed of its tip, than a straight line asks for, the formula with the trajectory's own
     rates limits the speed too.
     """
 

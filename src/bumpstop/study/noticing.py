@@ -27,8 +27,8 @@ class Noticing:
     """How probably a force that grows by ``per_tick`` newtons a tick is still unnoticed.
 
     ``S(F)`` is the probability that no tick up to the one at force F has alarmed, where the tick at F is the last of
-    those at F, F - D, F - 2 D ... With ticks that fall evenly, ``P(F_detect > F)`` is the mean of S over [F - D, F], and
-    ``E[F_detect] = D / 2 + integral of S``. Both are exact for ticks of that kind.
+    those at F, F - D, F - 2 D ... With ticks that fall evenly, ``P(F_detect > F)`` is the mean of S over [F - D, F],
+    and ``E[F_detect] = D / 2 + integral of S``. Both are exact for ticks of that kind.
 
     Attributes:
         per_tick: D, (N,) [N].
@@ -59,7 +59,9 @@ class Noticing:
             residual: forces (N, G) [N] to noiseless residuals (N, G, joints) [Nm].
             torque: a at the start (N, joints), to know which forces matter [Nm/N].
             per_tick: D (N,) [N].
-            thresholds, sd, mean: of the watched joints [Nm].
+            thresholds: of the watched joints [Nm].
+            sd: of their noise [Nm].
+            mean: of it [Nm].
             remembers: noise is correlated from tick to tick: earlier silence then says nothing, and S is that of the
                 last tick alone, which is an upper bound.
             rarest: the smallest S wanted.
@@ -97,7 +99,9 @@ class Noticing:
         last = np.clip(over.sum(axis=1), 1, _POINTS - 1)
         rows = np.arange(len(last))
         # Straight in log(-log S): never below the truth, as hazards bend down there.
-        l0, l1 = (np.log(np.maximum(-np.log(np.maximum(self.silence[rows, i], _LEAST)), _LEAST)) for i in (last - 1, last))
+        l0, l1 = (
+            np.log(np.maximum(-np.log(np.maximum(self.silence[rows, i], _LEAST)), _LEAST)) for i in (last - 1, last)
+        )
         f0, f1 = self.force[rows, last - 1], self.force[rows, last]
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(l1 > l0, (np.log(-np.log(rare)) - l0) / (l1 - l0), 1.0)
@@ -105,9 +109,7 @@ class Noticing:
         return np.asarray(np.where(over[:, -1], np.inf, found + self.per_tick))
 
 
-def _reaches(
-    residual: Callable[[FloatArray], FloatArray], torque: FloatArray, level: FloatArray
-) -> FloatArray:
+def _reaches(residual: Callable[[FloatArray], FloatArray], torque: FloatArray, level: FloatArray) -> FloatArray:
     """The least force (N,) [N] at which some joint's noiseless residual reaches its level (joints,) [Nm]."""
     with np.errstate(divide="ignore", invalid="ignore"):
         force = level / np.abs(torque)

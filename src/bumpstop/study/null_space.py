@@ -76,7 +76,9 @@ def feel_better(problem: Problem, q: FloatArray, direction: FloatArray) -> Sugge
             trial[:, free] += _STEP * last
             for _ in range(_CORRECTIONS):
                 jacobian = robot.jacobian(trial)[:, :, free]
-                trial[:, free] += np.einsum("nij,nj->ni", np.linalg.pinv(jacobian, rcond=1e-3), _error(robot.pose(trial), goal))
+                trial[:, free] += np.einsum(
+                    "nij,nj->ni", np.linalg.pinv(jacobian, rcond=1e-3), _error(robot.pose(trial), goal)
+                )
             kept = np.abs(_error(robot.pose(trial), goal)).max(axis=1) < _POSE
             alive &= kept & ((trial >= robot.lower) & (trial <= robot.upper)).all(axis=1)
             if not alive.any():

@@ -26,8 +26,11 @@ _SPREAD = 10.0
 _PADDING_N_M = (1e3, 1e8)
 _LEAST, _MOST = {"reaction.joint_acceleration_rad_s2": 0.1, "motion.speed": 1e-2}, {"motion.speed": 1e4}
 _SCAN = 14
+# Where the arm cannot follow its line the risk jumps from value to value.
+_FINE_SCAN = 500
 _PRECISION = 1e-4
 _LEAST_RISK = 1e-30
+_ERRATIC = " The arm cannot follow its line here, as near a singularity; values between those looked at may fail."
 # A fixed offset makes the risk a sawtooth: so many values in each tooth, and so many at most in all.
 _IN_A_TOOTH, _MOST_TEETH_VALUES = 6, 600
 
@@ -40,13 +43,15 @@ class Requirement:
         variable, unit: what was varied.
         value: the harshest that is met, and with it every milder one looked at; None: none is.
         harsher: ``"higher"`` or ``"lower"`` values.
-        binding: ``"force"``, ``"pressure"`` or ``"undetected"``, what the next harsher values fail by; ``"range"`` where
-            even the harshest looked at is met.
+        binding: ``"force"``, ``"pressure"`` or ``"undetected"``, what the next harsher values fail by; ``"range"``
+            where even the harshest looked at is met.
         risk: accepted.
         risk_at_value, false_alarm_at_value: at ``value``, or at the mildest value looked at where none is met.
         false_alarm_ok: that is no more than verdict.max_false_alarm.
         low, high: range looked at.
-        reason: one sentence.
+        reason: one sentence or two.
+        erratic: the arm cannot follow its line, as near a singularity: the risk jumps from value to value, and values
+            between those looked at may fail.
         evaluations: laws worked out.
     """
 
@@ -62,6 +67,7 @@ class Requirement:
     low: float
     high: float
     reason: str
+    erratic: bool
     evaluations: int
 
     def to_json(self) -> dict[str, Any]:
@@ -74,14 +80,15 @@ def require(
 ) -> Requirement:
     """Find the harshest value of a variable at which the risk is accepted, and at every milder one too.
 
-    Harsher is faster, less sensitive, slower to look, slower to brake, or harder. The risk need not grow with it: with a
-    body at a fixed distance it is a sawtooth, which is scanned finely where it may pass what is accepted.
+    Harsher is faster, less sensitive, slower to look, slower to brake, or harder. The risk need not grow with it: with
+    a body at a fixed distance it is a sawtooth, which is scanned finely where it may pass what is accepted.
 
     Args:
         scenario: a straight line against a body with limits, with Gaussian noise.
         vary: one of :data:`HIGHER_IS_HARSHER`.
         risk: accepted probability of passing a limit; default: verdict.risk.
-        low, high: range looked at; default: a tenth to ten times the scenario's own value.
+        low: end of the range looked at; default: a tenth of the scenario's own value.
+        high: the other end; default: ten times that value.
 
     Raises:
         InputError: it cannot be varied, the range is empty, or the body has no limit for such a contact.
@@ -115,7 +122,7 @@ def require_curve(
     """Requirements for one variable at every value of another: a curve of equal risk.
 
     Returns:
-        For each value of ``against`` the object of :meth:`Requirement.to_json`, with ``against``: the name and the value.
+        For each value of ``against`` the object of :meth:`Requirement.to_json`, with ``against``: name and value.
     """
     if against.variable.name == vary:
         raise InputError("--vary", f"{vary!r} is given twice", "wanted two different variables")
@@ -131,13 +138,18 @@ def _range(scenario: Scenario, variable: Variable, low: float | None, high: floa
         ends = _PADDING_N_M
     else:
         own = variable.value(scenario)
-        ends = max(own / _SPREAD, _LEAST.get(variable.name, 0.0)), min(own * _SPREAD, _MOST.get(variable.name, math.inf))
+        ends = (
+            max(own / _SPREAD, _LEAST.get(variable.name, 0.0)),
+            min(own * _SPREAD, _MOST.get(variable.name, math.inf)),
+        )
         step = variable.quantum(scenario)
         if step is not None:
             ends = step, min(max(ends[1], 50 * step), 1.0)
     found = ends[0] if low is None else low, ends[1] if high is None else high
     if not (math.isfinite(found[0]) and math.isfinite(found[1]) and 0 < found[0] < found[1]):
-        raise InputError("--vary", f"{found[0]:g} to {found[1]:g} is no range", "wanted a lower end above 0, and a higher one")
+        raise InputError(
+            "--vary", f"{found[0]:g} to {found[1]:g} is no range", "wanted a lower end above 0, and a higher one"
+        )
     return Range.of(variable, list(found), scenario).values[:2]  # type: ignore[return-value]
 
 
@@ -153,22 +165,29 @@ class _Search:
         self.known: dict[float, Risk] = {}
 
     def answer(self) -> Requirement:
-        value, fails = self.mildest, None
-        for candidate in self._scan():
-            if not self._met(candidate):
-                fails = candidate
-                break
-            value = candidate
+        value, fails = self._first_failure(self._scan(_SCAN))
+        erratic = self.risks.leaves_its_line(self.mildest if fails is None else fails)
+        if erratic and fails != self.mildest:
+            value, fails = self._first_failure(self._scan(_FINE_SCAN))
         if fails == self.mildest:
-            return self._none()
+            return self._none(erratic)
         if fails is None:
-            return self._found(value, "range")
+            return self._found(value, "range", erratic)
         value, fails = self._refine_teeth(value, fails)
         value, fails = self._bisect(value, fails)
         value = self._rounded(value)
         beyond = self._risk(fails)
         mostly_deaf = beyond.undetected > 0.5 * beyond.over
-        return self._found(value, "undetected" if mostly_deaf else beyond.binding)
+        return self._found(value, "undetected" if mostly_deaf else beyond.binding, erratic)
+
+    def _first_failure(self, values: list[float]) -> tuple[float, float | None]:
+        """The last value before the first that fails, and that one; None: none does."""
+        value = self.mildest
+        for candidate in values:
+            if not self._met(candidate):
+                return value, candidate
+            value = candidate
+        return value, None
 
     def _risk(self, value: float) -> Risk:
         if value not in self.known:
@@ -178,10 +197,10 @@ class _Search:
     def _met(self, value: float) -> bool:
         return self._risk(value).over <= self.accepted
 
-    def _scan(self) -> list[float]:
+    def _scan(self, count: int) -> list[float]:
         """From the mildest value to the harshest, in even ratios."""
         first, last = self.mildest, self.harshest
-        values = [first * (last / first) ** (i / (_SCAN - 1)) for i in range(_SCAN - 1)] + [last]
+        values = [first * (last / first) ** (i / (count - 1)) for i in range(count - 1)] + [last]
         if self.quantum is None:
             return values
         return list(dict.fromkeys(self._quantised(value) for value in values))
@@ -236,10 +255,7 @@ class _Search:
                 # Just beside the crossing, so that the next one closes the bracket.
                 share = min(max(share + math.copysign(0.3 * _PRECISION / abs(width), 0.5 - share), 0.02), 0.98)
                 middle = met * math.exp(width * share)
-            if self._met(middle):
-                new = middle, fails
-            else:
-                new = met, middle
+            new = (middle, fails) if self._met(middle) else (met, middle)
             halve = not halve and abs(math.log(new[1] / new[0])) > 0.5 * abs(math.log(fails / met))
             met, fails = new
 
@@ -258,7 +274,7 @@ class _Search:
         inside = short >= self.mildest if self.upward else short <= self.mildest
         return short if inside and self._met(short) else value
 
-    def _found(self, value: float, binding: str) -> Requirement:
+    def _found(self, value: float, binding: str, erratic: bool) -> Requirement:
         at = self._risk(value)
         unit, limits = self.variable.unit, self.risks.problem.limits
         assert limits is not None
@@ -269,18 +285,17 @@ class _Search:
                 binding, "the pressure passes its limit"
             )
             beyond = "above" if self.upward else "below"
-            reason = f"{beyond.capitalize()} {value:g} {unit} {what} for {limits.label} more often than {self.accepted:g}."
+            reason = (
+                f"{beyond.capitalize()} {value:g} {unit} {what} for {limits.label} more often than {self.accepted:g}."
+            )
         allowed = self.scenario.verdict.max_false_alarm
         if at.false_alarm > allowed:
             reason += f" Alarms before contact there have a probability of {at.false_alarm:.2g}, more than {allowed:g}."
-        return self._result(value, binding, at, reason)
+        return self._result(value, binding, at, reason, erratic)
 
-    def _none(self) -> Requirement:
+    def _none(self, erratic: bool) -> Requirement:
         at = self._risk(self.mildest)
-        problem = self.risks.problem
-        why = (
-            f"even at {self.mildest:g} {self.variable.unit} limits are passed with a probability of {at.over:.2g}"
-        )
+        why = f"even at {self.mildest:g} {self.variable.unit} limits are passed with a probability of {at.over:.2g}"
         deaf = self.risks.unnoticed
         limit = self.risks.force_limit
         if at.undetected > 0.5 * at.over:
@@ -290,9 +305,9 @@ class _Search:
         elif self.variable.name != "motion.speed":
             why += ": what the arm travels after detection is too much at this speed"
         binding = "undetected" if at.undetected > 0.5 * at.over else at.binding
-        return self._result(None, binding, at, f"No value meets it: {why}.")
+        return self._result(None, binding, at, f"No value meets it: {why}.", erratic)
 
-    def _result(self, value: float | None, binding: str, at: Risk, reason: str) -> Requirement:
+    def _result(self, value: float | None, binding: str, at: Risk, reason: str, erratic: bool) -> Requirement:
         return Requirement(
             variable=self.variable.name,
             unit=self.variable.unit,
@@ -305,6 +320,7 @@ class _Search:
             false_alarm_ok=at.false_alarm <= self.scenario.verdict.max_false_alarm,
             low=self.ends[0],
             high=self.ends[1],
-            reason=reason,
+            reason=reason + (_ERRATIC if erratic else ""),
+            erratic=erratic,
             evaluations=self.risks.evaluations,
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.errors import InputError
 
@@ -35,7 +36,7 @@ class Retimed:
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
-    waypoint: FloatArray
+    waypoint: npt.NDArray[np.int64]
     path_time: FloatArray
 
 
@@ -46,22 +47,25 @@ def retime(
 
     The pace lambda = du/dt, u being the original's time, obeys, for the path q(u) with derivatives ' in u,
     |q' lambda| <= velocity_limit and |q'' lambda^2 + q' a| <= acceleration_limit with a = d(lambda^2)/du / 2. In
-    x = lambda^2 both are straight lines, so a backward pass finds the greatest x at every moment from which the rest can
-    be followed, and a forward pass takes the greatest a that leads there (Pham and Pham, "A new approach to time-optimal
-    path parameterization based on reachability analysis", 2018).
+    x = lambda^2 both are straight lines, so a backward pass finds the greatest x at every moment from which the rest
+    can be followed, and a forward pass takes the greatest a that leads there (Pham and Pham, "A new approach to
+    time-optimal path parameterization based on reachability analysis", 2018).
 
     Args:
         trajectory: as given.
         pace: greatest lambda at every waypoint (rows,), 0 to 1.
-        velocity_limit, acceleration_limit: (dof,).
+        velocity_limit: of the joints (dof,) [rad/s or m/s].
+        acceleration_limit: of the joints (dof,) [rad/s2 or m/s2].
 
     Raises:
         InputError: a waypoint allows no pace at all, or no pace keeps the acceleration limits.
     """
     u = trajectory.time
     if (pace <= 0).any():
-        raise InputError("trajectory", f"no speed is safe at waypoint {int(np.argmax(pace <= 0)) + 1}", "change the path")
-    rate, bend = trajectory.at(u, 1), trajectory.at(u, 2)
+        raise InputError(
+            "trajectory", f"no speed is safe at waypoint {int(np.argmax(pace <= 0)) + 1}", "change the path"
+        )
+    rate = trajectory.at(u, 1)
     with np.errstate(divide="ignore"):
         joint = (_SHARE * velocity_limit / np.abs(rate)).min(axis=1)
     most = np.minimum(np.minimum(pace, 1.0), joint) ** 2
@@ -74,15 +78,18 @@ def retime(
         rows = _rows(rate[i], after[i], rate[i + 1], before[i], step[i])
         allowed[i] = _greatest_start(rows, limit, step[i], most[i], allowed[i + 1])
         if not allowed[i] > 0:
-            raise InputError("trajectory", f"no pace keeps the acceleration limits at waypoint {i + 1}", "smooth the path")
+            raise InputError(
+                "trajectory", f"no pace keeps the acceleration limits at waypoint {i + 1}", "smooth the path"
+            )
     x = np.empty_like(allowed)
     x[0] = allowed[0]
     for i in range(len(step)):
         rows = _rows(rate[i], after[i], rate[i + 1], before[i], step[i])
         x[i + 1] = min(allowed[i + 1], x[i] + 2 * step[i] * _greatest_change(rows, limit, x[i]))
         if not x[i + 1] > 0:
-            raise InputError("trajectory", f"no pace keeps the acceleration limits at waypoint {i + 2}", "smooth the path")
-    del bend
+            raise InputError(
+                "trajectory", f"no pace keeps the acceleration limits at waypoint {i + 2}", "smooth the path"
+            )
     return _written(trajectory, x)
 
 
@@ -151,7 +158,7 @@ def _written(trajectory: Trajectory, x: FloatArray) -> Retimed:
         parts *= 2
     acceleration = trajectory.at(moment, 2) * speed[:, None] ** 2
     acceleration += trajectory.at(moment, 1) * np.append(change[piece], change[-1])[:, None]
-    return Retimed(time, position, velocity, acceleration, np.arange(len(u)) * parts, moment)
+    return Retimed(time, position, velocity, acceleration, np.arange(len(u), dtype=np.int64) * parts, moment)
 
 
 def _strays(

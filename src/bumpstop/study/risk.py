@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 # Below this accepted risk a tail is worked out by itself, to keep its digits.
 _FAR = 1e-5
+# Travel in a tick that differs by more than this share is not that of a line at constant speed.
+_OFF_LINE = 1e-3
 # What does not change the path: the stopping curve is traced once for the harshest value and serves them all.
 _SAME_CURVE = ("detector.thresholds", "contact.padding")
 
@@ -71,7 +73,9 @@ class VariedRisk:
     def _check(self) -> None:
         problem = self.problem
         if problem.trajectory is not None:
-            raise InputError("motion.kind", "'trajectory' has no single speed", "wanted 'line'; see bumpstop study atlas")
+            raise InputError(
+                "motion.kind", "'trajectory' has no single speed", "wanted 'line'; see bumpstop study atlas"
+            )
         limits = problem.limits
         if limits is None:
             raise InputError("contact.body", "is missing", "a requirement needs limits: name a body region")
@@ -102,6 +106,15 @@ class VariedRisk:
         if limits.pressure_N_cm2 is not None:
             pressure = limits.pressure_N_cm2 * contact.area_cm2 / contact.peak_factor
         return limits.force_N, pressure
+
+    def leaves_its_line(self, value: float) -> bool:
+        """Whether joints cannot follow the line at this value, as near a singularity: the risk is erratic then."""
+        problem = self._varied(value)
+        contact, motion = problem.scenario.contact, problem.scenario.motion
+        if contact.normal is not None or contact.link is not None or any(contact.point_m) or motion.start == "rest":
+            return False
+        step = np.diff(stopping_curve(problem).tick_distance)
+        return bool(step.size and np.ptp(step) > _OFF_LINE * abs(step[0]))
 
     def at(self, value: float) -> Risk:
         """The risk at one value of the variable."""

@@ -56,7 +56,7 @@ class Arms:
         return rates
 
     def limited(self, rate: FloatArray, wanted: FloatArray, time: FloatArray) -> FloatArray:
-        """Rates (N, dof) as near to those wanted as joints can come in a time (N, 1) [s], all by one share of the way."""
+        """Rates (N, dof) as near to those wanted as joints come in a time (N, 1) [s], all by one share."""
         change = np.where(np.isfinite(wanted), wanted - rate, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             over = (np.abs(change) / self.problem.joint_acceleration).max(axis=1)[:, None] / time

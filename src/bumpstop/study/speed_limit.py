@@ -48,13 +48,11 @@ def force_limit(problem: Problem) -> float:
     return min(limits.force_N, np.inf if pressure is None else pressure * contact.area_cm2 / contact.peak_factor)
 
 
-def foretold_speed(
-    problem: Problem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float
-) -> FloatArray:
+def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float) -> FloatArray:
     """Speed (N,) [m/s] at which the bound of one tick reaches the limit.
 
-    The largest force that the accepted share of single ticks misses, the travel of a feedback period and of the latency,
-    and the stop: F + K v (T + t_latency) + K v^2 g / 2 = limit, with g the time to stop per speed.
+    The largest force that the accepted share of single ticks misses, the travel of a feedback period and of the
+    latency, and the stop: F + K v (T + t_latency) + K v^2 g / 2 = limit, with g the time to stop per speed.
 
     Args:
         problem: clamped contact.
@@ -120,7 +118,10 @@ def speed_limits(
         laws += open_.size
         over, force = found.exceedance[:, 0], found.quantile[:, 0]
         good = over <= accepted
-        for rows, at, forces, chosen in ((open_[good], met, force_met, good), (open_[~good], fails, force_fails, ~good)):
+        for rows, at, forces, chosen in (
+            (open_[good], met, force_met, good),
+            (open_[~good], fails, force_fails, ~good),
+        ):
             at[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
         risk[open_[good]] = over[good]
         done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + _CLOSE)) | (fails <= SLOWEST * (1 + 1e-9))
@@ -149,8 +150,10 @@ def _next(
     """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet.
 
     Args:
-        met, fails: speeds known (N,) [m/s].
-        low, high: their forces (N,) [N].
+        met: fastest speed known to be safe, or 0 (N,) [m/s].
+        fails: slowest known not to be, or infinite (N,) [m/s].
+        low: force at the former (N,) [N].
+        high: force at the latter (N,) [N].
         limit: force to reach [N].
         silent: force that even a slow arm reaches, about (N,) [N].
         cap: no speed above it (N,) [m/s].

@@ -23,7 +23,7 @@ def write_csv(path: Path, retimed: Retimed) -> None:
 
 
 def write_ros(path: Path, retimed: Retimed, robot: Robot) -> None:
-    """A trajectory_msgs/JointTrajectory with positions, velocities and accelerations, as JSON (which YAML readers take)."""
+    """A trajectory_msgs/JointTrajectory with velocities and accelerations, as JSON, which YAML readers take."""
     points: list[dict[str, Any]] = []
     for t, q, qd, qdd in zip(retimed.time, retimed.position, retimed.velocity, retimed.acceleration, strict=True):
         billionths = round(float(t) * 1e9)

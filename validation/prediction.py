@@ -1,0 +1,187 @@
+"""Forces foretold from the pose alone, against exact laws of random cases and against the source's predictors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+import bumpstop as bs
+from bumpstop.collision import evaluate_batch
+from bumpstop.study.prediction import predict_batch
+from collision.cases import control_group
+from study.prediction_cases import draw
+from validation.findings import Cell, Findings
+from validation.workspace import sphere_directions
+
+TITLE = "Forces foretold from the pose alone"
+Floats = npt.NDArray[np.float64]
+QUANTILE = 0.999
+LIMIT_N = 135.0  # hand, clamped, BG/BGIA 2011
+MOST_GAIN = 20.0  # rad/m
+LEAST_R2, LARGEST_MEDIAN_ERROR, LARGEST_MEDIAN_RATIO = 0.98, 0.05, 1.2
+SEED = 77
+
+
+@dataclass(frozen=True)
+class Cases:
+    """Detected cases with their laws and what is foretold of them."""
+
+    mean: Floats
+    quantile: Floats
+    expected: Floats
+    bound: Floats
+    trusted: npt.NDArray[np.bool_]
+    unnoticed: Floats
+    condition: Floats
+    singular_value: Floats
+    drawn: int
+
+    def __len__(self) -> int:
+        return len(self.mean)
+
+
+def compare(findings: Findings, *, quick: bool) -> None:
+    """Draw cases, work out their laws, and compare."""
+    rng = np.random.default_rng(SEED)
+    scenarios, count = (6, 100) if quick else (500, 200)
+    varied = _joined([_cases(findings, *draw(rng, number, count)) for number in range(scenarios)])
+    findings.say(
+        f"{varied.drawn} random cases of two robots ({scenarios} scenarios of their own stiffness, thresholds, noise, "
+        f"feedback period, latency and reaction, {count} poses, directions and speeds each); {len(varied)} of them are "
+        f"detected for certain and have a joint-speed gain under {MOST_GAIN:g} rad/m. Quantile of the bound: {QUANTILE:g}."
+    )
+    _accuracy(findings, varied)
+    control = control_group()
+    robot = bs.Robot.load("sia5d")
+    poses = 300 if quick else 5000
+    q = rng.uniform(robot.lower, robot.upper, size=(poses, robot.dof))
+    q[:, 6] = 0.0
+    alike = _cases(findings, control, q, 0.05 * sphere_directions(rng, poses))
+    _predictors(findings, "all of them varied", varied)
+    _predictors(findings, "the source's control group, pose and direction varied", alike)
+
+
+def _cases(findings: Findings, scenario: bs.Scenario, q: Floats, velocity: Floats) -> Cases:
+    del findings
+    laws = evaluate_batch(scenario, q, velocity, probabilities=[QUANTILE], threads=2)
+    found = predict_batch(scenario, q, velocity, quantile=QUANTILE)
+    kept = (laws.end == "certain_detection") & (laws.undetected_probability < 1e-9) & (found.gain < MOST_GAIN)
+    kept &= np.isfinite(laws.mean) & np.isfinite(laws.quantile[:, 0])
+    return Cases(
+        laws.mean[kept],
+        laws.quantile[kept, 0],
+        found.expected[kept],
+        found.bound[kept],
+        found.trusted[kept],
+        found.unnoticed[kept],
+        found.condition[kept],
+        found.singular_value[kept],
+        len(q),
+    )
+
+
+def _joined(parts: list[Cases]) -> Cases:
+    arrays = [name for name in Cases.__dataclass_fields__ if name != "drawn"]
+    return Cases(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays},
+        drawn=sum(part.drawn for part in parts),
+    )
+
+
+def _r2(foretold: Floats, exact: Floats) -> float:
+    """1 - SSE/SST about the identity, in logarithms."""
+    error, spread = np.log(foretold) - np.log(exact), np.log(exact) - np.log(exact).mean()
+    return float(1 - (error @ error) / (spread @ spread))
+
+
+def _accuracy(findings: Findings, cases: Cases) -> None:
+    trusted = cases.trusted
+    handed = np.where(trusted, cases.expected, cases.mean)
+    rows: list[list[Cell]] = []
+    for name, foretold, exact in (
+        ("where the formula says it holds", cases.expected[trusted], cases.mean[trusted]),
+        ("elsewhere", cases.expected[~trusted], cases.mean[~trusted]),
+        ("all", cases.expected, cases.mean),
+        ("all, the exact law elsewhere", handed, cases.mean),
+    ):
+        error = np.abs(foretold / exact - 1)
+        rows.append(
+            [
+                name,
+                len(exact) / len(cases),
+                _r2(foretold, exact),
+                float(np.median(error)),
+                float(np.quantile(error, 0.99)),
+            ]
+        )
+    findings.table(
+        "Expected peak force against the mean of the exact law",
+        ["Cases", "Share", "R2 in log force", "Median error", "99 % of errors under"],
+        ["", ".3f", ".5f", ".5f", ".4f"],
+        rows,
+    )
+    r2_trusted, r2_all, median = float(rows[0][2] or 0), float(rows[2][2] or 0), float(rows[2][3] or 0)
+    findings.check(
+        "R2 where the formula says it holds", r2_trusted >= LEAST_R2, f"{r2_trusted:.5f}, wanted {LEAST_R2:g}"
+    )
+    findings.check("R2 of all cases", r2_all >= LEAST_R2, f"{r2_all:.4f}, wanted {LEAST_R2:g}")
+    findings.check(
+        "Median error", median <= LARGEST_MEDIAN_ERROR, f"{median:.2%}, wanted at most {LARGEST_MEDIAN_ERROR:.0%}"
+    )
+    ratio = cases.bound[trusted] / cases.quantile[trusted]
+    below = int((ratio < 1).sum())
+    findings.check(
+        "The bound is never below the exact quantile",
+        below == 0,
+        f"{below} of {len(ratio)}; the lowest ratio is {ratio.min():.5f}",
+    )
+    found = float(np.median(cases.bound / cases.quantile))
+    findings.check(
+        "Median ratio of bound and exact quantile, all cases",
+        found <= LARGEST_MEDIAN_RATIO,
+        f"{found:.4f}, at most {LARGEST_MEDIAN_RATIO:g}",
+    )
+
+
+def _predictors(findings: Findings, which: str, cases: Cases) -> None:
+    from scipy.stats import spearmanr
+
+    unsafe = cases.quantile > LIMIT_N
+    rows: list[list[Cell]] = []
+    measures = {
+        "bound (cut at the limit)": cases.bound,
+        "expected force": cases.expected,
+        "unnoticed force": cases.unnoticed,
+        "condition number": cases.condition,
+        "smallest singular value": -cases.singular_value,
+    }
+    for name, value in measures.items():
+        cut = LIMIT_N if name.startswith("bound") else _best_cut(value, unsafe)
+        refused = value > cut
+        rows.append(
+            [
+                name,
+                abs(float(spearmanr(np.where(np.isfinite(value), value, 1e300), cases.quantile).statistic)),
+                float((~refused & unsafe).sum() / max(1, unsafe.sum())),
+                float((refused & ~unsafe).sum() / max(1, (~unsafe).sum())),
+            ]
+        )
+    findings.table(
+        f"Predictors of unsafe cases ({which}): {unsafe.sum()} of {len(cases)} pass {LIMIT_N:g} N with more than "
+        f"{1 - QUANTILE:.3g}",
+        ["Predictor", "Rank correlation", "Unsafe missed", "Safe refused"],
+        ["", ".3f", ".4f", ".4f"],
+        rows,
+    )
+    missed = float(rows[0][2] or 0)
+    findings.check(f"The bound misses no unsafe case ({which})", missed == 0, f"{missed:.2%}")
+
+
+def _best_cut(value: Floats, unsafe: npt.NDArray[np.bool_]) -> float:
+    """The cut with the least sum of both shares of errors."""
+    order = np.argsort(value)
+    missed = np.cumsum(unsafe[order]) / max(1, unsafe.sum())
+    refused = 1 - np.cumsum(~unsafe[order]) / max(1, (~unsafe).sum())
+    return float(value[order][int(np.argmin(missed + refused))])
