@@ -50,7 +50,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.say(
         f"{varied.drawn} random cases of two robots ({scenarios} scenarios of their own stiffness, thresholds, noise, "
         f"feedback period, latency and reaction, {count} poses, directions and speeds each); {len(varied)} of them are "
-        f"detected for certain and have a joint-speed gain under {MOST_GAIN:g} rad/m. Quantile of the bound: {QUANTILE:g}."
+        f"detected for certain and have a joint-speed gain under {MOST_GAIN:g} rad/m. The bound is for "
+        f"the quantile {QUANTILE:g}."
     )
     _accuracy(findings, varied)
     control = control_group()

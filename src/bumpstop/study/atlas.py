@@ -131,8 +131,8 @@ class TrajectoryAtlas(Atlas):
     """A row for every waypoint: the tool moves on a straight line through it, in the direction it moves there.
 
     Waypoints at which the tip stands still take the direction of the nearest one at which it moves. Where the
-    trajectory turns a joint faster, for the speed of its tip, than a straight line asks for, the formula with the trajectory's own
-    rates limits the speed too.
+    trajectory turns a joint faster, for the speed of its tip, than a straight line asks for, the formula with the
+    trajectory's own rates limits the speed too.
     """
 
     def __post_init__(self) -> None:

@@ -23,13 +23,15 @@ _LONGER = 1.25
 # Moments at which the path is known: of most motions, and of those that turn on the way.
 _STEPS, _MANY_STEPS = 2, 16
 # How much joint rates may change on the way, in shares of themselves.
-_TURNING = 0.5
+_TURNING = 0.4
+# Where they change by more than this, both numbers of moments must agree so well.
+_DOUBTED, _AGREE = 0.1, 0.02
 # How far the speed of the tip may be from the speed asked for.
 _OFF_SPEED = 0.02
 # Where it does not hold, the formula is kept within this factor of that of one line.
 _ASTRAY = 3.0
 # Of the travel after detection, for every unit of such change: what the bound adds.
-_MARGIN = 0.1
+_MARGIN = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +136,13 @@ def _predict(problem: Problem, q: FloatArray, velocity: FloatArray, quantile: fl
         some = Arms(problem, q[rows], velocity[rows])
         with np.errstate(invalid="ignore", over="ignore"):
             found = _forces(some, normal[rows], torque[rows], approach[rows], quantile, steps)
-        expected[rows], bound[rows], stopping[rows], trusted[rows] = found
-        rows = rows[~trusted[rows]]
+        earlier, checked = bound[rows], trusted[rows]
+        expected[rows], bound[rows], stopping[rows], trusted[rows], turned = found
+        if steps == _MANY_STEPS:
+            agrees = np.abs(bound[rows] - earlier) <= _AGREE * earlier
+            trusted[rows] &= agrees | ~checked
+            bound[rows] = np.where(checked, np.maximum(bound[rows], earlier), bound[rows])
+        rows = rows[~trusted[rows] | (turned > _DOUBTED)]
     # Elsewhere the formula of one line keeps the guess from going far astray.
     rough = _in_one_line(problem, unnoticed, approach, stop)
     guess = np.clip(np.where(np.isfinite(expected), expected, rough), rough / _ASTRAY, rough * _ASTRAY)
@@ -180,8 +187,8 @@ def _normals(problem: Problem, velocity: FloatArray) -> FloatArray:
 
 def _forces(
     arms: Arms, normal: FloatArray, torque: FloatArray, approach: FloatArray, quantile: float, steps: int
-) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Expected force, bound, stopping travel, and where they hold."""
+) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
+    """Expected force, bound, stopping travel, where they hold, and how much the joints turn on the way."""
     problem = arms.problem
     step, K = problem.scenario.simulation.step_s, problem.stiffness
     period, latency = problem.period_steps * step, problem.latency_steps * step
@@ -226,7 +233,7 @@ def _forces(
         bound = np.maximum(bound, worst + K * np.maximum(travel, most) * (1 + _MARGIN * bent))
     turned = np.maximum(bent, path.turned)
     trusted = (turned < _TURNING) & (path.off_speed < _OFF_SPEED) & np.isfinite(found + K * travel)
-    return found + K * travel, bound, travel, trusted
+    return found + K * travel, bound, travel, trusted, turned
 
 
 def _offsets(problem: Problem, approach: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray]:
