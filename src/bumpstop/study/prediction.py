@@ -31,7 +31,7 @@ _OFF_SPEED = 0.02
 # Where it does not hold, the formula is kept within this factor of that of one line.
 _ASTRAY = 3.0
 # Of the travel after detection, for every unit of such change: what the bound adds.
-_MARGIN = 0.3
+_MARGIN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,8 @@ def _predict(problem: Problem, q: FloatArray, velocity: FloatArray, quantile: fl
         earlier, checked = bound[rows], trusted[rows]
         expected[rows], bound[rows], stopping[rows], trusted[rows], turned = found
         if steps == _MANY_STEPS:
-            agrees = np.abs(bound[rows] - earlier) <= _AGREE * earlier
+            with np.errstate(invalid="ignore"):
+                agrees = np.abs(bound[rows] - earlier) <= _AGREE * earlier
             trusted[rows] &= agrees | ~checked
             bound[rows] = np.where(checked, np.maximum(bound[rows], earlier), bound[rows])
         rows = rows[~trusted[rows] | (turned > _DOUBTED)]
