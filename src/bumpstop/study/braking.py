@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 # resolved anew all the time and pull it back. 13/6 - 2 ln 2; docs/study.md derives it.
 BENT_BY_REVERSING = 13 / 6 - 2 * np.log(2)
 # Rates that change by less than this share while the arm brakes bend its path like a parabola.
-_LITTLE = 0.02
+LITTLE = 0.02
 _STEPS = 8
 
 
@@ -40,7 +40,7 @@ def stopping_travel(path: ShortPath, time: FloatArray, latency: float) -> tuple[
         bent = np.linalg.norm(last - qd, axis=1) / np.linalg.norm(qd, axis=1)
     bent = np.where(np.isfinite(bent), bent, np.inf)
     travel = _straight(arms, path.normal, q, qd)
-    far = np.flatnonzero((bent > _LITTLE) & np.isfinite(bent))
+    far = np.flatnonzero((bent > LITTLE) & np.isfinite(bent))
     if far.size:
         some = Arms(arms.problem, arms.q[far], arms.velocity[far])
         travel[far] = _stepwise(some, path.normal[far], q[far], qd[far])

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.collision import Problem
 from bumpstop.errors import InputError
-from bumpstop.study.braking import stopping_travel
+from bumpstop.study.braking import LITTLE, stopping_travel
 from bumpstop.study.noticing import Noticing
 from bumpstop.study.short_path import Arms, ShortPath
 
@@ -32,6 +32,8 @@ _OFF_SPEED = 0.02
 _ASTRAY = 3.0
 # Of the travel after detection, for every unit of such change: what the bound adds.
 _MARGIN = 0.5
+# And where the braking is followed in steps: they are few.
+_STEPPED = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +233,9 @@ def _forces(
         worst = (near if (place == offset).all() else noticing(place)).worst(rarest)
         most, more_bent = stopping_travel(path, path.time_of(place + worst / K), latency)
         bent = np.maximum(bent, more_bent)
-        bound = np.maximum(bound, worst + K * np.maximum(travel, most) * (1 + _MARGIN * bent))
+        bound = np.maximum(
+            bound, worst + K * np.maximum(travel, most) * (1 + _MARGIN * bent + np.where(bent > LITTLE, _STEPPED, 0.0))
+        )
     turned = np.maximum(bent, path.turned)
     trusted = (turned < _TURNING) & (path.off_speed < _OFF_SPEED) & np.isfinite(found + K * travel)
     return found + K * travel, bound, travel, trusted, turned
