@@ -42,17 +42,16 @@ constexpr double lagrange(int j, double x) {
 /// the polynomial through them. This is the Adams-Bashforth method with its integral replaced by the very sum the
 /// controller forms, so the leap lands where the sub-steps would, not where the ideal motion would.
 struct LeapWeights {
-    double sum[leap_order];          ///< of the rates, newest first: positions gained, in units of the sub-step
-    double sum_of_sums[leap_order];  ///< as `sum`, summed once more: positions from changes of rates
-    double predict[leap_order];      ///< the rates after `count` sub-steps, extrapolated
-    double last[leap_order];         ///< the rates of the last of those sub-steps
+    double sum[leap_order];      ///< of the rates, newest first: positions gained, in units of the sub-step
+    double predict[leap_order];  ///< the rates after `count` sub-steps, extrapolated
+    double last[leap_order];     ///< the rates of the last of those sub-steps
 };
 
 /// Weights of every leap over whole stretches.
 class LeapTable {
   public:
     explicit LeapTable(int sub_steps) {
-        std::array<double, leap_order + 1> power_sum{};  // sum of m^p, m < count
+        std::array<double, leap_order> power_sum{};  // sum of m^p, m < count
         int count = 0;
         for (int stretches = 1; stretches <= 1 << (leap_levels - 1); ++stretches) {
             for (; count < stretches * sub_steps; ++count) {
@@ -75,16 +74,14 @@ class LeapTable {
   private:
     static int index(int level, int stretches) { return (1 << level) - 2 + stretches; }
 
-    static void set(LeapWeights& weights, const std::array<double, leap_order + 1>& power_sum, int count, int stride) {
+    static void set(LeapWeights& weights, const std::array<double, leap_order>& power_sum, int count, int stride) {
         for (int j = 0; j < leap_order; ++j) {
-            double sum = 0, weighted = 0, scale = 1;  // of l_j(m / stride), and times m
+            double sum = 0, scale = 1;  // of l_j(m / stride)
             for (int p = 0; p < leap_order; ++p) {
                 sum += lagrange_coefficients[j][p] * power_sum[p] * scale;
-                weighted += lagrange_coefficients[j][p] * power_sum[p + 1] * scale;
                 scale /= stride;
             }
             weights.sum[j] = sum;
-            weights.sum_of_sums[j] = count * sum - weighted;
             weights.predict[j] = lagrange(j, double(count) / stride);
             weights.last[j] = lagrange(j, double(count - 1) / stride);
         }
@@ -144,9 +141,6 @@ class RateHistory {
 /// Extrapolated and resolved rates may differ by this much, relative to the largest rate, for a leap to stand.
 /// Over a second at 1 rad/s the positions then stay within 1e-10 rad of those of the sub-steps.
 inline constexpr double leap_tolerance = 1e-11;
-/// The same for the changes of the rates while the arm brakes, where the error has no time to grow: over 0.1 s
-/// at 5 rad/s^2 the positions stay within 1e-11 rad.
-inline constexpr double braking_leap_tolerance = 1e-9;
 /// Whether a stride may be doubled depends on roundings, which differ between instruction sets. So a longer leap must
 /// be better by this factor, and the one before it by the next: whoever leaps then lands where the others do.
 inline constexpr double long_leap_margin = 1e-2;

@@ -189,7 +189,8 @@ class Refinement {
 
     /// Takes the jobs of the wanted ticks, settles what can be settled and says what is wanted next.
     void take(const ReactionJob* jobs) {
-        std::vector<int> unsettled;
+        std::vector<int> unsettled = std::move(too_short_);
+        too_short_.clear();
         for (std::size_t i = 0; i < wanted.size(); ++i) {
             const int k = wanted[i];
             known_[std::size_t(k - first_)] = summit(jobs[i]);
@@ -208,10 +209,18 @@ class Refinement {
         if (!middles_) unsettled = open_;
         middles_ = true;
         wanted.clear();
-        if (spacing_ == 1) return;
-        spacing_ /= 2;
-        for (int k : unsettled) {
-            if (k + spacing_ < last_) wanted.push_back(k + spacing_);
+        while (spacing_ > 1 && wanted.empty() && !unsettled.empty()) {
+            spacing_ /= 2;
+            for (int k : unsettled) {
+                if (k + spacing_ < last_) {
+                    wanted.push_back(k + spacing_);
+                } else {
+                    too_short_.push_back(k);
+                }
+            }
+            if (!wanted.empty()) break;
+            unsettled = std::move(too_short_);
+            too_short_.clear();
         }
     }
 
@@ -271,6 +280,7 @@ class Refinement {
     int first_, last_, spacing_ = 1;
     bool middles_ = false;  ///< the first round asks for the grid itself
     std::vector<int> open_;
+    std::vector<int> too_short_;  ///< points before the end that have no middle yet, at the spacing there is
     std::vector<Summit> known_;
     std::vector<double> overrun_;  ///< negative: not known
     std::vector<std::pair<int, int>> settled_;
