@@ -297,3 +297,25 @@ def test_a_batch_joins_ticks_without_changing_the_law() -> None:
         np.testing.assert_allclose(batch.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-6)
         compared += 1
     assert compared > 12
+
+
+@pytest.mark.parametrize("pose", [76, 87, 219])
+def test_rough_stopping_curves_are_those_of_their_reactions(pose: int) -> None:
+    """Near singularities, where few ticks can be interpolated: every tick beside its reaction followed step by step."""
+    robot = bs.Robot.load("sia5d")
+    rng = np.random.default_rng(623)
+    q = rng.uniform(robot.lower, robot.upper, size=(400, robot.dof))
+    q[:, 6] = 0
+    direction = rng.normal(size=(400, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    velocity = direction * rng.normal(0.010, 0.002, size=(400, 1))
+    settings = control_group().to_dict()
+    del settings["pose_deg"]
+    settings |= {"pose_rad": q[pose].tolist()}
+    settings["motion"]["velocity_mm_s"] = (velocity[pose] * 1e3).tolist()
+    problem = bs.Problem.from_scenario(bs.Scenario.from_dict(settings))
+    curve = bs.stopping_curve(problem)
+    ticks = list(range(len(curve.farthest)))
+    there = [float(curve.kernel.distance[problem.period_steps * k + 1]) for k in ticks]
+    farthest = [path.max() for path in curve.kernel.reaction_paths(ticks, there)]
+    np.testing.assert_allclose(curve.farthest, farthest, rtol=0, atol=5e-9)

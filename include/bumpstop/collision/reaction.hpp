@@ -77,16 +77,17 @@ inline int longest_leap(const RunningReaction& at, int substeps, bool only_peak)
 template <class T, class PoseOf, class ReturnTo>
 void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                         const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail,
-                        PoseOf pose_of, ReturnTo return_to) {
+                        PoseOf pose_of, ReturnTo return_to, double leap_tolerance = braking_leap_tolerance) {
     constexpr int lanes = Scalar<T>::lanes;
     const int n = motion.free_count, substeps = motion.substeps;
     const bool only_peak = detail == ReactionDetail::only_peak;
     const bool stopping = kind == ReactionKind::stop;
-    BrakingArm<T> arm(chain, motion, stopping);
+    BrakingArm<T> arm(chain, motion, stopping, leap_tolerance);
     const double sign = stopping ? 0 : -1;
     Point3<T> normal, start;
     RunningReaction running[lanes];
     int next = 0, busy = 0;
+    if (count == 0) return;
     auto load = [&](int lane, ReactionJob& job) {
         const LinePath& path = *job.path;
         const double* q = pose_of(job);

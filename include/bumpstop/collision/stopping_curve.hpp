@@ -35,6 +35,8 @@ struct FarthestTolerance {
         const double most = *std::max_element(probability + first, probability + last + 1);
         return std::min(farthest_tolerance / most, largest_farthest_tolerance);
     }
+    /// How well the reactions must be known that it is found from.
+    double of_leaps() const { return probability == nullptr ? braking_leap_tolerance : loose_braking_leap_tolerance; }
     bool matters(int first, int last) const {
         return probability == nullptr ||
                *std::max_element(probability + first, probability + last + 1) > kink_probability;
@@ -314,10 +316,12 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
     std::vector<ReactionJob> jobs;
     auto add = [&](int curve, int tick) { jobs.push_back({&curves[curve].path, curve, tick, {}, {}}); };
     auto simulate = [&] {
+        if (jobs.empty()) return;
         simulate_reactions<T>(
             chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,
             [&](const ReactionJob& job) { return pose(job.curve); },
-            [&](const ReactionJob& job) { return job.path->at_tick(job.tick, timing.period); });
+            [&](const ReactionJob& job) { return job.path->at_tick(job.tick, timing.period); },
+            tolerance(jobs.front().curve).of_leaps());
         for (const ReactionJob& job : jobs) ++curves[job.curve].reactions_simulated;
     };
     auto place = [&](int curve, int k, double travelled) {
