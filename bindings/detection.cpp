@@ -90,7 +90,13 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
         Rearming rearming(rearm);
         for (std::size_t i = 0; i < rows; ++i) {
             const double dt = i > 0 ? t(i) - t(i - 1) : 0;
-            if (decision.judge(t(i), dt, &residual(i, 0), &qd(i, 0), &qdd(i, 0), nullptr)) {
+            std::array<double, max_joints> r{}, v{}, a{};
+            for (std::size_t j = 0; j < width; ++j) {
+                r[j] = residual(i, j);
+                v[j] = qd(i, j);
+                a[j] = qdd(i, j);
+            }
+            if (decision.judge(t(i), dt, r.data(), v.data(), a.data(), nullptr)) {
                 events.push_back(i);
                 over.push_back(decision.over());
                 over_fast.push_back(decision.over_fast());

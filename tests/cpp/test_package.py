@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.detection import Detector, DetectorSettings, Thresholds, describe_detector, save_detector
+from bumpstop.joint import JointTorqueModel
 from bumpstop.model import describe, effective_mass, inverse_dynamics
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -82,6 +84,65 @@ def test_force_law(built: Path, tmp_path: Path) -> None:
     expected = [force.mean, force.sd, *(force.quantile(p) for p in (0.5, 0.95, 0.99, 0.999))]
     np.testing.assert_allclose(found[:6], expected, rtol=1e-7)
     assert found[-1] == pytest.approx(law.false_alarm_probability, rel=1e-3)
+
+
+def detector_of_the_source() -> Detector:
+    thresholds = Thresholds(
+        np.array([20, 10, 20, 20, 20, 20, np.inf]), fast=np.array([9.0] * 6 + [np.inf]), model_errors=1
+    )
+    settings = DetectorSettings(period_s=0.004, payload_kg=1.5, arming_delay_s=0.1)
+    return Detector(bs.Robot.load("sia5d"), JointTorqueModel.load("sia5d"), thresholds, settings)
+
+
+def test_the_loop_sees_what_python_sees(built: Path, tmp_path: Path) -> None:
+    detector = detector_of_the_source()
+    rng, t = np.random.default_rng(1), 0.004 * np.arange(500)
+    q, current = 0.3 * np.sin(t[:, None] * np.arange(1, 8)), 100 * rng.normal(size=(500, 7))
+    current[200] = np.nan
+    run = detector.run_rows(t, q, current)
+    save_detector(detector, tmp_path / "arm.detector")
+    rows = np.hstack([t[:, None], q, current])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,q,current", comments="", fmt="%.17g")
+    done = subprocess.run(
+        [built / "04_detector", tmp_path / "arm.detector", tmp_path / "log.csv"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    event = run.events[0]
+    joints = " ".join(str(j + 1) for j in sorted({*event.joints, *event.fast_joints}))
+    assert (
+        f"alarm at {event.t:.6f} s: joints {joints}, {event.force_along:.6f} N, likeliest on {event.link}"
+        in done.stdout
+    )
+    # The programs are compiled for different instruction sets.
+    largest = float(done.stdout.split()[-2])
+    assert largest == pytest.approx(np.nanmax(np.abs(run.residual)), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda text: text.replace("bumpstop-detector 1", "bumpstop-detector 2"), "not a detector of version 1"),
+        (lambda text: text[: text.rindex("end")], "ends without 'end'"),
+        (lambda text: text.replace("arming_delay", "arming"), "unknown keyword 'arming'"),
+        (lambda text: text.replace("constant 20.0", "constant nan"), "'constant' wants 7 numbers in its range, once"),
+        (lambda text: text.replace("constant 20.0", "constant"), "'constant' wants 7 numbers in its range, once"),
+        (lambda text: text.replace("period 0.004", "period 0.0"), "'period' wants 1 numbers in its range, once"),
+        (lambda text: without(text, "grace"), "'grace' is missing"),
+        (lambda text: text.replace("residual direct", "residual else"), "'residual' wants direct or observer"),
+        (lambda text: text.replace("joint_torque odd power", "joint_torque odd", 1), "'joint_torque' wants a map"),
+        (lambda text: without(text, "joint_errors"), "wanted 7 lines 'joint_torque' and 'joint_errors'"),
+        (lambda text: without(text, "inertia"), "is not known"),
+    ],
+)
+def test_damaged_detectors_are_refused(built: Path, spoil: object, message: str, tmp_path: Path) -> None:
+    text = describe_detector(detector_of_the_source())
+    file = tmp_path / "arm.detector"
+    file.write_text(spoil(text), encoding="utf-8")  # type: ignore[operator]
+    done = subprocess.run([built / "04_detector", file, file], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert message in done.stderr
 
 
 @pytest.mark.parametrize(

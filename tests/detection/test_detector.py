@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import bumpstop as bs
 from bumpstop.arrays import FloatArray
-from bumpstop.detection import Detector, DetectorSettings, residual_record
+from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record
 from bumpstop.detection.events import FAULTS, STATES
+from bumpstop.joint import JointTorqueModel
 from bumpstop.kernels import core
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording
@@ -19,11 +24,11 @@ UR5E = Robot.load("ur5e")
 DT = 0.002
 
 
-def moving(robot: Robot, rows: int = 1000, dt: float = DT, seed: int = 1) -> tuple[FloatArray, ...]:
+def moving(robot: Robot, rows: int = 1000, dt: float = DT, seed: int = 1, pace: float = 1) -> tuple[FloatArray, ...]:
     """Times, positions, rates, accelerations and torques of a smooth motion without contact."""
     rng = np.random.default_rng(seed)
     t = dt * np.arange(rows)
-    rate, phase = rng.uniform(1, 3, robot.dof), rng.uniform(0, 6, robot.dof)
+    rate, phase = pace * rng.uniform(1, 3, robot.dof), rng.uniform(0, 6, robot.dof)
     angle = t[:, None] * rate + phase
     q, qd, qdd = 0.4 * np.sin(angle), 0.4 * rate * np.cos(angle), -0.4 * rate**2 * np.sin(angle)
     return t, q, qd, qdd, inverse_dynamics(robot, q, qd, qdd)
@@ -55,8 +60,8 @@ def test_observer_error_falls_as_the_square_of_the_sample_time() -> None:
     errors = []
     for dt in (0.004, 0.002, 0.001):
         t, q, qd, _, tau = moving(UR5E, round(2 / dt), dt)
-        settings = DetectorSettings(residual="observer", measured_rates=True)
-        run = Detector(UR5E, None, [1e3] * 6, settings).run(Recording(t=t, q=q, qd=qd, tau=tau))
+        given_settings = DetectorSettings(residual="observer", measured_rates=True)
+        run = Detector(UR5E, None, [1e3] * 6, given_settings).run(Recording(t=t, q=q, qd=qd, tau=tau))
         errors.append(np.nanmax(np.abs(run.residual[t > 0.5])))
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
@@ -68,8 +73,8 @@ def test_observer_answers_a_step_in_closed_form() -> None:
     q = np.full((300, 6), 0.3)
     tau = np.repeat(inverse_dynamics(UR5E, q[:1], 0 * q[:1], 0 * q[:1]), 300, axis=0)
     tau[100:, 2] += 7.0
-    settings = DetectorSettings(residual="observer", observer_gain_1_s=40.0)
-    run = Detector(UR5E, None, [1e3] * 6, settings).run(Recording(t=t, q=q, tau=tau))
+    given_settings = DetectorSettings(residual="observer", observer_gain_1_s=40.0)
+    run = Detector(UR5E, None, [1e3] * 6, given_settings).run(Recording(t=t, q=q, tau=tau))
     a, k = math.exp(-40 * DT), np.arange(200)
     np.testing.assert_allclose(run.residual[100:, 2], 7 * (1 - a**k * (1 + a) / 2), rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(run.residual[100:, [0, 1, 3, 4, 5]], 0, atol=1e-11)
@@ -84,8 +89,8 @@ def test_sign_of_a_push(residual: str) -> None:
     held = inverse_dynamics(UR5E, q, 0 * q, 0 * q, wrench=wrench)
     free = inverse_dynamics(UR5E, q, 0 * q, 0 * q)
     tau = np.where(np.arange(rows)[:, None] < 100, free, held)
-    settings = DetectorSettings(residual=residual)  # type: ignore[arg-type]
-    run = Detector(UR5E, None, [5.0] * 6, settings).run(
+    given_settings = DetectorSettings(residual=residual)  # type: ignore[arg-type]
+    run = Detector(UR5E, None, [5.0] * 6, given_settings).run(
         Recording(t=DT * np.arange(rows), q=np.tile(q, (rows, 1)), tau=tau)
     )
     wanted = UR5E.jacobian(q)[:3].T @ normal * force
@@ -111,12 +116,12 @@ def test_observer_and_direct_residual_agree_after_a_while() -> None:
     np.testing.assert_allclose(found[1], 3.0, atol=0.01)
 
 
-def test_residual_record_goes_into_a_scenario(tmp_path: object) -> None:
+def test_residual_record_goes_into_a_scenario(tmp_path: Path) -> None:
     t, q, _, _, tau = moving(UR5E, 2000)
     noise = np.random.default_rng(3).normal(size=tau.shape)
     record = residual_record(Recording(t=t, q=q, tau=tau + noise), UR5E, None, feedback_period_s=0.004)
     assert record.rows.shape == (997, 6)
-    path = f"{tmp_path}/free.parquet"
+    path = tmp_path / "free.parquet"
     record.save(path)
     again = type(record).load(path, 6, 0.004)
     np.testing.assert_array_equal(again.rows, record.rows)
@@ -135,3 +140,272 @@ def test_names_of_states_and_faults_are_those_of_cpp() -> None:
         assert len(names) == count
         assert tuple(member.name for member in sorted(kind, key=lambda member: member.value)) == names
         assert [member.value for member in sorted(kind, key=lambda member: member.value)] == list(range(count))
+
+
+def test_rows_of_noise_have_the_stated_spread() -> None:
+    """White noise through the observer and through the fast channel, against their formulas."""
+    rows, gain, sd = 60_000, 60.0, 2.0
+    t, q = 0.004 * np.arange(rows), np.full((rows, 6), 0.4)
+    held = inverse_dynamics(UR5E, q[0], 0 * q[0], 0 * q[0])
+    tau = held + sd * np.random.default_rng(5).normal(size=(rows, 6))
+    given_settings = DetectorSettings(residual="observer", observer_gain_1_s=gain)
+    observer = Detector(UR5E, None, [1e3] * 6, given_settings).run_rows(t, q, tau)
+    a = math.exp(-gain * 0.004)
+    # Correlated over 1 / (1 - a) rows; six joints: the spread is known to half a percent.
+    assert observer.residual[1000:].std() == pytest.approx(sd * math.sqrt((1 - a) / 2), rel=0.02)
+    thresholds = Thresholds(np.full(6, 1e3), fast=np.full(6, 1e3))
+    given_settings = DetectorSettings(low_hz=1.0, high_hz=20.0)
+    fast = Detector(UR5E, None, thresholds, given_settings).run_rows(t, q, tau)
+    a, b = math.exp(-2 * math.pi * 20 * 0.004), math.exp(-2 * math.pi * 0.004)
+    stated = sd * b * (1 - a) * math.sqrt(2 / ((1 + a) * (1 + b) * (1 - a * b)))
+    assert fast.fast[1000:].std() == pytest.approx(stated, rel=0.02)
+
+
+# --- Alarms -----------------------------------------------------------------------------------------------------------
+
+
+def pressed(
+    size: float, rows: int = 600, *, ramp_s: float = 0.0, noise: float = 0.0, seed: int = 0
+) -> tuple[FloatArray, ...]:
+    """Rows of an arm at a constant speed that a force of ``size`` times (20, 10, 0 ..) Nm presses from 0.4 s on."""
+    t = DT * np.arange(rows)
+    q = 0.1 + 0.2 * t[:, None] * np.ones(6)
+    tau = inverse_dynamics(UR5E, q, np.full_like(q, 0.2), np.zeros_like(q))
+    share = np.clip((t - 0.4) / ramp_s, 0, 1) if ramp_s else (t >= 0.4 - 1e-9).astype(float)
+    tau = tau + size * share[:, None] * np.array([20.0, 10, 0, 0, 0, 0])
+    return t, q, tau + noise * np.random.default_rng(seed).normal(size=q.shape)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    weak=st.floats(0.3, 5),
+    more=st.floats(0, 5),
+    ramp_s=st.just(0.0) | st.floats(1e-3, 0.3),
+    kind=st.sampled_from(["direct", "observer"]),
+)
+def test_a_larger_force_is_never_noticed_later(weak: float, more: float, ramp_s: float, kind: str) -> None:
+    thresholds = Thresholds(np.full(6, 12.0), fast=np.full(6, 9.0), speed=np.full(6, 1.0))
+    detector = Detector(UR5E, None, thresholds, DetectorSettings(residual=kind))  # type: ignore[arg-type]
+    times = []
+    for size in (weak, weak + more):
+        t, q, tau = pressed(size, ramp_s=ramp_s)
+        events = detector.run_rows(t, q, tau).events
+        times.append(events[0].t if events else math.inf)
+    assert times[1] <= times[0]
+
+
+def test_with_noise_the_distribution_of_delays_is_ordered() -> None:
+    """At every time at least as many of the stronger contacts are noticed: the same noise, run by run, up to chance."""
+    detector = Detector(UR5E, None, [12.0] * 6)
+    delays = []
+    for size in (0.5, 0.6, 0.8):
+        found = []
+        for seed in range(60):
+            t, q, tau = pressed(size, 500, noise=1.5, seed=1000 + seed)
+            events = detector.run_rows(t, q, tau).events
+            found.append(events[0].t if events else 9.0)
+        delays.append(np.sort(found))
+    assert (delays[1] <= delays[0]).all()
+    assert (delays[2] <= delays[1]).all()
+    assert delays[2].mean() < delays[0].mean()
+
+
+def test_a_slow_clamp_and_a_blow_are_both_noticed() -> None:
+    thresholds = Thresholds(np.full(6, 15.0), fast=np.full(6, 4.0))
+    t, q, clamp = pressed(1.0, 8000, ramp_s=12.0)  # 20 Nm in 12 s, far slower than the band
+    (event,) = Detector(UR5E, None, thresholds).run_rows(t, q, clamp).events
+    assert event.joints == (0,)
+    assert event.fast_joints == ()
+    assert event.t == pytest.approx(0.4 + 12 * 15 / 20, abs=2 * DT)
+    t, q, blow = pressed(0.5)  # 10 Nm at once, below the absolute threshold
+    (event,) = Detector(UR5E, None, thresholds).run_rows(t, q, blow).events
+    assert event.joints == ()
+    assert 0 in event.fast_joints
+    assert Detector(UR5E, None, thresholds.constant).run_rows(t, q, blow).events == ()
+
+
+def test_arming_costs_what_it_says() -> None:
+    t, q, tau = pressed(1.0)
+    late = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=0.5)).run_rows(t, q, tau)
+    # The window is full after 7 rows; the motion begins there for the detector.
+    assert late.events[0].t == pytest.approx(0.5 + 7 * DT, abs=1.5 * DT)
+    assert late.unseen.sum() == pytest.approx((late.events[0].t - 0.4) / DT, abs=1)
+    assert late.arming_s == pytest.approx(0.5, abs=2 * DT)
+    # At rest there is nothing to arm for.
+    q[:] = q[0]
+    tau = inverse_dynamics(UR5E, q, 0 * q, 0 * q) + np.where(t >= 0.4, 20.0, 0.0)[:, None]
+    held = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=0.5)).run_rows(t, q, tau)
+    assert held.events[0].t == pytest.approx(0.4)
+
+
+def test_an_alarm_stays_and_ends_after_quiet() -> None:
+    t, q, tau = pressed(1.0)
+    tau[300:] = pressed(0.0)[2][300:]
+    tau[500] += 30
+    detector = Detector(UR5E, None, [12.0] * 6)
+    run = detector.run_rows(t, q, tau, rearm_s=0.2)
+    assert [round(event.t, 3) for event in run.events] == [0.4, 1.0]
+    latched = detector.run_rows(t, q, tau, rearm_s=math.inf)
+    assert len(latched.events) == 1
+    assert latched.stop[200:].all()
+    assert not latched.stop[7:200].any()
+
+
+def test_thresholds_grow_with_motion() -> None:
+    thresholds = Thresholds(np.full(6, 5.0), speed=np.full(6, 10.0), acceleration=np.full(6, 2.0), rest=np.full(6, 3.0))
+    t, q, qd, qdd, tau = parabola(UR5E)
+    run = Detector(UR5E, None, thresholds).run_rows(t, q, tau)
+    fast = np.abs(qd) > 0.02
+    wanted = 5 + 10 * np.abs(qd) + 2 * np.abs(qdd)
+    np.testing.assert_allclose(run.threshold[7:][fast[7:]], wanted[7:][fast[7:]], rtol=1e-6)
+    t, q = DT * np.arange(50), np.full((50, 6), 0.2)
+    resting = Detector(UR5E, None, thresholds).run_rows(t, q, 0 * q)
+    np.testing.assert_allclose(resting.threshold[7:], 8.0, atol=1e-6)
+
+
+# --- Currents, friction, payload --------------------------------------------------------------------------------------
+
+SIA5D = Robot.load("sia5d")
+
+
+def test_friction_hides_contacts_at_standstill() -> None:
+    """A stuck joint's current may stay what it was, up to the dead zone: only what is beyond counts."""
+    model = JointTorqueModel.load("sia5d")
+    detector = Detector(SIA5D, model, [20, 10, 20, 20, 20, 20, math.inf])
+    zone = detector.dead_zone
+    for j, joint in enumerate(model.joints):
+        # Friction at rest_speed times the slope of the map, and hysteresis.
+        stuck = joint.value("B") * joint.value("D") * joint.rest_speed ** joint.value("F") + abs(
+            joint.value("hysteresis")
+        )
+        assert zone[j] == pytest.approx(stuck, rel=1e-12)
+    assert zone[6] == 0
+    q, down = np.deg2rad([0, 30, 0, -20, 0, -40, 0]), [0, 0, -1]
+    moving_N, resting_N = (detector.smallest_force(q, down, resting=resting) for resting in (False, True))
+    lever = np.abs(SIA5D.jacobian(q)[2])
+    assert moving_N == pytest.approx(np.min(np.array([20, 10, 20, 20, 20, 20]) / lever[:6].clip(1e-12)))
+    assert resting_N == pytest.approx(np.min((np.array([20, 10, 20, 20, 20, 20]) + zone[:6]) / lever[:6].clip(1e-12)))
+    assert any("At standstill friction may hide" in note for note in detector.notes)
+
+
+def test_a_declared_payload_is_no_contact_and_an_undeclared_one_is_recognised() -> None:
+    t, q, qd, qdd, _ = moving(UR5E, 6000, pace=0.3)
+    last = UR5E.joints[-1]
+    assert last.inertia is not None
+    mass, place = 2.0, np.array(UR5E.tip_origin)
+    total = last.inertia.mass + mass
+    apart = place - np.array(last.inertia.center)
+    center = np.array(last.inertia.center) + mass / total * apart
+    tensor = np.array(last.inertia.tensor) + last.inertia.mass * mass / total * (
+        apart @ apart * np.eye(3) - np.outer(apart, apart)
+    )
+    body = replace(last.inertia, mass=total, center=tuple(center), tensor=tuple(map(tuple, tensor)))
+    heavy = replace(UR5E, joints=(*UR5E.joints[:-1], replace(last, inertia=body)))
+    loaded = inverse_dynamics(heavy, q, qd, qdd)
+    log = Recording(t=t, q=q, qd=qd, tau=loaded)
+    given = {"measured_rates": True, "payload_change_kg": 0.5, "noise_sd": (1.0,) * 6}
+    declared = Detector(UR5E, None, [8.0] * 6, DetectorSettings(payload_kg=mass, **given)).run(log)  # type: ignore[arg-type]
+    assert declared.events == ()
+    assert not declared.payload_changed.any()
+    undeclared = Detector(UR5E, None, [1e3] * 6, DetectorSettings(**given)).run(log)  # type: ignore[arg-type]
+    assert undeclared.payload_changed[-1]
+    first = undeclared.t[undeclared.payload_changed.argmax()]
+    assert first > 0.02
+
+
+# --- Blindness --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fault", "spoil"),
+    [
+        ("not_finite", lambda t, q, tau: q.__setitem__((100, 2), np.nan)),
+        ("not_finite", lambda t, q, tau: tau.__setitem__((100, 2), np.inf)),
+        ("not_finite", lambda t, q, tau: t.__setitem__(100, np.nan)),
+        ("repeated", lambda t, q, tau: t.__setitem__(100, t[99])),
+        ("out_of_order", lambda t, q, tau: t.__setitem__(100, t[90])),
+        ("outside_limits", lambda t, q, tau: q.__setitem__((100, 1), 7.0)),
+        ("impossible_jump", lambda t, q, tau: q.__setitem__((100, 1), q[100, 1] + 0.5)),
+        ("impossible_signal", lambda t, q, tau: tau.__setitem__((100, 1), 501.0)),
+        ("gap", lambda t, q, tau: t.__setitem__(slice(100, None), t[100:] + 1)),
+    ],
+)
+def test_a_bad_sample_is_told_and_makes_no_spike(fault: str, spoil: object) -> None:
+    t, q, _, _, tau = moving(UR5E, 300)
+    clean = Detector(UR5E, None, [100.0] * 6).run_rows(t, q, tau)
+    spoil(t, q, tau)  # type: ignore[operator]
+    given_settings = DetectorSettings(largest_signal=(500.0,) * 6)
+    run = Detector(UR5E, None, [100.0] * 6, given_settings).run_rows(t, q, tau)
+    assert FAULTS[run.fault[100]] == fault
+    assert run.blind[100]
+    assert run.stop[100]
+    assert np.isnan(run.residual[100]).all()
+    lost = 7 if fault == "gap" else 1
+    assert run.blind[8:].sum() == lost
+    assert not run.blind[100 + lost :].any()
+    # One sample less in the window: off by what a sample of delay makes of the motion.
+    worst = np.nanmax(np.abs(run.residual[120:] - clean.residual[120:]))
+    assert worst < 1e-6
+    assert run.events == ()
+    assert np.nanmax(np.abs(run.residual[101:120] - clean.residual[101:120]), initial=0) < 3
+
+
+def test_grace_delays_the_request_to_stop() -> None:
+    t, q, _, _, tau = moving(UR5E, 200)
+    tau[100:110] = np.nan
+    run = Detector(UR5E, None, [100.0] * 6, DetectorSettings(grace_s=3.5 * DT)).run_rows(t, q, tau)
+    assert run.blind[100:110].all()
+    assert not run.stop[100:103].any()
+    assert run.stop[103:110].all()
+    assert not run.stop[118:].any()
+
+
+# --- What does not belong together ------------------------------------------------------------------------------------
+
+
+def test_parts_of_different_arms_are_refused() -> None:
+    model = JointTorqueModel.load("sia5d")
+    with pytest.raises(bs.InputError, match="is for a joint 'joint_s', which ur5e has not"):
+        Detector(UR5E, model, [10.0] * 6)
+    with pytest.raises(bs.InputError, match="has no joint 'joint_t', which is watched"):
+        Detector(SIA5D, model, [10.0] * 7)
+    with pytest.raises(bs.InputError, match="thresholds: 5 of them; the robot has 6 joints"):
+        Detector(UR5E, None, [10.0] * 5)
+    t, q, _, _, tau = moving(UR5E, 200)
+    detector = Detector(SIA5D, model, [10.0] * 6 + [math.inf])
+    with pytest.raises(bs.InputError, match="has no current"):
+        detector.run(Recording(t=t, q=np.zeros((200, 7)), tau=np.zeros((200, 7))))
+    with pytest.raises(bs.InputError, match="has 6 joints; sia5d has 7"):
+        detector.run(Recording(t=t, q=q, tau=tau))
+    for made in (
+        Detector(UR5E, None, [10.0] * 6, DetectorSettings(period_s=0.004)),
+        Detector(UR5E, None, Thresholds(np.full(6, 10.0), period_s=0.004)),
+    ):
+        with pytest.raises(bs.InputError, match=r"has a row every 0\.002 s"):
+            made.run(Recording(t=t, q=q, tau=tau))
+    with pytest.raises(bs.InputError, match=r"thresholds_Nm\[1\]: is 0"):
+        Thresholds(np.array([1.0, 0.0]))
+    with pytest.raises(bs.InputError, match="'direkt' is no kind of residual; did you mean 'direct'"):
+        DetectorSettings(residual="direkt")  # type: ignore[arg-type]
+
+
+def test_threshold_files(tmp_path: Path) -> None:
+    made = Thresholds(np.array([1.0, math.inf]), speed=np.array([0.5, 0]), model_errors=2.0, period_s=0.004)
+    path = tmp_path / "limits.toml"
+    made.save(path)
+    again = Thresholds.parse(str(path))
+    for name in ("constant", "speed", "acceleration", "rest", "fast", "model_errors", "period_s"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(made, name))
+    np.testing.assert_array_equal(Thresholds.parse("1,2.5,inf").constant, [1, 2.5, math.inf])
+    for text, message in (
+        ("thresholds_Nm = [1, -1]", r"thresholds_Nm\[1\]: is -1"),
+        ("thresholds_Nm = 3", "wanted a list"),
+        ("threshold = [1]", "has no key 'thresholds_Nm'"),
+        ("thresholds_Nm = [1]\nfast = [1]", "'fast' is no key; did you mean 'fast_Nm'"),
+        ("thresholds_Nm = [", "is not valid TOML"),
+    ):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(bs.InputError, match=message):
+            Thresholds.load(path)
+    with pytest.raises(bs.InputError, match="cannot read"):
+        Thresholds.parse("1,2,x")

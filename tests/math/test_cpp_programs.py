@@ -1,4 +1,4 @@
-"""The C++ test programs of the rooms math, model, signal and joint: compiled against the headers alone, and run.
+"""The C++ test programs of the lower rooms and of detection: compiled against the headers alone, and run.
 
 ``CXX`` names the compiler (default: c++); clang++-14 is tried beside it when it is there.
 """
@@ -39,6 +39,7 @@ CASES = [
     *((ROOT / "tests/model/dynamics.cpp", build) for build in BUILDS),
     *((ROOT / "tests/signal/causal_derivative.cpp", build) for build in BUILDS),
     *((ROOT / "tests/joint/joint_torque.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/detection/detector.cpp", build) for build in BUILDS),
     *((ROOT / "tests/math/quadrature.cpp", build) for build in ("sanitized", "clang++-14")),
     *((ROOT / "tests/model/chain.cpp", build) for build in ("sanitized", "clang++-14")),
 ]

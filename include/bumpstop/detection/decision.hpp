@@ -30,25 +30,40 @@ class Decision {
   public:
     Decision(const DecisionSettings& settings, int joints) noexcept
         : settings_(settings), joints_(joints), band_(settings.low_hz, settings.high_hz, joints) {
-        for (int j = 0; j < joints; ++j) any_fast_ = any_fast_ || settings.thresholds.fast[j] < ThresholdLaw::unwatched;
+        ThresholdLaw& law = settings_.thresholds;
+        for (int j = 0; j < max_joints; ++j) {
+            if (j >= joints) {
+                law.constant[j] = law.fast[j] = law.rest_speed[j] = ThresholdLaw::unwatched;
+                law.speed[j] = law.acceleration[j] = law.rest[j] = 0;
+            }
+            any_fast_ = any_fast_ || law.fast[j] < ThresholdLaw::unwatched;
+            inverse_rest_speed_[j] = 1 / law.rest_speed[j];
+        }
     }
 
     /// A tick at time t [s], `dt` after the last: residuals, rates, accelerations and the standard errors of the torque
-    /// (or none), by joint and finite. True: the alarm begins with this tick.
+    /// (or none), by joint and finite, in arrays of max_joints numbers. True: the alarm begins with this tick.
     bool judge(double t, double dt, const double* residual, const double* qd, const double* qdd,
                const double* sd) noexcept {
         const ThresholdLaw& law = settings_.thresholds;
-        bool moving = false;
-        over_ = over_fast_ = 0;
         if (any_fast_) band_.update(dt, residual, fast_.data());
-        for (int j = 0; j < joints_; ++j) {
-            moving = moving || absolute(qd[j]) > law.rest_speed[j];
+        over_ = over_fast_ = 0;
+        MaskOf<L> fast_motion = L(1.0) < L(0.0);
+        for (int first = 0; first < joints_; first += native_lanes) {
+            const L speed = absolute(load<L>(qd + first)), rest_speed = load<L>(&law.rest_speed[first]);
+            fast_motion = fast_motion | (speed > rest_speed);
+            const L resting = maximum(L(0.0), minimum(L(1.0), 2.0 - speed * load<L>(&inverse_rest_speed_[first])));
+            L extra = load<L>(&law.speed[first]) * speed + load<L>(&law.rest[first]) * resting +
+                      load<L>(&law.acceleration[first]) * absolute(load<L>(qdd + first));
+            if (sd != nullptr) extra += law.model_errors * load<L>(sd + first);
+            const L threshold = load<L>(&law.constant[first]) + extra;
+            store(threshold, &threshold_[first]);
+            over_ |= set_bits(absolute(load<L>(residual + first)) > threshold) << first;
             // Whatever makes the model less sure widens both channels as much.
-            const double extra = law.extra(j, qd[j], qdd[j], sd != nullptr ? sd[j] : 0.0);
-            threshold_[j] = law.constant[j] + extra;
-            over_ |= std::uint32_t(absolute(residual[j]) > threshold_[j]) << j;
-            over_fast_ |= std::uint32_t(any_fast_ && absolute(fast_[j]) > law.fast[j] + extra) << j;
+            if (any_fast_)
+                over_fast_ |= set_bits(absolute(load<L>(&fast_[first])) > load<L>(&law.fast[first]) + extra) << first;
         }
+        const bool moving = any(fast_motion);
         if (moving) {
             if (resting_) begun_ = t;
             resting_ = false;
@@ -90,6 +105,15 @@ class Decision {
     const double* fast() const noexcept { return fast_.data(); }
 
   private:
+    using L = Lanes<native_lanes>;
+
+    static std::uint32_t set_bits(MaskOf<L> mask) noexcept {
+        std::uint32_t bits = 0;
+        if (!any(mask)) return bits;
+        for (int lane = 0; lane < native_lanes; ++lane) bits |= std::uint32_t(lane_of(mask, lane)) << lane;
+        return bits;
+    }
+
     DecisionSettings settings_;
     int joints_;
     BandPass band_;
@@ -97,7 +121,7 @@ class Decision {
     bool any_fast_ = false, resting_ = true, unseen_ = false;
     double begun_ = 0, moved_ = -std::numeric_limits<double>::infinity();
     std::uint32_t over_ = 0, over_fast_ = 0;
-    std::array<double, max_joints> threshold_{}, fast_{};
+    std::array<double, max_joints> threshold_{}, fast_{}, inverse_rest_speed_{};
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

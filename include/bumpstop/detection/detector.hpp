@@ -96,15 +96,17 @@ class Detector {
                                                            : derivative_.update(sample.t, sample.q.data());
         // A gap is told once, by the sample after it.
         if (!full) return blind(fault == SampleFault::gap && begun_ ? fault : SampleFault::filling, sample.t);
-        const double* qd = settings_.samples.measured_rates ? sample.qd.data() : derivative_.rate();
+        if (settings_.samples.measured_rates)
+            for (int j = 0; j < chain_.dof; ++j) out_.qd[j] = sample.qd[j];
+        const double* qd = settings_.samples.measured_rates ? out_.qd.data() : derivative_.rate();
         const double* qdd = settings_.samples.measured_rates ? derivative_.rate() : derivative_.acceleration();
-        JointAngles<double> angle;
+        JointAngles<double>& angle = angle_;
         angle.set(chain_, sample.q.data());
         if (!residual_of(sample, angle, qd, qdd)) return blind(SampleFault::filling, sample.t);
         double sum = 0;
-        for (int j = 0; j < chain_.dof; ++j) {
-            if (settings_.unknown >> j & 1) out_.residual[j] = 0;
-        }
+        if (settings_.unknown != 0)
+            for (int j = 0; j < chain_.dof; ++j)
+                if (settings_.unknown >> j & 1) out_.residual[j] = 0;
         for (int j = 0; j < chain_.dof; ++j) sum += std::fabs(out_.residual[j]) + std::fabs(qdd[j]);
         if (!(sum <= std::numeric_limits<double>::max())) {
             forget();
@@ -129,6 +131,7 @@ class Detector {
         derivative_.reset();
         observer_.reset();
         begun_ = false;
+        blind_ticks_ = 0;
         seen_ = -std::numeric_limits<double>::infinity();
         out_ = {};
     }
@@ -166,18 +169,14 @@ class Detector {
                      const double* qdd) noexcept {
         const bool observes = settings_.residual == ResidualKind::observer;
         const int n = chain_.dof;
-        alignas(64) double current[max_joints] = {}, rate[max_joints] = {}, acceleration[max_joints] = {};
+        constexpr double nothing[max_joints] = {};
         double tau[max_joints];
-        for (int j = 0; j < n; ++j) {
-            current[j] = sample.signal[j];
-            rate[j] = qd[j];
-            acceleration[j] = observes ? 0.0 : qdd[j];
-        }
+        for (int j = 0; j < n; ++j) signal_[j] = sample.signal[j];
         errors_ = settings_.decision.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
         if (settings_.source == TorqueSource::current) {
-            bank_.torque(current, rate, acceleration, tau, errors_ ? sd_.data() : nullptr);
+            bank_.torque(signal_.data(), qd, observes ? nothing : qdd, tau, errors_ ? sd_.data() : nullptr);
         } else {
-            for (int j = 0; j < n; ++j) tau[j] = current[j];
+            for (int j = 0; j < n; ++j) tau[j] = signal_[j];
         }
         if (!observes) {
             double predicted[max_joints];
@@ -206,6 +205,7 @@ class Detector {
         out_.over_fast = decision_.over_fast();
         out_.unseen = decision_.unseen();
         seen_ = sample.t;
+        blind_ticks_ = 0;
         for (int j = 0; j < chain_.dof; ++j) {
             out_.threshold[j] = decision_.threshold()[j];
             out_.fast[j] = decision_.fast()[j];
@@ -251,9 +251,12 @@ class Detector {
         // An alarm that stands is not hidden by a bad sample, but the bad sample is told.
         out_.state = DetectorState::blind;
         out_.fault = fault;
-        out_.stop = decision_.state() == DetectorState::alarm || !(t - seen_ <= settings_.grace);
-        out_.residual.fill(std::numeric_limits<double>::quiet_NaN());
-        out_.fast.fill(std::numeric_limits<double>::quiet_NaN());
+        // Times may stand still or run backwards; ticks do not.
+        ++blind_ticks_;
+        const bool patient = t - seen_ <= settings_.grace && blind_ticks_ * settings_.samples.period <= settings_.grace;
+        out_.stop = decision_.state() == DetectorState::alarm || !patient;
+        for (int j = 0; j < chain_.dof; ++j) out_.residual[j] = std::numeric_limits<double>::quiet_NaN();
+        out_.fast = out_.residual;
         return out_;
     }
 
@@ -269,9 +272,11 @@ class Detector {
     Decision decision_;
     PayloadWatch watch_;
     LinkPoint payload_point_;
+    JointAngles<double> angle_{};
     bool begun_ = false, errors_ = false;
+    long blind_ticks_ = 0;
     double seen_ = -std::numeric_limits<double>::infinity();  // when a tick was last judged
-    alignas(64) std::array<double, max_joints> sd_{};
+    std::array<double, max_joints> signal_{}, sd_{};
     DetectorOutput out_;
     DetectorEvent event_;
 };

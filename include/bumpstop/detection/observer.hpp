@@ -11,12 +11,12 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// exp(-rate dt), kept while neither changes.
+/// exp(-rate dt), kept while dt stays the same but for the rounding of times.
 class Decay {
   public:
     explicit Decay(double rate = 0) noexcept : rate_(rate) {}
     double over(double dt) noexcept {
-        if (dt != dt_) {
+        if (!(std::fabs(dt - dt_) <= 1e-9 * dt_)) {
             dt_ = dt;
             value_ = std::exp(-rate_ * dt);
         }
@@ -82,12 +82,18 @@ class BandPass {
     BandPass(double low_hz, double high_hz, int joints) noexcept
         : low_(6.283185307179586 * low_hz), high_(6.283185307179586 * high_hz), joints_(joints) {}
 
+    /// Arrays of max_joints numbers, finite.
     void update(double dt, const double* input, double* band) noexcept {
-        const double a = high_.over(dt), b = low_.over(dt);
-        for (int j = 0; j < joints_; ++j) {
-            smooth_[j] = known_ ? input[j] + a * (smooth_[j] - input[j]) : input[j];
-            slow_[j] = known_ ? smooth_[j] + b * (slow_[j] - smooth_[j]) : input[j];
-            band[j] = smooth_[j] - slow_[j];
+        using L = Lanes<native_lanes>;
+        // The first input is its own past.
+        const double a = known_ ? high_.over(dt) : 0, b = known_ ? low_.over(dt) : 0;
+        for (int first = 0; first < joints_; first += native_lanes) {
+            const L x = load<L>(input + first);
+            const L smooth = x + a * (load<L>(&smooth_[first]) - x);
+            const L slow = smooth + b * (load<L>(&slow_[first]) - smooth);
+            store(smooth, &smooth_[first]);
+            store(slow, &slow_[first]);
+            store(smooth - slow, band + first);
         }
         known_ = true;
     }

@@ -48,7 +48,14 @@ struct SampleLimits {
 /// Checks samples one after the other. Nothing is allocated.
 class SampleGuard {
   public:
-    SampleGuard(const SampleLimits& limits, int joints) noexcept : limits_(limits), joints_(joints) {}
+    SampleGuard(const SampleLimits& limits, int joints) noexcept : limits_(limits), joints_(joints) {
+        for (int j = 0; j < max_joints; ++j) {
+            ours_[j] = j < joints ? 1 : 0;
+            if (j < joints) continue;
+            limits_.lower[j] = limits_.upper[j] = 0;
+            limits_.velocity[j] = limits_.signal[j] = 0;
+        }
+    }
 
     /// `none`: the sample is believed, and so is the past. `gap`: the sample is believed, the past forgotten. Any other:
     /// the sample is not believed.
@@ -58,37 +65,43 @@ class SampleGuard {
         late_ = false;
         // Comparisons with NaN are false: each is written so that false refuses.
         if (!(std::fabs(sample.t) <= largest)) return SampleFault::not_finite;
-        bool finite = true, inside = true, possible = true;
-        for (int j = 0; j < joints_; ++j) {
-            const double q = sample.q[j], signal = sample.signal[j];
-            finite = finite && std::fabs(q) <= largest && std::fabs(signal) <= largest &&
-                     (!limits_.measured_rates || std::fabs(sample.qd[j]) <= largest);
-            inside = inside && q >= limits_.lower[j] && q <= limits_.upper[j];
-            possible = possible && std::fabs(signal) <= limits_.signal[j];
-        }
         if (known_) {
             interval_ = sample.t - before_;
             if (!(interval_ >= 0)) return SampleFault::out_of_order;
             if (!(interval_ >= limits_.shortest_interval)) return SampleFault::repeated;
         }
-        if (!finite) return SampleFault::not_finite;
-        if (!inside) return SampleFault::outside_limits;
-        if (!possible) return SampleFault::impossible_signal;
-        const bool fresh = !known_ || !(interval_ <= limits_.longest_interval);
-        if (!fresh) {
-            bool reachable = true;
-            for (int j = 0; j < joints_; ++j) {
-                // A sample may have been taken up to a period before its time says.
-                const double farthest = limits_.velocity[j] * (interval_ + limits_.period) + limits_.resolution;
-                reachable = reachable && std::fabs(sample.q[j] - position_[j]) <= farthest;
-                if (limits_.measured_rates) reachable = reachable && std::fabs(sample.qd[j]) <= limits_.velocity[j];
+        const double reach = interval_ + limits_.period;
+        MaskOf<L> finite = L(0.0) <= L(0.0), inside = finite, possible = finite, reachable = finite;
+        for (int first = 0; first < joints_; first += native_lanes) {
+            // What lies beyond the last joint counts as the zeros it is replaced by.
+            const MaskOf<L> ours = load<L>(&ours_[first]) > L(0.5);
+            const L q = select(ours, load<L>(&sample.q[first]), L(0.0));
+            const L signal = select(ours, load<L>(&sample.signal[first]), L(0.0));
+            const L size = absolute(signal), speed = load<L>(&limits_.velocity[first]);
+            finite = finite & (absolute(q) <= L(largest)) & (size <= L(largest));
+            inside = inside & (q >= load<L>(&limits_.lower[first])) & (q <= load<L>(&limits_.upper[first]));
+            possible = possible & (size <= load<L>(&limits_.signal[first]));
+            // A sample may have been taken up to a period before its time says.
+            const L moved = absolute(q - load<L>(&position_[first]));
+            reachable = reachable & (moved <= speed * reach + limits_.resolution);
+            if (limits_.measured_rates) {
+                const L rate = absolute(select(ours, load<L>(&sample.qd[first]), L(0.0)));
+                finite = finite & (rate <= L(largest));
+                reachable = reachable & (rate <= speed);
             }
-            if (!reachable) return SampleFault::impossible_jump;
         }
+        if (!all(finite)) return SampleFault::not_finite;
+        if (!all(inside)) return SampleFault::outside_limits;
+        if (!all(possible)) return SampleFault::impossible_signal;
+        const bool fresh = !known_ || !(interval_ <= limits_.longest_interval);
+        if (!fresh && !all(reachable)) return SampleFault::impossible_jump;
         late_ = known_ && interval_ > limits_.late_interval;
         known_ = true;
         before_ = sample.t;
-        for (int j = 0; j < joints_; ++j) position_[j] = sample.q[j];
+        for (int first = 0; first < joints_; first += native_lanes) {
+            const MaskOf<L> ours = load<L>(&ours_[first]) > L(0.5);
+            store(select(ours, load<L>(&sample.q[first]), L(0.0)), &position_[first]);
+        }
         return fresh ? SampleFault::gap : SampleFault::none;
     }
     /// Of the last sample that was believed [s]; -infinity: none yet.
@@ -100,11 +113,13 @@ class SampleGuard {
     void reset() noexcept { known_ = false; }
 
   private:
+    using L = Lanes<native_lanes>;
+
     SampleLimits limits_;
     int joints_;
     bool known_ = false, late_ = false;
     double before_ = 0, interval_ = 0;
-    std::array<double, max_joints> position_{};
+    std::array<double, max_joints> position_{}, ours_{};
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

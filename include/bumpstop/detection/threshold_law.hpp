@@ -23,13 +23,6 @@ struct ThresholdLaw {
     std::array<double, max_joints> rest_speed{};    ///< rad/s or m/s, above 0
     std::array<double, max_joints> fast{};          ///< of the fast channel [Nm or N]; infinite: not watched
     double model_errors = 0;                        ///< standard errors of the torque to add
-
-    /// What motion adds to the constant.
-    double extra(int j, double qd, double qdd, double sd) const noexcept {
-        const double v = absolute(qd);
-        const double resting = maximum(0.0, minimum(1.0, 2 - v / rest_speed[j]));
-        return speed[j] * v + acceleration[j] * absolute(qdd) + rest[j] * resting + model_errors * sd;
-    }
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -78,13 +78,32 @@ class JointTorqueBank {
     /// parameters, taken as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints numbers;
     /// those beyond the last joint must be finite.
     void torque(const double* current, const double* qd, const double* qdd, double* tau, double* sd) noexcept {
-        for (int first = 0, k = 0; first < joints_; first += native_lanes, ++k)
-            if (sd != nullptr)
-                one<true>(group_[k], load<L>(current + first), load<L>(qd + first), load<L>(qdd + first), tau + first,
-                          sd + first);
-            else
-                one<false>(group_[k], load<L>(current + first), load<L>(qd + first), load<L>(qdd + first), tau + first,
-                           nullptr);
+        // Group after group the functions would wait for themselves; side by side they overlap.
+        const int groups = (joints_ + native_lanes - 1) / native_lanes;
+        L log_speed[max_groups], shape[max_groups], bell[max_groups];
+        if (any_power_) {
+            for (int k = 0; k < groups; ++k) {
+                const L speed = maximum(absolute(load<L>(qd + k * native_lanes)), group_[k].rest);
+                log_speed[k] = logarithm(minimum(L(1.0), speed * (1 / top)));
+            }
+            for (int k = 0; k < groups; ++k) shape[k] = exp_negative(-(log_speed[k] * group_[k].F), L(0.0));
+        }
+        if (any_stribeck_)
+            for (int k = 0; k < groups; ++k) {
+                const L u = reduced_speed(group_[k], load<L>(qd + k * native_lanes));
+                bell[k] = exp_negative(u * u, L(0.0));
+            }
+        for (int k = 0; k < groups; ++k) {
+            const int first = k * native_lanes;
+            const Motion motion{load<L>(current + first),       load<L>(qd + first),
+                                load<L>(qdd + first),           any_power_ ? log_speed[k] : L(0.0),
+                                any_power_ ? shape[k] : L(0.0), any_stribeck_ ? bell[k] : L(0.0)};
+            if (sd != nullptr) {
+                one<true>(group_[k], motion, tau + first, sd + first);
+            } else {
+                one<false>(group_[k], motion, tau + first, nullptr);
+            }
+        }
     }
 
     /// Forgets the last motion of every joint.
@@ -96,6 +115,7 @@ class JointTorqueBank {
 
   private:
     using L = Lanes<native_lanes>;
+    static constexpr int max_groups = max_joints / native_lanes;
     static constexpr double top = 1e4;  // as in friction_current
 
     struct Errors {
@@ -111,24 +131,22 @@ class JointTorqueBank {
         Errors errors;
     };
 
+    /// Of a group, with the functions of its speed: ln(|qd| / top), its power and its Stribeck bell.
+    struct Motion {
+        L current, qd, qdd, log_speed, shape, bell;
+    };
+
+    static L reduced_speed(const Group& g, L qd) noexcept {
+        return minimum(L(26.0), absolute(qd) * g.inverse_stribeck_speed);
+    }
+
     template <bool WithErrors>
-    void one(Group& g, L current, L qd, L qdd, double* tau, double* sd) const noexcept {
-        const L zero = 0.0, unit = 1.0;
+    void one(Group& g, const Motion& motion, double* tau, double* sd) const noexcept {
+        const L zero = 0.0, unit = 1.0, current = motion.current, qd = motion.qd, qdd = motion.qdd;
         const L speed = absolute(qd), amount = absolute(current);
         const L sign = maximum(-unit, minimum(unit, qd * g.inverse_rest));
-        L magnitude = zero, ratio = unit, bell = zero, shape = zero, u = zero;
-        if (any_power_) {
-            ratio = minimum(unit, maximum(speed, g.rest) * (1 / top));
-            ratio = logarithm(ratio);
-            shape = exp_negative(-(ratio * g.F), zero);
-            magnitude = shape * g.scale;
-        }
-        if (any_stribeck_) {
-            u = minimum(L(26.0), speed * g.inverse_stribeck_speed);
-            bell = exp_negative(u * u, zero);
-            const L wet = bell * g.stribeck + g.coulomb;
-            magnitude = select(g.power > zero, magnitude, wet);
-        }
+        const L power = motion.shape * g.scale, stribeck = motion.bell * g.stribeck + g.coulomb;
+        const L magnitude = select(g.power > zero, power, stribeck);
         const L friction = sign * (magnitude + amount * g.load) + qd * g.viscous;
         const L joint_current = current - friction;
         const L inside = maximum(g.low, minimum(g.high, joint_current));
@@ -142,8 +160,8 @@ class JointTorqueBank {
             const L slope = 2.0 * bend + g.B, through = slope * sign;
             // With the load-dependent map A comes with -sgn(qd).
             const L by_A = select(g.odd > zero, absolute(inside), -(sign * inside)) * (2.0 * joint_current - inside);
-            const L unit_power = shape * g.unit_scale;
-            const L log_speed = ratio + 9.210340371976183;  // ln |qd|: `ratio` is that of |qd| / top
+            const L unit_power = motion.shape * g.unit_scale;
+            const L log_speed = motion.log_speed + 9.210340371976183;  // ln |qd|
             L variance = square(by_A * e.A) + square(joint_current * e.B) + square(slope * e.friction) +
                          square(slope * qd * e.viscous) + square(through * amount * e.load) +
                          square(rest * g.direction * e.hysteresis) + square(qdd * e.inertia);
@@ -152,6 +170,7 @@ class JointTorqueBank {
                     select(g.power > zero,
                            square(through * unit_power * e.D) + square(through * magnitude * log_speed * e.F), zero);
             if (any_stribeck_) {
+                const L bell = motion.bell, u = reduced_speed(g, qd);
                 const L by_width = through * g.stribeck * bell * (2.0 * u * u) * g.inverse_stribeck_speed;
                 variance += square(through * e.coulomb) + square(through * bell * e.stribeck) +
                             square(by_width * e.stribeck_speed);
@@ -163,7 +182,7 @@ class JointTorqueBank {
 
     int joints_ = 0;
     bool any_power_ = false, any_stribeck_ = false;
-    std::array<Group, max_joints / native_lanes> group_{};
+    std::array<Group, max_groups> group_{};
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -47,23 +47,54 @@ class ChainDerivative {
 
     void fit(const double* reference) noexcept {
         const int padded = (window_ + native_lanes - 1) / native_lanes * native_lanes;
-        double scratch[7][max_window];
-        for (int k = 0; k < padded; ++k) {
-            scratch[0][k] = k < window_ ? time_[k] - newest_ : 0.0;
-            scratch[1][k] = k < window_ ? 1.0 : 0.0;
+        alignas(64) double x[max_window], rate_share[max_window], acceleration_share[max_window];
+        alignas(64) double weight[max_window];
+        const double oldest = time_[slot_] - newest_;
+        for (int k = 0; k < window_; ++k) {
+            x[k] = time_[k] - newest_;
+            weight[k] = 1;
         }
-        derivative_weights<L>(
-            {scratch[0], scratch[1], scratch[2], scratch[3], {scratch[4], scratch[5], scratch[6]}, padded}, degree_);
+        for (int k = window_; k < padded; ++k) x[k] = weight[k] = 0;
+        if (degree_ == 2) {
+            parabola_weights(x, padded, oldest, rate_share, acceleration_share);
+        } else {
+            double scratch[3][max_window];
+            derivative_weights<L>(
+                {x, weight, scratch[0], scratch[1], {scratch[2], rate_share, acceleration_share}, padded}, degree_);
+        }
         for (int first = 0; first < columns_; first += native_lanes) {
             L rate = 0.0, acceleration = 0.0;
             const L newest = load_padded(reference, first);
             for (int k = 0; k < window_; ++k) {
                 const L d = load<L>(&sample_[k][first]) - newest;
-                rate += d * scratch[5][k];
-                acceleration += d * scratch[6][k];
+                rate += d * rate_share[k];
+                acceleration += d * acceleration_share[k];
             }
             store(rate, &rate_[first]);
             store(acceleration, &acceleration_[first]);
+        }
+    }
+    /// What derivative_weights does, written out for degree 2. With u = x / x_first the sums of the powers of u make up the
+    /// normal equations; their inverse's last two rows, applied to (1, u, u^2), are the shares.
+    void parabola_weights(const double* x, int padded, double oldest, double* rate,
+                          double* acceleration) const noexcept {
+        const double scale = 1 / oldest;
+        L one = 0.0, two = 0.0, three = 0.0, four = 0.0;
+        for (int k = 0; k < padded; k += native_lanes) {
+            const L u = load<L>(x + k) * scale, square = u * u;
+            one += u;
+            two += square;
+            three += square * u;
+            four += square * square;
+        }
+        const double n = window_, s1 = sum_of(one), s2 = sum_of(two), s3 = sum_of(three), s4 = sum_of(four);
+        const double c00 = s2 * s4 - s3 * s3, c01 = s2 * s3 - s1 * s4, c02 = s1 * s3 - s2 * s2;
+        const double c11 = n * s4 - s2 * s2, c12 = s1 * s2 - n * s3, c22 = n * s2 - s1 * s1;
+        const double share = scale / (n * c00 + s1 * c01 + s2 * c02), twice = 2 * scale * share;
+        for (int k = 0; k < padded; k += native_lanes) {
+            const L u = load<L>(x + k) * scale;
+            store((u * (u * c12 + c11) + c01) * share, rate + k);
+            store((u * (u * c22 + c12) + c02) * twice, acceleration + k);
         }
     }
     L load_padded(const double* values, int first) const noexcept {

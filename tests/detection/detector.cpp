@@ -1,0 +1,425 @@
+// The detector in the loop: its parts against the slow way, nothing allocated, and no sequence of samples that breaks it.
+#include "bumpstop/detection/detector.hpp"
+
+#include <cstdlib>
+#include <new>
+
+#include "bumpstop/signal/causal_derivative.hpp"
+#include "math/check.hpp"
+#include "model/random_chain.hpp"
+
+static long allocations = 0;
+// Not inlined: gcc would pair one side of an allocation with the other's malloc.
+[[gnu::noinline]] void* operator new(std::size_t size) {
+    ++allocations;
+    if (void* p = std::malloc(size)) return p;
+    std::abort();
+}
+[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+
+using namespace bumpstop;
+
+static_assert(noexcept(std::declval<Detector&>().update(DetectorSample{})));
+static_assert(noexcept(std::declval<Detector&>().overdue(0.0)));
+static_assert(noexcept(std::declval<Detector&>().set_payload(Payload{})));
+
+namespace {
+
+using namespace random_chain;
+
+const double nan_ = std::nan(""), inf = std::numeric_limits<double>::infinity();
+
+JointTorqueParameters random_joint() {
+    JointTorqueParameters p;
+    p.map = checks::uniform(0, 1) < 0.5 ? CurrentMap::odd : CurrentMap::load_dependent;
+    p.friction = checks::uniform(0, 1) < 0.5 ? FrictionLaw::power : FrictionLaw::stribeck;
+    p.B = checks::uniform(5, 12);
+    p.A = checks::uniform(0, 0.2);
+    p.D = checks::uniform(0, 3);
+    p.F = checks::uniform(0.2, 2);
+    p.coulomb = checks::uniform(0, 2);
+    p.viscous = checks::uniform(0, 1);
+    p.stribeck = checks::uniform(0, 2);
+    p.stribeck_speed = checks::uniform(0.01, 0.2);
+    p.load = checks::uniform(0, 0.3);
+    p.hysteresis = checks::uniform(-2, 2);
+    p.inertia = checks::uniform(0, 1);
+    p.rest_speed = checks::uniform(0.005, 0.02);
+    p.current_low = checks::uniform(-8, -2);
+    p.current_high = checks::uniform(2, 8);
+    return p;
+}
+
+LinkInertia random_link() {
+    LinkInertia link;
+    link.mass = checks::uniform(0.5, 5);
+    for (double& c : link.center) c = checks::uniform(-0.2, 0.2);
+    link.tensor = {0.05, 0.004, -0.003, 0.004, 0.06, 0.005, -0.003, 0.005, 0.03};
+    link.rotor = checks::uniform(0, 0.5);
+    return link;
+}
+
+struct Arm {
+    Case made;
+    std::vector<LinkInertia> links;
+    std::vector<JointTorqueParameters> joints;
+    std::vector<JointTorqueErrors> errors;
+    DetectorSettings settings;
+
+    explicit Arm(int dof) : made(random_case(dof)), errors(std::size_t(dof)) {
+        for (int j = 0; j < dof; ++j) {
+            links.push_back(random_link());
+            joints.push_back(random_joint());
+            settings.samples.lower[j] = -3;
+            settings.samples.upper[j] = 3;
+            settings.samples.velocity[j] = 4;
+            settings.samples.signal[j] = 1e3;
+            settings.noise_sd[j] = 1;
+            ThresholdLaw& law = settings.decision.thresholds;
+            law.constant[j] = 10;
+            law.fast[j] = j % 2 ? 5 : inf;
+            law.rest_speed[j] = 0.01;
+        }
+        settings.samples.period = 0.001;
+        settings.samples.shortest_interval = 1e-4;
+        settings.samples.late_interval = 0.0015;
+        settings.samples.longest_interval = 0.005;
+        settings.contact = link_point(made.chain, dof - 1, {0, 0, 0.1});
+    }
+    Detector detector() const { return Detector(made.chain, links, joints, errors, settings); }
+};
+
+void bank_is_joint_torque() {
+    for (int n = 1; n <= max_joints; ++n) {
+        std::vector<JointTorqueParameters> joints;
+        std::vector<JointTorqueErrors> errors(std::size_t(n), JointTorqueErrors{});
+        for (int j = 0; j < n; ++j) joints.push_back(random_joint());
+        // One standard error at a time, so that the sd is a derivative.
+        double JointTorqueErrors::*const error[] = {&JointTorqueErrors::A,        &JointTorqueErrors::B,
+                                                    &JointTorqueErrors::D,        &JointTorqueErrors::F,
+                                                    &JointTorqueErrors::coulomb,  &JointTorqueErrors::viscous,
+                                                    &JointTorqueErrors::stribeck, &JointTorqueErrors::stribeck_speed,
+                                                    &JointTorqueErrors::load,     &JointTorqueErrors::hysteresis,
+                                                    &JointTorqueErrors::inertia};
+        double JointTorqueParameters::*const figure[] = {
+            &JointTorqueParameters::A,        &JointTorqueParameters::B,
+            &JointTorqueParameters::D,        &JointTorqueParameters::F,
+            &JointTorqueParameters::coulomb,  &JointTorqueParameters::viscous,
+            &JointTorqueParameters::stribeck, &JointTorqueParameters::stribeck_speed,
+            &JointTorqueParameters::load,     &JointTorqueParameters::hysteresis,
+            &JointTorqueParameters::inertia};
+        for (int which = 0; which < 11; ++which) {
+            for (JointTorqueErrors& e : errors) {
+                e = {};
+                e.*error[which] = 1;
+            }
+            JointTorqueBank bank(joints, errors);
+            std::vector<JointTorqueState<double>> state(std::size_t(n), JointTorqueState<double>{});
+            for (int i = 0; i < 30; ++i) {
+                double current[max_joints] = {}, qd[max_joints] = {}, qdd[max_joints] = {}, tau[max_joints],
+                       sd[max_joints];
+                for (int j = 0; j < n; ++j) {
+                    current[j] = checks::uniform(-6, 6);
+                    qd[j] = i % 3 == 0 ? checks::uniform(-0.03, 0.03) : checks::uniform(-1, 1);
+                    qdd[j] = checks::uniform(-3, 3);
+                }
+                bank.torque(current, qd, qdd, tau, sd);
+                for (int j = 0; j < n; ++j) {
+                    const JointTorqueState<double> before = state[std::size_t(j)];
+                    const double wanted =
+                        joint_torque(joints[std::size_t(j)], current[j], qd[j], qdd[j], state[std::size_t(j)]);
+                    CHECK_NEAR(tau[j], wanted, 1e-11 * (1 + std::fabs(wanted)));
+                    CHECK(bank.direction(j) == state[std::size_t(j)].direction);
+                    // Where the fitted range ends the torque has a corner in its parameters.
+                    const auto shifted = [&](double step) {
+                        JointTorqueParameters p = joints[std::size_t(j)];
+                        p.*figure[which] += step;
+                        JointTorqueState<double> again = before;
+                        return joint_torque(p, current[j], qd[j], qdd[j], again);
+                    };
+                    const double forward = (shifted(1e-6) - wanted) / 1e-6, back = (wanted - shifted(-1e-6)) / 1e-6;
+                    const bool power = joints[std::size_t(j)].friction == FrictionLaw::power;
+                    const bool used = power ? which != 4 && which != 6 && which != 7 : which != 2 && which != 3;
+                    if (!used || std::fabs(forward - back) > 1e-3) continue;
+                    // With the load-dependent map A and the slope depend on the rate alone beside the range's corner.
+                    CHECK_NEAR(sd[j], std::fabs(forward), 2e-4 * (1 + std::fabs(forward)));
+                }
+            }
+        }
+    }
+}
+
+void momentum_against_the_mass_matrix() {
+    for (int trial = 0; trial < 60; ++trial) {
+        const int n = 1 + trial % max_joints;
+        const Arm arm(n);
+        const Chain& chain = arm.made.chain;
+        const Inertias inertias(chain, arm.links);
+        double q[max_joints] = {}, qd[max_joints] = {};
+        for (int j = 0; j < n; ++j) {
+            q[j] = checks::uniform(-2, 2);
+            qd[j] = checks::uniform(-1, 1);
+        }
+        const auto matrix = [&](const double* at, double(*m)[max_joints]) {
+            JointAngles<double> angle;
+            angle.set(chain, at);
+            mass_matrix(chain, inertias, at, angle, m);
+        };
+        const auto energy = [&](const double* at) {
+            double m[max_joints][max_joints], sum = 0;
+            matrix(at, m);
+            for (int i = 0; i < n; ++i)
+                for (int j = 0; j < n; ++j) sum += 0.5 * qd[i] * m[i][j] * qd[j];
+            return sum;
+        };
+        JointAngles<double> angle;
+        angle.set(chain, q);
+        const Vector3 g{1, -2, -9};
+        MomentumTerms<double> terms;
+        momentum_terms(chain, inertias, q, angle, qd, g, terms);
+        double m[max_joints][max_joints], weight[max_joints];
+        matrix(q, m);
+        gravity_torque(chain, inertias, q, angle, g, weight);
+        const double scale = 1 + 2 * energy(q);
+        for (int i = 0; i < n; ++i) {
+            double p = 0;
+            for (int j = 0; j < n; ++j) p += m[i][j] * qd[j];
+            CHECK_NEAR(terms.momentum[i], p, 1e-11 * scale * n);
+            CHECK_NEAR(terms.gravity[i], weight[i], 1e-10 * (1 + std::fabs(weight[i])) * n);
+            double up[max_joints], down[max_joints];
+            for (int j = 0; j < n; ++j) up[j] = down[j] = q[j];
+            up[i] += 1e-5;
+            down[i] -= 1e-5;
+            CHECK_NEAR(terms.velocity_force[i], (energy(up) - energy(down)) / 2e-5, 1e-6 * scale * n);
+        }
+    }
+}
+
+void chain_derivative_is_the_causal_one() {
+    for (int columns : {1, 7, 16}) {
+        ChainDerivative<max_joints> together(8, 2, columns);
+        std::vector<CausalDerivative<double>> single(std::size_t(columns), CausalDerivative<double>(8, 2));
+        double t = 0;
+        for (int i = 0; i < 40; ++i) {
+            double q[max_joints];
+            t += checks::uniform(0.001, 0.003);
+            for (int j = 0; j < columns; ++j) q[j] = checks::normal();
+            const bool full = together.update(t, q);
+            CHECK(full == (i >= 7));
+            for (int j = 0; j < columns; ++j) {
+                const CausalEstimate<double> e = single[std::size_t(j)].update(t, q[j]);
+                if (!full) continue;
+                CHECK_NEAR(together.rate()[j], e.rate, 1e-10 * (1 + std::fabs(e.rate)));
+                CHECK_NEAR(together.acceleration()[j], e.acceleration, 1e-10 * (1 + std::fabs(e.acceleration)) * 1e3);
+            }
+        }
+    }
+}
+
+// Torque is linear in mass, first and second moments: the payload's own torque is added.
+void payload_adds_its_torque() {
+    for (int trial = 0; trial < 20; ++trial) {
+        const Arm arm(7);
+        const Payload payload{checks::uniform(0.1, 5), {0.1, -0.2, 0.3}};
+        std::vector<LinkInertia> loaded = arm.links, alone(7);
+        loaded[6] = with_payload(loaded[6], payload);
+        alone[6].mass = payload.mass;
+        alone[6].center = payload.center;
+        double q[max_joints], qd[max_joints], qdd[max_joints], tau[3][max_joints];
+        for (int j = 0; j < 7; ++j) {
+            q[j] = checks::uniform(-2, 2);
+            qd[j] = checks::uniform(-1, 1);
+            qdd[j] = checks::uniform(-1, 1);
+        }
+        JointAngles<double> angle;
+        angle.set(arm.made.chain, q);
+        const std::vector<LinkInertia>* all[3] = {&loaded, &arm.links, &alone};
+        for (int k = 0; k < 3; ++k)
+            inverse_dynamics(arm.made.chain, Inertias(arm.made.chain, *all[k]), q, angle, qd, qdd, {0, 0, -9.81},
+                             tau[k]);
+        for (int j = 0; j < 7; ++j)
+            CHECK_NEAR(tau[0][j], tau[1][j] + tau[2][j], 1e-10 * (1 + std::fabs(tau[0][j])) * 100);
+    }
+}
+
+// The links named possible hold the one that was hit, whatever the contact; the force at its point comes back.
+void a_contact_is_where_it_was() {
+    int likeliest = 0, cases = 0;
+    for (int trial = 0; trial < 400; ++trial) {
+        const Arm arm(7);
+        double q[max_joints], sd[max_joints], residual[max_joints] = {};
+        for (int j = 0; j < 7; ++j) {
+            q[j] = checks::uniform(-2, 2);
+            sd[j] = 1;
+        }
+        JointAngles<double> angle;
+        angle.set(arm.made.chain, q);
+        Posture<double> posture;
+        forward_kinematics(arm.made.chain, q, angle, posture);
+        const int link = 2 + trial % 5;
+        const LinkPoint point = link_point(arm.made.chain, link, {0.1, 0.2, -0.1});
+        const Vector3 n = random_unit();
+        for (int j = 0; j <= link; ++j) {
+            const Point3<double> c = linear_column(arm.made.chain, posture, posture.position(point), j);
+            residual[j] = 1000 * (c.x * n[0] + c.y * n[1] + c.z * n[2]);
+        }
+        const ContactEstimate found = estimate_contact(arm.made.chain, posture, residual, sd, point, n);
+        CHECK(found.possible >> link & 1);
+        CHECK_NEAR(found.force_along, 1000, 1e-6);
+        // Outer links cannot be told from it; inner ones can where its own joint is loaded.
+        if (std::fabs(residual[link]) > 10) {
+            CHECK((found.possible & ((std::uint32_t(1) << link) - 1)) == 0);
+            ++cases;
+            likeliest += found.link == link;
+        }
+        CHECK(found.leftover < 1e-3 || link < 2);
+    }
+    CHECK(cases > 200 && likeliest == cases);
+    // What no joint says must not be named.
+    const Arm arm(3);
+    double q[max_joints] = {}, residual[max_joints] = {5, 5, 5}, sd[max_joints] = {inf, inf, inf};
+    JointAngles<double> angle;
+    angle.set(arm.made.chain, q);
+    Posture<double> posture;
+    forward_kinematics(arm.made.chain, q, angle, posture);
+    const ContactEstimate none = estimate_contact(arm.made.chain, posture, residual, sd, {2, {}}, {0, 0, 1});
+    CHECK(none.link == -1 && none.force_along == 0);
+}
+
+// A mass shows in every pose; a constant torque, as of a clamp, does not pass for one.
+void a_changed_payload_is_recognised() {
+    for (bool mass : {true, false}) {
+        PayloadWatchSettings settings;
+        settings.least_mass = 0.5;
+        PayloadWatch watch(settings, 2);
+        const double sd[2] = {1, 1};
+        bool recognised = false;
+        for (int i = 0; i < 500; ++i) {
+            const double a[2] = {5 * std::cos(0.02 * i), 3 * std::sin(0.02 * i)};
+            const double r[2] = {mass ? 2 * a[0] + 0.3 * checks::normal() : 6, mass ? 2 * a[1] : -4};
+            CHECK(watch.due(0.025 * i));
+            watch.look(0.025 * i, r, a, sd);
+            CHECK(!watch.due(0.025 * i + 0.01));
+            if (i < 3) CHECK(!watch.recognised());  // one pose says nothing
+            recognised = recognised || watch.recognised();
+        }
+        CHECK(recognised == mass);
+        if (mass) CHECK_NEAR(watch.change(), 2, 0.1);
+    }
+}
+
+// A lost sample: no spike, and said.
+void a_lost_sample_makes_no_spike() {
+    Arm arm(7);
+    for (double& limit : arm.settings.decision.thresholds.constant) limit = inf;
+    Detector detector = arm.detector(), undisturbed = arm.detector();
+    double worst = 0;
+    int late = 0;
+    for (int i = 0; i < 200; ++i) {
+        DetectorSample sample;
+        sample.t = 0.001 * i;
+        for (int j = 0; j < 7; ++j) sample.q[j] = std::sin(sample.t * (1 + 0.2 * j));
+        const DetectorOutput& whole = undisturbed.update(sample);
+        if (i == 100) continue;
+        const DetectorOutput& out = detector.update(sample);
+        late += out.late;
+        CHECK(out.late == (i == 101));
+        if (out.state == DetectorState::blind) continue;
+        for (int j = 0; j < 7; ++j) worst = std::max(worst, std::fabs(out.residual[j] - whole.residual[j]));
+    }
+    // Window and delay differ by a sample for eight ticks; naive second differences would be off by qd / dt = 1000.
+    CHECK(late == 1 && worst < 0.5);
+}
+
+// Any order, gaps, repeats, infinities, jumps: a finite residual or blind, never neither; and memory stays.
+void no_sequence_breaks_it(long sequences) {
+    std::vector<Arm> arms;
+    for (int k = 0; k < 12; ++k) {
+        arms.emplace_back(1 + k % 8);
+        DetectorSettings& s = arms.back().settings;
+        s.residual = k % 2 ? ResidualKind::observer : ResidualKind::direct;
+        s.source = k % 3 == 2 ? TorqueSource::torque : TorqueSource::current;
+        s.samples.measured_rates = k % 4 == 3;
+        s.decision.arming_delay = k % 5 == 0 ? 0.003 : 0;
+        s.decision.thresholds.model_errors = k % 3;
+        s.window = 3 + k % 6;
+        s.payload_watch.least_mass = k % 2;
+        s.payload_watch.interval = 0;
+        // Without limits everything finite is possible, and only the arithmetic is left to refuse.
+        if (k >= 9)
+            for (int j = 0; j < max_joints; ++j) {
+                s.samples.lower[j] = -inf;
+                s.samples.upper[j] = s.samples.velocity[j] = s.samples.signal[j] = inf;
+            }
+    }
+    std::vector<Detector> detectors;
+    for (const Arm& arm : arms) detectors.push_back(arm.detector());
+    const double odd[] = {nan_, inf, -inf, 0, -0.0, 1e308, -1e308, 5e-324, 1e-300, 1e17};
+    const auto spoil = [&](double x) {
+        const double u = checks::uniform(0, 1);
+        if (u < 0.94) return x;
+        return u < 0.97 ? odd[int(checks::uniform(0, 10))] : x + checks::normal();
+    };
+    long alarms = 0, blind = 0, seen = 0;
+    const long before = allocations;
+    for (long sequence = 0; sequence < sequences; ++sequence) {
+        const std::size_t k = std::size_t(sequence) % detectors.size();
+        Detector& detector = detectors[k];
+        const int n = detector.joints();
+        detector.reset();
+        double t = checks::uniform(-1, 1);
+        const bool wild = sequence % 3 == 0;
+        for (int i = 0; i < 24; ++i) {
+            DetectorSample sample;
+            const double u = checks::uniform(0, 1);
+            t += u < 0.9 ? 0.001 : u < 0.93 ? 0 : u < 0.96 ? -0.002 : checks::uniform(0, 0.02);
+            sample.t = wild ? spoil(t) : t;
+            for (int j = 0; j < n; ++j) {
+                sample.q[j] = std::sin(t + j);
+                sample.signal[j] = 3 * checks::normal();
+                sample.qd[j] = std::cos(t + j);
+                if (!wild) continue;
+                sample.q[j] = spoil(sample.q[j]);
+                sample.signal[j] = spoil(sample.signal[j]);
+                sample.qd[j] = spoil(sample.qd[j]);
+            }
+            const bool alarmed = detector.alarmed();
+            const DetectorOutput& out = detector.update(sample);
+            if (out.state == DetectorState::blind) {
+                ++blind;
+                CHECK(out.stop && out.fault != SampleFault::none);
+                for (int j = 0; j < n; ++j) CHECK(std::isnan(out.residual[j]));
+            } else {
+                ++seen;
+                CHECK(out.fault == SampleFault::none);
+                for (int j = 0; j < n; ++j) CHECK(std::isfinite(out.residual[j]) && !std::isnan(out.threshold[j]));
+            }
+            CHECK(!alarmed || detector.alarmed());
+            CHECK(!detector.alarmed() || out.stop);
+            if (detector.alarmed() && !alarmed) {
+                ++alarms;
+                CHECK((detector.event().over | detector.event().over_fast) != 0);
+            }
+            if (i % 7 == 6) detector.acknowledge();
+            if (i == 11) detector.set_payload({0.5, {0, 0, 0.1}});
+        }
+        CHECK(detector.overdue(nan_) && detector.overdue(inf));
+    }
+    CHECK(allocations == before);
+    CHECK(alarms > sequences / 100 && blind > 0 && seen > blind / 10);
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+    bank_is_joint_torque();
+    momentum_against_the_mass_matrix();
+    chain_derivative_is_the_causal_one();
+    payload_adds_its_torque();
+    a_contact_is_where_it_was();
+    a_changed_payload_is_recognised();
+    a_lost_sample_makes_no_spike();
+    no_sequence_breaks_it(count > 1 ? std::atol(arguments[1]) : 600);
+    return checks::result();
+}
