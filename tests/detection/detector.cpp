@@ -202,7 +202,7 @@ void chain_derivative_is_the_causal_one() {
         std::vector<CausalDerivative<double>> single(std::size_t(columns), CausalDerivative<double>(8, 2));
         double t = 0;
         for (int i = 0; i < 40; ++i) {
-            double q[max_joints];
+            double q[max_joints] = {};
             t += checks::uniform(0.001, 0.003);
             for (int j = 0; j < columns; ++j) q[j] = checks::normal();
             const bool full = together.update(t, q);

@@ -96,8 +96,7 @@ class Detector {
                                                            : derivative_.update(sample.t, sample.q.data());
         // A gap is told once, by the sample after it.
         if (!full) return blind(fault == SampleFault::gap && begun_ ? fault : SampleFault::filling, sample.t);
-        if (settings_.samples.measured_rates)
-            for (int j = 0; j < chain_.dof; ++j) out_.qd[j] = sample.qd[j];
+        if (settings_.samples.measured_rates) out_.qd = sample.qd;
         const double* qd = settings_.samples.measured_rates ? out_.qd.data() : derivative_.rate();
         const double* qdd = settings_.samples.measured_rates ? derivative_.rate() : derivative_.acceleration();
         JointAngles<double>& angle = angle_;
@@ -171,12 +170,11 @@ class Detector {
         const int n = chain_.dof;
         constexpr double nothing[max_joints] = {};
         double tau[max_joints];
-        for (int j = 0; j < n; ++j) signal_[j] = sample.signal[j];
         errors_ = settings_.decision.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
         if (settings_.source == TorqueSource::current) {
-            bank_.torque(signal_.data(), qd, observes ? nothing : qdd, tau, errors_ ? sd_.data() : nullptr);
+            bank_.torque(sample.signal.data(), qd, observes ? nothing : qdd, tau, errors_ ? sd_.data() : nullptr);
         } else {
-            for (int j = 0; j < n; ++j) tau[j] = signal_[j];
+            for (int j = 0; j < n; ++j) tau[j] = sample.signal[j];
         }
         if (!observes) {
             double predicted[max_joints];
@@ -276,7 +274,7 @@ class Detector {
     bool begun_ = false, errors_ = false;
     long blind_ticks_ = 0;
     double seen_ = -std::numeric_limits<double>::infinity();  // when a tick was last judged
-    std::array<double, max_joints> signal_{}, sd_{};
+    std::array<double, max_joints> sd_{};
     DetectorOutput out_;
     DetectorEvent event_;
 };

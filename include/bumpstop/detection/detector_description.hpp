@@ -23,6 +23,16 @@ struct DetectorDescription {
 
 namespace detail {
 
+/// Built by appending: gcc 12 warns of overlapping copies where a literal comes first in a sum.
+inline std::string quoted(const char* before, const std::string& word, const char* after) {
+    std::string text = before;
+    text += '\'';
+    text += word;
+    text += '\'';
+    text += after;
+    return text;
+}
+
 /// One keyword of the file, and where its numbers go.
 struct DetectorKey {
     const char* name;
@@ -122,6 +132,7 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"low_hz", &decision.low_hz, 1, 1e-9, large},
         {"high_hz", &decision.high_hz, 1, 1e-9, large},
     };
+    const char* const in_range = " numbers in its range, once";
     bool begun = false, ended = false, residual = false, source = false;
     std::string line;
     while (!ended && detail::next_line(in, line, number)) {
@@ -154,18 +165,18 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
             detail::DetectorKey* found = nullptr;
             for (detail::DetectorKey& one : keys)
                 if (key == one.name) found = &one;
-            if (found == nullptr) return wrong("unknown keyword '" + key + "'");
+            if (found == nullptr) return wrong(detail::quoted("unknown keyword ", key, ""));
             const int count = found->count < 0 ? n : found->count;
             bool fits = !found->seen && here.numbers(found->place, count);
             for (int k = 0; fits && k < count; ++k)
                 fits = found->place[k] >= found->low && found->place[k] <= found->high;
-            if (!fits) return wrong("'" + key + "' wants " + std::to_string(count) + " numbers in its range, once");
+            if (!fits) return wrong(detail::quoted("", key, " wants ") + std::to_string(count) + in_range);
             found->seen = true;
         }
     }
     if (!ended) return wrong("the detector ends without 'end'");
     for (const detail::DetectorKey& key : keys)
-        if (!key.seen) return wrong("'" + std::string(key.name) + "' is missing");
+        if (!key.seen) return wrong(detail::quoted("", key.name, " is missing"));
     if (!residual || !source) return wrong("'residual' or 'source' is missing");
     const std::size_t wanted = s.source == TorqueSource::current ? std::size_t(n) : 0;
     if (out.joints.size() != wanted || out.errors.size() != wanted)

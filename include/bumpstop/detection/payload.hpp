@@ -33,11 +33,11 @@ inline LinkInertia with_payload(const LinkInertia& link, const Payload& payload)
 }
 
 struct PayloadWatchSettings {
-    double window = 5;          ///< time over which the past fades [s]
-    double interval = 0.02;     ///< between looks [s]
-    double least_mass = 0;      ///< change that counts [kg]; 0: none is looked for
-    double least_share = 0.8;   ///< of the residual's square that the mass must explain
-    double least_change = 0.1;  ///< by how much the mass's torques must have varied, as a share of their mean square
+    double window = 5;            ///< time over which the past fades [s]
+    double interval = 0.02;       ///< between looks [s]
+    double least_mass = 0;        ///< change that counts [kg]; 0: none is looked for
+    double least_share = 0.8;     ///< of the residual's square that the mass must explain
+    double least_change = 0.005;  ///< by how much the mass's torques must have varied: variance over mean square
 };
 
 /// Fits r = g_m(q) m, the torques that one more kilogram at the payload's point asks for, to the residuals of the last

@@ -24,7 +24,7 @@ enum class SampleFault {
 };
 inline constexpr int sample_faults = 9;
 
-/// What the arm tells in one tick. Arrays of max_joints numbers; those beyond the last joint are not read.
+/// What the arm tells in one tick. Arrays of max_joints numbers; those beyond the last joint mean nothing.
 struct DetectorSample {
     double t = 0;                             ///< s
     std::array<double, max_joints> q{};       ///< rad or m

@@ -19,13 +19,16 @@ class ChainDerivative {
 
     /// `window`: samples, more than `degree`, at most max_window. `degree`: 2 to max_fit_degree.
     ChainDerivative(int window, int degree, int columns) noexcept
-        : window_(window), degree_(degree), columns_(columns) {}
+        : window_(window), degree_(degree), columns_(columns) {
+        for (int k = 0; k < window; ++k) weight_[k] = 1;
+    }
 
-    /// Takes a sample, which must be finite and later than the last. False until the window is full.
+    /// Takes a sample of `Columns` numbers, later than the last and finite; what lies beyond `columns` means nothing.
+    /// False until the window is full.
     bool update(double time, const double* sample) noexcept {
         newest_ = time;
         time_[slot_] = time;
-        for (int j = 0; j < columns_; ++j) sample_[slot_][j] = sample[j];
+        for (int j = 0; j < columns_; j += native_lanes) store(load<L>(sample + j), &sample_[slot_][j]);
         slot_ = slot_ + 1 == window_ ? 0 : slot_ + 1;
         if (samples_ < window_) ++samples_;
         if (samples_ < window_) return false;
@@ -48,23 +51,20 @@ class ChainDerivative {
     void fit(const double* reference) noexcept {
         const int padded = (window_ + native_lanes - 1) / native_lanes * native_lanes;
         alignas(64) double x[max_window], rate_share[max_window], acceleration_share[max_window];
-        alignas(64) double weight[max_window];
         const double oldest = time_[slot_] - newest_;
-        for (int k = 0; k < window_; ++k) {
-            x[k] = time_[k] - newest_;
-            weight[k] = 1;
-        }
-        for (int k = window_; k < padded; ++k) x[k] = weight[k] = 0;
+        for (int k = 0; k < padded; k += native_lanes)
+            store((load<L>(&time_[k]) - newest_) * load<L>(&weight_[k]), x + k);
         if (degree_ == 2) {
             parabola_weights(x, padded, oldest, rate_share, acceleration_share);
         } else {
             double scratch[3][max_window];
             derivative_weights<L>(
-                {x, weight, scratch[0], scratch[1], {scratch[2], rate_share, acceleration_share}, padded}, degree_);
+                {x, weight_.data(), scratch[0], scratch[1], {scratch[2], rate_share, acceleration_share}, padded},
+                degree_);
         }
         for (int first = 0; first < columns_; first += native_lanes) {
             L rate = 0.0, acceleration = 0.0;
-            const L newest = load_padded(reference, first);
+            const L newest = load<L>(reference + first);
             for (int k = 0; k < window_; ++k) {
                 const L d = load<L>(&sample_[k][first]) - newest;
                 rate += d * rate_share[k];
@@ -97,17 +97,10 @@ class ChainDerivative {
             store((u * (u * c22 + c12) + c02) * twice, acceleration + k);
         }
     }
-    L load_padded(const double* values, int first) const noexcept {
-        L x = 0.0;
-        for (int lane = 0; lane < native_lanes && first + lane < columns_; ++lane)
-            set_lane(x, lane, values[first + lane]);
-        return x;
-    }
-
     int window_, degree_, columns_;
     int samples_ = 0, slot_ = 0;
     double newest_ = -std::numeric_limits<double>::infinity();
-    std::array<double, max_window> time_{};
+    std::array<double, max_window> time_{}, weight_{};
     std::array<std::array<double, Columns>, max_window> sample_{};
     std::array<double, Columns> rate_{}, acceleration_{};
 };
