@@ -30,6 +30,7 @@ from validation import (  # noqa: E402
     page,
     plant,
     reference,
+    sample_paths,
     tuning,
     prediction,
     requirement,
@@ -63,6 +64,7 @@ COMPARISONS = {
     "plant": plant,
     "blind_force": blind_force,
     "tuning": tuning,
+    "sample_paths": sample_paths,
 }
 
 

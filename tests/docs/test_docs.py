@@ -209,7 +209,8 @@ def test_tutorial_of_identification(
 
 
 @pytest.mark.parametrize(
-    "command", ["evaluate", "bodies", "robots", "identify", "validate", "tune", "score", "sensitivity"]
+    "command",
+    ["evaluate", "bodies", "robots", "identify", "validate", "detect", "detector", "tune", "score", "sensitivity"],
 )
 def test_options(command: str) -> None:
     parameters: Any = typer.main.get_command(app).commands[command].params  # type: ignore[attr-defined]

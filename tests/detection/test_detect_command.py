@@ -1,0 +1,108 @@
+"""``bumpstop detect`` and ``bumpstop detector``: what they print and write, what they refuse, and real arms."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bumpstop.cli.main import main
+from bumpstop.model import Robot, inverse_dynamics
+from bumpstop.recording import Recording
+
+SHARED = Path(os.environ.get("BUMPSTOP_SHARED", Path(__file__).resolve().parents[3] / "shared"))
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return int(ended.value.code or 0), out, err
+
+
+@pytest.fixture
+def pushed(tmp_path: Path) -> Path:
+    robot, t = Robot.load("ur5e"), 0.004 * np.arange(400)
+    q = 0.2 + 0.3 * t[:, None] * np.ones(6)
+    tau = inverse_dynamics(robot, q, np.full_like(q, 0.3), 0 * q)
+    tau[200:250, 1] += 30
+    path = tmp_path / "log.parquet"
+    Recording(t=t, q=q, tau=tau).save(path)
+    return path
+
+
+def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    status, text, _ = run(
+        capsys, "detect", pushed, "--robot", "ur5e", "--thresholds", "20,20,20,9,9,inf", "--json", "--out", out
+    )
+    found = json.loads(text)
+    assert status == 0
+    (event,) = found["events"]
+    assert event["joints"] == [2]
+    assert event["t"] == pytest.approx(0.8)
+    assert event["residual_Nm"][1] == pytest.approx(30, abs=1e-6)
+    assert event["threshold_Nm"][5] is None
+    assert found["rows"] == 400
+    assert found["blind_rows"] == {"filling": 7}
+    assert json.loads((out / "events.json").read_text(encoding="utf-8")) == found
+    assert {path.name for path in out.iterdir()} == {
+        "events.json",
+        "residuals.svg",
+        "residuals.png",
+        "residuals.parquet",
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--robot", "ur5e", "--thresholds", "20,20"], "thresholds: 2 of them; the robot has 6 joints: wanted 6"),
+        (["--robot", "ur5e", "--thresholds", "20,x"], "thresholds: cannot read '20,x'"),
+        (["--thresholds", "1,1,1,1,1,1"], "--robot: is missing"),
+        (["--robot", "panda", "--thresholds", "1,1,1,1,1,1,1"], "holds 6 joints, panda has 7"),
+        (["--robot", "ur5e", "--model", "sia5d", "--thresholds", "1,1,1,1,1,1"], "is for a joint 'joint_s'"),
+        (["--robot", "ur5e", "--thresholds", "1,1,1,1,1,1", "--residual", "other"], "'other' is no kind of residual"),
+    ],
+)
+def test_refusals(pushed: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = run(capsys, "detect", pushed, *options)
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [("ur10", "ur10_ros2/ur10_exciting_trajectory.db3"), ("panda", "panda_ros2/panda_exciting_trajectory.db3")],
+)
+def test_real_arms_by_their_fitted_dynamics(
+    name: str, file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Fitted to the first part; nothing touches the arm in the rest, and thresholds at half of it alarm."""
+    path = SHARED / "data" / file
+    if not path.exists():
+        pytest.skip(f"{path} is absent: set BUMPSTOP_SHARED")
+    log = Recording.load(path)
+    split, model = 0.75 * log.duration, tmp_path / "arm.toml"
+    run(capsys, "identify", path, "--robot", name, "--until", split, "-o", model, "--cutoff", 4)
+    wide = ",".join(["1000"] * log.dof)
+    status, text, _ = run(
+        capsys, "detect", path, "--model", model, "--thresholds", wide, "--from", split, "--json", "--out", tmp_path
+    )
+    assert status == 0
+    assert json.loads(text)["events"] == []
+    import polars as pl
+
+    residuals = pl.read_parquet(tmp_path / "residuals.parquet").to_numpy()[:, 1:]
+    largest = np.abs(residuals).max(axis=0)
+    for factor, alarms in ((1.01, False), (0.5, True)):
+        limits = ",".join(repr(float(x)) for x in factor * largest)
+        _, text, _ = run(capsys, "detect", path, "--model", model, "--thresholds", limits, "--from", split, "--json")
+        assert (json.loads(text)["events"] != []) == alarms
+    status, _, err = run(capsys, "detect", path, "--model", model, "--thresholds", wide, "--residual", "observer")
+    assert status == 2
+    assert "'observer' is not available with fitted dynamics" in err
