@@ -88,10 +88,25 @@ def test_real_arms_by_their_fitted_dynamics(
         pytest.skip(f"{path} is absent: set BUMPSTOP_SHARED")
     log = Recording.load(path)
     split, model = 0.75 * log.duration, tmp_path / "arm.toml"
-    run(capsys, "identify", path, "--robot", name, "--until", split, "-o", model, "--cutoff", 4)
+    # The bag's names, in the robot's order.
+    columns = tmp_path / "columns.toml"
+    columns.write_text(f"joint_names = {json.dumps(list(log.joint_names))}\n", encoding="utf-8")
+    path_and_names = (path, "--columns", columns)
+    run(capsys, "identify", *path_and_names, "--robot", name, "--until", split, "-o", model, "--cutoff", 4)
     wide = ",".join(["1000"] * log.dof)
     status, text, _ = run(
-        capsys, "detect", path, "--model", model, "--thresholds", wide, "--from", split, "--json", "--out", tmp_path
+        capsys,
+        "detect",
+        *path_and_names,
+        "--model",
+        model,
+        "--thresholds",
+        wide,
+        "--from",
+        split,
+        "--json",
+        "--out",
+        tmp_path,
     )
     assert status == 0
     assert json.loads(text)["events"] == []
@@ -101,8 +116,12 @@ def test_real_arms_by_their_fitted_dynamics(
     largest = np.abs(residuals).max(axis=0)
     for factor, alarms in ((1.01, False), (0.5, True)):
         limits = ",".join(repr(float(x)) for x in factor * largest)
-        _, text, _ = run(capsys, "detect", path, "--model", model, "--thresholds", limits, "--from", split, "--json")
+        _, text, _ = run(
+            capsys, "detect", *path_and_names, "--model", model, "--thresholds", limits, "--from", split, "--json"
+        )
         assert (json.loads(text)["events"] != []) == alarms
-    status, _, err = run(capsys, "detect", path, "--model", model, "--thresholds", wide, "--residual", "observer")
+    status, _, err = run(
+        capsys, "detect", *path_and_names, "--model", model, "--thresholds", wide, "--residual", "observer"
+    )
     assert status == 2
     assert "'observer' is not available with fitted dynamics" in err
