@@ -101,7 +101,7 @@ class DynamicsFit:
         """
         if recording.dof != self.robot.dof:
             raise InputError("recording", f"has {recording.dof} joints", f"{self.robot.name} has {self.robot.dof}")
-        motion, torque = _motion_and_torque(recording, self.cutoff_hz)
+        motion, torque = recorded_motion(recording, self.cutoff_hz)
         return motion, torque - self.predict(motion)
 
     def score(self, recording: Recording, *, filter_hz: float | None = None) -> tuple[JointScore, ...]:
