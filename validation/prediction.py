@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 import bumpstop as bs
 from bumpstop.collision import evaluate_batch
+from bumpstop.study.directions import draw_directions
 from bumpstop.study.prediction import predict_batch
 from collision.cases import control_group
 from study.prediction_cases import draw
 from validation.findings import Cell, Findings
-from validation.workspace import sphere_directions
 
 TITLE = "Forces foretold from the pose alone"
 Floats = npt.NDArray[np.float64]
@@ -59,7 +59,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     poses = 300 if quick else 5000
     q = rng.uniform(robot.lower, robot.upper, size=(poses, robot.dof))
     q[:, 6] = 0.0
-    alike = _cases(findings, control, q, 0.05 * sphere_directions(rng, poses))
+    alike = _cases(findings, control, q, 0.05 * draw_directions("sphere", np.zeros(3), poses, rng))
     _predictors(findings, "all of them varied", varied)
     _predictors(findings, "the source's control group, pose and direction varied", alike)
 
