@@ -59,7 +59,7 @@ def detect(
     out: Annotated[Path | None, typer.Option("--out", help="Write figures, events and residuals into it.")] = None,
 ) -> None:
     """Run a collision detector over a recording: alarms, and when it was blind."""
-    from bumpstop.cli.identify import part_of
+    from bumpstop.cli.arm_recordings import part_of
     from bumpstop.detection import DetectorSettings, Thresholds
     from bumpstop.detection import detect as run_detector
 

@@ -4,24 +4,35 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from bumpstop.cli.arm_recordings import arm_of, built_in_or_path, load_parts, payloads_of
 from bumpstop.cli.model_report import dynamics_report
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.identification import DynamicsFit, JointScore
+    from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-Columns = Annotated[Path | None, typer.Option(help="Column file of the recording (TOML).")]
-Begin = Annotated[float | None, typer.Option("--from", help="Begin at this time of the recording [s].")]
-Until = Annotated[float | None, typer.Option(help="End at this time of the recording [s].")]
+Files = Annotated[list[Path], typer.Argument(help="Recordings with motor currents or joint torques.")]
+Columns = Annotated[Path | None, typer.Option(help="Column file of the recordings (TOML).")]
+Begin = Annotated[float | None, typer.Option("--from", help="Begin at this time of each recording [s].")]
+Until = Annotated[float | None, typer.Option(help="End at this time of each recording [s].")]
+Payload = Annotated[
+    list[str] | None, typer.Option(help="What the arm carries: MASS[,X,Y,Z] [kg, m], or NUMBER:... for one recording.")
+]
+Base = Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")]
+Tip = Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")]
+Topic = Annotated[str | None, typer.Option(help="Topic of a bag that has several with joint states.")]
+MaxBad = Annotated[float, typer.Option(metavar="SHARE", help="Share of bad rows up to which they are dropped.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
 def identify(
-    recordings: Annotated[list[Path], typer.Argument(help="Recordings.", show_default=False)],
+    recordings: Files,
     robot: Annotated[str, typer.Option(help="A built-in name, or the path of a URDF file.", show_default=False)],
     out: Annotated[
         Path | None,
@@ -30,6 +41,14 @@ def identify(
     columns: Columns = None,
     begin: Begin = None,
     until: Until = None,
+    model: Annotated[
+        Literal["joint", "dynamics"] | None,
+        typer.Option(help="What to fit: joint (from currents) or dynamics (from torques); default: what is recorded."),
+    ] = None,
+    payload: Payload = None,
+    known: Annotated[
+        list[str] | None, typer.Option(metavar="JOINT.NAME=VALUE", help="A parameter that is not to be fitted.")
+    ] = None,
     cutoff: Annotated[float | None, typer.Option(help="Cut-off of the filter [Hz]; default: the best.")] = None,
     shared_motor: Annotated[
         list[str] | None, typer.Option(help="Joints that share a motor, e.g. 5,6 or 5:1,6:-1.")
@@ -37,25 +56,54 @@ def identify(
     protocol: Annotated[
         Path | None, typer.Option(help="Plan that was followed: fit step by step as the source.")
     ] = None,
-    base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
-    tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    base: Base = None,
+    tip: Tip = None,
+    topic: Topic = None,
+    max_bad: MaxBad = 0.01,
+    as_json: AsJson = False,
 ) -> None:
-    """Find inertial parameters, friction and rotor inertia of an arm from recorded torques."""
-    from bumpstop.identification import identify_dynamics, save_fit
-    from bumpstop.model import Robot
-
+    """Find a joint torque model from motor currents, or inertia, friction and rotors from joint torques."""
     if protocol is not None:
         from bumpstop.cli.protocol import identify_by_protocol
 
         identify_by_protocol(protocol, recordings, robot, columns, out, as_json)
         return
-    if len(recordings) != 1:
-        raise InputError("recording", f"{len(recordings)} of them", "dynamics are fitted to one")
-    recording = recordings[0]
-    is_file = bool(Path(robot).suffix) or "/" in robot
-    arm = Robot.from_urdf(robot, base, tip) if is_file else Robot.load(robot)
-    log = part_of(recording, columns, arm, begin, until)
+    arm = arm_of(robot, base, tip)
+    logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+    if model is None:
+        model = "joint" if all(log.current is not None and log.tau is None for log in logs) else "dynamics"
+    if model == "joint":
+        from bumpstop.cli.identify_joint import identify_joint
+
+        if shared_motor:
+            raise InputError("--shared-motor", "is for dynamics", "currents are taken joint by joint")
+        arms = payloads_of(payload, arm, len(logs))
+        identify_joint(
+            logs, arms, robot=built_in_or_path(robot), known=known, cutoff_hz=cutoff, out=out, as_json=as_json
+        )
+        return
+    for option, given in (("--payload", payload), ("--known", known)):
+        if given:
+            raise InputError(option, "is for joint models", "dynamics are fitted with what the arm carries")
+    _identify_dynamics(logs, arm, robot, base, tip, shared_motor, cutoff, out, as_json)
+
+
+def _identify_dynamics(
+    logs: list[Recording],
+    arm: Robot,
+    robot: str,
+    base: str | None,
+    tip: str | None,
+    shared_motor: list[str] | None,
+    cutoff: float | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    from bumpstop.identification import identify_dynamics, save_fit
+
+    if len(logs) != 1:
+        raise InputError("recording", f"{len(logs)} of them", "dynamics are fitted to one")
+    log = logs[0]
     groups = [_group(text, arm.dof) for text in shared_motor or []]
     fit = identify_dynamics(log, arm, cutoff_hz=cutoff, couplings=groups)
     scores = fit.score(log)
@@ -63,9 +111,9 @@ def identify(
     if model_file is not None and out is not None:
         if model_file != out:
             dynamics_report(fit, log, out, where="on the rows of the fit", filter_hz=None, contact_joint=None)
-        named = {"robot": str(Path(robot).resolve()) if is_file else robot}
+        named = {"robot": built_in_or_path(robot)}
         named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
-        save_fit(fit, model_file, robot=named, created_from=[str(recording)])
+        save_fit(fit, model_file, robot=named, created_from=[log.source])
     if as_json:
         typer.echo(json.dumps(_identified(fit, scores, log), allow_nan=False, indent=2))
         return
@@ -90,7 +138,10 @@ def identify(
 
 def validate(
     model: Annotated[Path, typer.Argument(help="Model that identify wrote.", show_default=False)],
-    recording: Annotated[Path, typer.Argument(help="Recording with joint torques.", show_default=False)],
+    recordings: Files,
+    robot: Annotated[
+        str | None, typer.Option(help="A built-in name, or the path of a URDF file; default: the model's.")
+    ] = None,
     columns: Columns = None,
     begin: Begin = None,
     until: Until = None,
@@ -100,20 +151,44 @@ def validate(
         typer.Option(help="Joint whose torque tells the contact force; default: the one that feels it most."),
     ] = None,
     filter_hz: Annotated[
-        float | None, typer.Option("--filter", help="Cut-off at which torques are compared [Hz]; default: the model's.")
+        float | None, typer.Option("--filter", help="Cut-off at which they are compared [Hz]; default: the model's.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    payload: Payload = None,
+    base: Base = None,
+    tip: Tip = None,
+    topic: Topic = None,
+    max_bad: MaxBad = 0.01,
+    as_json: AsJson = False,
 ) -> None:
-    """Compare the torques a model predicts with those of a recording."""
+    """Compare what a model predicts with recordings: currents of a joint model, torques of dynamics."""
+    from bumpstop.cli.arm_recordings import is_dynamics
+
+    if not is_dynamics(model):
+        from bumpstop.cli.identify_joint import validate_joint
+        from bumpstop.joint import JointTorqueModel
+
+        if contact_joint is not None:
+            raise InputError("--contact-joint", "is for dynamics", "currents are compared without contact")
+        drives = JointTorqueModel.load(model)
+        arm = arm_of(robot or drives.robot, base, tip)
+        logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+        arms = payloads_of(payload, arm, len(logs))
+        validate_joint(drives, logs, arms, filter_hz=filter_hz, as_json=as_json)
+        return
     from bumpstop.identification import load_fit
 
+    for option, given in (("--payload", payload), ("--robot", robot), ("--base", base), ("--tip", tip)):
+        if given:
+            raise InputError(option, "is for joint models", "dynamics know their robot and what it carried")
     fit = load_fit(model)
-    log = part_of(recording, columns, fit.robot, begin, until)
+    if len(recordings) != 1:
+        raise InputError("recording", f"{len(recordings)} of them", "dynamics are compared with one")
+    log = load_parts(recordings, columns, fit.robot, begin, until, topic, max_bad)[0]
     scores = fit.score(log, filter_hz=filter_hz)
     contact = ""
     if out is not None:
         contact = dynamics_report(
-            fit, log, out, where=f"on {recording}", filter_hz=filter_hz, contact_joint=contact_joint
+            fit, log, out, where=f"on {recordings[0]}", filter_hz=filter_hz, contact_joint=contact_joint
         )
     if as_json:
         joints = [
@@ -130,26 +205,11 @@ def validate(
         ]
         typer.echo(json.dumps({"joints": joints}, allow_nan=False, indent=2))
         return
-    _print_scores(scores, filter_hz or fit.cutoff_hz, f"on {recording}")
+    _print_scores(scores, filter_hz or fit.cutoff_hz, f"on {recordings[0]}")
     if contact:
         typer.echo(contact)
     if out is not None:
         typer.echo(f"report: {out / 'report.html'}")
-
-
-def part_of(path: Path, columns: Path | None, robot: Any, begin: float | None, until: float | None) -> Recording:
-    """A recording, or what lies between two times of it, counted from its beginning [s]."""
-    from bumpstop.recording import Recording
-
-    log = Recording.load(path, columns=columns, robot=robot)
-    start, end = float(log.t[0]), float(log.t[-1])
-    if begin is None and until is None:
-        return log
-    first = start if begin is None else start + begin
-    last = end if until is None else start + until
-    if not first < last:
-        raise InputError("--from", f"{begin} leaves nothing before {until}", f"valid: 0 to {end - start:.6g} s")
-    return log.between(first, last)
 
 
 def _group(text: str, dof: int) -> list[tuple[int, float]]:
@@ -193,7 +253,7 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], log: Recording
         "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
         "not_visible": list(fit.unseen),
         "rows_used": fit.rows_used,
-        "rows_dropped": len(log.report.dropped),
+        "rows_dropped": log.report.rows_dropped,
     }
 
 

@@ -29,7 +29,7 @@ def load_series(path: Path, model: str | None, robot: str | None, columns: Path 
                 raise InputError(option, f"has no meaning with the residuals of {str(path)!r}", "leave it out")
         return ResidualSeries.load(path)
     from bumpstop.cli.detect import load_model
-    from bumpstop.cli.identify import part_of
+    from bumpstop.cli.arm_recordings import part_of
 
     given, arm = load_model(model, robot, None, None)
     record = residual_record(part_of(path, columns, arm, None, None), arm, given)
@@ -42,7 +42,7 @@ def load_run(
 ) -> tuple[ResidualSeries, DetectionRun]:
     """Residuals of a recording, without its blind rows, and what the detector made of them."""
     from bumpstop.cli.detect import load_model
-    from bumpstop.cli.identify import part_of
+    from bumpstop.cli.arm_recordings import part_of
     from bumpstop.detection import ResidualSeries, detect
 
     given, arm = load_model(model, robot, None, None)

@@ -1,15 +1,30 @@
-"""What a recording says of the arm: inertial parameters, friction and how well they predict its torques."""
+"""What recordings say of an arm: drives, inertia, friction, payload, and how well they are predicted."""
 
+from bumpstop.identification.current_law import JointMotion, held_share, motor_current
+from bumpstop.identification.current_scores import CurrentComparison, compare_currents
 from bumpstop.identification.dynamics_fit import DynamicsFit, JointScore, identify_dynamics
 from bumpstop.identification.fit_file import load_fit, save_fit
+from bumpstop.identification.joint_fit import Candidate, JointFit
+from bumpstop.identification.joint_model_fit import JointModelFit, identify_joint_model
+from bumpstop.identification.payload import with_payload
 from bumpstop.identification.regressor import inertial_names, inertial_regressor
 
 __all__ = [
+    "Candidate",
+    "CurrentComparison",
     "DynamicsFit",
+    "JointFit",
+    "JointModelFit",
+    "JointMotion",
     "JointScore",
+    "compare_currents",
+    "held_share",
     "identify_dynamics",
+    "identify_joint_model",
     "inertial_names",
     "inertial_regressor",
     "load_fit",
+    "motor_current",
     "save_fit",
+    "with_payload",
 ]

@@ -80,7 +80,8 @@ class JointParameters:
     ``parameters`` holds, by name: A [Nm per squared current] and B [Nm per current] of the map; D [current at 1 rad/s]
     and F [1], or coulomb [current], viscous [current s/rad], stribeck [current], stribeck_speed [rad/s] and load [1] of
     the friction; hysteresis T_H [Nm] (eq 2.22, subtracted) and inertia [kg m2], all that is reflected to the joint. The
-    last two are None where unknown, and then count as zero.
+    last two are None where unknown, and then count as zero. B of a linear map may be None, too: the motion of the fit
+    did not show it, and the torque of this joint is NaN.
 
     Attributes:
         name: of the joint.
@@ -145,8 +146,8 @@ class JointParameters:
             raise InputError(where, "is missing", "wanted { value, standard_error }")
         parameter = self.parameters[name]
         if parameter is None:
-            if name not in COMMON:
-                raise InputError(where, "is unknown", f"only {' and '.join(COMMON)} may be")
+            if name not in COMMON and not (name == "B" and self.map == "linear"):
+                raise InputError(where, "is unknown", f"only {' and '.join(COMMON)}, and B of a linear map, may be")
             return
         value = as_number(parameter.value, f"{where}.value")
         low, high = _BOUNDS.get(name, (-math.inf, math.inf))
@@ -166,6 +167,8 @@ class JointParameters:
 
     def _check_monotone(self, where: str) -> None:
         """Refuse a map by which more current could mean less torque, as it then has no inverse."""
+        if self.parameters["B"] is None:
+            return
         A, B = self.value("A"), self.value("B")
         reach = math.inf if self.current_range is None else max(map(abs, self.current_range))
         # The source's map bends down on one side or the other, whichever sign A has.
@@ -295,7 +298,7 @@ class JointTorqueModel:
             state: what came before; updated. None: nothing, and forgotten afterwards.
 
         Returns:
-            Shape of ``current`` [Nm], positive along the joints.
+            Shape of ``current`` [Nm], positive along the joints; NaN for a joint whose B is unknown.
 
         Raises:
             InputError: a shape or a value that cannot be used.
@@ -321,6 +324,9 @@ class JointTorqueModel:
     def notes(self, state: TorqueState | None = None) -> tuple[str, ...]:
         """What is unknown about the model and, with a state, how often it was used outside its fitted range."""
         notes = [self.note] if self.note else []
+        blind = [joint.name for joint in self.joints if joint.parameters["B"] is None]
+        if blind:
+            notes.append(f"{', '.join(blind)}: no B: the torque is unknown (NaN)")
         for name, words in (
             *((name, f"no {name}: it counts as zero") for name in COMMON),
             ("current_range", "unknown fitted range of current: extrapolation cannot be told"),
@@ -350,6 +356,8 @@ def _kernel(joint: JointParameters) -> core.JointTorqueParameters:
     for name, parameter in joint.parameters.items():
         if parameter is not None:
             setattr(out, name, float(parameter.value))
+        elif name == "B":
+            out.B = math.nan
     out.rest_speed = float(joint.rest_speed)
     if joint.current_range is not None:
         out.current_low, out.current_high = map(float, joint.current_range)

@@ -93,7 +93,7 @@ def _joint(data: Any, number: int) -> JointParameters:
 
 
 def _parameter(data: Any, key: str, where: str) -> Parameter | None:
-    if data == _UNKNOWN and key in COMMON:
+    if data == _UNKNOWN and key in (*COMMON, "B"):
         return None
     if not isinstance(data, Mapping):
         other = f' or "{_UNKNOWN}"' if key in COMMON else ""

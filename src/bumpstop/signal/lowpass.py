@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,11 +62,20 @@ def filter_even(x: FloatArray, rate_hz: float, cutoff_hz: float, order: int = 4)
         cutoff_hz: above 0, below half the rate.
         order: of the filter in one direction.
     """
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sections = butter(order, cutoff_hz, fs=rate_hz, output="sos")
+    sections = _sections(order, cutoff_hz, rate_hz)
     filtered: FloatArray = np.ascontiguousarray(sosfiltfilt(sections, x, axis=0, padlen=_padding(order)))
     return filtered
+
+
+@lru_cache(maxsize=64)
+def _sections(order: int, cutoff_hz: float, rate_hz: float) -> FloatArray:
+    """The filter's second-order sections; to design them takes longer than to filter a thousand rows."""
+    from scipy.signal import butter
+
+    sections: FloatArray = butter(order, cutoff_hz, fs=rate_hz, output="sos")
+    return sections
 
 
 def _padding(order: int) -> int:

@@ -1,0 +1,195 @@
+"""``bumpstop identify`` and ``validate`` where motor currents were recorded."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bumpstop.cli.arm_recordings import known_of
+from bumpstop.cli.progress import progress
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.identification import CurrentComparison, JointFit, JointModelFit, JointScore
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+
+def identify_joint(
+    logs: Sequence[Recording],
+    arms: Sequence[Robot],
+    *,
+    robot: str,
+    known: Sequence[str] | None,
+    cutoff_hz: float | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Fit a joint torque model, write it, and print what was found."""
+    from bumpstop.identification import identify_joint_model
+
+    with progress("fitting") as report:
+        try:
+            fit = identify_joint_model(logs, arms, cutoff_hz=cutoff_hz, known=known_of(known), progress=report)
+        except InputError as error:
+            if error.field.startswith("known.") or error.field == "cutoff_hz":
+                field = "--known " + error.field[6:] if error.field != "cutoff_hz" else "--cutoff"
+                raise InputError(field, error.problem, error.valid) from None
+            raise
+    model = replace(fit.model, robot=robot)
+    if out is not None:
+        try:
+            model.save(out)
+        except OSError as error:
+            raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror or error})") from None
+    if as_json:
+        typer.echo(json.dumps(_identified(fit, logs), allow_nan=False, indent=2))
+        return
+    _print_fit(fit)
+    for log in logs:
+        if log.report.rows_dropped:
+            typer.echo(f"bad rows: {log.report.rows_dropped} of {log.report.rows_read} dropped from {log.source}")
+        for note in log.report.notes:
+            typer.echo(f"note: {log.source}: {note}")
+    if out is not None:
+        typer.echo(f"model: {out}")
+
+
+def validate_joint(
+    model: JointTorqueModel,
+    logs: Sequence[Recording],
+    arms: Sequence[Robot],
+    *,
+    filter_hz: float | None,
+    as_json: bool,
+) -> None:
+    """Print how well a joint model predicts currents, and torques from them."""
+    from bumpstop.identification import compare_currents
+
+    with progress("comparing"):
+        found = compare_currents(model, logs, arms, filter_hz=filter_hz)
+        currents, torques = found.current_scores(), found.torque_scores()
+    if as_json:
+        typer.echo(json.dumps(_validated(found, arms[0], currents, torques), allow_nan=False, indent=2))
+        return
+    where = ", ".join(log.source for log in logs)
+    _print_scores(found, currents, f"predicted current [{model.unit}] on {where}, compared at {found.filter_hz:g} Hz")
+    _print_scores(found, torques, f"torque estimated from current against Newton-Euler, at {found.filter_hz:g} Hz")
+    for note in found.notes:
+        typer.echo(f"note: {note}")
+
+
+def _identified(fit: JointModelFit, logs: Sequence[Recording]) -> dict[str, Any]:
+    return {
+        "kind": "joint_model",
+        "joints": [_joint(joint) for joint in fit.joints],
+        "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
+        "loss": "huber",
+        "warnings": list(fit.warnings),
+        "rows_used": fit.rows_used,
+        "rows_dropped": fit.rows_left + sum(log.report.rows_dropped for log in logs),
+    }
+
+
+def _joint(joint: JointFit) -> dict[str, Any]:
+    own = joint.parameters
+    nothing = {"value": None, "standard_error": None}
+    return {
+        "name": joint.name,
+        "observable": joint.observable,
+        "map": own.map,
+        "friction": own.friction,
+        "parameters": {
+            name: nothing if found is None else {"value": found.value, "standard_error": found.standard_error}
+            for name, found in own.parameters.items()
+        },
+        "unseen": dict(joint.unseen),
+        "r2": _or_null(joint.r2),
+        "rmse_A": joint.rmse,
+        "current_range": None if own.current_range is None else list(own.current_range),
+        "speed_range": None if own.speed_range is None else list(own.speed_range),
+        "rest_speed": own.rest_speed,
+        "candidates": [
+            {"map": tried.map, "friction": tried.friction, "held_out_A": tried.held_out, "refused": tried.refused}
+            for tried in joint.candidates
+        ],
+    }
+
+
+def _validated(
+    found: CurrentComparison,
+    arm: Robot,
+    currents: Sequence[JointScore | None],
+    torques: Sequence[JointScore | None],
+) -> dict[str, Any]:
+    joints = []
+    for joint, drive, current, torque in zip(arm.joints, found.model.joints, currents, torques, strict=True):
+        unit = "N" if joint.kind == "prismatic" else "Nm"
+        joints.append({"name": drive.name, **_score(current, found.model.unit), "torque": _score(torque, unit)})
+    return {"joints": joints, "filter_hz": found.filter_hz, "notes": list(found.notes)}
+
+
+def _score(score: JointScore | None, unit: str) -> dict[str, Any]:
+    names = ("r2", "r2_raw", "mean", "sd", "rmse")
+    return {name: None if score is None else _or_null(getattr(score, name)) for name in names} | {"unit": unit}
+
+
+def _or_null(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _print_fit(fit: JointModelFit) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    unit = fit.model.unit
+    typer.echo(f"joint model from {fit.rows_used} rows, filtered at {fit.cutoff_hz:g} Hz, Huber's loss")
+    if fit.held_out:
+        tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
+        typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", "R2", f"rmse, {unit}", "map", "friction", "parameters"):
+        table.add_column(heading, justify="right" if heading[0] in "Rr" else "left")
+    for joint in fit.joints:
+        own = joint.parameters
+        figures = ", ".join(
+            f"{name} {found.value:.4g}" + ("" if found.standard_error is None else f" +- {found.standard_error:.2g}")
+            for name, found in own.parameters.items()
+            if found is not None
+        )
+        table.add_row(joint.name, f"{joint.r2:.4f}", f"{joint.rmse:.4g}", own.map, own.friction, figures)
+    Console(highlight=False, markup=False).print(table)
+    typer.echo(f"error on held-out fifths, rms {unit}, by map and friction:")
+    for joint in fit.joints:
+        errors = (
+            f"{tried.map}/{tried.friction} " + (f"{tried.held_out:.4g}" if tried.held_out is not None else "refused")
+            for tried in joint.candidates
+        )
+        typer.echo(f"  {joint.name}: {', '.join(errors) or 'none tried'}")
+    for warning in fit.warnings:
+        typer.echo(f"warning: {warning}")
+
+
+def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None], title: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    for joint, score in zip(found.model.joints, scores, strict=True):
+        if score is None:
+            table.add_row(joint.name, *["unknown gain"], *[""] * 4)
+            continue
+        errors = (score.mean, score.sd, score.rmse)
+        table.add_row(score.name, f"{score.r2:.4f}", f"{score.r2_raw:.4f}", *(f"{error:.4g}" for error in errors))
+    console = Console(highlight=False, markup=False)
+    console.print(title)
+    console.print(table)

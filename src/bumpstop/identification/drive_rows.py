@@ -1,0 +1,205 @@
+"""Rows a joint model is fitted to: motion, Newton-Euler torque and motor current on an even grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.identification.current_law import JointMotion, held_share
+from bumpstop.identification.motion import even_grid, lowpass, onto
+
+if TYPE_CHECKING:
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+# An interval this long [s], and longer than so many median ones, ends a stretch: nothing is guessed across it.
+_GAP_S, _GAP_STEPS = 0.1, 10.0
+_LEAST_ROWS = 50
+# A stretch is used when it is at least so many times as long as what is cut off at an end.
+_LEAST_TRIMS = 5
+# What is filtered at a cut-off is kept at this many times its rate.
+RATE_PER_CUTOFF = 10.0
+# A recording with more rows than a fit takes is represented by so many blocks, unless they get shorter than this.
+_BLOCKS, _LEAST_BLOCK = 10, 500
+
+
+@dataclass(frozen=True, eq=False)
+class DriveRows:
+    """Stretches of motion one after another, filtered alike.
+
+    Attributes:
+        t: (N,) of each row in its own recording [s].
+        q, qd, qdd: (N, n) [rad or m, and per second].
+        torque: (N, n) Newton-Euler torque without rotors [Nm or N].
+        current: (N, n) of the motors, filtered like the motion [A].
+        stretches: rows of each stretch.
+        rate_hz: rows a second, of each stretch.
+        cutoff_hz: of the zero-phase filter.
+        rows_recorded: of the recordings that lie in a stretch.
+        rows_left: of the recordings in stretches too short to filter.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    torque: FloatArray
+    current: FloatArray
+    stretches: tuple[slice, ...]
+    rate_hz: tuple[float, ...]
+    cutoff_hz: float
+    rows_recorded: int
+    rows_left: int
+
+    def filtered(self, x: FloatArray, cutoff_hz: float | None = None) -> FloatArray:
+        """Columns (N, ...) after the zero-phase filter, each stretch for itself."""
+        cutoff = self.cutoff_hz if cutoff_hz is None else cutoff_hz
+        parts = zip(self.stretches, self.rate_hz, strict=True)
+        return np.concatenate([lowpass(x[rows], rate, cutoff) for rows, rate in parts])
+
+    def spread(self, limit: int) -> DriveRows:
+        """No more than about ``limit`` rows: blocks spread evenly over the time, each a stretch of its own."""
+        if self.t.size <= limit:
+            return self
+        blocks: list[slice] = []
+        rates: list[float] = []
+        for rows, rate in zip(self.stretches, self.rate_hz, strict=True):
+            size = rows.stop - rows.start
+            count = max(1, min(_BLOCKS, size // _LEAST_BLOCK))
+            length = max(1, int(size * limit / self.t.size / count))
+            for start in np.linspace(rows.start, rows.stop - length, count).astype(int).tolist():
+                blocks.append(slice(start, start + length))
+                rates.append(rate)
+        ends = np.cumsum([0, *(block.stop - block.start for block in blocks)]).tolist()
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name)[block] for block in blocks])
+            for name in ("t", "q", "qd", "qdd", "torque", "current")
+        }
+        stretches = tuple(slice(a, b) for a, b in pairwise(ends))
+        return replace(self, **columns, stretches=stretches, rate_hz=tuple(rates))
+
+    def joint(self, j: int, rest_speed: float) -> JointMotion:
+        """What joint ``j`` did."""
+        qd = np.ascontiguousarray(self.qd[:, j])
+        held = np.concatenate([held_share(qd[rows], rest_speed) for rows in self.stretches])
+        return JointMotion(self.torque[:, j], qd, self.qdd[:, j], held)
+
+
+def without_rotors(robot: Robot) -> Robot:
+    """The robot with the inertia of its rotors left to the joint model."""
+    return replace(robot, joints=tuple(replace(joint, rotor_inertia=0.0) for joint in robot.joints))
+
+
+def drive_rows(
+    recordings: Sequence[Recording],
+    robots: Sequence[Robot],
+    cutoff_hz: float,
+    *,
+    every_row: bool = False,
+    smooth_current: bool = True,
+    trim_s: float | None = None,
+) -> DriveRows:
+    """Filter, differentiate and thin out recordings, and work out the torque of their motion.
+
+    Positions (or recorded rates) and currents pass the same zero-phase filter, and no more rows are kept than it leaves
+    something to say in: ten a period of the cut-off.
+
+    Args:
+        recordings: with currents.
+        robots: with inertia, one for each recording, what it carries included; rotors are left out here.
+        cutoff_hz: of the filter.
+        every_row: keep the recorded rate.
+        smooth_current: filter the currents, too.
+        trim_s: left away at either end of a stretch, where a filter has only one side to go by; default: one period of
+            the cut-off.
+
+    Raises:
+        InputError: no currents, another number of joints, too few rows.
+    """
+    from bumpstop.model import inverse_dynamics
+
+    parts: list[tuple[FloatArray, ...]] = []
+    rates: list[float] = []
+    recorded = left = 0
+    trim = 1 / cutoff_hz if trim_s is None else trim_s
+    for recording, robot in zip(recordings, robots, strict=True):
+        _check(recording, robot)
+        bare = without_rotors(robot)
+        for rows in _stretches(recording.t):
+            span = float(recording.t[rows.stop - 1] - recording.t[rows.start])
+            if rows.stop - rows.start < _LEAST_ROWS or span < _LEAST_TRIMS * trim:
+                left += rows.stop - rows.start
+                continue
+            t, motion, current, rate = _stretch(recording, rows, cutoff_hz, every_row, smooth_current)
+            inside = slice(math.ceil(trim * rate), t.size - math.ceil(trim * rate))
+            t, current = t[inside], current[inside]
+            motion = (motion[0][inside], motion[1][inside], motion[2][inside])
+            torque = inverse_dynamics(bare, *motion)
+            parts.append((t, *motion, torque, current))
+            rates.append(rate)
+            recorded += rows.stop - rows.start
+    if not parts:
+        problem = f"has no stretch of {_LEAST_ROWS} rows and {_LEAST_TRIMS * trim:.3g} s without a gap"
+        raise InputError("recording", problem, "wanted a longer recording")
+    ends = np.cumsum([0, *(part[0].size for part in parts)])
+    columns = [np.concatenate([part[i] for part in parts]) for i in range(6)]
+    stretches = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+    t, q, qd, qdd, torque, current = columns
+    return DriveRows(t, q, qd, qdd, torque, current, stretches, tuple(rates), cutoff_hz, recorded, left)
+
+
+def _check(recording: Recording, robot: Robot) -> None:
+    if recording.current is None:
+        raise InputError("recording", f"{recording.source or 'it'} has no motor current", "wanted current_1 ..")
+    if recording.dof != robot.dof:
+        raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
+
+
+def _stretches(t: FloatArray) -> list[slice]:
+    steps = np.diff(t)
+    ends = np.flatnonzero(steps > max(_GAP_S, _GAP_STEPS * float(np.median(steps)))) + 1
+    edges = [0, *ends.tolist(), t.size]
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def _stretch(
+    recording: Recording, rows: slice, cutoff_hz: float, every_row: bool, smooth_current: bool
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], FloatArray, float]:
+    assert recording.current is not None
+    t = recording.t[rows]
+    grid, rate = even_grid(t)
+    even = grid.size == t.size and float(np.abs(grid - t).max()) < 1e-3 / rate
+
+    def smooth(x: FloatArray) -> FloatArray:
+        return lowpass(x[rows] if even else onto(grid, t, x[rows]), rate, cutoff_hz)
+
+    stride = 1 if every_row else max(1, int(rate / (RATE_PER_CUTOFF * cutoff_hz)))
+    q = smooth(recording.q)
+    velocity = slope(q, rate) if recording.qd is None else smooth(recording.qd)
+    acceleration = np.ascontiguousarray(slope(velocity, rate)[::stride])
+    if smooth_current:
+        current = smooth(recording.current)
+    else:
+        current = recording.current[rows] if even else onto(grid, t, recording.current[rows])
+    kept = [np.ascontiguousarray(x[::stride]) for x in (q, velocity, current)]
+    return grid[::stride], (kept[0], kept[1], acceleration), kept[2], rate / stride
+
+
+def slope(x: FloatArray, rate_hz: float) -> FloatArray:
+    """Rate of change of the columns of x (N, n), N at least 5, by fourth-order central differences.
+
+    At a frequency f it falls short by the share (2 pi f / rate)^4 / 30; second-order differences would by a sixth of
+    the square. The two rows at either end have lower order.
+    """
+    change = np.empty_like(x)
+    change[2:-2] = (8 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) * (rate_hz / 12)
+    change[:2] = np.gradient(x[:3], 1 / rate_hz, axis=0)[:2]
+    change[-2:] = np.gradient(x[-3:], 1 / rate_hz, axis=0)[-2:]
+    return change

@@ -1,0 +1,38 @@
+"""What an arm carries: declared, or found from joint torques."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import as_float_array, as_number
+from bumpstop.errors import InputError
+from bumpstop.model.inertia import LinkInertia, Vector3, merged, vector3
+
+if TYPE_CHECKING:
+    from bumpstop.model import Robot
+
+
+def with_payload(robot: Robot, mass: float, center: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
+    """The robot with a point mass fixed to its tip.
+
+    Args:
+        robot: with an inertia of its last link.
+        mass: of the payload [kg].
+        center: of mass in the frame of the tip [m].
+
+    Raises:
+        InputError: a negative mass, or a last link of unknown inertia.
+    """
+    if as_number(mass, "payload.mass") < 0:
+        raise InputError("payload.mass", f"is {mass} kg", "wanted zero or more")
+    offset: Vector3 = vector3(as_float_array(center, "payload.center", (3,)))
+    last = robot.joints[-1]
+    if last.inertia is None:
+        raise InputError("robot", f"{robot.name}: no inertia of link {last.link!r} is known", "dynamics needs it")
+    load = LinkInertia(mass=mass, center=offset).moved(robot.tip_origin, np.asarray(robot.tip_rotation))
+    carried = replace(last, inertia=merged([last.inertia, load]))
+    return replace(robot, joints=(*robot.joints[:-1], carried))
