@@ -7,6 +7,7 @@ from bumpstop.identification.fit_file import load_fit, save_fit
 from bumpstop.identification.joint_fit import Candidate, JointFit
 from bumpstop.identification.joint_model_fit import JointModelFit, identify_joint_model
 from bumpstop.identification.payload import with_payload
+from bumpstop.identification.payload_fit import PayloadFit, identify_payload
 from bumpstop.identification.regressor import inertial_names, inertial_regressor
 
 __all__ = [
@@ -17,10 +18,12 @@ __all__ = [
     "JointModelFit",
     "JointMotion",
     "JointScore",
+    "PayloadFit",
     "compare_currents",
     "held_share",
     "identify_dynamics",
     "identify_joint_model",
+    "identify_payload",
     "inertial_names",
     "inertial_regressor",
     "load_fit",

@@ -26,8 +26,8 @@ _LEAST_ROWS = 50
 _LEAST_TRIMS = 5
 # What is filtered at a cut-off is kept at this many times its rate.
 RATE_PER_CUTOFF = 10.0
-# A recording with more rows than a fit takes is represented by so many blocks, unless they get shorter than this.
-_BLOCKS, _LEAST_BLOCK = 10, 500
+# A recording with more rows than a fit takes is represented by so many blocks.
+_BLOCKS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,22 +61,36 @@ class DriveRows:
     def filtered(self, x: FloatArray, cutoff_hz: float | None = None) -> FloatArray:
         """Columns (N, ...) after the zero-phase filter, each stretch for itself."""
         cutoff = self.cutoff_hz if cutoff_hz is None else cutoff_hz
-        parts = zip(self.stretches, self.rate_hz, strict=True)
-        return np.concatenate([lowpass(x[rows], rate, cutoff) for rows, rate in parts])
+        result = np.empty_like(x)
+        alike: dict[tuple[int, float], list[int]] = {}
+        for rows, rate in zip(self.stretches, self.rate_hz, strict=True):
+            alike.setdefault((rows.stop - rows.start, rate), []).append(rows.start)
+        for (length, rate), starts in alike.items():
+            if len(starts) == 1:
+                rows = slice(starts[0], starts[0] + length)
+                result[rows] = lowpass(x[rows], rate, cutoff)
+                continue
+            # Side by side in one call: most of the time of short ones would go into preparing it.
+            places = np.arange(length)[:, None] + np.array(starts)
+            result[places] = lowpass(x[places], rate, cutoff)
+        return result
 
     def spread(self, limit: int) -> DriveRows:
         """No more than about ``limit`` rows: blocks spread evenly over the time, each a stretch of its own."""
         if self.t.size <= limit:
             return self
+        length = limit // _BLOCKS
         blocks: list[slice] = []
         rates: list[float] = []
         for rows, rate in zip(self.stretches, self.rate_hz, strict=True):
             size = rows.stop - rows.start
-            count = max(1, min(_BLOCKS, size // _LEAST_BLOCK))
-            length = max(1, int(size * limit / self.t.size / count))
+            count = min(round(_BLOCKS * size / self.t.size), size // length)
             for start in np.linspace(rows.start, rows.stop - length, count).astype(int).tolist():
                 blocks.append(slice(start, start + length))
                 rates.append(rate)
+        if not blocks:  # many short stretches: every so manieth of them
+            every = math.ceil(self.t.size / limit)
+            blocks, rates = list(self.stretches[::every]), list(self.rate_hz[::every])
         ends = np.cumsum([0, *(block.stop - block.start for block in blocks)]).tolist()
         columns: dict[str, Any] = {
             name: np.concatenate([getattr(self, name)[block] for block in blocks])

@@ -146,7 +146,10 @@ def fit_joint(
     if sight.blind:
         kind, friction = "blind", "power"
     else:
-        kind, friction = _choose(rows, j, sight, fixed, start, maps, frictions, rest_speed, joint.name, candidates)
+        kind, friction, near = _choose(
+            rows, j, sight, fixed, start, maps, frictions, rest_speed, joint.name, candidates
+        )
+        start |= near
     while True:
         law = CurrentLaw.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
         fit = task.fit(law, start, sight)
@@ -192,17 +195,20 @@ def _choose(
     rest_speed: float,
     name: str,
     candidates: list[Candidate],
-) -> tuple[str, str]:
-    """The friction law with the simplest map, then the map with that law, by held-out error."""
+) -> tuple[str, str, dict[str, float]]:
+    """The friction law with the simplest map, then the map with that law, by held-out error; and the values found."""
     task = _Task.of(rows.spread(_ENOUGH_TO_CHOOSE), j, rest_speed)
     kinds = [kind for kind in _MAPS if kind in maps and not ("A" in known_names(fixed) and kind == "linear")]
     laws = [law for law in _FRICTIONS if law in frictions]
     if sight.one_speed or sight.never_moves:
         laws = [law for law in laws if law == "power"] or laws[:1]
 
+    near: dict[tuple[str, str], dict[str, float]] = {}
+
     def tried(kind: str, friction: str) -> Candidate:
         law = CurrentLaw.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
-        fit = task.fit(law, start, sight)
+        fit = task.fit(law, {**start, **near.get((kinds[0], friction), {})}, sight)
+        near[kind, friction] = dict(zip(law.names, fit.values.tolist(), strict=True))
         refused = sight.refused(law, fit)
         if not refused:
             try:
@@ -215,8 +221,8 @@ def _choose(
     candidates += [tried(kinds[0], friction) for friction in laws]
     friction = _best(candidates, "friction") or laws[0]
     candidates += [tried(kind, friction) for kind in kinds[1:]]
-    kind = _best([candidate for candidate in candidates if candidate.friction == friction], "map")
-    return kind or kinds[0], friction
+    kind = _best([candidate for candidate in candidates if candidate.friction == friction], "map") or kinds[0]
+    return kind, friction, near[kind, friction]
 
 
 def known_names(fixed: Mapping[str, float]) -> set[str]:

@@ -42,22 +42,27 @@ def inertial_regressor(
     Returns:
         (N, dof, 10 dof) [Nm or N per unit of the parameter].
     """
-    dof, rows = robot.dof, q.shape[0]
-    columns = np.empty((rows, dof, 10 * dof))
-    for link in range(dof):
-        of_mass = _torque(robot, q, qd, qdd, gravity, link, 1.0, np.zeros(3), np.zeros((3, 3)))
-        columns[:, :, 10 * link] = of_mass
-        for axis in range(3):
-            center = np.eye(3)[axis]
-            # A unit mass off the origin has second moments there; a negative tensor about its centre takes them away.
-            tensor = np.outer(center, center) - np.eye(3)
-            shifted = _torque(robot, q, qd, qdd, gravity, link, 1.0, center, tensor)
-            columns[:, :, 10 * link + 1 + axis] = shifted - of_mass
-        for place, name in enumerate(INERTIAL[4:], start=4):
-            tensor = np.zeros((3, 3))
-            row, column = _TENSOR[name]
-            tensor[row, column] = tensor[column, row] = 1.0
-            columns[:, :, 10 * link + place] = _torque(robot, q, qd, qdd, gravity, link, 0.0, np.zeros(3), tensor)
+    links = [link_regressor(robot, q, qd, qdd, gravity, link) for link in range(robot.dof)]
+    return np.concatenate(links, axis=2)
+
+
+def link_regressor(
+    robot: Robot, q: FloatArray, qd: FloatArray, qdd: FloatArray, gravity: tuple[float, float, float], link: int
+) -> FloatArray:
+    """Columns (N, dof, 10) of one link, numbered from 0; arguments as for :func:`inertial_regressor`."""
+    columns = np.empty((q.shape[0], robot.dof, 10))
+    of_mass = _torque(robot, q, qd, qdd, gravity, link, 1.0, np.zeros(3), np.zeros((3, 3)))
+    columns[:, :, 0] = of_mass
+    for axis in range(3):
+        center = np.eye(3)[axis]
+        # A unit mass off the origin has second moments there; a negative tensor about its centre takes them away.
+        tensor = np.outer(center, center) - np.eye(3)
+        columns[:, :, 1 + axis] = _torque(robot, q, qd, qdd, gravity, link, 1.0, center, tensor) - of_mass
+    for place, name in enumerate(INERTIAL[4:], start=4):
+        tensor = np.zeros((3, 3))
+        row, column = _TENSOR[name]
+        tensor[row, column] = tensor[column, row] = 1.0
+        columns[:, :, place] = _torque(robot, q, qd, qdd, gravity, link, 0.0, np.zeros(3), tensor)
     return columns
 
 

@@ -18,7 +18,7 @@ HUBER = 2.5
 # Window of the long-run covariance, in correlation times of the residuals.
 _WINDOW = 4.0
 # A step that changes predictions by less than this share of the residuals is the last.
-_SETTLED = 1e-5
+_SETTLED = 3e-4
 _TO_SD = 1.4826  # median absolute deviation of a Gaussian
 
 

@@ -1,0 +1,225 @@
+"""What an arm of known inertia carries, from its joint torques or from currents and a joint torque model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.identification.drive_rows import without_rotors
+from bumpstop.identification.dynamics_fit import GRAVITY
+from bumpstop.identification.motion import EvenMotion, even_motion, lowpass, onto
+from bumpstop.identification.regressor import INERTIAL, link_regressor
+from bumpstop.identification.robust_fit import long_run_covariance, visible_share
+from bumpstop.model.inertia import vector3
+from bumpstop.signal import correlation_time
+
+if TYPE_CHECKING:
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+# Columns that the others make up to this share of their length are not seen.
+_DEPENDENT = 1e-3
+# Nor are those known no better than to a kilogram, or the payload's own mass, at this distance from the tip [m].
+_ARM = 0.1
+_ROUNDS = 4  # of the joints' weights, and of a point mass's second moments
+_WINDOW = 4.0  # of the long-run covariance, in correlation times
+# Torques are compared after a filter at this many times the motion's cut-off.
+_FIT_PER_CUTOFF = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PayloadFit:
+    """A payload at the tip; what the motion cannot show is None.
+
+    Attributes:
+        values: by name: ``m`` [kg], ``mx my mz`` [kg m] and, if asked for, ``Ixx Iyy Izz Ixy Ixz Iyz`` [kg m2]
+            about the origin of the tip, in its frame.
+        standard_errors: likewise; they hold under residuals correlated in time and between joints.
+        center: of mass in the frame of the tip [m], or None.
+        center_errors: standard errors of ``center``, or None.
+        unseen: names of what the motion cannot show.
+        joints_left_out: joints whose torque is unknown.
+        rows_used: of the fit.
+    """
+
+    values: dict[str, float | None]
+    standard_errors: dict[str, float | None]
+    center: tuple[float, float, float] | None
+    center_errors: tuple[float, float, float] | None
+    unseen: tuple[str, ...]
+    joints_left_out: tuple[str, ...]
+    rows_used: int
+
+
+def identify_payload(
+    recording: Recording,
+    robot: Robot,
+    *,
+    model: JointTorqueModel | None = None,
+    inertia: bool = False,
+    cutoff_hz: float | None = None,
+) -> PayloadFit:
+    """Fit mass and first moments of a payload at the tip, by weighted least squares.
+
+    From currents the joint model takes away friction. From recorded torques Coulomb and viscous friction and an offset
+    of every joint are fitted beside the payload; the offset takes what a pose that never changes would show.
+
+    Args:
+        recording: with currents, if a model is given, else with torques.
+        robot: without payload, with inertia.
+        model: joint torque model of this robot, fitted without payload or with the payload declared.
+        inertia: fit second moments, too; without, those of a point mass are taken.
+        cutoff_hz: of the motion's filter; default: 5, or a tenth of the recorded rate where that is less.
+
+    Raises:
+        InputError: no currents or torques, another number of joints, too few rows, no joint whose torque is known.
+    """
+    if recording.dof != robot.dof:
+        raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
+    cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
+    motion = even_motion(recording.t, recording.q, recording.qd, cutoff)
+    bare, known = _bare_torque(recording, robot, model, motion)
+    payload = link_regressor(robot, motion.q, motion.qd, motion.qdd, GRAVITY, robot.dof - 1) @ _tip_to_link(robot)
+    nuisance = _friction(motion.qd) if model is None else np.zeros((motion.t.size, robot.dof, 0))
+    filter_hz = _FIT_PER_CUTOFF * cutoff
+    wanted, seen_by, others = (lowpass(x[:, known], motion.rate_hz, filter_hz) for x in (bare, payload, nuisance))
+    count = 10 if inertia else 4
+    point = np.zeros(6)
+    weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
+    for _ in range(_ROUNDS):
+        target = wanted - (0.0 if inertia else seen_by[:, :, 4:] @ point)
+        columns = np.concatenate([seen_by[:, :, :count], others], axis=2) * weight[None, :, None]
+        flat = columns.reshape(-1, columns.shape[2])
+        length = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+        solution = np.linalg.lstsq(flat / length, (target * weight).ravel(), rcond=1e-9)[0] / length
+        residual = target * weight - columns @ solution
+        if not inertia:
+            point = _point_moments(solution[:4])
+        weight = weight / np.maximum(residual.std(axis=0), 1e-12)
+    weight_columns = columns / np.maximum(residual.std(axis=0), 1e-12)[None, :, None]
+    residual = residual / np.maximum(residual.std(axis=0), 1e-12)
+    covariance = _covariance(weight_columns, residual)
+    shares = visible_share(flat)[:count]
+    names = INERTIAL[:count]
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))[:count]
+    enough = max(1.0, float(solution[0])) * np.array([1.0] + [_ARM] * 3 + [_ARM**2] * 6)[:count]
+    seen = (shares > _DEPENDENT) & (spread < enough)
+    values = {name: float(solution[i]) if seen[i] else None for i, name in enumerate(names)}
+    errors = {name: float(spread[i]) if seen[i] else None for i, name in enumerate(names)}
+    center, center_errors = _center(solution[:4], covariance[:4, :4]) if seen[:4].all() else (None, None)
+    return PayloadFit(
+        values=values,
+        standard_errors=errors,
+        center=center,
+        center_errors=center_errors,
+        unseen=tuple(name for i, name in enumerate(names) if not seen[i]),
+        joints_left_out=tuple(joint.name for joint, own in zip(robot.joints, known, strict=True) if not own),
+        rows_used=motion.t.size,
+    )
+
+
+def _bare_torque(
+    recording: Recording, robot: Robot, model: JointTorqueModel | None, motion: EvenMotion
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Torque that the arm without payload does not explain (N, n), and the joints where it is known."""
+    from bumpstop.model import inverse_dynamics
+
+    if model is None:
+        if recording.tau is None:
+            raise InputError(
+                "recording", "has no joint torque", "wanted tau_1 .. tau_n, or currents with a joint model"
+            )
+        own = inverse_dynamics(robot, motion.q, motion.qd, motion.qdd)
+        return onto(motion.t, recording.t, recording.tau) - own, np.ones(robot.dof, dtype=bool)
+    if recording.current is None:
+        raise InputError("recording", "has no motor current", "wanted current_1 ..")
+    if len(model.joints) != robot.dof:
+        raise InputError("model", f"has {len(model.joints)} joints", f"{robot.name} has {robot.dof}")
+    known = np.array([joint.parameters["B"] is not None for joint in model.joints])
+    if not known.any():
+        raise InputError("model", "knows the gain of no joint", "wanted at least one")
+    torque = model.torque(onto(motion.t, recording.t, recording.current), motion.qd, motion.qdd)
+    return np.where(known, torque, 0.0) - inverse_dynamics(
+        without_rotors(robot), motion.q, motion.qd, motion.qdd
+    ), known
+
+
+def _friction(qd: FloatArray) -> FloatArray:
+    """Columns (N, n, 3 n) of Coulomb and viscous friction and an offset of each joint."""
+    rows, n = qd.shape
+    columns = np.zeros((rows, n, 3 * n))
+    for j in range(n):
+        width = max(0.03 * float(np.sqrt((qd[:, j] ** 2).mean())), 1e-6)
+        columns[:, j, 3 * j : 3 * j + 3] = np.stack([np.tanh(qd[:, j] / width), qd[:, j], np.ones(rows)], axis=1)
+    return columns
+
+
+def _tip_to_link(robot: Robot) -> FloatArray:
+    """Matrix (10, 10) from inertial parameters in the frame of the tip to those in the frame of the last link."""
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = np.asarray(robot.tip_rotation), robot.tip_origin
+    return np.stack([parameters_of(X @ pseudo_inertia(unit) @ X.T) for unit in np.eye(10)], axis=1)
+
+
+def pseudo_inertia(parameters: FloatArray) -> FloatArray:
+    """Second moments of mass of a body as a 4 x 4 matrix (Wensing, Kim and Slotine 2018), positive definite for a body.
+
+    Args:
+        parameters: (10,) m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin.
+    """
+    m, x, y, z, xx, yy, zz, xy, xz, yz = parameters
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    matrix = np.empty((4, 4))
+    matrix[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    matrix[:3, 3] = matrix[3, :3] = x, y, z
+    matrix[3, 3] = m
+    return matrix
+
+
+def parameters_of(matrix: FloatArray) -> FloatArray:
+    """The parameters (10,) of a pseudo-inertia (4, 4)."""
+    spread = matrix[:3, :3]
+    tensor = np.trace(spread) * np.eye(3) - spread
+    return np.array([matrix[3, 3], *matrix[:3, 3], *np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+
+
+def _point_moments(first: FloatArray) -> FloatArray:
+    """Second moments (6,) of a point with this mass and these first moments (4,)."""
+    mass, moment = first[0], first[1:]
+    if not mass > 0:
+        return np.zeros(6)
+    tensor = (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
+    return np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+
+
+def _covariance(columns: FloatArray, residual: FloatArray) -> FloatArray:
+    """Covariance of a least-squares solution whose residuals (N, n) are correlated in time and between joints."""
+    rows = residual.shape[0]
+    flat = columns.reshape(-1, columns.shape[2])
+    inverse = np.linalg.pinv(flat.T @ flat, hermitian=True)
+    memory = max(correlation_time(residual[:, j]) for j in range(residual.shape[1]))
+    window = min(math.ceil(_WINDOW * memory), rows // 3)
+    scores = np.einsum("tjk,tj->tk", columns, residual)
+    lost = (1 - 0.5 / _WINDOW) * (1 - window / rows)
+    covariance: FloatArray = inverse @ long_run_covariance(scores, window) @ inverse / lost
+    return covariance
+
+
+def _center(
+    first: FloatArray, covariance: FloatArray
+) -> tuple[tuple[float, float, float], tuple[float, float, float]] | tuple[None, None]:
+    """Centre of mass and its standard errors; none of a mass that could as well be nothing."""
+    mass = float(first[0])
+    if mass < 2 * math.sqrt(max(float(covariance[0, 0]), 0.0)):
+        return None, None
+    center = first[1:] / mass
+    turn = np.concatenate([-center[:, None], np.eye(3)], axis=1) / mass
+    errors = np.sqrt(np.maximum(np.diag(turn @ covariance @ turn.T), 0.0))
+    return vector3(center), vector3(errors)

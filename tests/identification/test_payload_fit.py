@@ -1,0 +1,93 @@
+"""A payload that was planted is found, from torques and from currents; what cannot be seen is None."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.identification import identify_payload, inertial_regressor, with_payload
+from bumpstop.identification.drive_rows import without_rotors
+from bumpstop.identification.payload_fit import parameters_of, pseudo_inertia
+from bumpstop.model import inverse_dynamics
+from bumpstop.recording import Recording
+from identification.drives import driven, drives, fourier
+
+MASS, CENTER = 2.5, (0.03, -0.02, 0.09)
+
+
+def test_parameters_and_pseudo_inertia_are_one_thing_said_twice() -> None:
+    parameters = np.random.default_rng(0).normal(size=10)
+    np.testing.assert_allclose(parameters_of(pseudo_inertia(parameters)), parameters, atol=1e-14)
+
+
+def test_from_currents_with_a_joint_model() -> None:
+    robot = bs.Robot.load("ur5e")
+    carrying = with_payload(robot, MASS, CENTER)
+    motion = fourier(robot, 30.0, 100.0, 1)
+    model = drives(robot, inverse_dynamics(without_rotors(carrying), *motion[1:]))
+    inside = []
+    for seed in range(4):
+        fit = identify_payload(driven(carrying, motion, model, seed), robot, model=model)
+        assert fit.unseen == ()
+        assert fit.center is not None
+        assert fit.center_errors is not None
+        assert fit.standard_errors["m"] is not None
+        inside += [abs(fit.values["m"] - MASS) / fit.standard_errors["m"]]
+        inside += [abs(c - truth) / e for c, truth, e in zip(fit.center, CENTER, fit.center_errors, strict=True)]
+        assert fit.values["m"] == pytest.approx(MASS, rel=0.05)
+    # Sixteen intervals at 95 %: three outside has a chance of 1 in 25, four 1 in 140.
+    assert sum(z < 1.96 for z in inside) >= 13, inside
+
+
+def test_from_torques_beside_friction_and_with_second_moments() -> None:
+    robot = bs.Robot.load("panda")
+    carrying = with_payload(robot, MASS, CENTER)
+    t, q, qd, qdd = fourier(robot, 30.0, 100.0, 2)
+    tau = inverse_dynamics(carrying, q, qd, qdd) + 2.0 * np.sign(qd) + 1.5 * qd + 0.4
+    tau += 0.05 * np.random.default_rng(3).normal(size=tau.shape)
+    fit = identify_payload(Recording(t=t, q=q, tau=tau), robot, inertia=True, cutoff_hz=8.0)
+    assert fit.values["m"] == pytest.approx(MASS, rel=0.03)
+    assert fit.center == pytest.approx(CENTER, abs=0.01)
+    assert set(fit.values) >= {"Ixx", "Iyz"}
+
+
+def test_a_pose_that_stands_still_does_not_show_every_moment() -> None:
+    robot = bs.Robot.load("ur5e")
+    carrying = with_payload(robot, MASS, CENTER)
+    t = np.arange(0, 10, 0.01)
+    q = np.tile(np.array([0.2, -1.0, 1.2, -0.4, 0.5, 0.1]), (t.size, 1)) + 1e-4 * np.sin(t)[:, None]
+    still = np.zeros_like(q)
+    model = drives(robot, inverse_dynamics(without_rotors(carrying), q, still, still) + 1.0)
+    fit = identify_payload(driven(carrying, (t, q, still, still), model, 1), robot, model=model)
+    # Along gravity a shift of the centre changes no torque.
+    assert fit.unseen
+    assert fit.center is None
+
+
+def test_columns_of_a_payload_are_the_difference_it_makes() -> None:
+    robot = bs.Robot.load("panda")
+    _, q, qd, qdd = fourier(robot, 0.5, 100.0, 4)
+    plain = inertial_regressor(robot, q, qd, qdd, (0.0, 0.0, -9.80665))
+    assert plain.shape == (50, 7, 70)
+    more = inverse_dynamics(with_payload(robot, MASS), q, qd, qdd) - inverse_dynamics(robot, q, qd, qdd)
+    at = np.asarray(robot.tip_origin)
+    point = MASS * np.array([1, *at])
+    tensor = MASS * (at @ at * np.eye(3) - np.outer(at, at))
+    moments = np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+    np.testing.assert_allclose(plain[:, :, 60:] @ np.concatenate([point, moments]), more, atol=1e-9)
+
+
+def test_what_cannot_be_fitted_is_refused() -> None:
+    robot = bs.Robot.load("ur5e")
+    t, q, _, _ = fourier(robot, 2.0, 100.0, 5)
+    log = Recording(t=t, q=q)
+    with pytest.raises(bs.InputError, match="has no joint torque"):
+        identify_payload(log, robot)
+    model = drives(robot, np.ones((1, 6)))
+    with pytest.raises(bs.InputError, match="has no motor current"):
+        identify_payload(log, robot, model=model)
+    with pytest.raises(bs.InputError, match="has 6 joints"):
+        identify_payload(replace(log, tau=q), bs.Robot.load("panda"))
