@@ -26,6 +26,7 @@ from validation import (  # noqa: E402
     chapter5,
     chapter6,
     convergence,
+    drives,
     instruction_sets,
     page,
     plant,
@@ -65,6 +66,7 @@ COMPARISONS = {
     "blind_force": blind_force,
     "tuning": tuning,
     "sample_paths": sample_paths,
+    "drives": drives,
 }
 
 

@@ -51,7 +51,7 @@ def arm_and_motion(name: str) -> tuple[bs.Robot, Motion]:
         log = log.between(float(log.t[0]), float(log.t[0]) + 7.0)
     else:
         robot = bs.Robot.load(name)
-        log = Recording.load(SHARED / FILES[name], robot=robot)
+        log = Recording.load(SHARED / FILES[name])
     rate = min(log.rate_hz, 250.0)
     t = np.arange(log.t[0], log.t[-1], 1 / rate)
     smooth = zero_phase_lowpass(log.t, log.q, 5.0)

@@ -70,6 +70,7 @@ class DynamicsFit:
         held_out: mean over joints of 1 - R2 on held-out fifths, by the cut-off that was tried [Hz].
         unseen: inertial and friction parameters that the motion cannot show at all.
         rows_used: of the fit.
+        covariance: of the base parameters, whose diagonal the standard errors are; None: read from a file.
     """
 
     robot: Robot
@@ -83,6 +84,7 @@ class DynamicsFit:
     held_out: dict[float, float]
     unseen: tuple[str, ...]
     rows_used: int
+    covariance: FloatArray | None = None
 
     def predict(self, motion: EvenMotion) -> FloatArray:
         """Joint torques (N, n) of a motion [Nm or N]."""
@@ -310,18 +312,20 @@ def _solve(system: _System, rows: np.ndarray, held_out: dict[float, float]) -> D
         values, *_ = np.linalg.lstsq(matrix[:, chosen], target, rcond=None)
         residual = target - matrix[:, chosen] @ values
         weight = weight / np.maximum(residual.reshape(wanted.shape).std(axis=0), 1e-12)
+    covariance = _covariance(matrix[:, chosen], residual, wanted.shape[1])
     return DynamicsFit(
         robot=system.robot,
         columns=tuple(int(seen[c]) for c in chosen),
         names=tuple(_label(names, seen, int(c), groups[i]) for i, c in enumerate(chosen)),
         values=values,
-        standard_errors=_standard_errors(matrix[:, chosen], residual, wanted.shape[1]),
+        standard_errors=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
         sign_speed=system.sign_speed,
         couplings=system.couplings,
         cutoff_hz=system.cutoff_hz,
         held_out=held_out,
         unseen=tuple(name for i, name in enumerate(names) if i not in set(seen.tolist())),
         rows_used=wanted.shape[0],
+        covariance=covariance,
     )
 
 
@@ -349,8 +353,8 @@ def _label(names: list[str], seen: np.ndarray, column: int, group: list[tuple[in
     )
 
 
-def _standard_errors(matrix: FloatArray, residual: FloatArray, joints: int) -> FloatArray:
-    """Standard errors that hold where residuals are correlated in time and between joints.
+def _covariance(matrix: FloatArray, residual: FloatArray, joints: int) -> FloatArray:
+    """Covariance of the solution that holds where residuals are correlated in time and between joints.
 
     Cluster-robust: blocks of consecutive rows, long against the residuals' memory, count as independent (a sandwich of
     the blocks' scores).
@@ -364,8 +368,8 @@ def _standard_errors(matrix: FloatArray, residual: FloatArray, joints: int) -> F
         at = slice(part[0] * joints, (part[-1] + 1) * joints)
         score = matrix[at].T @ residual[at]
         meat += np.outer(score, score)
-    covariance = inverse @ meat @ inverse * blocks / (blocks - 1)
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    covariance: FloatArray = inverse @ meat @ inverse * blocks / (blocks - 1)
+    return covariance
 
 
 def share_predicted(measured: FloatArray, predicted: FloatArray) -> float:
