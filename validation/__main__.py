@@ -36,6 +36,7 @@ from validation import (  # noqa: E402
     sample_paths,
     tuning,
     two_laws,
+    tx40,
     urdf,
     workspace,
 )
@@ -67,6 +68,7 @@ COMPARISONS = {
     "tuning": tuning,
     "sample_paths": sample_paths,
     "drives": drives,
+    "tx40": tx40,
 }
 
 

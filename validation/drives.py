@@ -22,7 +22,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.say(
         f"Currents of known drives (odd map, power law of friction, reflected inertia) on {seeds} motions or seeds of "
         "noise each: noise of 0.05 A correlated by 0.8 from sample to sample, encoder noise of 1e-5 rad, 1 % of the "
-        "samples lost. The cut-off is chosen by the fit. An interval is the value and 1.96 standard errors to either side."
+        "samples lost. The cut-off is chosen by the fit. An interval is the value and 1.96 standard errors either way."
     )
 
     def synthetic(name: str) -> Callable[[int], tuple[bs.Robot, Motion]]:

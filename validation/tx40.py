@@ -12,8 +12,8 @@ from bumpstop.identification import DynamicsFit, identify_dynamics
 from bumpstop.identification.dynamics_fit import column_names
 from bumpstop.recording import Recording
 from identification.recorded import FILES, SHARED, TX40_COLUMNS
-from validation.findings import Findings
 from validation.facts import MissingFacts
+from validation.findings import Findings
 
 TITLE = "Base parameters of a TX40 against a published table"
 COUPLING = [[(4, 1.0), (5, 1.0)]]
@@ -35,11 +35,15 @@ def compare(findings: Findings, *, quick: bool) -> None:
     rows = beside(fit)
     near = [abs(z) <= 3 for *_, z in rows]
     far = ", ".join(name for name, near_enough in zip((row[0] for row in rows), near, strict=True) if not near_enough)
-    findings.say(f"Cut-off {fit.cutoff_hz:g} Hz, {fit.rows_used} rows, {len(rows)} published combinations in our basis.")
+    findings.say(
+        f"Cut-off {fit.cutoff_hz:g} Hz, {fit.rows_used} rows, {len(rows)} published combinations in our basis."
+    )
     headings = ("parameter", "ours", "sd", "published", "sd", "difference, combined sd")
     findings.table("Base parameters", headings, ("", ".5g", ".2g", ".5g", ".2g", ".2f"), rows)
     share = float(np.mean(near))
-    findings.check("90 % lie within 3 combined standard deviations", share >= 0.9, f"{share:.3f}; outside: {far or 'none'}")
+    findings.check(
+        "90 % lie within 3 combined standard deviations", share >= 0.9, f"{share:.3f}; outside: {far or 'none'}"
+    )
 
 
 def beside(fit: DynamicsFit) -> list[tuple[str, float, float, float, float, float]]:
@@ -58,7 +62,9 @@ def beside(fit: DynamicsFit) -> list[tuple[str, float, float, float, float, floa
                 continue
             ours, own_sd = float(mix @ fit.values), float(np.sqrt(mix @ fit.covariance @ mix))
             their_sd = abs(float(value)) * float(percent) / 100
-            found.append((name, ours, own_sd, float(value), their_sd, (ours - float(value)) / np.hypot(own_sd, their_sd)))
+            found.append(
+                (name, ours, own_sd, float(value), their_sd, (ours - float(value)) / np.hypot(own_sd, their_sd))
+            )
     return found
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,8 +22,8 @@ from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from identification.drives import Motion, driven, drives, fourier, planted, z_scores
+from identification.recorded import FILES, SHARED, arm_and_motion, there
 
-SHARED = Path(os.environ.get("BUMPSTOP_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "data"
 LAWS = {
     "power": {"D": 0.6, "F": 0.3},
     "stribeck": {"coulomb": 0.4, "viscous": 0.3, "stribeck": 0.2, "stribeck_speed": 0.1},
@@ -100,6 +98,19 @@ def test_intervals_hold_under_correlated_noise_and_lost_samples() -> None:
     assert len(scores) >= 4 * 6 * 4
     # Of 120 intervals at 95 %, independent by sixes at best, fewer than 85 % inside has one chance in 100.
     assert np.mean(np.abs(scores) < 1.96) > 0.85
+
+
+@pytest.mark.parametrize("name", ["ur10", "tx40"])
+def test_planted_drives_on_the_positions_of_real_arms(name: str) -> None:
+    if not there(name):
+        pytest.skip(f"{SHARED / FILES[name]} is absent: set BUMPSTOP_SHARED")
+    robot, motion = arm_and_motion(name)
+    truth, log = planted(robot, motion, 1)
+    fit = identify_joint_model(log, robot, maps=["odd"], frictions=["power"])
+    scores = np.abs(z_scores(fit.model, truth))
+    # All of some 30 within 4 standard errors; of independent ones at 95 %, fewer than 80 % inside in 1 of 500.
+    assert scores.max() < 4
+    assert np.mean(scores < 1.96) >= 0.8
 
 
 def test_hysteresis_is_found_where_the_arm_rests() -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _FOLDS = 5
 # Rows that maps and laws are chosen on, and that the chosen one is fitted to; of more, blocks spread over the time.
-_ENOUGH_TO_CHOOSE, _ENOUGH_TO_FIT = 12_000, 60_000
+_ENOUGH_TO_CHOOSE, _ENOUGH_TO_FIT = 8_000, 30_000
 # The simplest candidate within this factor of the least held-out error is taken.
 _AS_GOOD = 1.002
 # Simplest first.

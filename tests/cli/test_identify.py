@@ -1,0 +1,195 @@
+"""``bumpstop identify`` and ``validate`` where currents were recorded, and every damaged recording through them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.joint import JointTorqueModel
+from bumpstop.recording import Recording
+from cli.support import run, strict_json
+from identification.drives import driven, fourier, planted
+
+ROBOT = "ur5e"
+
+
+@cache
+def arm_and_logs() -> tuple[bs.Robot, JointTorqueModel, Recording, Recording]:
+    robot = bs.Robot.load(ROBOT)
+    truth, log = planted(robot, fourier(robot, 20.0, 94.0, 1), 1)
+    return robot, truth, log, driven(robot, fourier(robot, 10.0, 94.0, 2), truth, 2)
+
+
+def in_milliamperes(log: Recording, path: Path, spoil: int = 0) -> Path:
+    """A CSV file without names at uneven times, currents in mA, with so many rows that are no numbers."""
+    rng = np.random.default_rng(1)
+    assert log.current is not None
+    t = log.t + rng.uniform(-0.0005, 0.0005, log.t.size)
+    table = np.column_stack([t, log.q, 1000 * log.current])
+    lines = [",".join(f"{value:.7g}" for value in row) for row in table]
+    for place in rng.choice(len(lines), spoil, replace=False):
+        lines[place] = "nan,1e306,garbage"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    columns = [f"time = {{ column = 1 }}\nposition = {{ columns = {list(range(2, 8))} }}\nformat = 'csv'"]
+    columns += [f"header = false\ncurrent = {{ columns = {list(range(8, 14))}, unit = 'mA' }}"]
+    (path.parent / "columns.toml").write_text("\n".join(columns) + "\n", encoding="utf-8")
+    return path
+
+
+def test_from_a_text_file_to_a_validated_model(tmp_path: Path) -> None:
+    _, truth, log, other = arm_and_logs()
+    first = in_milliamperes(log, tmp_path / "one.csv", spoil=3)
+    model = tmp_path / "joint_model.toml"
+    options = ("--robot", ROBOT, "--columns", tmp_path / "columns.toml")
+    result = run("identify", first, *options, "-o", model, "--json")
+    assert result.status == 0, result.err
+    found = strict_json(result.out)
+    assert found["rows_dropped"] == 3
+    assert found["rows_used"] > 0.95 * log.t.size
+    assert [joint["name"] for joint in found["joints"]] == [joint.name for joint in truth.joints]
+    for joint, own in zip(found["joints"], truth.joints, strict=True):
+        assert joint["observable"]
+        assert joint["r2"] > 0.95
+        assert 0 < joint["rmse_A"] < 0.1
+        assert joint["parameters"]["B"]["value"] == pytest.approx(own.value("B"), rel=0.1)
+        assert joint["parameters"]["hysteresis"] == {"value": None, "standard_error": None}
+        assert joint["candidates"]
+    assert found["filter"]["cutoff_hz"] > 0
+    assert JointTorqueModel.load(model).robot == ROBOT
+    second = in_milliamperes(other, tmp_path / "two.csv")
+    result = run("validate", model, first, second, "--columns", tmp_path / "columns.toml", "--json")
+    assert result.status == 0, result.err
+    compared = strict_json(result.out)["joints"]
+    assert all(set(joint) >= {"name", "r2", "r2_raw", "mean", "sd", "rmse", "unit"} for joint in compared)
+    assert all(joint["unit"] == "A" and joint["torque"]["unit"] == "Nm" for joint in compared)
+    assert min(joint["r2"] for joint in compared) > 0.97
+
+
+def test_words_for_people(tmp_path: Path) -> None:
+    _, _, log, _ = arm_and_logs()
+    log.save(tmp_path / "log.parquet")
+    result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, "--payload", "0.0", "-o", tmp_path / "m.toml")
+    assert result.status == 0, result.err
+    assert "shoulder_pan_joint: hysteresis cannot be seen" in result.out
+    assert "error on held-out fifths" in result.out
+    result = run("validate", tmp_path / "m.toml", tmp_path / "log.parquet")
+    assert result.status == 0, result.err
+    assert "torque estimated from current" in result.out
+
+
+def test_what_is_recorded_chooses_the_model(tmp_path: Path) -> None:
+    _, _, log, _ = arm_and_logs()
+    both = replace(log, tau=log.current)
+    both.save(tmp_path / "both.parquet")
+    dynamics = strict_json(run("identify", tmp_path / "both.parquet", "--robot", ROBOT, "--cutoff", 5, "--json").out)
+    assert "base_parameters" in dynamics
+    options = ("--robot", ROBOT, "--cutoff", 5, "--model", "joint", "--json")
+    assert strict_json(run("identify", tmp_path / "both.parquet", *options).out)["kind"] == "joint_model"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--payload", "1,2"), "--payload: '1,2' cannot be used; for example 1.5,0,0,0.06"),
+        (("--payload", "3:1"), "recordings are 1 to 1"),
+        (("--payload", "-1"), "payload.mass: is -1.0 kg"),
+        (("--known", "elbow=2"), "--known: 'elbow=2' cannot be used"),
+        (("--known", "elbow_jiont.B=2"), "did you mean 'elbow_joint'?"),
+        (("--cutoff", "-3"), "--cutoff: is -3.0"),
+        (("--shared-motor", "5,6"), "--shared-motor: is for dynamics"),
+        (("--from", "30"), "leaves nothing"),
+        (("--out", "absent/model.toml"), "--out: 'absent/model.toml' cannot be written"),
+        (("--max-bad", "7"), "--max-bad: is 7"),
+    ],
+)
+def test_options_that_cannot_be_used(options: tuple[str, ...], message: str, tmp_path: Path) -> None:
+    _, _, log, _ = arm_and_logs()
+    log.between(0, 8).save(tmp_path / "log.parquet")
+    result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, *options)
+    assert result.status == 2
+    assert result.err.startswith("error: ")
+    assert result.err.count("\n") == 1
+    assert message in result.err
+
+
+def text_of(log: Recording) -> list[str]:
+    assert log.current is not None
+    names = ["t", *(f"q_{j}" for j in range(1, 7)), *(f"current_{j}" for j in range(1, 7))]
+    rows = np.column_stack([log.t, log.q, log.current])
+    return [",".join(names), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
+
+
+def in_degrees(lines: list[str]) -> list[str]:
+    rows = (line.split(",") for line in lines[1:])
+    turned = (",".join([r[0], *(str(80 + 57.3 * float(x)) for x in r[1:7]), *r[7:]]) for r in rows)
+    return [lines[0], *turned]
+
+
+DAMAGE: dict[str, tuple[Any, str]] = {
+    "many truncated rows": (lambda lines: [line if i % 9 else line[:20] for i, line in enumerate(lines, 1)], "field"),
+    "garbage values": (lambda lines: [lines[0], *(line + "e306" for line in lines[1:])], "rows are bad"),
+    "a column too many": (
+        lambda lines: [lines[0], *(line + ",1" for line in lines[1:])],
+        "the header names 13 columns",
+    ),
+    "empty": (lambda lines: [], "is empty"),
+    "names alone": (lambda lines: lines[:1], "has no row of data"),
+    "constant time": (lambda lines: [lines[0], *("1" + line[line.index(",") :] for line in lines[1:])], "stands still"),
+    "no currents": (lambda lines: [",".join(line.split(",")[:7]) for line in lines], "has no "),
+    "five joints": (lambda lines: [",".join(line.split(",")[:6]) for line in lines], "holds 5 joints"),
+    "degrees": (in_degrees, "degrees taken for radians"),
+    "few rows": (lambda lines: lines[:30], "stretch of 50 rows"),
+}
+
+
+@pytest.mark.parametrize("damage", list(DAMAGE))
+def test_damaged_text_files(damage: str, tmp_path: Path) -> None:
+    spoil, message = DAMAGE[damage]
+    _, _, log, _ = arm_and_logs()
+    lines = spoil(text_of(log.between(0, 6)))
+    path = tmp_path / "log.csv"
+    path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
+    result = run("identify", path, "--robot", ROBOT, "--cutoff", 8)
+    assert result.status == 2, result.out
+    assert result.err.startswith("error: ")
+    assert result.err.count("\n") == 1
+    assert message in result.err, result.err
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        ("wrong topic", "has no topic '/jont_states'; did you mean '/joint_states'?"),
+        ("wrong names", "joint_names: no joint is called"),
+        ("truncated", "ends in the middle"),
+        ("not a bag", "log.mcap"),
+        ("a model", "log.mcap"),
+    ],
+)
+def test_damaged_bags(damage: str, message: str, tmp_path: Path) -> None:
+    """Two topics and unknown types of messages take the same way, and are tried in tests/recording."""
+    _, _, log, _ = arm_and_logs()
+    right = tuple(joint.name for joint in arm_and_logs()[1].joints)
+    names = tuple(f"x{j}" for j in range(6)) if damage == "wrong names" else right
+    path = tmp_path / "log.mcap"
+    replace(log, joint_names=names).save(path)
+    columns = tmp_path / "columns.toml"
+    columns.write_text('effort = "current"\n', encoding="utf-8")
+    options: list[Any] = ["--robot", ROBOT, "--columns", columns]
+    if damage == "wrong topic":
+        options += ["--topic", "/jont_states"]
+    if damage == "truncated":
+        path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
+    if damage == "not a bag":
+        path.write_bytes(b"no bag at all" * 9)
+    result = run("validate", path, path) if damage == "a model" else run("identify", path, *options)
+    assert result.status == 2, result.out
+    assert result.err.count("\n") == 1
+    assert result.err.startswith("error: ")
+    assert message in result.err, result.err
