@@ -29,8 +29,9 @@ $(VENV)/.tested: $(VENV)/.built
 	$(BIN)/pip install --quiet $$($(EXTRA) test)
 	touch $@
 
+# A process for each core; more threads for matrices in each of them would only wait for one another.
 test: $(VENV)/.tested
-	$(BIN)/python -m pytest
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 validate: $(VENV)/.tested
 	$(BIN)/python -m validation --out out/validation

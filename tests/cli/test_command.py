@@ -122,6 +122,7 @@ def test_completion_answers() -> None:
         "identify",
         "validate",
         "study",
+        "require",
         "plan",
         "detect",
         "detector",

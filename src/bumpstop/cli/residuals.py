@@ -28,8 +28,8 @@ def load_series(path: Path, model: str | None, robot: str | None, columns: Path 
             if value is not None:
                 raise InputError(option, f"has no meaning with the residuals of {str(path)!r}", "leave it out")
         return ResidualSeries.load(path)
-    from bumpstop.cli.detect import load_model
     from bumpstop.cli.arm_recordings import part_of
+    from bumpstop.cli.detect import load_model
 
     given, arm = load_model(model, robot, None, None)
     record = residual_record(part_of(path, columns, arm, None, None), arm, given)
@@ -41,8 +41,8 @@ def load_run(
     path: Path, thresholds: Thresholds, model: str | None, robot: str | None, columns: Path | None, rearm_s: float
 ) -> tuple[ResidualSeries, DetectionRun]:
     """Residuals of a recording, without its blind rows, and what the detector made of them."""
-    from bumpstop.cli.detect import load_model
     from bumpstop.cli.arm_recordings import part_of
+    from bumpstop.cli.detect import load_model
     from bumpstop.detection import ResidualSeries, detect
 
     given, arm = load_model(model, robot, None, None)

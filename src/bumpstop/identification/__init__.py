@@ -1,5 +1,6 @@
 """What recordings say of an arm: drives, inertia, friction, payload, and how well they are predicted."""
 
+from bumpstop.identification.consistent import ConsistentFit, consistent_inertias
 from bumpstop.identification.current_law import JointMotion, held_share, motor_current
 from bumpstop.identification.current_scores import CurrentComparison, compare_currents
 from bumpstop.identification.dynamics_fit import DynamicsFit, JointScore, identify_dynamics
@@ -12,6 +13,7 @@ from bumpstop.identification.regressor import inertial_names, inertial_regressor
 
 __all__ = [
     "Candidate",
+    "ConsistentFit",
     "CurrentComparison",
     "DynamicsFit",
     "JointFit",
@@ -20,6 +22,7 @@ __all__ = [
     "JointScore",
     "PayloadFit",
     "compare_currents",
+    "consistent_inertias",
     "held_share",
     "identify_dynamics",
     "identify_joint_model",

@@ -28,7 +28,7 @@ _DEPENDENT = 1e-4
 _SIGN_SHARES = (0.03, 0.005, 0.1, 0.3)
 # Torque and columns of a fit are filtered at this many times the motion's cut-off: what the motion lost above its own
 # cut-off would otherwise shrink the torque's columns, but not the torque.
-_FIT_PER_CUTOFF = 4.0
+FIT_PER_CUTOFF = 4.0
 _CUTOFFS_HZ = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 30.0, 60.0)
 _ROUNDS = 4  # of the joints' weights
 _FOLDS = 5
@@ -236,7 +236,7 @@ class _System:
         motion, torque = recorded_motion(recording, cutoff_hz)
         sign_speed = np.maximum(sign_shares * np.sqrt((motion.qd**2).mean(axis=0)), 1e-4)
         raw = torque_columns(robot, motion, sign_speed, couplings)
-        columns, wanted = (lowpass(x, motion.rate_hz, _FIT_PER_CUTOFF * cutoff_hz) for x in (raw, torque))
+        columns, wanted = (lowpass(x, motion.rate_hz, FIT_PER_CUTOFF * cutoff_hz) for x in (raw, torque))
         return cls(robot, couplings, cutoff_hz, sign_speed, motion.rate_hz, raw, columns, torque, wanted)
 
 

@@ -1,0 +1,94 @@
+"""Robots written as URDF, for other programs and for scenarios."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from bumpstop.model.inertia import LinkInertia
+    from bumpstop.model.robot import Joint, Robot
+
+
+def write_urdf(robot: Robot, path: str | Path) -> None:
+    """Write the chain of a robot as URDF: joints with limits, links with inertia, the tip and other frames.
+
+    URDF has no place for the inertia of rotors, nor for what is known of sources: those are left out. A joint without
+    limits becomes ``continuous``.
+
+    Raises:
+        InputError: a joint has no speed limit or a single position limit, which URDF wants both; or the file cannot be
+            written.
+    """
+    root = Xml.Element("robot", name=robot.name)
+    Xml.SubElement(root, "link", name="base_link")
+    before = "base_link"
+    for joint in robot.joints:
+        link = Xml.SubElement(root, "link", name=joint.link)
+        if joint.inertia is not None:
+            _inertial(link, joint.inertia)
+        _joint(root, joint, before)
+        before = joint.link
+    last = robot.joints[-1].link
+    fixed = [(frame.name, robot.joints[frame.link].link, frame.origin, frame.rotation) for frame in robot.frames]
+    # The tip may be the last link itself.
+    if robot.tip_name != last:
+        fixed.append((robot.tip_name, last, robot.tip_origin, robot.tip_rotation))
+    for name, parent, origin, rotation in fixed:
+        Xml.SubElement(root, "link", name=name)
+        element = Xml.SubElement(root, "joint", name=f"{name}_fixed", type="fixed")
+        _placed(element, parent, name, origin, rotation)
+    Xml.indent(root)
+    try:
+        Path(path).write_text(Xml.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+
+
+def _joint(root: Xml.Element, joint: Joint, before: str) -> None:
+    ends = [math.isfinite(joint.lower), math.isfinite(joint.upper)]
+    free = joint.kind == "revolute" and not any(ends)
+    if not free and not (all(ends) and math.isfinite(joint.velocity)):
+        raise InputError(f"joint {joint.name!r} limits", "are not all finite", "URDF wants lower, upper and velocity")
+    element = Xml.SubElement(root, "joint", name=joint.name, type="continuous" if free else joint.kind)
+    _placed(element, before, joint.link, joint.origin, joint.rotation)
+    Xml.SubElement(element, "axis", xyz=_text(joint.axis))
+    limit = {} if free else {"lower": repr(float(joint.lower)), "upper": repr(float(joint.upper))}
+    if math.isfinite(joint.velocity):
+        Xml.SubElement(element, "limit", limit | {"velocity": repr(float(joint.velocity)), "effort": "0"})
+
+
+def _inertial(link: Xml.Element, inertia: LinkInertia) -> None:
+    element = Xml.SubElement(link, "inertial")
+    Xml.SubElement(element, "origin", xyz=_text(inertia.center), rpy="0 0 0")
+    Xml.SubElement(element, "mass", value=repr(float(inertia.mass)))
+    tensor = np.asarray(inertia.tensor)
+    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    Xml.SubElement(element, "inertia", {name: repr(float(tensor[place])) for name, place in places.items()})
+
+
+def _placed(element: Xml.Element, parent: str, child: str, origin: npt.ArrayLike, rotation: npt.ArrayLike) -> None:
+    Xml.SubElement(element, "parent", link=parent)
+    Xml.SubElement(element, "child", link=child)
+    Xml.SubElement(element, "origin", xyz=_text(origin), rpy=_text(_rpy(np.asarray(rotation))))
+
+
+def _rpy(rotation: np.ndarray) -> tuple[float, float, float]:
+    """Roll, pitch and yaw [rad] of R = Rz(yaw) Ry(pitch) Rx(roll); at a pitch of a quarter turn roll is zero."""
+    level = math.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = math.atan2(-rotation[2, 0], level)
+    if level < 1e-9:
+        return 0.0, pitch, math.atan2(-rotation[0, 1], rotation[1, 1])
+    return math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+
+
+def _text(values: npt.ArrayLike) -> str:
+    return " ".join(repr(float(value)) for value in np.asarray(values))
