@@ -8,13 +8,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bumpstop.collision import evaluate_batch
+from bumpstop.arrays import FloatArray
+from bumpstop.collision import Problem, evaluate_batch, stopping_curve
 from bumpstop.errors import InputError
+from bumpstop.study.braking import stopping
 from bumpstop.study.noticing import Noticing
 from bumpstop.study.prediction import predict, predict_batch
+from bumpstop.study.short_path import Arms, ShortPath
 from study.prediction_cases import draw
 
 QUANTILE = 0.999
+# A reversing UR10e whose foretold braking was once too short by more than the bound allowed for.
+REVERSING: dict[str, Any] = {
+    "q": [-1.2892, 4.1045, -4.8191, 3.7807, 2.122, 0.4467],
+    "velocity": [-0.03901, -0.09469, -0.00729],
+    "changes": {
+        "contact.stiffness_N_m": 58400.0,
+        "detector.thresholds_Nm": [32.74, 9.08, 24.56, 20.03, 38.88, 29.18],
+        "detector.noise_sd_Nm": [5.17, 1.43, 3.88, 3.16, 6.14, 4.61],
+        "detector.feedback_period_s": 0.002,
+        "reaction.kind": "reverse",
+        "reaction.joint_acceleration_rad_s2": 5.286,
+        "reaction.latency_s": 0.0,
+    },
+}
 
 
 def test_agrees_with_exact_laws_of_random_cases() -> None:
@@ -41,6 +58,53 @@ def test_agrees_with_exact_laws_of_random_cases() -> None:
     assert np.median(b[t] / x[t]) < 1.2
 
 
+def test_an_arm_whose_limiting_joint_turns_faster_while_it_reverses_keeps_its_bound() -> None:
+    # Nearly all of the force comes after detection, and hardly any of it is chance.
+    scenario = draw(np.random.default_rng(1), 1, 1)[0]
+    velocity = np.array(REVERSING["velocity"])[None]
+    changed = scenario.with_values(REVERSING["changes"])
+    found = predict_batch(changed, np.array(REVERSING["q"])[None], velocity, quantile=QUANTILE)
+    law = evaluate_batch(changed, np.array(REVERSING["q"])[None], velocity, probabilities=[QUANTILE])
+    assert found.trusted[0]
+    assert law.quantile[0, 0] <= found.bound[0] < 1.02 * law.quantile[0, 0]
+    assert found.expected[0] == pytest.approx(law.mean[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["stop", "reverse"])
+def test_stopping_is_that_of_the_traced_arm_and_never_less(kind: str) -> None:
+    scenario, q, velocity = draw(np.random.default_rng(21), 1, 12)
+    looked_at = 0
+    for pose, v in zip(q, velocity, strict=True):
+        one = scenario.with_values(
+            {"pose_rad": pose.tolist(), "motion.velocity_mm_s": (1e3 * v).tolist(), "reaction.kind": kind}
+        )
+        problem = Problem.from_scenario(one)
+        curve = stopping_curve(problem)
+        if curve.ticks < 2:
+            continue
+        arms = Arms(problem, pose[None], v[None])
+        time = np.asarray(curve.tick_time)[:1]
+        latency = problem.latency_steps * one.simulation.step_s
+        path = ShortPath.of(arms, (v / np.linalg.norm(v))[None], time + latency, 16)
+        found = stopping(path, time, latency)
+        overrun = curve.farthest[0] - curve.tick_distance[0]
+        if found.bent[0] < 0.3:
+            looked_at += 1
+            assert found.most[0] >= overrun * (1 - 1e-9)
+            assert found.travel[0] == pytest.approx(overrun, rel=2e-3)
+    assert looked_at >= 6
+
+
+def test_an_arm_that_meets_a_joint_limit_first_has_no_bound() -> None:
+    scenario, q, velocity = draw(np.random.default_rng(77), 0, 200)
+    found = predict_batch(scenario, q, velocity, quantile=QUANTILE)
+    laws = evaluate_batch(scenario, q, velocity, probabilities=[QUANTILE])
+    ended = (laws.end == "joint_limit") & (laws.undetected_probability > 1 - QUANTILE)
+    assert ended.any()
+    assert not np.isfinite(found.bound[ended]).any()
+    assert (laws.quantile[found.trusted, 0] <= found.bound[found.trusted]).all()
+
+
 def test_single_scenario_is_the_batch_of_one() -> None:
     scenario, q, velocity = draw(np.random.default_rng(3), 1, 4)
     batch = predict_batch(scenario, q, velocity)
@@ -56,16 +120,26 @@ def test_single_scenario_is_the_batch_of_one() -> None:
 @pytest.mark.parametrize("per_tick", [0.3, 5.0, 60.0])
 def test_silence_gives_the_mean_of_drawn_ticks(sd: float, per_tick: float) -> None:
     thresholds, a = np.array([10.0, 16.0]), np.array([[0.25, -0.5]])
-    seen = Noticing.of(
-        lambda force: force[..., None] * a[:, None, :],
-        a,
-        np.array([per_tick]),
-        thresholds,
-        np.full(2, sd),
-        np.zeros(2),
-        remembers=False,
-        rarest=1e-3,
-    )
+
+    def noticing(*, cautious: bool) -> Noticing:
+        def residual(force: FloatArray) -> FloatArray:
+            return np.asarray(force[..., None] * (np.abs(a) if cautious else a)[:, None, :])
+
+        return Noticing.of(
+            residual,
+            a,
+            np.array([per_tick]),
+            thresholds,
+            np.full(2, sd),
+            np.zeros(2),
+            remembers=False,
+            rarest=1e-3,
+            cautious=cautious,
+        )
+
+    seen, at_most = noticing(cautious=False), noticing(cautious=True)
+    assert (at_most.silence >= seen.silence * (1 - 1e-9)).all()
+    assert (np.diff(at_most.silence, axis=1) <= 0).all()
     rng = np.random.default_rng(5)
     runs, ticks = 20_000, int(90 / per_tick) + 2
     force = per_tick * (rng.random(runs)[:, None] + np.arange(ticks))
@@ -75,7 +149,7 @@ def test_silence_gives_the_mean_of_drawn_ticks(sd: float, per_tick: float) -> No
     drawn = force[np.arange(runs), alarm.argmax(axis=1)]
     # Four standard errors, and a part in a thousand for the grid of forces.
     assert abs(seen.mean[0] - drawn.mean()) < 4 * drawn.std() / math.sqrt(runs) + 1e-3 * drawn.mean()
-    assert (drawn > seen.worst(1e-3)[0]).mean() < 1e-3 + 4 * math.sqrt(1e-3 / runs)
+    assert (drawn > at_most.worst(1e-3)[0]).mean() < 1e-3 + 4 * math.sqrt(1e-3 / runs)
 
 
 def test_more_noise_is_noticed_earlier_and_a_rarer_bound_is_higher() -> None:
@@ -122,6 +196,7 @@ def test_an_arm_that_feels_nothing_has_no_bound() -> None:
         ({}, math.nan, "quantile"),
         ({"contact.kind": "free", "contact.body_mass_kg": 1.0}, 0.99, "contact.kind"),
         ({"detector.thresholds_Nm": [math.inf] * 7}, 0.99, "detector.thresholds_Nm"),
+        ({"detector.arming_delay_s": 0.1}, 0.99, "detector.arming_delay_s"),
     ],
 )
 def test_refuses_by_name(changes: dict[str, Any], quantile: float, field: str) -> None:

@@ -1,35 +1,44 @@
-"""How far an arm still goes once it brakes, by formula where its joints hardly turn and in a few steps elsewhere."""
+"""How far an arm still goes once it brakes: along a straight line in joint space, or followed in a few steps."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.study.short_path import Arms, ShortPath
-
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
+    from bumpstop.study.short_path import Arms, ShortPath
 
-# Deviation of a reversing arm from a straight line in joint space, over that of one that stops: the reversed rates are
-# resolved anew all the time and pull it back. 13/6 - 2 ln 2; docs/study.md derives it.
-BENT_BY_REVERSING = 13 / 6 - 2 * np.log(2)
-# Rates that change by less than this share while the arm brakes bend its path like a parabola.
-LITTLE = 0.02
+# Steps until standstill by which a reversing arm is followed; half as many tell how good they are.
 _STEPS = 8
+# Places on the straight line of an arm that stops.
+_PLACES = 17
 
 
-def stopping_travel(path: ShortPath, time: FloatArray, latency: float) -> tuple[FloatArray, FloatArray]:
-    """Travel along the normal from ticks at ``time`` to the farthest point of the reactions to them.
+@dataclass(frozen=True, eq=False)
+class Stopping:
+    """Travel along the normal from a tick to the farthest point of the reaction to it.
+
+    Attributes:
+        travel: expected (N,) [m].
+        most: never less than it, but for what two numbers of steps have in common (N,) [m].
+        bent: how much the rates of a straight motion change while the arm brakes, in shares of themselves (N,).
+    """
+
+    travel: FloatArray
+    most: FloatArray
+    bent: FloatArray
+
+
+def stopping(path: ShortPath, time: FloatArray, latency: float) -> Stopping:
+    """Foretell the reactions to ticks.
 
     Args:
         path: the motions.
         time: of the ticks (N,) [s].
         latency: of the reaction [s].
-
-    Returns:
-        The travel (N,) [m], and by how much the rates of a straight motion change while the arm brakes, in shares of
-        themselves (N,).
     """
     arms = path.arms
     q, qd = path.position_at(time + latency), path.rates_at(time + latency)
@@ -38,53 +47,56 @@ def stopping_travel(path: ShortPath, time: FloatArray, latency: float) -> tuple[
     with np.errstate(divide="ignore", invalid="ignore"):
         last = arms.rates(q + qd * stop[:, None] / 2)
         bent = np.linalg.norm(last - qd, axis=1) / np.linalg.norm(qd, axis=1)
-    bent = np.where(np.isfinite(bent), bent, np.inf)
-    travel = _straight(arms, path.normal, q, qd)
-    far = np.flatnonzero((bent > LITTLE) & np.isfinite(bent))
-    if far.size:
-        some = Arms(arms.problem, arms.q[far], arms.velocity[far])
-        travel[far] = _stepwise(some, path.normal[far], q[far], qd[far])
-    return np.asarray(before + travel), bent
+    follow = _reversing if arms.problem.scenario.reaction.kind == "reverse" else _stopping
+    travel, most = follow(arms, path.normal, q, qd)
+    return Stopping(before + travel, before + most, np.where(np.isfinite(bent), bent, np.inf))
 
 
-def _straight(arms: Arms, normal: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
-    """Overrun of arms that brake on a straight line in joint space (N,) [m]."""
-    problem, begin = arms.problem, arms.point(q)
-    speed = np.einsum("nij,nj,ni->n", arms.linear_jacobian(q), qd, normal)
-    # Rates fall by equal parts in every sub-step, and positions follow the new rates.
-    parts = (np.abs(qd) / problem.joint_acceleration).max(axis=1) / _substep(arms)
+def _stopping(arms: Arms, normal: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Expected and greatest overrun of arms that stop: rates fall in one proportion, so q + qd x is all they reach."""
+    begin, h = arms.point(q), _substep(arms)
+    time = (np.abs(qd) / arms.problem.joint_acceleration).max(axis=1)
+    # Rates fall by equal parts in every sub-step and positions follow the new rates, so the controller ends short of
+    # time / 2, where an arm that brakes evenly ends.
+    parts = time / h
     whole = np.floor(parts)
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.where(whole > 0, _substep(arms) * (whole - whole * (whole + 1) / (2 * parts)), 0.0)
-    bent = []
-    for x in (reach / 2, reach):
-        moved = ((arms.point(q + qd * x[:, None]) - begin) * normal).sum(axis=1)
-        bent.append(moved - speed * x)
-    share = BENT_BY_REVERSING if problem.scenario.reaction.kind == "reverse" else 1.0
-    c3 = 2 * bent[1] - 8 * bent[0]
-    c2 = bent[1] - c3
-    along = np.linspace(0, 1, 17)[:, None]
-    travel = speed * reach * along + share * (c2 * along**2 + c3 * along**3)
-    return np.asarray(np.maximum(0.0, travel.max(axis=0)))
+        reach = np.where(whole > 0, h * (whole - whole * (whole + 1) / (2 * parts)), 0.0)
+
+    def way(x: FloatArray) -> FloatArray:
+        return np.asarray(((arms.point(q + qd * x[:, None]) - begin) * normal).sum(axis=1))
+
+    along = np.stack([way(share * time / 2) for share in np.linspace(0, 1, _PLACES)])
+    # Between two places a curve rises above both by at most an eighth of its second difference.
+    above = np.abs(np.diff(along, n=2, axis=0)).max(axis=0) / 8
+    inside = np.where((np.linspace(0, time / 2, _PLACES) <= reach), along, 0.0).max(axis=0)
+    return np.maximum(way(reach), inside), np.maximum(0.0, along.max(axis=0) + above)
 
 
-def _stepwise(arms: Arms, normal: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
-    """Overrun of arms whose braking is followed in steps of the midpoint rule (N,) [m]."""
-    problem, begin = arms.problem, arms.point(q)
-    limit, reverse = problem.joint_acceleration, problem.scenario.reaction.kind == "reverse"
-    step = ((np.abs(qd) / limit).max(axis=1) / _STEPS)[:, None]
+def _reversing(arms: Arms, normal: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Expected and greatest overrun of arms that reverse: the reversed rates are resolved anew all the time."""
+    rough, fine = (_followed(arms, normal, q, qd, steps) for steps in (_STEPS // 2, _STEPS))
+    first = np.einsum("nij,nj,ni->n", arms.linear_jacobian(q), qd, normal)
+    # The positions follow the new rates of a sub-step, not their mean over it.
+    return np.maximum(0.0, fine - first * _substep(arms) / 2), np.maximum(rough, fine) + np.abs(fine - rough)
+
+
+def _followed(arms: Arms, normal: FloatArray, q: FloatArray, qd: FloatArray, steps: int) -> FloatArray:
+    """Overrun of arms that reverse without sub-steps (N,) [m], by so many steps of the midpoint rule to standstill."""
+    begin, limit = arms.point(q), arms.problem.joint_acceleration
+    step = ((np.abs(qd) / limit).max(axis=1) / steps)[:, None]
 
     def change(at: FloatArray, rate: FloatArray) -> FloatArray:
-        wanted = -arms.rates(at) - rate if reverse else -rate
+        wanted = -arms.rates(at) - rate
         wanted = np.where(np.isfinite(wanted), wanted, 0.0)
         return np.asarray(wanted / np.maximum((np.abs(wanted) / limit).max(axis=1)[:, None], step))
 
     def speed_of(at: FloatArray, rate: FloatArray) -> FloatArray:
         return np.asarray(np.einsum("nij,nj,ni->n", arms.linear_jacobian(at), rate, normal))
 
-    first = speed = speed_of(q, qd)
+    speed = speed_of(q, qd)
     farthest, reached = np.zeros(len(q)), np.zeros(len(q))
-    for _ in range(2 * _STEPS):
+    for _ in range(2 * steps):
         half = qd + step / 2 * change(q, qd)
         rate = change(q + step / 2 * qd, half)
         q, qd = q + step * half, qd + step * rate
@@ -97,8 +109,7 @@ def _stepwise(arms: Arms, normal: FloatArray, q: FloatArray, qd: FloatArray) -> 
         reached, speed = here, later
         if (speed <= 0).all():
             break
-    # The positions follow the new rates of a sub-step, not their mean over it.
-    return np.asarray(np.maximum(0.0, farthest - first * _substep(arms) / 2))
+    return farthest
 
 
 def _substep(arms: Arms) -> float:

@@ -52,6 +52,7 @@ class Noticing:
         *,
         remembers: bool,
         rarest: float,
+        cautious: bool = False,
     ) -> Noticing:
         """Work out S.
 
@@ -65,6 +66,8 @@ class Noticing:
             remembers: noise is correlated from tick to tick: earlier silence then says nothing, and S is that of the
                 last tick alone, which is an upper bound.
             rarest: the smallest S wanted.
+            cautious: no rounding and no mean of the noise may make S smaller than it is. For :meth:`worst`; the
+                residuals given are then taken for positive.
         """
         from scipy.special import ndtr, ndtri
 
@@ -73,15 +76,19 @@ class Noticing:
         high = _reaches(residual, torque, thresholds + np.abs(mean) + above * sd)
         high = np.where(np.isfinite(high), high, np.nan)
         force = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _POINTS)
-        felt = residual(force) + mean
+        felt = np.maximum(residual(force) - np.abs(mean), 0.0) if cautious else residual(force) + mean
         room_up, room_down = _room(thresholds - felt, thresholds, sd), _room(thresholds + felt, thresholds, sd)
         alarm = np.minimum(ndtr(-room_up) + ndtr(-room_down), 1.0)
         with np.errstate(divide="ignore"):
             hazard = -np.log1p(-alarm).sum(axis=2)
         hazard = np.minimum(hazard, 700.0)
+        if cautious:
+            # Where it falls with the force the least still to come counts.
+            hazard = np.minimum.accumulate(hazard[:, ::-1], axis=1)[:, ::-1]
         if remembers:
             return cls(per_tick, force, np.exp(-hazard))
-        return cls(per_tick, force, np.exp(-_summed(force, hazard, per_tick)))
+        total = _summed_at_least(force, hazard, per_tick) if cautious else _summed(force, hazard, per_tick)
+        return cls(per_tick, force, np.exp(-total))
 
     @property
     def mean(self) -> FloatArray:
@@ -93,20 +100,14 @@ class Noticing:
     def worst(self, rare: float) -> FloatArray:
         """Force (N,) [N] that a detection passes with probability at most ``rare`` however the ticks fall.
 
-        Infinite where even the largest force looked at is missed more often.
+        The first point of ``force`` from which on S is no more than ``rare``, and one tick. Infinite where even the
+        largest force looked at is missed more often.
         """
         over = self.silence > rare
-        last = np.clip(over.sum(axis=1), 1, _POINTS - 1)
-        rows = np.arange(len(last))
-        # Straight in log(-log S): never below the truth, as hazards bend down there.
-        l0, l1 = (
-            np.log(np.maximum(-np.log(np.maximum(self.silence[rows, i], _LEAST)), _LEAST)) for i in (last - 1, last)
-        )
-        f0, f1 = self.force[rows, last - 1], self.force[rows, last]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(l1 > l0, (np.log(-np.log(rare)) - l0) / (l1 - l0), 1.0)
-        found = f0 + np.clip(share, 0, 1) * (f1 - f0)
-        return np.asarray(np.where(over[:, -1], np.inf, found + self.per_tick))
+        count = over.shape[1]
+        first = np.where(over.any(axis=1), count - over[:, ::-1].argmax(axis=1), 0)
+        found = self.force[np.arange(len(first)), np.minimum(first, count - 1)]
+        return np.asarray(np.where(first < count, found + self.per_tick, np.inf))
 
 
 def _reaches(residual: Callable[[FloatArray], FloatArray], torque: FloatArray, level: FloatArray) -> FloatArray:
@@ -151,6 +152,30 @@ def _summed(force: FloatArray, hazard: FloatArray, per_tick: FloatArray) -> Floa
     place = index - (_DIRECT_TICKS - 0.5) * shift
     total += np.where(place > 0, np.exp(_at(integral, place)), 0.0) / ticks
     return np.asarray(total)
+
+
+def _summed_at_least(force: FloatArray, hazard: FloatArray, per_tick: FloatArray) -> FloatArray:
+    """The same (N, points) where the hazard does not fall with the force, and never more than it is.
+
+    Every tick has the hazard of the next point below it. The ticks before those taken one by one have at least the
+    integral over the ticks before each of them.
+    """
+    width = (force[:, 1] - force[:, 0])[:, None]
+    ticks = per_tick[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift = np.where(width > 0, ticks / width, np.inf)
+    integral = np.zeros_like(hazard)
+    integral[:, 1:] = np.cumsum(width * hazard[:, :-1], axis=1)
+    index = np.arange(_POINTS, dtype=np.float64)[None, :]
+    total = hazard.copy()
+
+    def below(table: FloatArray, place: FloatArray) -> FloatArray:
+        at = np.floor(np.where(place >= 0, place, 0.0)).astype(np.int64)
+        return np.where(place >= 0, np.take_along_axis(table, at, 1), 0.0)
+
+    for number in range(1, _DIRECT_TICKS):
+        total += below(hazard, index - number * shift)
+    return np.asarray(total + below(integral, index - _DIRECT_TICKS * shift) / ticks)
 
 
 def _at(table: FloatArray, place: FloatArray) -> FloatArray:

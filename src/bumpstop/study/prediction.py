@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.collision import Problem
 from bumpstop.errors import InputError
-from bumpstop.study.braking import LITTLE, stopping_travel
+from bumpstop.study.braking import stopping
 from bumpstop.study.noticing import Noticing
 from bumpstop.study.short_path import Arms, ShortPath
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # The stretch foreseen is longer than the shortest that is noticed, for noise and falling sensitivity.
 _LONGER = 1.25
+# The same, of the longest that the noise lets pass but for the share of cases the bound leaves out.
+_RARELY_LONGER = 1.1
 # Moments at which the path is known: of most motions, and of those that turn on the way.
 _STEPS, _MANY_STEPS = 2, 16
 # How much joint rates may change on the way, in shares of themselves.
@@ -30,10 +32,8 @@ _DOUBTED, _AGREE = 0.1, 0.02
 _OFF_SPEED = 0.02
 # Where it does not hold, the formula is kept within this factor of that of one line.
 _ASTRAY = 3.0
-# Of the travel after detection, for every unit of such change: what the bound adds.
-_MARGIN = 0.5
-# And where the braking is followed in steps: they are few.
-_STEPPED = 0.03
+# Places of the body, out of all it may have, at which the least torque per newton is looked for.
+_PLACES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +48,8 @@ class Prediction:
         trigger: the joint that notices it, from 0 (N,).
         gain: largest joint rate per speed of the tip (N,) [rad/m].
         stopping: travel expected between the tick of detection and the farthest point (N,) [m].
-        trusted: (N,) whether the formula holds: the joints can follow the line, and do not turn much on the way.
-            Elsewhere ``expected`` is a guess and ``bound`` infinite.
+        trusted: (N,) whether the formula holds: the joints can follow the line, do not turn much on the way, and meet
+            no limit before the arm must have noticed. Elsewhere ``expected`` is a guess and ``bound`` infinite.
         approach: speed of the contact point along the normal (N,) [m/s].
         condition, singular_value: condition number and smallest singular value of J_v at the contact point, for
             comparison with the source (N,), (N,) [1, m/rad].
@@ -105,6 +105,8 @@ def _check(problem: Problem, quantile: float) -> None:
         raise InputError("contact.kind", "'free' is not foretold", "wanted 'clamped'")
     if problem.residuals is not None:
         raise InputError("detector.residuals", "measured noise is not foretold", "give detector.noise_sd_Nm")
+    if problem.first_armed_tick > 0:
+        raise InputError("detector.arming_delay_s", "a detector that is armed late is not foretold", "wanted 0")
     if not np.isfinite(problem.thresholds).any():
         raise InputError("detector.thresholds_Nm", "watch no joint", "give one a finite threshold")
 
@@ -192,27 +194,40 @@ def _forces(
     arms: Arms, normal: FloatArray, torque: FloatArray, approach: FloatArray, quantile: float, steps: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
     """Expected force, bound, stopping travel, where they hold, and how much the joints turn on the way."""
+    from scipy.special import ndtri
+
     problem = arms.problem
     step, K = problem.scenario.simulation.step_s, problem.stiffness
     period, latency = problem.period_steps * step, problem.latency_steps * step
     offset, farthest = _offsets(problem, approach, quantile)
     watched = np.isfinite(problem.thresholds)
     thresholds, sd, mean = problem.thresholds[watched], problem.noise_sd[watched], problem.noise_mean[watched]
-    with np.errstate(divide="ignore"):
-        noisy = ((thresholds + np.abs(mean) + 2 * sd) / np.abs(torque[:, watched])).min(axis=1)
-    length = (farthest + _LONGER * noisy / K) / approach + 2 * period + latency
-    length = np.minimum(length, problem.scenario.motion.duration_s + latency)
-    path = ShortPath.of(arms, normal, length, steps)
     # The bound leaves half of what may be missed to the body's place, where that has a tail.
     rarest = 1 - quantile if problem.offset_kind != "half_normal" else (1 - quantile) / 2
 
-    def noticing(place: FloatArray) -> Noticing:
-        per_tick = K * path.speed_at(place + noisy / K) * period
+    def missed(deviations: float) -> FloatArray:
+        with np.errstate(divide="ignore"):
+            force = (thresholds + np.abs(mean) + deviations * sd) / np.abs(torque[:, watched])
+        return np.asarray(force.min(axis=1))
 
+    noisy = missed(2.0)
+    length = np.maximum(_LONGER * noisy, _RARELY_LONGER * missed(float(-ndtri(rarest))))
+    length = (farthest + length / K) / approach + 2 * period + latency
+    length = np.minimum(length, problem.scenario.motion.duration_s + latency)
+    path = ShortPath.of(arms, normal, length, steps)
+
+    def noticing(place: FloatArray, per_tick: FloatArray, *, cautious: bool) -> Noticing:
         def residual(force: FloatArray) -> FloatArray:
-            share = path.share_at(place[:, None] + force / K)
-            felt = force - _lag(problem, force, per_tick)
-            return np.asarray(path.torque_at(share)[:, :, watched] * felt[..., None])
+            felt = (force - _lag(problem, force, per_tick))[..., None]
+            if not cautious:
+                return felt * path.torque_at(path.share_at(place[:, None] + force / K))[:, :, watched]
+            some = [
+                path.torque_at(path.share_at(share * place[:, None] + force / K))[:, :, watched]
+                for share in np.linspace(0, 1, _PLACES)
+            ]
+            # What is felt at least, wherever the body is.
+            same = np.all([np.sign(a) == np.sign(some[0]) for a in some], axis=0)
+            return np.asarray(np.where(same, np.min(np.abs(some), axis=0), 0.0) * felt)
 
         return Noticing.of(
             residual,
@@ -223,22 +238,25 @@ def _forces(
             mean,
             remembers=problem.scenario.detector.noise_correlation != 0,
             rarest=rarest,
+            cautious=cautious,
         )
 
-    near = noticing(offset)
-    found = near.mean
-    travel, bent = stopping_travel(path, path.time_of(offset + found / K), latency)
-    bound = np.zeros_like(found)
-    for place in (np.zeros_like(offset), farthest):
-        worst = (near if (place == offset).all() else noticing(place)).worst(rarest)
-        most, more_bent = stopping_travel(path, path.time_of(place + worst / K), latency)
-        bent = np.maximum(bent, more_bent)
-        bound = np.maximum(
-            bound, worst + K * np.maximum(travel, most) * (1 + _MARGIN * bent + np.where(bent > LITTLE, _STEPPED, 0.0))
-        )
+    found = noticing(offset, K * path.speed_at(offset + noisy / K) * period, cautious=False).mean
+    worst = noticing(farthest, K * path.fastest * period, cautious=True).worst(rarest)
+    last = farthest + worst / K
+    expected = stopping(path, path.time_of(offset + found / K), latency)
+    most, bent = expected.most, expected.bent
+    for time in (np.zeros_like(worst), path.time_of(last)):
+        at = stopping(path, time, latency)
+        most, bent = np.maximum(most, at.most), np.maximum(bent, at.bent)
+    foretold = found + K * expected.travel
+    # Beyond a joint limit the motion is over, and what was not noticed never is.
+    q = path.position_at(path.time_of(last))
+    seen = (last <= path.distance[-1]) & ((q >= problem.robot.lower) & (q <= problem.robot.upper)).all(axis=1)
+    bound = np.where(seen, worst + K * most, np.inf)
     turned = np.maximum(bent, path.turned)
-    trusted = (turned < _TURNING) & (path.off_speed < _OFF_SPEED) & np.isfinite(found + K * travel)
-    return found + K * travel, bound, travel, trusted, turned
+    trusted = (turned < _TURNING) & (path.off_speed < _OFF_SPEED) & np.isfinite(foretold) & np.isfinite(bound)
+    return foretold, bound, expected.travel, trusted, turned
 
 
 def _offsets(problem: Problem, approach: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray]:

@@ -150,6 +150,12 @@ class ShortPath:
         return np.where(np.isfinite(share), share, np.inf)
 
     @property
+    def fastest(self) -> FloatArray:
+        """Greatest speed of the contact point along the normal (N,) [m/s]."""
+        shares = np.tile(np.linspace(0, 1, 4 * self.steps + 1), (len(self.length), 1))
+        return np.asarray(self._parabola(self.speed, shares).max(axis=1))
+
+    @property
     def off_speed(self) -> FloatArray:
         """How far the velocity of the tip comes from the one asked for, in shares of that (N,)."""
         asked = self.arms.velocity
