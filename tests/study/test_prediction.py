@@ -166,18 +166,23 @@ def test_more_noise_is_noticed_earlier_and_a_rarer_bound_is_higher() -> None:
     assert (usual.bound[both] > usual.expected[both]).all()
 
 
-def test_correlated_noise_and_observers_stay_below_the_bound() -> None:
-    scenario, q, velocity = draw(np.random.default_rng(12), 1, 6)
-    for changes in (
+@pytest.mark.parametrize(
+    "changes",
+    [
         {"detector.noise_correlation": 0.8},
         {"detector.residual": "observer", "detector.observer_gain_1_s": 80.0},
-    ):
-        changed = scenario.with_values(changes)
-        found = predict_batch(changed, q, velocity, quantile=0.99)
-        laws = evaluate_batch(changed, q, velocity, probabilities=[0.99])
-        usable = found.trusted & (laws.end == "certain_detection")
-        assert usable.sum() >= 3
-        assert (found.bound[usable] >= laws.quantile[usable, 0]).all()
+        {"detector.noise_mean_Nm": 1.0},
+        {"contact.offset_law": "half_normal", "contact.offset_sd_s": 0.05},
+    ],
+)
+def test_other_noise_observers_and_places_stay_below_the_bound(changes: dict[str, Any]) -> None:
+    scenario, q, velocity = draw(np.random.default_rng(12), 1, 6)
+    changed = scenario.with_values(changes)
+    found = predict_batch(changed, q, velocity, quantile=0.99)
+    laws = evaluate_batch(changed, q, velocity, probabilities=[0.99])
+    usable = found.trusted & (laws.end == "certain_detection")
+    assert usable.sum() >= 3
+    assert (found.bound[usable] >= laws.quantile[usable, 0]).all()
 
 
 def test_an_arm_that_feels_nothing_has_no_bound() -> None:

@@ -221,9 +221,12 @@ def _forces(
             felt = (force - _lag(problem, force, per_tick))[..., None]
             if not cautious:
                 return felt * path.torque_at(path.share_at(place[:, None] + force / K))[:, :, watched]
+            # An observer's residual is a mean over all of the way since contact began.
+            since = np.linspace(0, 1, _PLACES) if problem.observer_memory > 0 else np.ones(1)
             some = [
-                path.torque_at(path.share_at(share * place[:, None] + force / K))[:, :, watched]
+                path.torque_at(path.share_at(share * place[:, None] + part * force / K))[:, :, watched]
                 for share in np.linspace(0, 1, _PLACES)
+                for part in since
             ]
             # What is felt at least, wherever the body is.
             same = np.all([np.sign(a) == np.sign(some[0]) for a in some], axis=0)
