@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.errors import InputError
+
 if TYPE_CHECKING:
-    from bumpstop.plant import PlantRun
+    from bumpstop.plant import Experiment, PlantRun
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -34,6 +36,10 @@ def run(
     ] = None,
     video: Annotated[Path | None, typer.Option(help="Draw the run into this file, .gif.")] = None,
     seed: Annotated[int | None, typer.Option(help="In place of the experiment's.")] = None,
+    plan: Annotated[
+        Path | None, typer.Option(help="Run a plan's trajectories: plan.toml, or the folder that holds it.")
+    ] = None,
+    joint: Annotated[list[int] | None, typer.Option(help="Of the plan; may be given many times. Default: all.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Run an experiment and write recording.parquet, truth.toml and trace.parquet."""
@@ -46,6 +52,13 @@ def run(
     found = Experiment.load(experiment)
     if seed is not None:
         found = Experiment.from_dict(found.model_dump(exclude_unset=True) | {"seed": seed}, found.folder)
+    if plan is not None:
+        if picture is not None or video is not None:
+            raise InputError("--picture" if picture is not None else "--video", "has no meaning with --plan")
+        _rehearse(found, plan / "plan.toml" if plan.is_dir() else plan, joint or [], out, as_json)
+        return
+    if joint:
+        raise InputError("--joint", "has no meaning without --plan")
     plant, command = found.prepare()
     done = found.run_on(plant, command)
     written = [str(path) for path in done.save(out)] if out is not None else []
@@ -72,6 +85,34 @@ def run(
         typer.echo(f"note: {note}")
     for name in written:
         typer.echo(f"wrote {name}")
+
+
+def _rehearse(found: Experiment, plan_file: Path, joints: list[int], out: Path | None, as_json: bool) -> None:
+    """Run the trajectories of a plan; every joint's files go into a folder of its own."""
+    from bumpstop.cli.progress import progress
+    from bumpstop.identification.plan_file import load_plan
+    from bumpstop.plant.rehearsal import planned_experiments, rehearse
+
+    plan = load_plan(plan_file)
+    count = len(planned_experiments(plan, joints))
+    rows = []
+    with progress("running") as report:
+        for done, (one, run) in enumerate(rehearse(found, plan, joints)):
+            written = [] if out is None else [str(path) for path in run.save(out / f"joint_{one.joint + 1}")]
+            rows.append((one, run, written))
+            report((done + 1) / count)
+    if as_json:
+        runs = [_as_json(run, written) | {"joint": one.joint + 1, "name": one.name} for one, run, written in rows]
+        typer.echo(json.dumps({"plan": str(plan_file), "runs": runs}, allow_nan=False, indent=2))
+        return
+    for one, run, written in rows:
+        log = run.recording
+        words = f"{log.duration:.1f} s, {len(log.t)} samples at {log.rate_hz:.0f} Hz, {run.lost} lost"
+        typer.echo(f"joint {one.joint + 1}, {one.name}: {words}")
+        for name in written[:1]:
+            typer.echo(f"wrote {name}, truth and trace beside it")
+    for note in dict.fromkeys(note for _, run, _ in rows for note in run.notes):
+        typer.echo(f"note: {note}")
 
 
 def _as_json(run: PlantRun, written: list[str]) -> dict[str, Any]:

@@ -121,6 +121,7 @@ class Drives:
         self._endless = bool(np.isinf(self.low).all() and np.isinf(self.high).all())
         self._ripples, self._slides = bool(self.ripple.any()), bool(self.presliding.any())
         self._more = bool(self.load_share.any() or self.extra.any())
+        self._loads, self._B2, self._A4 = bool(self.load.any()), self.B * self.B, 4 * self.A
         self.reset(np.zeros(n))
 
     def reset(self, q: FloatArray, qd: FloatArray | None = None, tau: FloatArray | None = None) -> None:
@@ -134,11 +135,14 @@ class Drives:
         """sgn(qd) and the friction current without its share of the current, both as the joint model has them."""
         speed = np.abs(qd)
         sign = np.minimum(np.maximum(qd / self.rest, -1.0), 1.0)
-        by_power = self.D * np.maximum(speed, self.rest) ** self.F
+        by_power = self._by_power(speed)
         if self._all_power:
             return sign, sign * by_power
         by_stribeck = self.coulomb + self.stribeck * np.exp(-((speed / self.stribeck_speed) ** 2))
         return sign, sign * np.where(self.power, by_power, by_stribeck) + self.viscous * qd
+
+    def _by_power(self, speed: FloatArray) -> FloatArray:
+        return np.asarray(self.D * np.maximum(speed, self.rest) ** self.F)
 
     def _map(self, current: FloatArray, sign: FloatArray) -> FloatArray:
         if self._endless and self._all_odd:
@@ -150,7 +154,7 @@ class Drives:
     def _inverse_map(self, tau: FloatArray, sign: FloatArray) -> FloatArray:
         """The joint current that gives a torque; the maps are monotone over their range."""
         if self._endless and self._all_odd:
-            return np.asarray(2 * tau / (self.B + np.sqrt(np.maximum(self.B * self.B + 4 * self.A * np.abs(tau), 0.0))))
+            return np.asarray(2 * tau / (self.B + np.sqrt(np.maximum(self._B2 + self._A4 * np.abs(tau), 0.0))))
         root = np.where(self.odd, np.abs(tau), -sign * tau) * self.A
         current: FloatArray = 2 * tau / (self.B + np.sqrt(np.maximum(self.B**2 + 4 * root, 0.0)))
         inside = np.minimum(np.maximum(current, self.low), self.high)
@@ -163,6 +167,8 @@ class Drives:
     def _current(self, mapped: FloatArray, sign: FloatArray, friction: FloatArray) -> FloatArray:
         """Current of the motors, with the friction that grows with the current itself."""
         current = self._inverse_map(mapped, sign) + friction
+        if not self._loads:
+            return current
         return np.asarray(current / (1.0 - self.load * sign * np.sign(current)))
 
     def resist(self, q: FloatArray, qd: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -178,6 +184,7 @@ class Drives:
             damping is friction of the joint model (dof,) [Nm s/rad].
         """
         speed = np.abs(qd)
+        ahead = np.where(qd < 0, -1.0, 1.0)
         slow = np.minimum(np.maximum(2.0 - speed / self.rest, 0.0), 1.0)
         if self._slides:
             way = q - self._last
@@ -192,8 +199,8 @@ class Drives:
         if self._ripples:
             against = against + self.ripple * np.sin(self.waves * q)
         # Below the speed of rest friction is a line through zero: its slope there is that at the speed of rest.
-        moving = np.where(qd < 0, np.minimum(qd, -self.rest), np.maximum(qd, self.rest))
-        sign, friction = self._friction(moving)
+        moving = ahead * np.maximum(speed, self.rest)
+        sign, friction = (ahead, ahead * self._by_power(speed)) if self._all_power else self._friction(moving)
         # At once, friction that grows with the load and a servo that answers it would chase each other.
         self._passed = passed = self._passed + _LOAD_SHARE_PER_MS * (tau - against - self._slope * qd - self._passed)
         slope = (self._map(self._current(passed, sign, friction), sign) - passed) / moving

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -149,7 +150,7 @@ class Experiment(_Table):
     gravity_m_s2: Three = [0.0, 0.0, -9.80665]
     contact_link: str | None = None
     contact_point_mm: Three = [0.0, 0.0, 0.0]
-    motion: ExperimentMotion
+    motion: ExperimentMotion | None = None
     friction: ExperimentFriction = ExperimentFriction()
     sensors: ExperimentSensors = ExperimentSensors()
     servo: ExperimentServo = ExperimentServo()
@@ -160,6 +161,8 @@ class Experiment(_Table):
     @model_validator(mode="after")
     def _pose(self) -> Experiment:
         given = [key for key in ("pose_deg", "pose_rad") if getattr(self, key) is not None]
+        if self.motion is None:
+            return self
         if self.motion.kind in ("line", "press", "pick_and_place"):
             if len(given) != 1:
                 problem = "and pose_rad are both given" if given else "is missing"
@@ -224,13 +227,24 @@ class Experiment(_Table):
         """
         robot = self.arm()
         command = self._command(robot)
+        objects = [self._object(robot, i) for i in range(len(self.object))]
+        return self.plant(robot, gravity=self.gravity_m_s2, seed=self.seed, objects=objects), command
+
+    def plant(
+        self, robot: Robot, *, gravity: Sequence[float], seed: int, objects: Sequence[PlantObject] = ()
+    ) -> Plant:
+        """The plant of another arm or gravity, with this joint model, friction, sensors and servo.
+
+        Raises:
+            InputError: something cannot be used with this robot.
+        """
         model = None
         if self.joint_model is not None:
             path = self.folder / self.joint_model
             is_file = self.joint_model.endswith(".toml") or "/" in self.joint_model
             model = JointTorqueModel.load(path if is_file else self.joint_model)
         friction, sensors = self.friction, self.sensors
-        plant = Plant(
+        return Plant(
             robot,
             model,
             friction=Gears(
@@ -256,14 +270,13 @@ class Experiment(_Table):
                 force_noise=sensors.force_noise_N,
                 moment_noise=sensors.moment_noise_Nm,
             ),
-            objects=[self._object(robot, i) for i in range(len(self.object))],
-            seed=self.seed,
+            objects=objects,
+            seed=seed,
             servo=Servo(bandwidth_hz=self.servo.bandwidth_hz, damping_ratio=self.servo.damping_ratio),
             contact_link=self.contact_link,
             contact_point=[x / 1e3 for x in self.contact_point_mm],
-            gravity=self.gravity_m_s2,
+            gravity=gravity,
         )
-        return plant, command
 
     def run(self) -> PlantRun:
         """Prepare and run it.
@@ -310,11 +323,14 @@ class Experiment(_Table):
         return pose
 
     def _velocity(self) -> list[float]:
+        assert self.motion is not None
         assert self.motion.velocity_mm_s is not None
         return [v / 1e3 for v in self.motion.velocity_mm_s]
 
     def _command(self, robot: Robot) -> Command:
         motion = self.motion
+        if motion is None:
+            raise InputError("motion", "is missing", "an experiment needs it, or a plan (--plan)")
         if motion.kind == "trajectory":
             from bumpstop.collision.trajectory import load_motion
 
@@ -350,7 +366,7 @@ class Experiment(_Table):
 
     def _object(self, robot: Robot, i: int) -> PlantObject:
         thing, where = self.object[i], f"object[{i + 1}]"
-        straight = self.motion.kind in ("line", "press")
+        straight = self.motion is not None and self.motion.kind in ("line", "press")
         if (thing.position_mm is None) == (thing.ahead_mm is None):
             problem = "is missing" if thing.position_mm is None else "and ahead_mm are both given"
             raise InputError(f"{where}.position_mm", problem, "give position_mm, or ahead_mm along a line")

@@ -18,7 +18,7 @@ from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction, line
 from bumpstop.plant.drive import Drives, Gears
 from bumpstop.plant.mjcf import mjcf
 from bumpstop.plant.objects import PlantObject
-from bumpstop.plant.run import PlantRun, PlantTrace, truth_of
+from bumpstop.plant.run import PlantRun, PlantTrace, SampleLog, sensors_truth, truth_of
 from bumpstop.plant.sensors import Channels, SamplePlan, Sensors
 
 if TYPE_CHECKING:
@@ -218,6 +218,34 @@ class Plant:
         Raises:
             InputError: the command is not for this robot, or the arm is inside an object at the start.
         """
+        log, trace, plans, reacted = self._follow(command, [(self.sensors, self.seed)], on_sample)
+        return self._run(command, log, trace, self._channels, plans[0], reacted)
+
+    def runs(self, command: Command, recorders: Sequence[tuple[Sensors, int]]) -> list[PlantRun]:
+        """Follow a command once, recorded by several sensors with a seed each.
+
+        All that is random lies in what the sensors report, so each run is, to the last bit, the one that a plant of its
+        own with these sensors and this seed would have made; the arm is moved only once.
+
+        Args:
+            command: as in :meth:`run`.
+            recorders: sensors and seed of each run.
+
+        Raises:
+            InputError: as :meth:`run`.
+        """
+        log, trace, plans, _ = self._follow(command, recorders, None)
+        done = []
+        for (sensors, seed), plan in zip(recorders, plans, strict=True):
+            run = self._run(command, log, trace, Channels(sensors, self.robot.dof), plan, None)
+            truth = run.truth | {"seed": seed, "sensors": sensors_truth(sensors)}
+            done.append(replace(run, truth=truth))
+        return done
+
+    def _follow(
+        self, command: Command, recorders: Sequence[tuple[Sensors, int]], on_sample: OnSample | None
+    ) -> tuple[SampleLog, PlantTrace, list[SamplePlan], float | None]:
+        """Move the arm and note what every recorder will need; with a callback there is one recorder."""
         mj, model, data, drives = self._mujoco, self.model, self.data, self.drives
         n, motor = self.robot.dof, self._motor
         if command.q.shape[1] != n:
@@ -230,40 +258,46 @@ class Plant:
         model.dof_damping[motor] = 0.0
         controls = self._controls(command, kp, kv)
         damping, against, slope = drives.resist(np.array(data.qpos[motor]), command.qd[0], self._needed(command))
-        plan = SamplePlan.draw(self.sensors, n, command.duration + _AFTERWARDS_S, STEP, COMMAND_STEP, self.seed)
+        longest = command.duration + _AFTERWARDS_S
+        plans = [SamplePlan.draw(sensors, n, longest, STEP, COMMAND_STEP, seed) for sensors, seed in recorders]
+        sample_at = np.unique(np.concatenate([plan.step[plan.kept] for plan in plans]))
+        next_sample: list[int] = [*sample_at.tolist(), np.iinfo(np.int64).max]
+        log = SampleLog.empty(sample_at, n)
         trace = PlantTrace.empty(len(command.q) + round(_AFTERWARDS_S / COMMAND_STEP), n, len(self.objects))
-        rows: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
-        sample_at, sample = plan.step, 0
+        sample = 0
         turn_at: int | None = None  # step at which the reaction begins
         answer: PlantReaction | None = None
         reacted: float | None = None
         first_control = 0
         step, last = 0, len(controls)
         mj_step, ctrl, qvel, qpos = mj.mj_step, data.ctrl, data.qvel, data.qpos
+        given_now, applied, resisting = data.qfrc_actuator, data.qfrc_applied, model.dof_damping
         while step < last:
             # The gears resist anew every millisecond; their damping acts at every step.
-            model.dof_damping[motor] = damping
-            data.qfrc_applied[motor] = -against
+            resisting[motor] = damping
+            applied[motor] = -against
             end = step + _PER_COMMAND
             while step < end:
-                upto = end if sample >= len(sample_at) else min(end, max(step + 1, int(sample_at[sample])))
+                upto = min(end, next_sample[sample])
                 for row in controls[step - first_control : upto - first_control]:
                     ctrl[:] = row
                     mj_step(model, data)
                 step = upto
-                if sample < len(sample_at) and sample_at[sample] <= step:
-                    if plan.kept[sample]:
-                        found = self._sample(plan, sample, step, slope)
-                        rows.append((found.t, found.q, found.current, found.wrench))
-                        if on_sample is not None and turn_at is None:
-                            answer = on_sample(found)
-                            if answer is not None:
-                                late = (found.t + answer.latency_s) / COMMAND_STEP
-                                turn_at = math.ceil(late - 1e-6) * _PER_COMMAND
+                if next_sample[sample] == step:
+                    log.note(sample, qpos[motor], qvel[motor], given_now[motor], slope, data.sensordata)
+                    if on_sample is not None and turn_at is None:
+                        answer = on_sample(self._sample(log, plans[0], sample))
+                        if answer is not None:
+                            late = (step * STEP + answer.latency_s) / COMMAND_STEP
+                            turn_at = math.ceil(late - 1e-6) * _PER_COMMAND
                     sample += 1
             motor_q, motor_qd = np.array(qpos[motor]), np.array(qvel[motor])
-            given = np.array(data.qfrc_actuator[motor])
-            self._note(trace, step, motor_qd, given, slope, against)
+            given = np.array(given_now[motor])
+            trace.note(
+                step // _PER_COMMAND - 1, self.joint_positions(), motor_qd, data.qacc[motor], given, against, damping
+            )
+            if self.objects:
+                trace.contact_force[step // _PER_COMMAND - 1] = self._contact_forces()
             if turn_at is not None and answer is not None and reacted is None and step >= min(turn_at, last):
                 knot = step // _PER_COMMAND
                 turned = command.reaction(knot, answer)
@@ -272,7 +306,44 @@ class Plant:
                 last = step + min(len(controls), room)
                 reacted = step * STEP
             damping, against, slope = drives.resist(motor_q, motor_qd, given)
-        return PlantRun.of(self, command, rows, trace.cut(), reacted, lost=int((~plan.kept[:sample]).sum()))
+        milliseconds = np.arange(_PER_COMMAND, step + 1, _PER_COMMAND)
+        return log.cut(sample), trace.cut(milliseconds * STEP), plans, reacted
+
+    def _run(
+        self,
+        command: Command,
+        log: SampleLog,
+        trace: PlantTrace,
+        channels: Channels,
+        plan: SamplePlan,
+        reacted: float | None,
+    ) -> PlantRun:
+        """What one recorder made of a motion."""
+        last = round(len(trace.t) * _PER_COMMAND)
+        reached = int(np.searchsorted(plan.step, last, side="right"))
+        kept = np.flatnonzero(plan.kept[:reached])
+        rows = np.searchsorted(log.step, plan.step[kept])
+        t, q, current, wrench = self._reported(log, rows, channels, plan, kept)
+        return PlantRun.of(self, command, (t, q, current, wrench), trace, reacted, lost=reached - len(kept))
+
+    def _reported(
+        self,
+        log: SampleLog,
+        rows: npt.NDArray[np.int64],
+        channels: Channels,
+        plan: SamplePlan,
+        samples: npt.NDArray[np.int64],
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """What the sensors say at rows of the log, which are samples of the plan: t, q, current and wrench."""
+        current = self.drives.current(log.given[rows], log.qd[rows], log.slope[rows])
+        current = current + self.drives.scatter * plan.scatter[samples]
+        return (
+            log.step[rows] * STEP,
+            channels.position(log.q[rows], plan.position[samples]),
+            channels.current(current, plan.current[samples]),
+            # MuJoCo's sensor has the sign of what the tool exerts on what it touches.
+            channels.wrench(-log.wrench[rows], plan.wrench[samples]),
+        )
 
     def _needed(self, command: Command) -> FloatArray:
         """Torque that holds the start of a command at its rates (dof,) [Nm or N]."""
@@ -310,11 +381,11 @@ class Plant:
         """Number of the object whose face a geom is."""
         return {self.model.geom(thing.geom).id: i for i, thing in enumerate(self.objects)}
 
-    def _sample(self, plan: SamplePlan, sample: int, step: int, slope: FloatArray) -> Sample:
-        data, motor = self.data, self._motor
-        qd = np.array(data.qvel[motor])
-        current = self.drives.current(np.array(data.qfrc_actuator[motor]), qd, slope)
-        current = current + self.drives.scatter * plan.scatter[sample]
+    def _sample(self, log: SampleLog, plan: SamplePlan, row: int) -> Sample:
+        """What a callback learns of the row of the log that was just written."""
+        at = np.array([row])
+        samples = np.flatnonzero(plan.kept & (plan.step == log.step[row]))
+        t, q, current, wrench = self._reported(log, at, self._channels, plan, samples)
         forces = self._contact_forces()
         torque = np.zeros(self.robot.dof)
         if forces.any():
@@ -323,34 +394,8 @@ class Plant:
                 f * np.array(thing.direction) for f, thing in zip(forces, self.objects, strict=True)
             )
         return Sample(
-            t=step * STEP,
-            q=self._channels.position(np.array(data.qpos[motor]), plan.position[sample]),
-            current=self._channels.current(current, plan.current[sample]),
-            # MuJoCo's sensor has the sign of what the tool exerts on what it touches.
-            wrench=self._channels.wrench(-np.array(data.sensordata[:6]), plan.wrench[sample]),
-            contact_force=forces,
-            contact_torque=torque,
+            t=float(t[0]), q=q[0], current=current[0], wrench=wrench[0], contact_force=forces, contact_torque=torque
         )
-
-    def _note(
-        self,
-        trace: PlantTrace,
-        step: int,
-        motor_qd: FloatArray,
-        given: FloatArray,
-        slope: FloatArray,
-        against: FloatArray,
-    ) -> None:
-        """Write down what is true now."""
-        i = step // _PER_COMMAND - 1
-        trace.t[i] = step * STEP
-        trace.q[i] = self.joint_positions()
-        trace.qd[i] = motor_qd
-        trace.qdd[i] = self.data.qacc[self._motor]
-        trace.tau[i] = given - against - self.model.dof_damping[self._motor] * motor_qd
-        trace.friction[i] = against + self.model.dof_damping[self._motor] * motor_qd
-        trace.contact_force[i] = self._contact_forces()
-        trace.rows[0] = i + 1
 
     def series_stiffness(self, q: npt.ArrayLike, thing: PlantObject) -> float:
         """Stiffness of an object as the controller feels it, by two static pushes [N/m].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from bumpstop.recording import Recording
 if TYPE_CHECKING:
     from bumpstop.plant.command import Command
     from bumpstop.plant.plant import Plant
+    from bumpstop.plant.sensors import Sensors
 
 RECORDING, TRUTH, TRACE = "recording.parquet", "truth.toml", "trace.parquet"
 
@@ -32,7 +33,6 @@ class PlantTrace:
         tau: what the gears pass on to rotor and link (N, dof) [Nm or N].
         friction: what they keep (N, dof).
         contact_force: on each object along its normal (N, objects) [N].
-        rows: how many of them are filled, in a list of one.
     """
 
     t: FloatArray
@@ -42,24 +42,72 @@ class PlantTrace:
     tau: FloatArray
     friction: FloatArray
     contact_force: FloatArray
-    rows: npt.NDArray[np.int64]
 
     @classmethod
     def empty(cls, rows: int, dof: int, objects: int) -> PlantTrace:
         """Room for so many rows."""
         of_joints = {name: np.zeros((rows, dof)) for name in ("q", "qd", "qdd", "tau", "friction")}
-        return cls(
-            t=np.zeros(rows),
-            contact_force=np.zeros((rows, objects)),
-            rows=np.zeros(1, dtype=np.int64),
-            **of_joints,
-        )
+        return cls(t=np.zeros(rows), contact_force=np.zeros((rows, objects)), **of_joints)
 
-    def cut(self) -> PlantTrace:
-        """The rows that were filled."""
-        n = int(self.rows[0])
-        names = ("t", "q", "qd", "qdd", "tau", "friction", "contact_force")
-        return replace(self, **{name: getattr(self, name)[:n].copy() for name in names})
+    def note(
+        self,
+        row: int,
+        q: FloatArray,
+        qd: FloatArray,
+        qdd: FloatArray,
+        given: FloatArray,
+        against: FloatArray,
+        damping: FloatArray,
+    ) -> None:
+        """Write down a millisecond: what motors give and gears keep, the damped part by its rate (dof,) each."""
+        self.q[row], self.qd[row], self.qdd[row] = q, qd, qdd
+        damped = damping * qd
+        self.tau[row] = given - against - damped
+        self.friction[row] = against + damped
+
+    def cut(self, t: FloatArray) -> PlantTrace:
+        """As many rows as there are times, which they get."""
+        names = ("q", "qd", "qdd", "tau", "friction", "contact_force")
+        of_joints = {name: getattr(self, name)[: len(t)].copy() for name in names}
+        return replace(self, t=t, **of_joints)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SampleLog:
+    """What sensors need to know of the moments at which they sample, before noise.
+
+    Attributes:
+        step: integration steps (N,), rising.
+        q, qd: of the motors (N, dof).
+        given: by the motors (N, dof) [Nm or N].
+        slope: what of the damping is friction of the joint model (N, dof).
+        wrench: MuJoCo's (N, 6).
+    """
+
+    step: npt.NDArray[np.int64]
+    q: FloatArray
+    qd: FloatArray
+    given: FloatArray
+    slope: FloatArray
+    wrench: FloatArray
+
+    @classmethod
+    def empty(cls, step: npt.NDArray[np.int64], dof: int) -> SampleLog:
+        """Room for these steps."""
+        of_joints = {name: np.zeros((len(step), dof)) for name in ("q", "qd", "given", "slope")}
+        return cls(step=step, wrench=np.zeros((len(step), 6)), **of_joints)
+
+    def note(
+        self, row: int, q: FloatArray, qd: FloatArray, given: FloatArray, slope: FloatArray, wrench: FloatArray
+    ) -> None:
+        """Write down one moment."""
+        self.q[row], self.qd[row], self.given[row], self.slope[row] = q, qd, given, slope
+        self.wrench[row] = wrench[:6]
+
+    def cut(self, rows: int) -> SampleLog:
+        """The first rows."""
+        names = ("step", "q", "qd", "given", "slope", "wrench")
+        return replace(self, **{name: getattr(self, name)[:rows] for name in names})
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +135,16 @@ class PlantRun:
         cls,
         plant: Plant,
         command: Command,
-        rows: Sequence[tuple[float, FloatArray, FloatArray, FloatArray]],
+        rows: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
         trace: PlantTrace,
         reaction_time: float | None,
         lost: int,
     ) -> PlantRun:
-        """Put together what a plant wrote down."""
-        if len(rows) < 2:
-            problem = f"gave {len(rows)} samples"
+        """Put together what a plant wrote down; ``rows`` are t, q, current and wrench."""
+        t, q, current, wrench = rows
+        if len(t) < 2:
+            problem = f"gave {len(t)} samples"
             raise InputError("motion", problem, "wanted at least 2: a longer motion or a higher rate")
-        t, q, current, wrench = (np.array(part) for part in zip(*rows, strict=True))
         recording = Recording(
             t=t,
             q=q,
@@ -110,7 +158,7 @@ class PlantRun:
             names = ", ".join(plant.drives.unmodelled)
             notes.append(f"No joint model of {names}: the current is the torque, without friction.")
         happened: dict[str, Any] = {
-            "samples": len(rows),
+            "samples": len(t),
             "lost": lost,
             "duration_s": float(trace.t[-1]),
             "peak_force_N": [float(force) for force in trace.contact_force.max(axis=0)],
@@ -190,7 +238,6 @@ def truth_of(plant: Plant) -> dict[str, Any]:
         }
         for thing in plant.objects
     ]
-    sensors = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(plant.sensors).items()}
     return {
         "robot": plant.robot.name,
         "inertia_status": plant.robot.inertia_status,
@@ -200,10 +247,15 @@ def truth_of(plant: Plant) -> dict[str, Any]:
         "step_s": STEP,
         "mujoco": mujoco.__version__,
         "servo": asdict(plant.servo),
-        "sensors": sensors,
+        "sensors": sensors_truth(plant.sensors),
         "joint": joints,
         "object": objects,
     }
+
+
+def sensors_truth(sensors: Sensors) -> dict[str, Any]:
+    """Sensors as plain values."""
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(sensors).items()}
 
 
 def to_toml(data: Mapping[str, Any]) -> str:
