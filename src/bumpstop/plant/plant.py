@@ -281,10 +281,15 @@ class Plant:
                 upto = min(end, next_sample[sample])
                 for row in controls[step - first_control : upto - first_control]:
                     ctrl[:] = row
+                    rate_before = np.array(qvel[motor])
                     mj_step(model, data)
                 step = upto
+                # MuJoCo says what the motors give at the step's begin, and moves the arm by what they give at its end
+                # (implicit in the rates).
+                gained = qvel[motor] - rate_before
+                given = given_now[motor] - kv * gained
                 if next_sample[sample] == step:
-                    log.note(sample, qpos[motor], qvel[motor], given_now[motor], slope, data.sensordata)
+                    log.note(sample, qpos[motor], qvel[motor], given, slope, data.sensordata)
                     if on_sample is not None and turn_at is None:
                         answer = on_sample(self._sample(log, plans[0], sample))
                         if answer is not None:
@@ -292,12 +297,10 @@ class Plant:
                             turn_at = math.ceil(late - 1e-6) * _PER_COMMAND
                     sample += 1
             motor_q, motor_qd = np.array(qpos[motor]), np.array(qvel[motor])
-            given = np.array(given_now[motor])
-            trace.note(
-                step // _PER_COMMAND - 1, self.joint_positions(), motor_qd, data.qacc[motor], given, against, damping
-            )
+            row_of_trace = step // _PER_COMMAND - 1
+            trace.note(row_of_trace, self.joint_positions(), motor_qd, gained / STEP, given, against, damping)
             if self.objects:
-                trace.contact_force[step // _PER_COMMAND - 1] = self._contact_forces()
+                trace.contact_force[row_of_trace] = self._contact_forces()
             if turn_at is not None and answer is not None and reacted is None and step >= min(turn_at, last):
                 knot = step // _PER_COMMAND
                 turned = command.reaction(knot, answer)
