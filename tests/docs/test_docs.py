@@ -187,15 +187,16 @@ def test_console(
                 assert any(Path(file).match(pattern) for file in written), pattern
 
 
-def test_tutorial_of_identification(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("page", ["tutorial_identification.md", "tutorial_plant.md"])
+def test_tutorial(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Every console of the tutorial, one after the other in one folder."""
+    """Every console of a tutorial, one after the other in one folder."""
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", WIDTH)
     shell = Shell(tmp_path, capsys)
-    for text in blocks(ROOT / "docs" / "tutorial_identification.md", "console"):
+    for text in blocks(ROOT / "docs" / page, "console"):
         parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
         for command, wanted in zip(parts[1::2], parts[2::2], strict=True):
             if command.startswith("python "):

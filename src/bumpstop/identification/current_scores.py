@@ -105,7 +105,7 @@ def compare_currents(
     """Put a joint torque model beside recorded currents.
 
     Args:
-        model: fitted or built in.
+        model: fitted or built in; one that holds only some of the robot's joints is compared for those, by name.
         recordings: with currents; one or more.
         robot: with inertia; or one for each recording, with the payload it carried.
         cutoff_hz: of the zero-phase filter of the motion [Hz]; default: 10, or a fifth of the recorded rate where that
@@ -113,23 +113,22 @@ def compare_currents(
         filter_hz: cut-off at which currents are compared for ``r2``; default: ``cutoff_hz``.
 
     Raises:
-        InputError: no currents, too few rows, a model or a robot of another number of joints.
+        InputError: no currents, too few rows, a robot of another number of joints, a model of joints that it has not.
     """
     logs = [recordings] if not isinstance(recordings, Sequence) else list(recordings)
     robots = list(robot) if isinstance(robot, Sequence) else [robot] * len(logs)
     arm = robots[0]
-    if len(model.joints) != arm.dof:
-        raise InputError("model", f"has {len(model.joints)} joints", f"{arm.name} has {arm.dof}")
+    place = _place(model, arm)
     if cutoff_hz is None:
         cutoff_hz = min(DEFAULT_CUTOFF_HZ, 0.2 * min(log.rate_hz for log in logs))
-    rows = drive_rows(logs, robots, cutoff_hz, every_row=True, smooth_current=False)
+    rows = drive_rows(logs, robots, cutoff_hz, every_row=True, smooth_current=False).of_joints(place)
     predicted = np.empty_like(rows.current)
     for j, joint in enumerate(model.joints):
         predicted[:, j] = motor_current(joint, rows.joint(j, joint.rest_speed))
     estimated = np.empty_like(rows.current)
-    total = TorqueState.at_rest(arm.dof)
+    total = TorqueState.at_rest(len(place))
     for part in rows.stretches:
-        state = TorqueState.at_rest(arm.dof)
+        state = TorqueState.at_rest(len(place))
         estimated[part] = model.torque(rows.current[part], rows.qd[part], rows.qdd[part], state)
         total.outside_current += state.outside_current
         total.outside_speed += state.outside_speed
@@ -141,3 +140,15 @@ def compare_currents(
         filter_hz=filter_hz or cutoff_hz,
         notes=model.notes(total),
     )
+
+
+def _place(model: JointTorqueModel, arm: Robot) -> list[int]:
+    """Which joints of the arm a model is of: all in their order, or some by name."""
+    if len(model.joints) == arm.dof:
+        return list(range(arm.dof))
+    names = [joint.name for joint in arm.joints]
+    stray = [joint.name for joint in model.joints if joint.name not in names]
+    if stray or len(model.joints) > arm.dof:
+        problem = f"has {len(model.joints)} joints, {stray[0]!r} among them" if stray else "has a joint twice"
+        raise InputError("model", problem, f"{arm.name} has {', '.join(names)}")
+    return [names.index(joint.name) for joint in model.joints]

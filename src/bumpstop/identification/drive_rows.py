@@ -99,6 +99,12 @@ class DriveRows:
         stretches = tuple(slice(a, b) for a, b in pairwise(ends))
         return replace(self, **columns, stretches=stretches, rate_hz=tuple(rates))
 
+    def of_joints(self, which: Sequence[int]) -> DriveRows:
+        """The columns of some joints, from 0."""
+        names = ("q", "qd", "qdd", "torque", "current")
+        columns: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, which]) for name in names}
+        return replace(self, **columns)
+
     def joint(self, j: int, rest_speed: float) -> JointMotion:
         """What joint ``j`` did."""
         qd = np.ascontiguousarray(self.qd[:, j])
