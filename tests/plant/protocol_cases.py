@@ -56,6 +56,11 @@ class Found:
         """Of the truth."""
         return float(np.median(self.value) / self.truth - 1)
 
+    @property
+    def median_known_to(self) -> float:
+        """Standard error of the median, of the truth, were the fits' own standard errors right."""
+        return float(np.sqrt(np.pi / 2 / self.value.size) * np.median(self.error) / self.truth)
+
 
 def recovered(
     plan: IdentificationPlan, seeds: Sequence[int], rates: Sequence[float], joints: Sequence[int] = ()

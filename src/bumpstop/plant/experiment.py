@@ -230,9 +230,7 @@ class Experiment(_Table):
         objects = [self._object(robot, i) for i in range(len(self.object))]
         return self.plant(robot, gravity=self.gravity_m_s2, seed=self.seed, objects=objects), command
 
-    def plant(
-        self, robot: Robot, *, gravity: Sequence[float], seed: int, objects: Sequence[PlantObject] = ()
-    ) -> Plant:
+    def plant(self, robot: Robot, *, gravity: Sequence[float], seed: int, objects: Sequence[PlantObject] = ()) -> Plant:
         """The plant of another arm or gravity, with this joint model, friction, sensors and servo.
 
         Raises:
