@@ -16,7 +16,7 @@ QUICK = ProtocolSettings(speed_shares=(0.2, 0.4, 0.6), repeats=1, ramp_repeats=1
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Coverage of 95 % intervals and medians, joint by joint."""
-    seeds = 3 if quick else 20
+    seeds = 2 if quick else 20
     rates = (250.0,) if quick else (250.0, 1000.0)
     settings = QUICK if quick else SETTINGS
     findings.say(
@@ -42,6 +42,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.table(
         "What was found",
         ["Parameter", "Planted", "Median error [%]", "Intervals that hold it [%]", "Mean off [se]", "Sd off [se]"],
+        ["s", ".4g", "+.2f", ".1f", "+.2f", ".2f"],
         rows,
     )
     for names, share, what in ((MAP, 0.02, "maps"), (FRICTION, 0.03, "friction")):

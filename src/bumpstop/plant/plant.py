@@ -309,8 +309,8 @@ class Plant:
                 last = step + min(len(controls), room)
                 reacted = step * STEP
             damping, against, slope = drives.resist(motor_q, motor_qd, given)
-        milliseconds = np.arange(_PER_COMMAND, step + 1, _PER_COMMAND)
-        return log.cut(sample), trace.cut(milliseconds * STEP), plans, reacted
+        t: FloatArray = np.arange(_PER_COMMAND, step + 1, _PER_COMMAND).astype(np.float64) * STEP
+        return log.cut(sample), trace.cut(t), plans, reacted
 
     def _run(
         self,
@@ -341,7 +341,7 @@ class Plant:
         current = self.drives.current(log.given[rows], log.qd[rows], log.slope[rows])
         current = current + self.drives.scatter * plan.scatter[samples]
         return (
-            log.step[rows] * STEP,
+            log.step[rows].astype(np.float64) * STEP,
             channels.position(log.q[rows], plan.position[samples]),
             channels.current(current, plan.current[samples]),
             # MuJoCo's sensor has the sign of what the tool exerts on what it touches.

@@ -34,7 +34,8 @@ def planned_arm(plan: IdentificationPlan) -> Robot:
 
 def follow(path: TimedPath) -> Command:
     """A path of a plan, told every millisecond. Nothing makes it turn back."""
-    t: FloatArray = np.arange(int(np.floor(path.duration / COMMAND_STEP + 1e-9)) + 1) * COMMAND_STEP
+    count = int(np.floor(path.duration / COMMAND_STEP + 1e-9)) + 1
+    t: FloatArray = np.arange(count, dtype=np.float64) * COMMAND_STEP
     q, qd, _ = path.at(t)
 
     def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
