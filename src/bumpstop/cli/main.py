@@ -14,6 +14,7 @@ from bumpstop.cli import (
     bodies,
     detect,
     evaluate,
+    experiment,
     identify,
     plan,
     plant,
@@ -48,6 +49,7 @@ app.command("tune")(tune.command)
 app.command("score")(score.command)
 app.command("sensitivity")(sensitivity.command)
 app.command("detect")(detect.detect)
+app.command("experiment")(experiment.command)
 app.command("detector")(detect.detector)
 
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 2 bad input, 1 our fault.
