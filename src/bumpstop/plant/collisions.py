@@ -311,13 +311,28 @@ class CollisionExperiment:
             held_joints=_HELD,
         )
 
-    def run(self, speed: float, seed: int = 0, *, touch: bool = True) -> Collision:
+    def _plant(self, seed: int, objects: list[PlantObject]) -> Plant:
+        return Plant(
+            self.robot,
+            JointTorqueModel.load("sia5d"),
+            friction=Gears(rotor_inertia=list(ROTORS)),
+            sensors=replace(SENSORS, loss=self.loss),
+            objects=objects,
+            seed=seed,
+            contact_link=self._place[0],
+            contact_point=self._place[1],
+        )
+
+    def free(self, speed: float, seed: int = 0) -> PlantRun:
+        """The same motion without object and reaction; ``speed`` of the hand in m/s."""
+        return self._plant(seed, []).run(self.command(speed))
+
+    def run(self, speed: float, seed: int = 0) -> Collision:
         """Run once.
 
         Args:
             speed: of the hand [m/s].
             seed: of everything random.
-            touch: whether the object is there.
 
         Raises:
             InputError: the speed cannot be used, mujoco is not installed.
@@ -326,16 +341,7 @@ class CollisionExperiment:
             raise InputError("speed", f"is {speed:g} m/s", "wanted 0.001 to 0.25")
         rng = np.random.default_rng([6, seed])
         offset = float(rng.random()) * speed * PERIOD_S * float(np.linalg.norm(self._slide))
-        plant = Plant(
-            self.robot,
-            JointTorqueModel.load("sia5d"),
-            friction=Gears(rotor_inertia=list(ROTORS)),
-            sensors=replace(SENSORS, loss=self.loss),
-            objects=[self.object(offset)] if touch else [],
-            seed=seed,
-            contact_link=self._place[0],
-            contact_point=self._place[1],
-        )
+        plant = self._plant(seed, [self.object(offset)])
         detector = self.detector()
         kernel = detector.kernel()
         alarm = core.DetectorState(STATES.index("alarm"))
@@ -351,7 +357,7 @@ class CollisionExperiment:
             return answer
 
         done = plant.run(self.command(speed), on_sample=watch)
-        force = done.trace.contact_force[:, 0] if touch else np.zeros(len(done.trace.t))
+        force = done.trace.contact_force[:, 0]
         touched = np.flatnonzero(force > 0)
         contact = float(done.trace.t[touched[0]]) if touched.size else None
         at = fired[0] if fired else None
