@@ -53,7 +53,7 @@ def _collisions(findings: Findings, *, runs: int, speeds: int | None) -> None:
                 ratio = float(np.median(peaks)) / row.source.peak_N - 1
                 findings.check(f"{where}: median peak within 25 % of the source's", abs(ratio) <= 0.25, f"{ratio:+.1%}")
             alarms = sum(run.false_alarm for run in row.runs)
-            of_source = [np.nan if value is None else value for value in (row.source.force_N, row.source.peak_N)]
+            of_source = ["" if value is None else f"{value:.1f}" for value in (row.source.force_N, row.source.peak_N)]
             shown.append(
                 [
                     where,
@@ -68,7 +68,7 @@ def _collisions(findings: Findings, *, runs: int, speeds: int | None) -> None:
         findings.table(
             f"{name}: {runs} runs a speed, medians",
             ["Object, speed", "Noticed", "False alarms", "At detection [N]", "Source", "Peak [N]", "Source"],
-            ["", "d", "d", ".1f", ".1f", ".1f", ".1f"],
+            ["", "d", "d", ".1f", "", ".1f", ""],
             shown,
         )
 
