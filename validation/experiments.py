@@ -13,7 +13,7 @@ from bumpstop.plant.collision_table import CollisionTable
 from bumpstop.plant.collisions import CollisionExperiment
 from validation.findings import Findings
 
-TITLE = "The source's collisions"
+TITLE = "Collisions of chapter 4"
 SPEEDS = (25.0, 50.0, 100.0, 150.0, 200.0)
 # Stiffnesses [N/m] and latencies [s] between which the fit interpolates.
 GRIDS = {
