@@ -167,8 +167,9 @@ def validate(
         from bumpstop.cli.identify_joint import validate_joint
         from bumpstop.joint import JointTorqueModel
 
-        if contact_joint is not None:
-            raise InputError("--contact-joint", "is for dynamics", "currents are compared without contact")
+        for option, value in (("--contact-joint", contact_joint), ("--out", out)):
+            if value is not None:
+                raise InputError(option, "is for dynamics", "currents are compared without contact")
         drives = JointTorqueModel.load(model)
         arm = arm_of(robot or drives.robot, base, tip)
         logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)

@@ -44,9 +44,11 @@ def identify_joint(
                 raise InputError(field, error.problem, error.valid) from None
             raise
     model = replace(fit.model, robot=robot)
-    if out is not None:
+    model_file = out if out is None or out.suffix == ".toml" else out / "joint_model.toml"
+    if model_file is not None:
         try:
-            model.save(out)
+            model_file.parent.mkdir(parents=True, exist_ok=True)
+            model.save(model_file)
         except OSError as error:
             raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror or error})") from None
     if as_json:
@@ -58,8 +60,8 @@ def identify_joint(
             typer.echo(f"bad rows: {log.report.rows_dropped} of {log.report.rows_read} dropped from {log.source}")
         for note in log.report.notes:
             typer.echo(f"note: {log.source}: {note}")
-    if out is not None:
-        typer.echo(f"model: {out}")
+    if model_file is not None:
+        typer.echo(f"model: {model_file}")
 
 
 def validate_joint(
