@@ -47,7 +47,8 @@ def identify_joint(
     model_file = out if out is None or out.suffix == ".toml" else out / "joint_model.toml"
     if model_file is not None:
         try:
-            model_file.parent.mkdir(parents=True, exist_ok=True)
+            if model_file != out:
+                model_file.parent.mkdir(parents=True, exist_ok=True)
             model.save(model_file)
         except OSError as error:
             raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror or error})") from None
