@@ -10,10 +10,11 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
+from bumpstop.identification.current_law import inverse_map
 from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, plan_identification
 from bumpstop.identification.plan_file import save_plan
 from bumpstop.identification.protocol import ProtocolFit, identify_protocol
-from bumpstop.identification.protocol_steps import inverse_map, joint_torque
+from bumpstop.identification.protocol_steps import joint_torque
 from bumpstop.identification.simulated import SensorNoise, currents, simulated_recording
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.model import JointParameters, Parameter
@@ -77,11 +78,11 @@ def test_maps_and_their_inverses(kind: str) -> None:
     """There and back, and derivatives against differences."""
     torque = np.linspace(-30, 30, 61)
     for sign in (1.0, -1.0):
-        current, by_a, by_b = inverse_map(kind, 0.03, 5.0, torque, sign)
+        current, slope, square = inverse_map(kind, 0.03, 5.0, torque, sign)
         np.testing.assert_allclose(joint_torque(kind, 0.03, 5.0, current, sign), torque, atol=1e-12)
         more_a, more_b = (inverse_map(kind, 0.03 + da, 5.0 + db, torque, sign)[0] for da, db in ((1e-6, 0), (0, 1e-6)))
-        np.testing.assert_allclose((more_a - current) / 1e-6, by_a, atol=1e-4)
-        np.testing.assert_allclose((more_b - current) / 1e-6, by_b, atol=1e-5)
+        np.testing.assert_allclose((more_a - current) / 1e-6, -square / slope, atol=1e-4)
+        np.testing.assert_allclose((more_b - current) / 1e-6, -current / slope, atol=1e-5)
 
 
 def test_planted_figures_are_recovered(fit: ProtocolFit) -> None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from bumpstop.cli.evaluate import MOST_THREADS, change, whole
+from bumpstop.cli.progress import progress
 
 if TYPE_CHECKING:
     import polars as pl
@@ -77,8 +77,10 @@ def execute(
 
     command = " ".join(["bumpstop", *sys.argv[1:]]) if Path(sys.argv[0]).name == "bumpstop" else ""
     begin = time.perf_counter()
-    with _progress(study.title) as progress:
-        rows, summary = run(study, out, threads=threads, progress=progress, command=command)
+    with progress(study.title) as share:
+        rows, summary = run(
+            study, out, threads=threads, progress=lambda done, total: share(done / total), command=command
+        )
     seconds = time.perf_counter() - begin
     page = None
     if out is not None:
@@ -95,21 +97,6 @@ def execute(
     if page is not None:
         typer.echo(f"report: {page}")
     return summary
-
-
-@contextlib.contextmanager
-def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
-    """A bar on stderr, where that is a terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 @app.command("parameters")

@@ -137,10 +137,11 @@ class CurrentLaw:
 
 
 def inverse_map(
-    kind: str, A: float, B: float, torque: FloatArray, sign: FloatArray
+    kind: str, A: float, B: float, torque: FloatArray, sign: FloatArray | float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Joint current of a torque, the map's slope there, and what A multiplies; (N,) each.
 
+    The current's derivatives by A, B and torque are -(what A multiplies), -current and 1, each over the slope.
     The slope is kept from falling below a small share of B, where the map would have no inverse.
     """
     if kind == "linear" or A == 0:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.identification.essential import essential_values
 from bumpstop.identification.motion import EvenMotion, even_motion, lowpass, onto
 from bumpstop.identification.regressor import inertial_names, inertial_regressor
 from bumpstop.signal import correlation_time
@@ -24,8 +25,8 @@ GRAVITY = (0.0, 0.0, -9.80665)
 # Columns that the others make up to this share of their length say nothing of their own.
 _DEPENDENT = 1e-4
 # Speed over which Coulomb friction turns from one sign to the other, as a share of a joint's root mean square speed.
-# The first is taken while the cut-off is chosen; then each joint gets the best of all.
-_SIGN_SHARES = (0.03, 0.005, 0.1, 0.3)
+# The first is taken while the cut-off is chosen; then each joint and each shared motor gets the best of all.
+_SIGN_SHARES = (0.03, 0.001, 0.005, 0.1, 0.3)
 # Torque and columns of a fit are filtered at this many times the motion's cut-off: what the motion lost above its own
 # cut-off would otherwise shrink the torque's columns, but not the torque.
 FIT_PER_CUTOFF = 4.0
@@ -64,13 +65,16 @@ class DynamicsFit:
         columns: numbers of the independent columns of :func:`torque_columns`.
         names: of the base parameters: the column's own, with the others that move with it.
         values, standard_errors: of the base parameters; the errors hold under residuals correlated in time.
-        sign_speed: (n,) speed scale of Coulomb friction [rad/s or m/s].
+        sign_speed: (n + shared motors,) speed scale of Coulomb friction, of joints, then of shared motors [rad/s, m/s]; or
+            (n,), where a shared motor has the mean of its joints'.
         couplings: groups of joints that share a motor, as (joint, factor) pairs.
         cutoff_hz: of the motion's filter, chosen by held-out error.
         held_out: mean over joints of 1 - R2 on held-out fifths, by the cut-off that was tried [Hz].
         unseen: inertial and friction parameters that the motion cannot show at all.
         rows_used: of the fit.
         covariance: of the base parameters, whose diagonal the standard errors are; None: read from a file.
+        predicting: values that predictions use, fitted without the parameters that the recording cannot tell from zero,
+            which are 0 here; None: predictions use ``values``.
     """
 
     robot: Robot
@@ -85,11 +89,13 @@ class DynamicsFit:
     unseen: tuple[str, ...]
     rows_used: int
     covariance: FloatArray | None = None
+    predicting: FloatArray | None = None
 
     def predict(self, motion: EvenMotion) -> FloatArray:
         """Joint torques (N, n) of a motion [Nm or N]."""
         columns = torque_columns(self.robot, motion, self.sign_speed, self.couplings)
-        torque: FloatArray = columns[:, :, list(self.columns)] @ self.values
+        values = self.values if self.predicting is None else self.predicting
+        torque: FloatArray = columns[:, :, list(self.columns)] @ values
         return torque
 
     def residual(self, recording: Recording) -> tuple[EvenMotion, FloatArray]:
@@ -144,6 +150,7 @@ def identify_dynamics(
 
     Weighted least squares on the columns that the motion can tell apart; joints weigh by their own residuals. Columns
     and torque pass the same zero-phase filter, which changes nothing in a model that is linear in its parameters.
+    Predictions leave out what the recording cannot tell from zero, where held-out fifths are predicted no worse so.
 
     Args:
         recording: with joint torques.
@@ -171,7 +178,7 @@ def identify_dynamics(
         least = min(held_out.values())
         cutoff_hz = max(candidate for candidate, share in held_out.items() if share <= _AS_GOOD * least)
     system = _System.of(recording, robot, cutoff_hz, groups, _best_shares(recording, robot, cutoff_hz, groups))
-    return _solve(system, np.ones(system.wanted.shape[0], dtype=bool), held_out)
+    return _with_essential(system, _solve(system, held_out))
 
 
 def torque_columns(
@@ -180,15 +187,18 @@ def torque_columns(
     sign_speed: FloatArray,
     couplings: Sequence[Sequence[tuple[int, float]]],
 ) -> FloatArray:
-    """Columns of the model (N, n, parameters): inertial, then friction and rotor of joints, then of shared motors."""
+    """Columns of the model (N, n, parameters): inertial, then friction and rotor of joints, then of shared motors.
+
+    ``sign_speed`` is that of :class:`DynamicsFit`.
+    """
     n = robot.dof
     inertial = inertial_regressor(robot, motion.q, motion.qd, motion.qdd, GRAVITY)
     blocks = [inertial]
-    ways = [((j, 1.0),) for j in range(n)]
-    for group in [*ways, *couplings]:
+    groups = [*(((j, 1.0),) for j in range(n)), *couplings]
+    for number, group in enumerate(groups):
         speed = sum(share * motion.qd[:, j] for j, share in group)
         acceleration = sum(share * motion.qdd[:, j] for j, share in group)
-        scale = float(np.mean([sign_speed[j] for j, _ in group]))
+        scale = float(sign_speed[number] if number < sign_speed.size else np.mean([sign_speed[j] for j, _ in group]))
         shapes = [np.tanh(speed / scale), speed, acceleration]
         if len(group) == 1:
             shapes.append(np.ones_like(motion.t))
@@ -234,7 +244,9 @@ class _System:
         sign_shares: FloatArray | float = _SIGN_SHARES[0],
     ) -> _System:
         motion, torque = recorded_motion(recording, cutoff_hz)
-        sign_speed = np.maximum(sign_shares * np.sqrt((motion.qd**2).mean(axis=0)), 1e-4)
+        speeds = [*motion.qd.T, *(sum(share * motion.qd[:, j] for j, share in group) for group in couplings)]
+        usual = np.array([np.sqrt(np.mean(speed**2)) for speed in speeds])
+        sign_speed = np.maximum(sign_shares * usual, 1e-4)
         raw = torque_columns(robot, motion, sign_speed, couplings)
         columns, wanted = (lowpass(x, motion.rate_hz, FIT_PER_CUTOFF * cutoff_hz) for x in (raw, torque))
         return cls(robot, couplings, cutoff_hz, sign_speed, motion.rate_hz, raw, columns, torque, wanted)
@@ -260,7 +272,7 @@ def _cross_validate(
     All cut-offs are judged by one and the same torque, filtered at ``reference_hz``.
     """
     system = _System.of(recording, robot, cutoff_hz, couplings)
-    predicted = _left_out(system, system.raw)
+    predicted, _ = _left_out(system, system.raw)
     measured, predicted = (lowpass(x, system.rate_hz, reference_hz) for x in (system.torque, predicted))
     return float(np.mean([1 - share_predicted(measured[:, j], predicted[:, j]) for j in range(robot.dof)]))
 
@@ -271,37 +283,70 @@ def _best_shares(
     cutoff_hz: float,
     couplings: tuple[tuple[tuple[int, float], ...], ...],
 ) -> FloatArray:
-    """For each joint the width of the sign of its friction that predicts held-out fifths best."""
+    """For each joint, then each shared motor, the width of the sign of friction that predicts held-out fifths best.
+
+    All widths are tried together. A joint goes by its own error, a shared motor by the mean of its joints' shares of
+    what they leave at the usual width.
+    """
     errors = []
     for share in _SIGN_SHARES:
         system = _System.of(recording, robot, cutoff_hz, couplings, share)
-        errors.append(((system.wanted - _left_out(system, system.columns)) ** 2).mean(axis=0))
-    least = np.min(errors, axis=0)
-    best: FloatArray = np.array(_SIGN_SHARES)[np.argmin(errors, axis=0)]
+        errors.append(((system.wanted - _left_out(system, system.columns)[0]) ** 2).mean(axis=0))
+    own = np.array(errors) / np.maximum(errors[0], 1e-300)
+    shared = [own[:, [j for j, _ in group]].mean(axis=1, keepdims=True) for group in couplings]
+    ratios = np.concatenate([own, *shared], axis=1)
+    best: FloatArray = np.array(_SIGN_SHARES)[np.argmin(ratios, axis=0)]
     # A gain that another motion would not show is no reason to leave the usual width.
-    best[least > _CLEAR_GAIN * errors[0]] = _SIGN_SHARES[0]
+    best[ratios.min(axis=0) > _CLEAR_GAIN] = _SIGN_SHARES[0]
     return best
 
 
-def _left_out(system: _System, columns: FloatArray) -> FloatArray:
-    """Torque of every fifth of the rows as the other four predict it, from these columns (N, n)."""
-    rows = system.wanted.shape[0]
-    whole = _solve(system, np.ones(rows, dtype=bool), {})
-    own = list(whole.columns)
-    weight = 1 / np.maximum((system.wanted - system.columns[:, :, own] @ whole.values).std(axis=0), 1e-12)
-    matrix, target = system.columns[:, :, own] * weight[None, :, None], system.wanted * weight
-    predicted = np.empty_like(system.torque)
+def _left_out(system: _System, columns: FloatArray, *, essential: bool = False) -> tuple[FloatArray, FloatArray]:
+    """Torque of every fifth of the rows as the other four predict it, from these columns (N, n).
+
+    Returns:
+        With all parameters; and without those that the other four cannot tell from zero, where ``essential`` asks for
+        it, else the same again.
+    """
+    rows, joints = system.wanted.shape
+    matrix, target, own = _weighted(system, _solve(system, {}))
+    predicted, without = np.empty_like(system.torque), np.empty_like(system.torque)
     for part in np.array_split(np.arange(rows), _FOLDS):
         others = np.ones(rows, dtype=bool)
         others[part] = False
-        values, *_ = np.linalg.lstsq(matrix[others].reshape(-1, len(own)), target[others].ravel(), rcond=None)
-        predicted[part] = columns[part][:, :, own] @ values
-    return predicted
+        known, wanted = matrix[others].reshape(-1, len(own)), target[others].ravel()
+        values, *_ = np.linalg.lstsq(known, wanted, rcond=None)
+        predicted[part] = without[part] = columns[part][:, :, own] @ values
+        if essential:
+            blocks = _blocks(wanted - known @ values, joints)
+            without[part] = columns[part][:, :, own] @ essential_values(known, wanted, blocks)
+    return predicted, without
 
 
-def _solve(system: _System, rows: np.ndarray, held_out: dict[float, float]) -> DynamicsFit:
+def _weighted(system: _System, fit: DynamicsFit) -> tuple[FloatArray, FloatArray, list[int]]:
+    """Columns of a fit (N, n, p) and what they should add up to (N, n), joints weighed; and the columns' numbers."""
+    own = list(fit.columns)
+    weight = 1 / np.maximum((system.wanted - system.columns[:, :, own] @ fit.values).std(axis=0), 1e-12)
+    return system.columns[:, :, own] * weight[None, :, None], system.wanted * weight, own
+
+
+def _with_essential(system: _System, fit: DynamicsFit) -> DynamicsFit:
+    """The fit with the values that predict held-out fifths no worse, where those are the essential ones."""
+    every, without = (
+        ((system.wanted - predicted) ** 2).mean(axis=0)
+        for predicted in _left_out(system, system.columns, essential=True)
+    )
+    if np.mean(without / np.maximum(every, 1e-300)) > 1:
+        return fit
+    matrix, target, own = _weighted(system, fit)
+    matrix, wanted = matrix.reshape(-1, len(own)), target.ravel()
+    blocks = _blocks(wanted - matrix @ fit.values, target.shape[1])
+    return replace(fit, predicting=essential_values(matrix, wanted, blocks))
+
+
+def _solve(system: _System, held_out: dict[float, float]) -> DynamicsFit:
     names = column_names(system.robot, system.couplings)
-    columns, wanted = system.columns[rows], system.wanted[rows]
+    columns, wanted = system.columns, system.wanted
     length = np.sqrt((columns**2).sum(axis=(0, 1)))
     seen = np.flatnonzero(length > 1e-9 * length.max())
     weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
@@ -359,17 +404,22 @@ def _covariance(matrix: FloatArray, residual: FloatArray, joints: int) -> FloatA
     Cluster-robust: blocks of consecutive rows, long against the residuals' memory, count as independent (a sandwich of
     the blocks' scores).
     """
-    rows = residual.size // joints
-    memory = max(correlation_time(residual.reshape(rows, joints)[:, j]) for j in range(joints))
-    blocks = max(8, min(rows // max(1, math.ceil(5 * memory)), 400))
+    blocks = _blocks(residual, joints)
     inverse = np.linalg.pinv(matrix.T @ matrix)
     meat = np.zeros_like(inverse)
-    for part in np.array_split(np.arange(rows), blocks):
-        at = slice(part[0] * joints, (part[-1] + 1) * joints)
-        score = matrix[at].T @ residual[at]
+    for block in blocks:
+        score = matrix[block].T @ residual[block]
         meat += np.outer(score, score)
-    covariance: FloatArray = inverse @ meat @ inverse * blocks / (blocks - 1)
+    covariance: FloatArray = inverse @ meat @ inverse * len(blocks) / (len(blocks) - 1)
     return covariance
+
+
+def _blocks(residual: FloatArray, joints: int) -> list[slice]:
+    """Runs of rows that are long against the memory of residuals (N * joints,), joints side by side."""
+    rows = residual.size // joints
+    memory = max(correlation_time(residual.reshape(rows, joints)[:, j]) for j in range(joints))
+    number = max(8, min(rows // max(1, math.ceil(5 * memory)), 400))
+    return [slice(part[0] * joints, (part[-1] + 1) * joints) for part in np.array_split(np.arange(rows), number)]
 
 
 def share_predicted(measured: FloatArray, predicted: FloatArray) -> float:

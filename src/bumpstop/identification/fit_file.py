@@ -34,15 +34,17 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         f"couplings = {[[[j + 1, share] for j, share in group] for group in fit.couplings]}",
     ]
     names = column_names(fit.robot, fit.couplings)
-    for column, name, value, error in zip(fit.columns, fit.names, fit.values, fit.standard_errors, strict=True):
+    for place, (column, name) in enumerate(zip(fit.columns, fit.names, strict=True)):
         lines += [
             "",
             "[[parameter]]",
             f"column = {toml_text(names[column])}",
             f"name = {toml_text(name)}",
-            f"value = {float(value)!r}",
-            f"standard_error = {float(error)!r}",
+            f"value = {float(fit.values[place])!r}",
+            f"standard_error = {float(fit.standard_errors[place])!r}",
         ]
+        if fit.predicting is not None:
+            lines.append(f"predicting = {float(fit.predicting[place])!r}  # value in predictions; 0: left out")
     try:
         Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
@@ -71,6 +73,9 @@ def load_fit(path: str | Path) -> DynamicsFit:
         couplings = tuple(tuple((int(j) - 1, float(share)) for j, share in group) for group in data["couplings"])
         names = column_names(robot, couplings)
         parameters = data["parameter"]
+        predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]
+        if predicting and len(predicting) < len(parameters):
+            raise ValueError("only some parameters have a value in predictions")
         return DynamicsFit(
             robot=robot,
             columns=tuple(names.index(parameter["column"]) for parameter in parameters),
@@ -83,6 +88,7 @@ def load_fit(path: str | Path) -> DynamicsFit:
             held_out={},
             unseen=(),
             rows_used=int(data["rows_used"]),
+            predicting=_finite(predicting) if predicting else None,
         )
     except KeyError as error:
         raise InputError(where, f"has no key {error.args[0]!r}", "wanted a file that identify wrote") from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,10 +12,11 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.clearance import Clearance, reach
+from bumpstop.identification.drive_rows import without_rotors
 from bumpstop.identification.gravity_pose import GravityPose, Unseen, find_gravity_pose
+from bumpstop.identification.payload import with_payload
 from bumpstop.identification.timed_path import PathBuilder, TimedPath, top_speed
-from bumpstop.model import LinkInertia, gravity_torque
-from bumpstop.model.inertia import merged
+from bumpstop.model import gravity_torque
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -242,13 +243,8 @@ def plan_identification(robot: Robot, settings: ProtocolSettings | None = None) 
 
 def loaded_robot(robot: Robot, load_kg: float, load_m: tuple[float, float, float]) -> Robot:
     """The arm with a point mass at its tip and without rotors."""
-    joints = [replace(joint, rotor_inertia=0.0) for joint in robot.joints]
-    if load_kg > 0:
-        _, point = robot.frame(None, load_m)
-        own = joints[-1].inertia
-        load = LinkInertia(mass=load_kg, center=(float(point[0]), float(point[1]), float(point[2])))
-        joints[-1] = replace(joints[-1], inertia=load if own is None else merged([own, load]))
-    return replace(robot, joints=tuple(joints))
+    arm = without_rotors(robot)
+    return with_payload(arm, load_kg, load_m) if load_kg > 0 else arm
 
 
 def _experiment(

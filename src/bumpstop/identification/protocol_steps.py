@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.identification.current_law import inverse_map
 from bumpstop.joint.model import Parameter
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
     from bumpstop.identification.constant_velocity import Stretch
 
-_LEAST_SLOPE = 0.02  # of the map, as a share of B, where it would have no inverse
 # A ramp shows its acceleration where it lasts this long, several windows of the derivatives [s].
 _LEAST_RAMP_S = 0.35
 # Of a stroke, to compare maps by; a stroke has more rows than that.
@@ -41,16 +41,6 @@ class StrokeFit:
     friction: float
     A: float
     B: float
-
-
-def inverse_map(
-    kind: str, A: float, B: float, torque: FloatArray, sign: FloatArray | float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Joint current (N,) of torques, with the derivatives by A and by B; ``sign`` is that of the motion."""
-    bend = np.sign(torque) if kind == "odd" else -np.broadcast_to(sign, torque.shape)
-    slope = np.sqrt(np.maximum(B * B + 4 * A * bend * torque, (_LEAST_SLOPE * B) ** 2))
-    current = 2 * torque / (B + slope)
-    return current, -bend * current**2 / slope, -current / slope
 
 
 def joint_torque(kind: str, A: float, B: float, current: FloatArray, sign: FloatArray | float) -> FloatArray:
@@ -75,8 +65,8 @@ def fit_stroke(kind: str, stretch: Stretch) -> StrokeFit:
         return np.asarray(p[0] + inverse_map(kind, p[2], p[1], x, sign)[0] - y)
 
     def derivative(p: FloatArray) -> FloatArray:
-        _, by_a, by_b = inverse_map(kind, p[2], p[1], x, sign)
-        return np.column_stack([np.ones_like(x), by_b, by_a])
+        i, slope, square = inverse_map(kind, p[2], p[1], x, sign)
+        return np.column_stack([np.ones_like(x), -i / slope, -square / slope])
 
     start = np.array([line[0] / unit, 1.0, 0.0])
     found = least_squares(residual, start, derivative, method="lm", max_nfev=60).x
@@ -194,8 +184,8 @@ def fit_map(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[Fl
         return weight * own(inverse_map(kind, p[1], p[0], x, sign)[0] - y)
 
     def derivative(p: FloatArray) -> FloatArray:
-        _, by_a, by_b = inverse_map(kind, p[1], p[0], x, sign)
-        return weight[:, None] * own(np.column_stack([by_b, by_a]))
+        i, slope, square = inverse_map(kind, p[1], p[0], x, sign)
+        return weight[:, None] * own(np.column_stack([-i / slope, -square / slope]))
 
     rise = float((own(x) * own(y) * weight**2).sum())
     start = np.array([float((own(x) ** 2 * weight**2).sum()) / rise if rise else 1.0, 0.0])

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.identification.protocol_steps import inverse_map, joint_torque
+from bumpstop.identification.current_law import inverse_map
+from bumpstop.identification.protocol_steps import joint_torque
 from bumpstop.report.document import Document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
