@@ -65,8 +65,8 @@ class DynamicsFit:
         columns: numbers of the independent columns of :func:`torque_columns`.
         names: of the base parameters: the column's own, with the others that move with it.
         values, standard_errors: of the base parameters; the errors hold under residuals correlated in time.
-        sign_speed: (n + shared motors,) speed scale of Coulomb friction, of joints, then of shared motors [rad/s, m/s]; or
-            (n,), where a shared motor has the mean of its joints'.
+        sign_speed: (n + shared motors,) speed scale of Coulomb friction, of joints, then of shared motors; or (n,): a
+            shared motor has the mean of its joints' [rad/s or m/s].
         couplings: groups of joints that share a motor, as (joint, factor) pairs.
         cutoff_hz: of the motion's filter, chosen by held-out error.
         held_out: mean over joints of 1 - R2 on held-out fifths, by the cut-off that was tried [Hz].
