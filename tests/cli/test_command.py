@@ -123,6 +123,7 @@ def test_completion_answers() -> None:
         "validate",
         "study",
         "require",
+        "experiment",
         "plan",
         "detect",
         "detector",

@@ -80,7 +80,7 @@ class CurrentComparison:
             if not known[j]:
                 scores.append(None)
                 continue
-            error = measured[:, j] - predicted[:, j]
+            error = predicted[:, j] - measured[:, j]  # eq 3.1
             scores.append(
                 JointScore(
                     name=joint.name,
