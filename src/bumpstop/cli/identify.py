@@ -36,7 +36,9 @@ def identify(
     robot: Annotated[str, typer.Option(help="A built-in name, or the path of a URDF file.", show_default=False)],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Write the model there: a .toml, or a folder; dynamics get a report in it too."),
+        typer.Option(
+            "--out", "-o", help="Write the model there: a .toml, or a folder; dynamics get a report in it too."
+        ),
     ] = None,
     columns: Columns = None,
     begin: Begin = None,
