@@ -63,7 +63,12 @@ def test_from_a_text_file_to_a_validated_model(tmp_path: Path) -> None:
     assert found["filter"]["cutoff_hz"] > 0
     assert JointTorqueModel.load(model).robot == ROBOT
     second = in_milliamperes(other, tmp_path / "two.csv")
-    result = run("validate", model, first, second, "--columns", tmp_path / "columns.toml", "--json")
+    result = run(
+        "validate", model, first, second, "--columns", tmp_path / "columns.toml", "--json", "--out", tmp_path / "page"
+    )
+    page = (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+    scores = [joint["torque"] for joint in strict_json(result.out)["joints"]]
+    assert all(f"{score['r2']:.4f}" in page for score in scores if score["r2"] is not None)
     assert result.status == 0, result.err
     compared = strict_json(result.out)["joints"]
     assert all(set(joint) >= {"name", "r2", "r2_raw", "mean", "sd", "rmse", "unit"} for joint in compared)
@@ -74,11 +79,12 @@ def test_from_a_text_file_to_a_validated_model(tmp_path: Path) -> None:
 def test_words_for_people(tmp_path: Path) -> None:
     _, _, log, _ = arm_and_logs()
     log.save(tmp_path / "log.parquet")
-    result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, "--payload", "0.0", "-o", tmp_path / "m.toml")
+    result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, "--payload", "0.0", "-o", tmp_path / "m")
     assert result.status == 0, result.err
+    assert "held-out fifths" in (tmp_path / "m" / "report.html").read_text(encoding="utf-8")
     assert "shoulder_pan_joint: hysteresis cannot be seen" in result.out
     assert "error on held-out fifths" in result.out
-    result = run("validate", tmp_path / "m.toml", tmp_path / "log.parquet")
+    result = run("validate", tmp_path / "m" / "joint_model.toml", tmp_path / "log.parquet")
     assert result.status == 0, result.err
     assert "torque estimated from current" in result.out
 

@@ -36,9 +36,7 @@ def identify(
     robot: Annotated[str, typer.Option(help="A built-in name, or the path of a URDF file.", show_default=False)],
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", "-o", help="Write the model there: a .toml, or a folder; dynamics get a report in it too."
-        ),
+        typer.Option("--out", "-o", help="Write the model there: a .toml, or a folder for it and a report."),
     ] = None,
     columns: Columns = None,
     begin: Begin = None,
@@ -169,14 +167,13 @@ def validate(
         from bumpstop.cli.identify_joint import validate_joint
         from bumpstop.joint import JointTorqueModel
 
-        for option, value in (("--contact-joint", contact_joint), ("--out", out)):
-            if value is not None:
-                raise InputError(option, "is for dynamics", "currents are compared without contact")
+        if contact_joint is not None:
+            raise InputError("--contact-joint", "is for dynamics", "currents are compared without contact")
         drives = JointTorqueModel.load(model)
         arm = arm_of(robot or drives.robot, base, tip)
         logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
         arms = payloads_of(payload, arm, len(logs))
-        validate_joint(drives, logs, arms, filter_hz=filter_hz, as_json=as_json)
+        validate_joint(drives, logs, arms, filter_hz=filter_hz, out=out, as_json=as_json)
         return
     from bumpstop.identification import load_fit
 

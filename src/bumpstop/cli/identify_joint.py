@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bumpstop.cli.arm_recordings import known_of
+from bumpstop.cli.model_report import joint_model_report
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 
@@ -33,7 +34,7 @@ def identify_joint(
     as_json: bool,
 ) -> None:
     """Fit a joint torque model, write it, and print what was found."""
-    from bumpstop.identification import identify_joint_model
+    from bumpstop.identification import compare_currents, identify_joint_model
 
     with progress("fitting") as report:
         try:
@@ -52,6 +53,9 @@ def identify_joint(
             model.save(model_file)
         except OSError as error:
             raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror or error})") from None
+        if out is not None and model_file != out:
+            found = compare_currents(model, logs, arms, cutoff_hz=fit.cutoff_hz)
+            joint_model_report(found, arms[0], out, where="on the recordings of the fit", fit=fit)
     if as_json:
         typer.echo(json.dumps(_identified(fit, logs), allow_nan=False, indent=2))
         return
@@ -71,14 +75,17 @@ def validate_joint(
     arms: Sequence[Robot],
     *,
     filter_hz: float | None,
+    out: Path | None,
     as_json: bool,
 ) -> None:
-    """Print how well a joint model predicts currents, and torques from them."""
+    """Print how well a joint model predicts currents, and torques from them; write a page on the torques."""
     from bumpstop.identification import compare_currents
 
     with progress("comparing"):
         found = compare_currents(model, logs, arms, filter_hz=filter_hz)
         currents, torques = found.current_scores(), found.torque_scores()
+    if out is not None:
+        joint_model_report(found, arms[0], out, where="on " + ", ".join(Path(log.source).name for log in logs))
     if as_json:
         typer.echo(json.dumps(_validated(found, arms[0], currents, torques), allow_nan=False, indent=2))
         return
@@ -87,6 +94,8 @@ def validate_joint(
     _print_scores(found, torques, f"torque estimated from current against Newton-Euler, at {found.filter_hz:g} Hz")
     for note in found.notes:
         typer.echo(f"note: {note}")
+    if out is not None:
+        typer.echo(f"report: {out / 'report.html'}")
 
 
 def _identified(fit: JointModelFit, logs: Sequence[Recording]) -> dict[str, Any]:

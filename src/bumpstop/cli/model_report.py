@@ -1,4 +1,4 @@
-"""Pages of ``bumpstop identify --out`` and ``bumpstop validate --out`` for fitted dynamics."""
+"""Pages of ``bumpstop identify --out`` and ``bumpstop validate --out``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bumpstop.identification import DynamicsFit
+    from bumpstop.identification import CurrentComparison, DynamicsFit, JointModelFit
+    from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
 
@@ -46,3 +47,30 @@ def dynamics_report(
         f"contact force by {fit.robot.joints[contact.joint].name}: error {most}; {contact.not_judged} rows not judged, "
         f"their torque is below {contact.least_torque:.3g} Nm"
     )
+
+
+def joint_model_report(
+    found: CurrentComparison, robot: Robot, folder: Path, *, where: str, fit: JointModelFit | None = None
+) -> None:
+    """Write the page on torques that a joint model makes of currents.
+
+    Args:
+        found: the model beside recordings.
+        robot: whose joints it is of.
+        folder: of the page.
+        where: on which recordings, in words.
+        fit: how the model was chosen, or None.
+    """
+    from bumpstop.identification.validation import compare_estimates
+    from bumpstop.report.validation import SelectionPart, write_validation_report
+
+    selection = None
+    if fit is not None and fit.held_out:
+        selection = SelectionPart(
+            {f"{cutoff:g} Hz": 100 * share for cutoff, share in fit.held_out.items()},
+            f"{fit.cutoff_hz:g} Hz",
+            "The cut-off of the motion's filter is chosen by the error of currents on held-out fifths.",
+            "unexplained on held-out fifths [%]",
+        )
+    title = f"{robot.title or robot.name}: torque estimated from current"
+    write_validation_report(compare_estimates(found, robot), folder, title=title, where=where, selection=selection)

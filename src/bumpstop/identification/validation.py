@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ from bumpstop.identification.dynamics_fit import JointScore, recorded_motion, sh
 from bumpstop.identification.motion import lowpass
 
 if TYPE_CHECKING:
+    from bumpstop.identification.current_scores import CurrentComparison
     from bumpstop.identification.dynamics_fit import DynamicsFit
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -36,6 +38,7 @@ class Comparison:
         measured, predicted: (N, n) [units].
         rate_hz: rows a second.
         filter_hz: cut-off of the zero-phase filter that both pass where they are compared filtered.
+        given: scores by joint that were worked out elsewhere, where rows are not even; None: they are worked out here.
     """
 
     names: tuple[str, ...]
@@ -47,6 +50,7 @@ class Comparison:
     predicted: FloatArray
     rate_hz: float
     filter_hz: float
+    given: tuple[JointScore, ...] | None = None
 
     @property
     def error(self) -> FloatArray:
@@ -55,6 +59,8 @@ class Comparison:
 
     def scores(self) -> tuple[JointScore, ...]:
         """Table 3.1, with R2 filtered and raw; mean and standard deviation are of the unfiltered error."""
+        if self.given is not None:
+            return self.given
         smooth, smooth_predicted = (lowpass(x, self.rate_hz, self.filter_hz) for x in (self.measured, self.predicted))
         error = self.error
         return tuple(
@@ -131,6 +137,35 @@ def compare_dynamics(fit: DynamicsFit, recording: Recording, *, filter_hz: float
         predicted=fit.predict(motion),
         rate_hz=motion.rate_hz,
         filter_hz=filter_hz or fit.cutoff_hz,
+    )
+
+
+def compare_estimates(found: CurrentComparison, robot: Robot) -> Comparison:
+    """Torques that a joint model makes of motor currents, beside Newton-Euler's of the motion (table 3.1).
+
+    Args:
+        found: a joint model beside recordings.
+        robot: whose joints it is of. Joints whose gain is unknown are left out.
+    """
+    rows, scores = found.rows, found.torque_scores()
+    known = [j for j, score in enumerate(scores) if score is not None]
+    kinds = {joint.name: joint.kind for joint in robot.joints}
+    names = tuple(found.model.joints[j].name for j in known)
+    # Recordings follow one another on the page, whatever their clocks say.
+    t = rows.t.copy()
+    for before, part in pairwise(rows.stretches):
+        t[part] += max(0.0, t[before.stop - 1] - t[part.start])
+    return Comparison(
+        names=names,
+        units=tuple("N" if kinds.get(name) == "prismatic" else "Nm" for name in names),
+        t=t,
+        qd=rows.qd[:, known],
+        qdd=rows.qdd[:, known],
+        measured=rows.torque[:, known],
+        predicted=found.estimated[:, known],
+        rate_hz=float(np.median(rows.rate_hz)),
+        filter_hz=found.filter_hz,
+        given=tuple(score for score in scores if score is not None),
     )
 
 

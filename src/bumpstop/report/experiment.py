@@ -110,9 +110,10 @@ class SpeedsPart(Part):
             plot.plot([r.speed_mm_s for r in rows], [r.bound_N for r in rows], "--", color=LIMIT, label="bound, eq 4.4")
             plot.set_xlabel("speed, mm/s")
             plot.set_ylabel("force, N")
-            plot.set_ylim(bottom=0)
+            # The names stand above the points, whatever these are.
+            plot.set_ylim(0, 1.45 * plot.get_ylim()[1])
             plot.set_title("Force against speed")
-            plot.legend(loc="upper left", fontsize=8)
+            plot.legend(loc="upper left", fontsize=8, ncols=2)
 
         alt = "Peak force and force at detection against speed, ours and the source's"
         caption = "Runs of the source that alarmed before contact are left out."
