@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -113,9 +114,9 @@ class _JointsPart(Part):
         """What else stands below the figure."""
         return ""
 
+    @abstractmethod
     def draw(self, panel: Axes, joint: ProtocolJoint) -> None:
         """Put the content into the axes."""
-        raise NotImplementedError
 
 
 class StrokesPart(_JointsPart):

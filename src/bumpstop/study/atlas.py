@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -66,10 +67,10 @@ class Atlas(Study):
         if self._line_problem.residuals is not None:
             raise InputError("detector.residuals", "have no exact law", "give detector.noise_sd_Nm")
 
-    @cached_property
+    @property
+    @abstractmethod
     def _line(self) -> Scenario:
         """The scenario of a straight line that all rows share; its pose and velocity are replaced."""
-        raise NotImplementedError
 
     @cached_property
     def _line_problem(self) -> Problem:
