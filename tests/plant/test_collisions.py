@@ -59,6 +59,35 @@ def test_seed_decides_everything() -> None:
     assert one.peak != other.peak
 
 
+def test_friction_scatters_from_motion_to_motion() -> None:
+    """One draw a joint and motion, with the sign of the rate: nothing of it is left between the samples of a run."""
+    robot = CollisionExperiment(name="plexiglas").robot
+    command = CollisionExperiment(name="plexiglas").command(0.1)
+    found = {}
+    for per in ("motion", "sample"):
+        all_runs = [
+            Plant(
+                robot,
+                JointTorqueModel.load("sia5d"),
+                friction=Gears(rotor_inertia=list(ROTORS), scatter=scatter, scatter_per=per),  # type: ignore[arg-type]
+            ).runs(command, [(Sensors(), seed) for seed in range(12)])
+            for scatter in (10.0, 0.0)
+        ]
+        shifts = []
+        for run, plain in zip(*all_runs, strict=True):
+            assert run.recording.current is not None
+            assert plain.recording.current is not None
+            fast = np.abs(run.trace.qd[(1e3 * run.recording.t).round().astype(int) - 1, 1]) > 0.02
+            shifts.append((run.recording.current - plain.recording.current)[fast, 1])
+        rows = np.array(shifts)
+        found[per] = (rows.mean(axis=1).std(), rows.std(axis=1).mean())
+    assert found["motion"][1] < 1e-9
+    # Twelve draws of sd 10: the sample's sd lies within a factor of two with a probability of 0.9999.
+    assert 5.0 < found["motion"][0] < 20.0
+    assert found["sample"][1] == pytest.approx(10.0, rel=0.1)
+    assert found["sample"][0] < 2.0
+
+
 @pytest.mark.parametrize("at", ["elbow", "forearm"])
 def test_other_links_are_felt(at: str) -> None:
     made = CollisionExperiment(name="plexiglas", at=at)  # type: ignore[arg-type]
@@ -133,7 +162,15 @@ def test_command_writes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 @pytest.mark.parametrize(
     "changes",
-    [{"name": "steel"}, {"at": "knee"}, {"residual": "none"}, {"latency_s": -1}, {"stiffness": math.nan}, {"loss": 2}],
+    [
+        {"name": "steel"},
+        {"at": "knee"},
+        {"residual": "none"},
+        {"scatter_per": "day"},
+        {"latency_s": -1},
+        {"stiffness": math.nan},
+        {"loss": 2},
+    ],
 )
 def test_refusals(changes: dict[str, object]) -> None:
     with pytest.raises(InputError):

@@ -23,9 +23,7 @@ def command(
         float | None, typer.Option(help="Of the object [N/m].", show_default="that of the plant's object")
     ] = None,
     latency: Annotated[float, typer.Option(help="From the sample that alarms to the reaction [s].")] = 0.004,
-    residual: Annotated[
-        str | None, typer.Option(help="direct or observer.", show_default="direct; observer for the banana")
-    ] = None,
+    residual: Annotated[str, typer.Option(help="direct or observer.")] = "direct",
     without_inertia: Annotated[
         bool, typer.Option("--without-inertia", help="Leave the rotors out of the detector's model, as the source did.")
     ] = False,
@@ -56,7 +54,7 @@ def command(
         typer.echo(json.dumps(table.to_json() | {"files": [str(path) for path in written]}, allow_nan=False, indent=2))
         return
     thing = made.object()
-    typer.echo(f"{name} at the {at}: {thing.stiffness:g} N/m ({thing.status}), {made.kind} residual; {made.table}")
+    typer.echo(f"{name} at the {at}: {thing.stiffness:g} N/m ({thing.status}), {made.residual} residual; {made.table}")
     typer.echo(f"the first threshold is reached at {made.threshold_force():.1f} N")
     typer.echo("          detected  false    at detection, N     bound   peak, N          delay  joints")
     typer.echo("mm/s                alarms   ours  source            N   ours   source        ms")

@@ -25,7 +25,7 @@ from bumpstop.joint import JointTorqueModel, Parameter
 from bumpstop.kernels import core
 from bumpstop.model import Robot
 from bumpstop.plant.command import Command, PlantReaction, line
-from bumpstop.plant.drive import Gears
+from bumpstop.plant.drive import Gears, ScatterPer
 from bumpstop.plant.objects import PlantObject
 from bumpstop.plant.plant import Plant, Sample
 from bumpstop.plant.run import PlantRun
@@ -142,40 +142,38 @@ class CollisionExperiment:
         at: what is hit. The elbow is the joint of the forearm; the forearm's point is half way to the wrist.
         stiffness: of the object [N/m]; None: that of the plant's object of this name.
         latency_s: from the sample that alarms to the reaction.
-        residual: of the detector; None: direct, as in the source, but of an observer for the banana: the scatter of
-            table 2.2 alone, 2.06 Nm in joint 2, would pass 7 Nm.
+        residual: of the detector; the source's is direct.
         reflected_inertia: whether the detector's joint model has the rotors. The source left them out.
         joint_acceleration: of the reaction and of the start [rad/s2].
         loss: share of samples that get lost.
+        scatter_per: how the friction of table 2.2 scatters: once for each ``"motion"``, as the source found it from one
+            figure for each of 300 motions, or anew at every ``"sample"``.
     """
 
     name: str
     at: Where = "hand"
     stiffness: float | None = None
     latency_s: float = PERIOD_S
-    residual: Residual | None = None
+    residual: Residual = "direct"
     reflected_inertia: bool = True
     joint_acceleration: float = 4.5
     loss: float = 0.0
+    scatter_per: ScatterPer = "motion"
 
     def __post_init__(self) -> None:
         if self.name not in _tables():
             raise InputError(
                 "experiment", f"{self.name!r} is no experiment of the source", near_matches(self.name, experiments())
             )
-        for field, kinds in (("at", get_args(Where)), ("residual", get_args(Residual))):
-            if (value := getattr(self, field)) not in (*kinds, None):
+        kinds_of = {"at": get_args(Where), "residual": get_args(Residual), "scatter_per": get_args(ScatterPer)}
+        for field, kinds in kinds_of.items():
+            if (value := getattr(self, field)) not in kinds:
                 raise InputError(field, f"{value!r} is none", near_matches(str(value), kinds))
         for field, low, high in (("latency_s", 0, 1), ("joint_acceleration", 0.1, 1e3), ("loss", 0, 0.9)):
             if not low <= as_number(getattr(self, field), field) <= high:
                 raise InputError(field, f"is {getattr(self, field)}", f"wanted {low:g} to {high:g}")
         if self.stiffness is not None and not 100 <= as_number(self.stiffness, "stiffness") <= 1e7:
             raise InputError("stiffness", f"is {self.stiffness}", "wanted 100 to 10000000")
-
-    @property
-    def kind(self) -> Residual:
-        """Of the residual."""
-        return self.residual or _tables()[self.name].get("residual", "direct")
 
     # --- What the source has ------------------------------------------------------------------------------------
 
@@ -241,7 +239,7 @@ class CollisionExperiment:
             ]
             model = replace(model, joints=tuple(joints))
         settings = DetectorSettings(
-            residual=self.kind,
+            residual=self.residual,
             arming_delay_s=ARMING_S,
             period_s=PERIOD_S,
             link=link,
@@ -315,7 +313,7 @@ class CollisionExperiment:
         return Plant(
             self.robot,
             JointTorqueModel.load("sia5d"),
-            friction=Gears(rotor_inertia=list(ROTORS)),
+            friction=Gears(rotor_inertia=list(ROTORS), scatter_per=self.scatter_per),
             sensors=replace(SENSORS, loss=self.loss),
             objects=objects,
             seed=seed,

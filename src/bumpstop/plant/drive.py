@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, near_matches
 
 if TYPE_CHECKING:
     from bumpstop.joint import JointParameters, JointTorqueModel
     from bumpstop.model import Robot
 
 PerJoint = float | Sequence[float]
+ScatterPer = Literal["sample", "motion"]
 # Of the difference, how much the load that friction goes by follows in a millisecond: a time constant of 20 ms.
 _LOAD_SHARE_PER_MS = 0.05
 
@@ -36,7 +38,9 @@ class Gears:
         presliding: way over which hysteresis builds up and turns round [rad]; 0: at once, as the joint model has it.
         stiffness: of the gear [Nm/rad]; infinite: rigid.
         damping_ratio: of the twist of a gear that gives.
-        scatter: sd of the friction current about its law, new at every sample; None: the joint model's ``friction_sd``.
+        scatter: sd of the friction current about its law; None: the joint model's ``friction_sd``.
+        scatter_per: ``"sample"`` draws it anew at every sample, as noise; ``"motion"`` once for a run, with the sign of
+            the rate, as friction that is not the same from day to day.
     """
 
     rotor_inertia: PerJoint | None = None
@@ -49,6 +53,12 @@ class Gears:
     stiffness: PerJoint = np.inf
     damping_ratio: float = 0.05
     scatter: PerJoint | None = None
+    scatter_per: ScatterPer = "sample"
+
+    def __post_init__(self) -> None:
+        if self.scatter_per not in get_args(ScatterPer):
+            problem = f"{self.scatter_per!r} is none"
+            raise InputError("friction.scatter_per", problem, near_matches(str(self.scatter_per), get_args(ScatterPer)))
 
 
 class Drives:
@@ -223,6 +233,21 @@ class Drives:
         """
         sign, friction = self._friction(qd)
         return self._current(tau - slope * qd, sign, friction)
+
+    def scattered(self, draws: FloatArray, samples: npt.NDArray[np.int64], qd: FloatArray) -> FloatArray:
+        """What the friction current has beyond its law.
+
+        Args:
+            draws: of sd 1, of a whole run (N, dof).
+            samples: which of them are asked for (M,).
+            qd: rates of the joints then (M, dof).
+
+        Returns:
+            (M, dof) in the joint model's unit.
+        """
+        if self.gears.scatter_per == "sample":
+            return np.asarray(self.scatter * draws[samples])
+        return np.asarray(self.scatter * draws[0] * np.clip(qd / self.rest, -1.0, 1.0))
 
 
 def per_joint(value: PerJoint, n: int, field: str, most: float = np.inf, least: float = 0.0) -> FloatArray:

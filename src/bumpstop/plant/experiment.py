@@ -15,7 +15,7 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot
 from bumpstop.plant.command import Command, PlantReaction, along, line
-from bumpstop.plant.drive import Gears
+from bumpstop.plant.drive import Gears, ScatterPer
 from bumpstop.plant.motions import pick_and_place, press, workspace
 from bumpstop.plant.objects import PlantObject
 from bumpstop.plant.plant import Plant, Sample, Servo
@@ -91,6 +91,7 @@ class ExperimentFriction(_Table):
     stiffness_Nm_rad: Annotated[float, Field(gt=0)] | list[Annotated[float, Field(gt=0)]] = float("inf")
     damping_ratio: Annotated[float, _between(0, 2)] = 0.05
     scatter: Each | None = None
+    scatter_per: ScatterPer = "sample"
 
 
 class ExperimentSensors(_Table):
@@ -256,6 +257,7 @@ class Experiment(_Table):
                 stiffness=friction.stiffness_Nm_rad,
                 damping_ratio=friction.damping_ratio,
                 scatter=friction.scatter,
+                scatter_per=friction.scatter_per,
             ),
             sensors=Sensors(
                 rate_hz=sensors.rate_hz,

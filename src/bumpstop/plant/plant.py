@@ -339,7 +339,7 @@ class Plant:
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """What the sensors say at rows of the log, which are samples of the plan: t, q, current and wrench."""
         current = self.drives.current(log.given[rows], log.qd[rows], log.slope[rows])
-        current = current + self.drives.scatter * plan.scatter[samples]
+        current = current + self.drives.scattered(plan.scatter, samples, log.qd[rows])
         return (
             log.step[rows].astype(np.float64) * STEP,
             channels.position(log.q[rows], plan.position[samples]),

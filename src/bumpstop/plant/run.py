@@ -216,6 +216,7 @@ def truth_of(plant: Plant) -> dict[str, Any]:
             "rest_speed_rad_s": drives.rest[j],
             "inertia_kg_m2": drives.inertia[j],
             "friction_sd": drives.scatter[j],
+            "friction_sd_per": drives.gears.scatter_per,
             "load_share": drives.load_share[j],
             "extra_stribeck_Nm": drives.extra[j],
             "extra_stribeck_speed_rad_s": drives.extra_speed[j],

@@ -79,8 +79,9 @@ class SpeedsPart(Part):
         )  # fmt: skip
         return [
             paragraph(
-                f"{thing.stiffness:g} N/m ({thing.status}), {made.kind} residual, reaction {1e3 * made.latency_s:g} ms "
-                f"after the sample that alarms. Source: Schroeder 2013, {made.table}. MuJoCo moves the arm."
+                f"{thing.stiffness:g} N/m ({thing.status}), {made.residual} residual, reaction "
+                f"{1e3 * made.latency_s:g} ms after the sample that alarms. Source: Schroeder 2013, {made.table}. "
+                "MuJoCo moves the arm."
             ),
             table(headings, rows, caption="Medians of the runs that detected, beside the source", numbers=True),
             paragraph(
