@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.identification import with_payload
 from bumpstop.joint import JointTorqueModel
+from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
 from identification.drives import driven, fourier, planted
@@ -99,6 +102,54 @@ def test_what_is_recorded_chooses_the_model(tmp_path: Path) -> None:
     assert strict_json(run("identify", tmp_path / "both.parquet", *options).out)["kind"] == "joint_model"
 
 
+def test_a_payload_is_found_and_told_as_the_next_fit_wants_it(tmp_path: Path) -> None:
+    robot, truth, _, _ = arm_and_logs()
+    center = (0.02, -0.01, 0.08)
+    carried = driven(with_payload(robot, 2.0, center), fourier(robot, 10.0, 94.0, 3), truth, 3)
+    carried.save(tmp_path / "carried.parquet")
+    truth.save(tmp_path / "joint_model.toml")
+    options = ("--robot", ROBOT, "--model", "payload", "--joint-model", tmp_path / "joint_model.toml")
+    result = run("identify", tmp_path / "carried.parquet", *options, "-o", tmp_path / "out", "--json")
+    assert result.status == 0, result.err
+    found = strict_json(result.out)
+    mass = found["parameters"]["m"]
+    assert abs(mass["value"] - 2.0) < 4 * mass["standard_error"]
+    for value, error, planted_at in zip(
+        found["center_m"]["value"], found["center_m"]["standard_error"], center, strict=True
+    ):
+        assert abs(value - planted_at) < 4 * error
+    assert all(joint["rmse_Nm"] < joint["rmse_without_payload_Nm"] for joint in found["joints"])
+    kept = tomllib.loads((tmp_path / "out/payload.toml").read_text(encoding="utf-8"))
+    assert kept["m"] == mass
+    assert kept["center_m"]["value"] == found["center_m"]["value"]
+    assert "Torque that the payload explains" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    words = run("identify", tmp_path / "carried.parquet", *options).out
+    (line,) = [line for line in words.splitlines() if line.startswith("for --payload: ")]
+    assert [float(x) for x in line.split(": ")[1].split(",")] == pytest.approx(
+        [mass["value"], *found["center_m"]["value"]], rel=1e-3
+    )
+
+
+def test_inertias_that_bodies_can_have_are_written_for_other_programs(tmp_path: Path) -> None:
+    robot = bs.Robot.load(ROBOT)
+    t, q, qd, qdd = fourier(robot, 10.0, 94.0, 4)
+    tau = inverse_dynamics(robot, q, qd, qdd) + 2.0 * np.sign(qd)
+    Recording(t=t, q=q, tau=tau + np.random.default_rng(1).normal(size=tau.shape)).save(tmp_path / "log.parquet")
+    options = ("--robot", ROBOT, "--cutoff", 5, "--consistent", "-o", tmp_path / "arm.toml", "--json")
+    result = run("identify", tmp_path / "log.parquet", *options)
+    assert result.status == 0, result.err
+    found = strict_json(result.out)["consistent"]
+    again = bs.Robot.from_urdf(tmp_path / "arm.urdf")
+    for link, joint in zip(found["links"], again.joints, strict=True):
+        assert joint.inertia is not None
+        assert joint.inertia.mass == pytest.approx(link["mass_kg"], rel=1e-6)
+        low, middle, high = np.linalg.eigvalsh(np.array(link["tensor_kg_m2"]))
+        assert low > 0
+        assert high < low + middle
+    for joint in found["joints"]:
+        assert joint["rmse_Nm"] < 1.1 * joint["rmse_unconstrained_Nm"]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -112,6 +163,14 @@ def test_what_is_recorded_chooses_the_model(tmp_path: Path) -> None:
         (("--from", "30"), "leaves nothing"),
         (("--out", "absent/model.toml"), "--out: 'absent/model.toml' cannot be written"),
         (("--max-bad", "7"), "--max-bad: is 7"),
+        (("--consistent",), "--consistent: is not for joint models"),
+        (("--second-moments",), "--second-moments: is not for joint models"),
+        (("--model", "payload"), "--joint-model: is missing"),
+        (("--model", "payload", "--joint-model", "sia5d"), "--joint-model: is of joints joint_s"),
+        (("--model", "payload", "--joint-model", "absent.toml"), "absent.toml"),
+        (("--model", "payload", "--consistent"), "--consistent: is for dynamics"),
+        (("--model", "dynamics", "--second-moments"), "--second-moments: is for a payload; give --model payload"),
+        (("--model", "payload", "--shared-motor", "5,6"), "--shared-motor: is for dynamics"),
     ],
 )
 def test_options_that_cannot_be_used(options: tuple[str, ...], message: str, tmp_path: Path) -> None:

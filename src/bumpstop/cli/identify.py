@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from bumpstop.cli.arm_recordings import arm_of, built_in_or_path, load_parts, payloads_of
+from bumpstop.cli.bodies_found import bodies_json, print_bodies
 from bumpstop.cli.model_report import dynamics_report
 from bumpstop.errors import InputError
 
@@ -42,8 +43,10 @@ def identify(
     begin: Begin = None,
     until: Until = None,
     model: Annotated[
-        Literal["joint", "dynamics"] | None,
-        typer.Option(help="What to fit: joint (from currents) or dynamics (from torques); default: what is recorded."),
+        Literal["joint", "dynamics", "payload"] | None,
+        typer.Option(
+            help="What to fit: joint (from currents), dynamics (from torques; default: what is recorded) or payload."
+        ),
     ] = None,
     payload: Payload = None,
     known: Annotated[
@@ -53,6 +56,15 @@ def identify(
     shared_motor: Annotated[
         list[str] | None, typer.Option(help="Joints that share a motor, e.g. 5,6 or 5:1,6:-1.")
     ] = None,
+    consistent: Annotated[
+        bool, typer.Option("--consistent", help="Of dynamics: also fit inertias that bodies can have, as a URDF.")
+    ] = False,
+    joint_model: Annotated[
+        str | None, typer.Option(help="Of a payload: joint model that turns currents into torques, a name or a path.")
+    ] = None,
+    second_moments: Annotated[
+        bool, typer.Option("--second-moments", help="Of a payload: fit its inertia too, not that of a point.")
+    ] = False,
     protocol: Annotated[
         Path | None, typer.Option(help="Plan that was followed: fit step by step as the source.")
     ] = None,
@@ -62,10 +74,13 @@ def identify(
     max_bad: MaxBad = 0.01,
     as_json: AsJson = False,
 ) -> None:
-    """Find a joint torque model from motor currents, or inertia, friction and rotors from joint torques."""
+    """Find a joint torque model from motor currents, inertia, friction and rotors from joint torques, or a payload."""
     if protocol is not None:
         from bumpstop.cli.protocol import identify_by_protocol
 
+        _refuse("is not for a protocol", "leave it out", consistent, joint_model, second_moments)
+        if model is not None:
+            raise InputError("--model", "is not for a protocol", "leave it out: it finds a joint model")
         identify_by_protocol(protocol, recordings, robot, columns, out, as_json)
         return
     arm = arm_of(robot, base, tip)
@@ -77,6 +92,7 @@ def identify(
 
         if shared_motor:
             raise InputError("--shared-motor", "is for dynamics", "currents are taken joint by joint")
+        _refuse("is not for joint models", "leave it out", consistent, joint_model, second_moments)
         arms = payloads_of(payload, arm, len(logs))
         identify_joint(
             logs, arms, robot=built_in_or_path(robot), known=known, cutoff_hz=cutoff, out=out, as_json=as_json
@@ -85,7 +101,31 @@ def identify(
     for option, given in (("--payload", payload), ("--known", known)):
         if given:
             raise InputError(option, "is for joint models", "dynamics are fitted with what the arm carries")
-    _identify_dynamics(logs, arm, robot, base, tip, shared_motor, cutoff, out, as_json)
+    if model == "payload":
+        from bumpstop.cli.identify_payload import identify_what_is_carried
+
+        if shared_motor:
+            raise InputError("--shared-motor", "is for dynamics", "a payload is fitted to an arm that is known")
+        _refuse("is for dynamics", "leave it out", consistent)
+        identify_what_is_carried(
+            logs, arm, joint_model=joint_model, inertia=second_moments, cutoff_hz=cutoff, out=out, as_json=as_json
+        )
+        return
+    _refuse("is for a payload", "give --model payload", False, joint_model, second_moments)
+    _identify_dynamics(logs, arm, robot, base, tip, shared_motor, cutoff, consistent, out, as_json)
+
+
+def _refuse(
+    problem: str, valid: str, consistent: bool, joint_model: str | None = None, second_moments: bool = False
+) -> None:
+    """Refuse options that belong to another kind of fit."""
+    for option, given in (
+        ("--consistent", consistent),
+        ("--joint-model", joint_model is not None),
+        ("--second-moments", second_moments),
+    ):
+        if given:
+            raise InputError(option, problem, valid)
 
 
 def _identify_dynamics(
@@ -96,26 +136,35 @@ def _identify_dynamics(
     tip: str | None,
     shared_motor: list[str] | None,
     cutoff: float | None,
+    consistent: bool,
     out: Path | None,
     as_json: bool,
 ) -> None:
-    from bumpstop.identification import identify_dynamics, save_fit
+    from bumpstop.identification import consistent_inertias, identify_dynamics, save_fit
+    from bumpstop.model import write_urdf
 
     if len(logs) != 1:
         raise InputError("recording", f"{len(logs)} of them", "dynamics are fitted to one")
     log = logs[0]
     groups = [_group(text, arm.dof) for text in shared_motor or []]
     fit = identify_dynamics(log, arm, cutoff_hz=cutoff, couplings=groups)
+    bodies = consistent_inertias(log, fit) if consistent else None
     scores = fit.score(log)
     model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
+    urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
     if model_file is not None and out is not None:
         if model_file != out:
-            dynamics_report(fit, log, out, where="on the rows of the fit", filter_hz=None, contact_joint=None)
+            dynamics_report(
+                fit, log, out, where="on the rows of the fit", filter_hz=None, contact_joint=None, bodies=bodies
+            )
+        if urdf is not None and bodies is not None:
+            write_urdf(bodies.robot, urdf)
         named = {"robot": built_in_or_path(robot)}
         named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
         save_fit(fit, model_file, robot=named, created_from=[log.source])
     if as_json:
-        typer.echo(json.dumps(_identified(fit, scores, log), allow_nan=False, indent=2))
+        found = _identified(fit, scores, log) | ({} if bodies is None else {"consistent": bodies_json(bodies)})
+        typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return
     _print_scores(scores, fit.cutoff_hz, "on the rows of the fit")
     if fit.held_out:
@@ -128,10 +177,14 @@ def _identify_dynamics(
         typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}")
     if fit.unseen:
         typer.echo(f"not visible in this motion: {', '.join(fit.unseen)}")
+    if bodies is not None:
+        print_bodies(bodies)
     for note in log.report.notes:
         typer.echo(f"note: {note}")
     if model_file is not None:
         typer.echo(f"model: {model_file}")
+        if urdf is not None:
+            typer.echo(f"inertias: {urdf}")
         if model_file != out:
             typer.echo(f"report: {model_file.parent / 'report.html'}")
 

@@ -6,13 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bumpstop.identification import CurrentComparison, DynamicsFit, JointModelFit
+    from bumpstop.identification import ConsistentFit, CurrentComparison, DynamicsFit, JointModelFit
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
 
 def dynamics_report(
-    fit: DynamicsFit, log: Recording, folder: Path, *, where: str, filter_hz: float | None, contact_joint: int | None
+    fit: DynamicsFit,
+    log: Recording,
+    folder: Path,
+    *,
+    where: str,
+    filter_hz: float | None,
+    contact_joint: int | None,
+    bodies: ConsistentFit | None = None,
 ) -> str:
     """Write the page on a fit and a recording; what was found of contact, in a sentence, or nothing.
 
@@ -23,8 +30,10 @@ def dynamics_report(
         where: on which rows, in words.
         filter_hz: where both are compared filtered; default: the fit's.
         contact_joint: whose torque the contact comparison uses, from 1; default: the one that feels it most.
+        bodies: inertias that bodies can have, or None.
     """
     from bumpstop.identification.validation import compare_dynamics, contact_of
+    from bumpstop.report.bodies import BodiesPart
     from bumpstop.report.validation import SelectionPart, write_validation_report
 
     comparison = compare_dynamics(fit, log, filter_hz=filter_hz)
@@ -38,7 +47,10 @@ def dynamics_report(
     )
     name = Path(log.source).name or "a recording"
     title = f"{fit.robot.title or fit.robot.name}: predicted torque, {name}"
-    write_validation_report(comparison, folder, title=title, where=where, contact=contact, selection=selection)
+    parts = [] if bodies is None else [BodiesPart(bodies)]
+    write_validation_report(
+        comparison, folder, title=title, where=where, contact=contact, selection=selection, parts=parts
+    )
     if contact is None:
         return ""
     error = contact.error[contact.judged]

@@ -47,6 +47,11 @@ class PayloadFit:
         unseen: names of what the motion cannot show.
         joints_left_out: joints whose torque is unknown.
         rows_used: of the fit.
+        joints: names of the others, by which the payload was found.
+        t: (N,) of the rows that were compared [s].
+        wanted: (N, joints) torque that the arm without payload does not explain, filtered [Nm or N].
+        explained: (N, joints) what the payload explains of it; where torques were recorded, what friction and offsets
+            explain is taken from ``wanted``.
     """
 
     values: dict[str, float | None]
@@ -56,6 +61,20 @@ class PayloadFit:
     unseen: tuple[str, ...]
     joints_left_out: tuple[str, ...]
     rows_used: int
+    joints: tuple[str, ...]
+    t: FloatArray
+    wanted: FloatArray
+    explained: FloatArray
+
+    @property
+    def rmse(self) -> FloatArray:
+        """Root mean square of what the payload leaves (joints,) [Nm or N]."""
+        return np.asarray(np.sqrt(((self.wanted - self.explained) ** 2).mean(axis=0)))
+
+    @property
+    def rmse_without(self) -> FloatArray:
+        """The same where nothing is carried (joints,) [Nm or N]."""
+        return np.asarray(np.sqrt((self.wanted**2).mean(axis=0)))
 
 
 def identify_payload(
@@ -114,14 +133,21 @@ def identify_payload(
     values = {name: float(solution[i]) if seen[i] else None for i, name in enumerate(names)}
     errors = {name: float(spread[i]) if seen[i] else None for i, name in enumerate(names)}
     center, center_errors = _center(solution[:4], covariance[:4, :4]) if seen[:4].all() else (None, None)
+    friction = others @ solution[count:]
+    explained = seen_by[:, :, :count] @ solution[:count] + (0.0 if inertia else seen_by[:, :, 4:] @ point)
+    left_out = tuple(joint.name for joint, own in zip(robot.joints, known, strict=True) if not own)
     return PayloadFit(
         values=values,
         standard_errors=errors,
         center=center,
         center_errors=center_errors,
         unseen=tuple(name for i, name in enumerate(names) if not seen[i]),
-        joints_left_out=tuple(joint.name for joint, own in zip(robot.joints, known, strict=True) if not own),
+        joints_left_out=left_out,
         rows_used=motion.t.size,
+        joints=tuple(joint.name for joint in robot.joints if joint.name not in left_out),
+        t=motion.t,
+        wanted=wanted - friction,
+        explained=explained,
     )
 
 
