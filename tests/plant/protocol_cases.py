@@ -19,7 +19,7 @@ Floats = npt.NDArray[np.float64]
 NAMES = ("A", "B", "D", "F", "hysteresis", "inertia")
 MAP, FRICTION = ("A", "B"), ("D", "F")
 SETTINGS = ProtocolSettings(
-    speed_shares=(0.1, 0.2, 0.3, 0.5), repeats=3, ramp_repeats=3, holds=3, hold_s=6.0, acceleration=4.5
+    speed_shares=(0.1, 0.2, 0.3, 0.5), repeats=3, ramp_repeats=3, holds=5, hold_s=6.0, acceleration=4.5
 )
 Z95 = 1.959964
 

@@ -54,7 +54,7 @@ def test_the_current_is_the_one_whose_torque_is_passed_on(number: int) -> None:
         drives.reset(np.zeros(7), qd)
         slope = rng.uniform(0, 50, 7)
         passed = rng.normal(size=7) * 20
-        current = drives.current(passed + slope * qd, qd, slope)
+        current = drives.current(passed + slope * qd, qd, slope * qd)
         direct = replace(model, joints=tuple(without_memory(joint) for joint in model.joints))
         np.testing.assert_allclose(direct.torque(current, qd), passed, rtol=1e-9, atol=1e-9)
 
@@ -72,15 +72,39 @@ def test_friction_in_the_loop_is_what_the_model_says() -> None:
     drives.reset(np.zeros(7), qd, passed)
     tau = passed
     for _ in range(2000):  # of 1 ms, with a load that follows within 20
-        damping, against, slope = drives.resist(np.zeros(7), qd, tau)
+        damping, against, slope, base = drives.resist(np.zeros(7), qd, tau)
         tau = passed + damping * qd + against
-    assert not against.any()
+    assert np.array_equal(against, base)
     assert np.array_equal(damping, slope)
-    current = drives.current(tau, qd, slope)
+    assert (damping >= 0).all()
+    current = drives.current(tau, qd, slope * qd + base)
     np.testing.assert_allclose(direct.torque(current, qd), passed, rtol=1e-9)
     # All that the current would give without friction.
     frictionless = replace(direct, joints=tuple(frictionless_joint(joint) for joint in direct.joints))
     np.testing.assert_allclose(frictionless.torque(current, qd), tau, rtol=1e-6)
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_friction_within_a_millisecond_follows_its_law(number: int) -> None:
+    """The line that is held is the law's tangent: a rate 1 % off gets the friction of that rate."""
+    model = models()[number]
+    near, off = Drives(general_arm(), model, Gears()), Drives(general_arm(), model, Gears())
+    qd, passed = np.array([0.5, -0.3, 1.0, -0.2, 0.1, 2.0, -1.0]), np.array([20.0, -10, 5, 3, -2, 1, 0.5])
+    found = []
+    for drives, rate in ((near, qd), (off, 1.01 * qd)):
+        drives.reset(np.zeros(7), rate, passed)
+        tau = passed
+        for _ in range(500):
+            slope, base = drives.resist(np.zeros(7), rate, tau)[2:]
+            tau = passed + slope * rate + base
+        found.append((slope, base))
+    (slope, base), (there, base_there) = found
+    law, line, through_zero = (
+        there * 1.01 * qd + base_there,
+        slope * 1.01 * qd + base,
+        1.01 * (slope * qd + base),
+    )
+    assert np.abs(line - law).max() < 0.1 * np.abs(through_zero - law).max()
 
 
 def frictionless_joint(joint: JointParameters) -> JointParameters:
@@ -121,8 +145,9 @@ def test_what_gears_add() -> None:
     )
     q, qd, tau = np.full(7, 0.3), np.full(7, 0.4), np.full(7, 30.0)
     drives.reset(q, qd, tau)
-    damping, against, slope = drives.resist(q, qd, tau)
+    damping, against, slope, base = drives.resist(q, qd, tau)
     assert not slope.any()
+    assert not base.any()
     np.testing.assert_allclose(against, 0.5 * np.sin(30.0))
     # The load has gone a twentieth of the way from 30 to what is left of it.
     load = 30.0 - 0.05 * 0.5 * np.sin(30.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -266,4 +266,4 @@ def _straight(fitted: MapFit) -> MapFit:
     """The same map without its quadratic part."""
     covariance = fitted.covariance.copy()
     covariance[0, :] = covariance[:, 0] = 0.0
-    return MapFit(fitted.kind, Parameter(0.0), fitted.B, covariance, fitted.constants, fitted.reach)
+    return replace(fitted, A=Parameter(0.0), covariance=covariance)

@@ -25,6 +25,43 @@ if TYPE_CHECKING:
 _LEAST_RAMP_S = 0.35
 # Of a stroke, to compare maps by; a stroke has more rows than that.
 _PIECES = 10
+_NEWTON = 30  # steps; a few are enough where the map is far from level
+
+
+def widened(variance: float, freedom: float) -> float:
+    """Standard error of which 1.96 make a 95 % interval, from a variance with so many degrees of freedom."""
+    from scipy.stats import norm, t
+
+    return float(np.sqrt(max(variance, 0.0)) * t.ppf(0.975, max(freedom, 1.0)) / norm.ppf(0.975))
+
+
+def cluster_covariance(columns: FloatArray, residual: FloatArray, begins: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """Covariance of a least-squares solution whose residuals are correlated within clusters of rows.
+
+    The jackknife's sandwich (CR3: R. M. Bell and D. F. McCaffrey 2002): the scores of each cluster are enlarged by what
+    the fit bent towards it. Degrees of freedom are Satterthwaite's for clusters that count by their share in each
+    parameter's variance, less one for each parameter beside it.
+
+    Args:
+        columns: (N, k) derivatives of the prediction.
+        residual: (N,).
+        begins: first row of each cluster, from 0 (G,).
+
+    Returns:
+        Covariance (k, k) and degrees of freedom (k,).
+    """
+    k, count = columns.shape[1], len(begins)
+    inverse = np.linalg.pinv(columns.T @ columns)
+    scores = np.add.reduceat(columns * residual[:, None], begins, axis=0)
+    ends = np.append(begins[1:], len(residual))
+    grams = np.stack([columns[a:b].T @ columns[a:b] for a, b in zip(begins, ends, strict=True)])
+    kept = np.eye(k) - grams @ inverse
+    # A parameter that one cluster alone shows cannot be left without it.
+    enlarged = np.stack([np.linalg.lstsq(own, score, rcond=1e-6)[0] for own, score in zip(kept, scores, strict=True)])
+    covariance = inverse @ (enlarged.T @ enlarged) @ inverse * (count - 1) / count
+    shares = np.einsum("ij,gjk,ki->gi", inverse, grams, inverse)
+    freedom = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300) - k
+    return covariance, np.maximum(freedom, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,18 +119,20 @@ class FrictionFit:
         D, F: with standard errors.
         covariance: of D and F (2, 2).
         sd: of the strokes about the law [current].
+        freedom: degrees of freedom of the covariance, the less of both.
     """
 
     D: Parameter
     F: Parameter
     covariance: FloatArray
     sd: float
+    freedom: float
 
 
 def fit_friction(strokes: Sequence[StrokeFit]) -> FrictionFit:
     """Eq 2.27 through the strokes' friction currents.
 
-    Standard errors by the sandwich of single strokes, each residual enlarged by its leverage (HC3).
+    Standard errors by the jackknife's sandwich of single strokes, widened by Student's quantile.
     """
     from scipy.optimize import least_squares
 
@@ -116,19 +155,16 @@ def fit_friction(strokes: Sequence[StrokeFit]) -> FrictionFit:
 
     bounds = ([0.0, 0.0], [np.inf, 3.0])
     found = least_squares(residual, [1.0, min(max(float(F), 0.0), 3.0)], derivative, bounds=bounds)
-    jacobian = derivative(found.x)
-    inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    leverage = np.clip((jacobian @ inverse * jacobian).sum(axis=1), 0, 0.99)
-    score = jacobian * (found.fun / (1 - leverage))[:, None]
+    covariance, freedom = cluster_covariance(derivative(found.x), found.fun, np.arange(len(strokes)))
     to_units = np.diag([scale, 1.0])
-    covariance = to_units @ inverse @ (score.T @ score) @ inverse @ to_units
+    covariance = to_units @ covariance @ to_units
     D, F = to_units @ found.x
-    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return FrictionFit(
-        D=Parameter(float(D), float(error[0])),
-        F=Parameter(float(F), float(error[1])),
+        D=Parameter(float(D), widened(covariance[0, 0], freedom[0])),
+        F=Parameter(float(F), widened(covariance[1, 1], freedom[1])),
         covariance=covariance,
         sd=float(scale * np.sqrt((found.fun**2).sum() / max(1, len(strokes) - 2))),
+        freedom=float(freedom.min()),
     )
 
 
@@ -142,6 +178,7 @@ class MapFit:
         covariance: of A and B (2, 2).
         constants: C of every stroke, as a current; left out afterwards, as the source does.
         reach: lowest and highest joint current.
+        freedom: degrees of freedom of the covariance, the less of both.
     """
 
     kind: str
@@ -150,6 +187,7 @@ class MapFit:
     covariance: FloatArray
     constants: FloatArray
     reach: tuple[float, float]
+    freedom: float
 
     @property
     def monotone(self) -> bool:
@@ -161,7 +199,7 @@ class MapFit:
 def fit_map(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[FloatArray]) -> MapFit:
     """Eq 2.29 for all strokes together; every stroke weighs the same and has a constant of its own.
 
-    Standard errors hold for residuals correlated within strokes (clusters).
+    Standard errors hold for residuals correlated within strokes (clusters), and are widened by Student's quantile.
     """
     from scipy.optimize import least_squares
 
@@ -190,22 +228,19 @@ def fit_map(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[Fl
     rise = float((own(x) * own(y) * weight**2).sum())
     start = np.array([float((own(x) ** 2 * weight**2).sum()) / rise if rise else 1.0, 0.0])
     found = least_squares(residual, start, derivative, method="lm", max_nfev=100)
-    jacobian = derivative(found.x)
-    inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    score = np.add.reduceat(jacobian * found.fun[:, None], begins, axis=0)
-    count = len(stretches)
-    covariance = inverse @ (score.T @ score) @ inverse * count / max(1, count - 1)
+    covariance, freedom = cluster_covariance(derivative(found.x), found.fun, begins)
     to_units = np.diag([big / unit, big / unit**2])
     covariance = to_units @ covariance @ to_units
     b, a = found.x @ to_units
     left = y - inverse_map(kind, found.x[1], found.x[0], x, sign)[0]
     return MapFit(
         kind=kind,
-        A=Parameter(float(a), float(np.sqrt(max(covariance[1, 1], 0.0)))),
-        B=Parameter(float(b), float(np.sqrt(max(covariance[0, 0], 0.0)))),
+        A=Parameter(float(a), widened(covariance[1, 1], freedom[1])),
+        B=Parameter(float(b), widened(covariance[0, 0], freedom[0])),
         covariance=covariance[::-1, ::-1],
         constants=unit * np.add.reduceat(left, begins) / lengths,
         reach=(float(current.min()), float(current.max())),
+        freedom=float(freedom.min()),
     )
 
 
@@ -239,13 +274,14 @@ def held_out(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[F
 def fit_hysteresis(found: MapFit, holds: Sequence[Stretch]) -> tuple[Parameter, list[float]] | None:
     """Eq 2.31: T_H from holds reached from both sides, and the value of every hold [Nm].
 
-    What does not change with the side, an error of the predicted torque, drops out. None: a side is missing.
+    What does not change with the side, an error of the predicted torque, drops out. None: a side is missing. The
+    standard error is that of whole holds and of the map; few holds widen it by Student's quantile, with Welch and
+    Satterthwaite's degrees of freedom.
     """
     sides: dict[float, list[float]] = {1.0: [], -1.0: []}
     values, slopes = [], []
     for hold in holds:
-        torque = joint_torque(found.kind, found.A.value, found.B.value, hold.current, hold.speed)
-        value = float((torque - hold.torque).mean())
+        value = _held_torque(found, hold)
         bend = np.sign(hold.current) if found.kind == "odd" else -hold.speed
         slopes.append((hold.speed, float((bend * hold.current**2).mean()), float(hold.current.mean())))
         sides[hold.speed].append(value)
@@ -253,15 +289,35 @@ def fit_hysteresis(found: MapFit, holds: Sequence[Stretch]) -> tuple[Parameter, 
     if not sides[1.0] or not sides[-1.0]:
         return None
     means = {side: float(np.mean(own)) for side, own in sides.items()}
-    variance = 0.0
-    for own in sides.values():
-        variance += float(np.var(own, ddof=1)) / len(own) / 4 if len(own) > 1 else float("nan")
+    value = (means[1.0] - means[-1.0]) / 2
+    if min(len(own) for own in sides.values()) < 2:
+        return Parameter(value, None), values
+    shares = [float(np.var(own, ddof=1)) / len(own) / 4 for own in sides.values()]
+    squares = sum(share**2 / (len(own) - 1) for share, own in zip(shares, sides.values(), strict=True))
     gradient = np.zeros(2)
     for side in (1.0, -1.0):
         gradient += side * np.mean([own[1:] for own in slopes if own[0] == side], axis=0) / 2
-    variance += float(gradient @ found.covariance @ gradient)
-    error = float(np.sqrt(variance)) if np.isfinite(variance) else None
-    return Parameter((means[1.0] - means[-1.0]) / 2, error), values
+    by_map = float(gradient @ found.covariance @ gradient)
+    if by_map > 0:
+        shares.append(by_map)
+        squares += by_map**2 / found.freedom
+    freedom = sum(shares) ** 2 / squares if squares > 0 else np.inf
+    return Parameter(value, widened(sum(shares), freedom)), values
+
+
+def _held_torque(found: MapFit, hold: Stretch) -> float:
+    """Torque by which the map explains the mean current of a hold, beyond the predicted one [Nm].
+
+    It is the mean of the current that is compared: the map of single currents would turn their noise into torque.
+    """
+    mean, beyond = float(hold.current.mean()), 0.0
+    for _ in range(_NEWTON):
+        current, slope, _ = inverse_map(found.kind, found.A.value, found.B.value, hold.torque + beyond, hold.speed)
+        step = (mean - float(current.mean())) / float((1 / slope).mean())
+        beyond += step
+        if abs(step) < 1e-10 * (1.0 + abs(beyond)):
+            break
+    return beyond
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,34 +355,36 @@ def fit_inertia(found: MapFit, friction: FrictionFit, ramps: Sequence[Stretch], 
         return None
     table, cluster = np.concatenate(rows), np.concatenate(clusters)
     values = np.array([found.A.value, found.B.value, friction.D.value, friction.F.value])
-    y, matrix, inverse, slopes = _inertia_line(found.kind, values, table)
+    y, matrix, slopes = _inertia_line(found.kind, values, table)
     left = y - matrix @ slopes
-    begins = np.flatnonzero(np.diff(cluster, prepend=-1))
-    score = np.add.reduceat(matrix * left[:, None], begins, axis=0)
-    count = len(rows)
-    variance = float((inverse @ (score.T @ score) @ inverse)[0, 0]) * count / max(1, count - 1)
-    for at, covariance in ((slice(0, 2), found.covariance), (slice(2, 4), friction.covariance)):
+    by_ramps, freedom = cluster_covariance(matrix, left, np.flatnonzero(np.diff(cluster, prepend=-1)))
+    variance = float(by_ramps[0, 0])
+    squares = variance**2 / freedom[0]
+    for at, covariance, own in (
+        (slice(0, 2), found.covariance, found.freedom),
+        (slice(2, 4), friction.covariance, friction.freedom),
+    ):
         gradient = np.zeros(2)
         for k, error in enumerate(np.sqrt(np.maximum(np.diag(covariance), 0.0))):
             if error > 0:
                 moved = values.copy()
                 moved[at.start + k] += error
-                gradient[k] = (_inertia_line(found.kind, moved, table)[3][0] - slopes[0]) / error
-        variance += max(0.0, float(gradient @ covariance @ gradient))
+                gradient[k] = (_inertia_line(found.kind, moved, table)[2][0] - slopes[0]) / error
+        more = max(0.0, float(gradient @ covariance @ gradient))
+        variance += more
+        squares += more**2 / own
     shown = y - matrix[:, 1:] @ slopes[1:]
     spread = float(((shown - shown.mean()) ** 2).sum())
     r2 = 1 - float((left**2).sum()) / spread if spread > 0 else 0.0
-    return InertiaFit(Parameter(float(slopes[0]), float(np.sqrt(variance))), r2, matrix[:, 0], shown)
+    error = widened(variance, variance**2 / squares if squares > 0 else np.inf)
+    return InertiaFit(Parameter(float(slopes[0]), error), r2, matrix[:, 0], shown)
 
 
-def _inertia_line(
-    kind: str, values: FloatArray, table: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Left side of eq 2.32 (N,), columns (N, 3), the inverse of their normal matrix, and the slopes."""
+def _inertia_line(kind: str, values: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Left side of eq 2.32 (N,), columns (N, 3), and the slopes."""
     current, qd, qdd, torque = table.T
     A, B, D, F = values
     sign = np.sign(qd)
     beyond = joint_torque(kind, A, B, current - sign * D * np.abs(qd) ** F, sign) - torque
     matrix = np.column_stack([qdd, sign, torque])
-    inverse = np.linalg.pinv(matrix.T @ matrix)
-    return beyond, matrix, inverse, inverse @ (matrix.T @ beyond)
+    return beyond, matrix, np.linalg.pinv(matrix.T @ matrix) @ (matrix.T @ beyond)

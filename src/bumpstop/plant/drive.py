@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 PerJoint = float | Sequence[float]
 ScatterPer = Literal["sample", "motion"]
+# Below the first multiple of the rest speed friction acts as damping alone, so that it cannot turn a joint round; above
+# the second as the tangent of its law.
+_SECANT_BELOW, _TANGENT_ABOVE = 2.0, 6.0
+_NEAR = 1.01  # speeds this factor apart tell how a friction law bends
 # Of the difference, how much the load that friction goes by follows in a millisecond: a time constant of 20 ms.
 _LOAD_SHARE_PER_MS = 0.05
 
@@ -139,6 +143,7 @@ class Drives:
         self._memory = np.zeros_like(q) if qd is None else np.where(np.abs(qd) > 2 * self.rest, np.sign(qd), 0.0)
         self._last = q.copy()
         self._slope: FloatArray | float = 0.0
+        self._base: FloatArray | float = 0.0
         self._passed: FloatArray = np.zeros_like(q) if tau is None else tau
 
     def _friction(self, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -174,6 +179,10 @@ class Drives:
             current = np.where(inside != current, beyond, current)
         return current
 
+    def _taken(self, passed: FloatArray, sign: FloatArray, friction: FloatArray) -> FloatArray:
+        """Torque that friction takes where so much is passed on (dof,)."""
+        return self._map(self._current(passed, sign, friction), sign) - passed
+
     def _current(self, mapped: FloatArray, sign: FloatArray, friction: FloatArray) -> FloatArray:
         """Current of the motors, with the friction that grows with the current itself."""
         current = self._inverse_map(mapped, sign) + friction
@@ -181,8 +190,14 @@ class Drives:
             return current
         return np.asarray(current / (1.0 - self.load * sign * np.sign(current)))
 
-    def resist(self, q: FloatArray, qd: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def resist(
+        self, q: FloatArray, qd: FloatArray, tau: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """What the gears do now; brings their memory forward.
+
+        Friction of the joint model is a line over the rate until the next call: its tangent, or at low speeds a line
+        through zero. Held as damping through zero it would grow with the rate within the millisecond, and the torque
+        at its end, which sensors see, would not be that of the mean acceleration.
 
         Args:
             q: positions of the motors (dof,) [rad or m].
@@ -190,8 +205,8 @@ class Drives:
             tau: what they give (dof,) [Nm or N].
 
         Returns:
-            Damping (dof,) [Nm s/rad], torque against +q that does not follow the rate (dof,) [Nm], and how much of the
-            damping is friction of the joint model (dof,) [Nm s/rad].
+            Damping (dof,) [Nm s/rad], torque against +q that does not follow the rate (dof,) [Nm], and how much of
+            both is friction of the joint model (dof,) [Nm s/rad] and [Nm].
         """
         speed = np.abs(qd)
         ahead = np.where(qd < 0, -1.0, 1.0)
@@ -212,27 +227,37 @@ class Drives:
         moving = ahead * np.maximum(speed, self.rest)
         sign, friction = (ahead, ahead * self._by_power(speed)) if self._all_power else self._friction(moving)
         # At once, friction that grows with the load and a servo that answers it would chase each other.
-        self._passed = passed = self._passed + _LOAD_SHARE_PER_MS * (tau - against - self._slope * qd - self._passed)
-        slope = (self._map(self._current(passed, sign, friction), sign) - passed) / moving
-        self._slope = slope
+        self._passed = passed = self._passed + _LOAD_SHARE_PER_MS * (
+            tau - against - self._base - self._slope * qd - self._passed
+        )
+        taken = self._taken(passed, sign, friction)
+        near = _NEAR * moving
+        ahead_of = ahead * self._by_power(_NEAR * np.abs(moving)) if self._all_power else self._friction(near)[1]
+        # Friction that falls with the rate must not become a drive.
+        tangent = np.maximum((self._taken(passed, sign, ahead_of) - taken) / (near - moving), 0.0)
+        share = np.minimum(np.maximum((speed / self.rest - _SECANT_BELOW) / (_TANGENT_ABOVE - _SECANT_BELOW), 0.0), 1.0)
+        secant = taken / moving
+        slope = secant + share * (tangent - secant)
+        base = share * (secant - tangent) * qd
+        self._slope, self._base = slope, base
         if not self._more:
-            return slope, against, slope
+            return slope, against + base, slope, base
         more = self.load_share * np.abs(passed) + self.extra * np.exp(-((speed / self.extra_speed) ** 2))
-        return slope + more / np.abs(moving), against, slope
+        return slope + more / np.abs(moving), against + base, slope, base
 
-    def current(self, tau: FloatArray, qd: FloatArray, slope: FloatArray) -> FloatArray:
+    def current(self, tau: FloatArray, qd: FloatArray, taken: FloatArray) -> FloatArray:
         """Current of the motors.
 
         Args:
             tau: what the motors give (dof,) [Nm or N].
             qd: their rates (dof,).
-            slope: what of the damping is friction of the joint model (dof,) [Nm s/rad].
+            taken: by friction of the joint model (dof,) [Nm or N].
 
         Returns:
             (dof,) in the joint model's unit.
         """
         sign, friction = self._friction(qd)
-        return self._current(tau - slope * qd, sign, friction)
+        return self._current(tau - taken, sign, friction)
 
     def scattered(self, draws: FloatArray, samples: npt.NDArray[np.int64], qd: FloatArray) -> FloatArray:
         """What the friction current has beyond its law.

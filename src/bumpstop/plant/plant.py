@@ -257,7 +257,7 @@ class Plant:
         model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -kp, -kv
         model.dof_damping[motor] = 0.0
         controls = self._controls(command, kp, kv)
-        damping, against, slope = drives.resist(np.array(data.qpos[motor]), command.qd[0], self._needed(command))
+        damping, against, slope, base = drives.resist(np.array(data.qpos[motor]), command.qd[0], self._needed(command))
         longest = command.duration + _AFTERWARDS_S
         plans = [SamplePlan.draw(sensors, n, longest, STEP, COMMAND_STEP, seed) for sensors, seed in recorders]
         sample_at = np.unique(np.concatenate([plan.step[plan.kept] for plan in plans]))
@@ -281,15 +281,18 @@ class Plant:
                 upto = min(end, next_sample[sample])
                 for row in controls[step - first_control : upto - first_control]:
                     ctrl[:] = row
-                    rate_before = np.array(qvel[motor])
+                    rate_before, q_before = np.array(qvel[motor]), np.array(qpos[motor])
                     mj_step(model, data)
                 step = upto
+                # A step's forces are those of the position in which it begins: encoders are read there. Read at its end
+                # they would be a step late, and gravity torque would look like friction.
                 # MuJoCo says what the motors give at the step's begin, and moves the arm by what they give at its end
                 # (implicit in the rates).
                 gained = qvel[motor] - rate_before
                 given = given_now[motor] - kv * gained
                 if next_sample[sample] == step:
-                    log.note(sample, qpos[motor], qvel[motor], given, slope, data.sensordata)
+                    rate = qvel[motor]
+                    log.note(sample, q_before, rate, given, base + slope * rate, data.sensordata)
                     if on_sample is not None and turn_at is None:
                         answer = on_sample(self._sample(log, plans[0], sample))
                         if answer is not None:
@@ -308,7 +311,7 @@ class Plant:
                 room = round(_AFTERWARDS_S / STEP)
                 last = step + min(len(controls), room)
                 reacted = step * STEP
-            damping, against, slope = drives.resist(motor_q, motor_qd, given)
+            damping, against, slope, base = drives.resist(motor_q, motor_qd, given)
         t: FloatArray = np.arange(_PER_COMMAND, step + 1, _PER_COMMAND).astype(np.float64) * STEP
         return log.cut(sample), trace.cut(t), plans, reacted
 
@@ -338,7 +341,7 @@ class Plant:
         samples: npt.NDArray[np.int64],
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """What the sensors say at rows of the log, which are samples of the plan: t, q, current and wrench."""
-        current = self.drives.current(log.given[rows], log.qd[rows], log.slope[rows])
+        current = self.drives.current(log.given[rows], log.qd[rows], log.taken[rows])
         current = current + self.drives.scattered(plan.scatter, samples, log.qd[rows])
         return (
             log.step[rows].astype(np.float64) * STEP,

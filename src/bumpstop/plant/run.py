@@ -80,7 +80,7 @@ class SampleLog:
         step: integration steps (N,), rising.
         q, qd: of the motors (N, dof).
         given: by the motors (N, dof) [Nm or N].
-        slope: what of the damping is friction of the joint model (N, dof).
+        taken: by friction of the joint model (N, dof) [Nm or N].
         wrench: MuJoCo's (N, 6).
     """
 
@@ -88,25 +88,25 @@ class SampleLog:
     q: FloatArray
     qd: FloatArray
     given: FloatArray
-    slope: FloatArray
+    taken: FloatArray
     wrench: FloatArray
 
     @classmethod
     def empty(cls, step: npt.NDArray[np.int64], dof: int) -> SampleLog:
         """Room for these steps."""
-        of_joints = {name: np.zeros((len(step), dof)) for name in ("q", "qd", "given", "slope")}
+        of_joints = {name: np.zeros((len(step), dof)) for name in ("q", "qd", "given", "taken")}
         return cls(step=step, wrench=np.zeros((len(step), 6)), **of_joints)
 
     def note(
-        self, row: int, q: FloatArray, qd: FloatArray, given: FloatArray, slope: FloatArray, wrench: FloatArray
+        self, row: int, q: FloatArray, qd: FloatArray, given: FloatArray, taken: FloatArray, wrench: FloatArray
     ) -> None:
         """Write down one moment."""
-        self.q[row], self.qd[row], self.given[row], self.slope[row] = q, qd, given, slope
+        self.q[row], self.qd[row], self.given[row], self.taken[row] = q, qd, given, taken
         self.wrench[row] = wrench[:6]
 
     def cut(self, rows: int) -> SampleLog:
         """The first rows."""
-        names = ("step", "q", "qd", "given", "slope", "wrench")
+        names = ("step", "q", "qd", "given", "taken", "wrench")
         return replace(self, **{name: getattr(self, name)[:rows] for name in names})
 
 
