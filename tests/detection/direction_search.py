@@ -80,7 +80,25 @@ def farthest(normals: FloatArray, low: FloatArray, high: FloatArray, starts: Flo
             break
         # Steps of zero length around a vertex where more than three faces meet are not followed.
         f, corner = chosen_f, chosen_corner
-    return np.linalg.norm(f, axis=1).reshape(batch, count).max(axis=1)
+    size = np.linalg.norm(f, axis=1).reshape(batch, count)
+    best_start = np.arange(batch) * count + size.argmax(axis=1)
+    return _sharpened(a[best_start], b[best_start], corner[best_start], size.max(axis=1))
+
+
+def _sharpened(a: FloatArray, b: FloatArray, corner: np.ndarray, size: FloatArray) -> FloatArray:
+    """Distance of the vertices where the three faces of a corner meet, by Cramer's rule in long double.
+
+    Walking there adds up roundings times the condition of the faces: 2e-9 of the length where that is 1e8.
+    """
+    rows = np.arange(len(a))[:, None]
+    faces, bound = a[rows, corner].astype(np.longdouble), b[rows, corner].astype(np.longdouble)
+    normals = [np.cross(faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]) for k in range(3)]
+    volume = np.sum(faces[:, 0] * normals[0], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = sum(bound[:, k, None] * normals[k] for k in range(3)) / volume[:, None]
+        sharp = np.sqrt(np.sum(vertex * vertex, axis=1)).astype(np.float64)
+    # Faces that do not meet in one point are no corner: there the search ended at the start of an edge.
+    return np.where(np.abs(sharp / size - 1) < 1e-6, sharp, size)
 
 
 def directions(count: int) -> FloatArray:

@@ -172,11 +172,19 @@ def test_refusals() -> None:
         tune(slow, 20.0)
 
 
-@pytest.mark.parametrize(("folder", "arm", "cutoff_hz"), [("panda_ros2", "panda", 4.0)])
+def test_default_rate_is_what_the_recording_carries() -> None:
+    short, long = residuals(0.02, 1), residuals(0.4, 2)
+    assert tune(short).target == pytest.approx(1 / (5 * 0.02))
+    assert tune([short, short]).target == pytest.approx(1 / (5 * 0.04))
+    assert tune(long).target == 1.0
+    assert not any("No rate" in note for note in tune(long).notes + tune(short, 10.0).notes)
+
+
+@pytest.mark.parametrize(("folder", "arm", "cutoff_hz"), [("panda_ros2", "panda", 4.0), ("ur10_ros2", "ur10", 4.0)])
 def test_real_arms(folder: str, arm: str, cutoff_hz: float) -> None:
     """Model and thresholds from the first half of a recording; the second half must not alarm.
 
-    Thirty false alarms an hour: ten times beyond what thirteen seconds show.
+    The default asks for one alarm in five times what the first half shows.
     """
     place = SHARED / "data" / folder
     if not place.is_dir():
@@ -190,7 +198,8 @@ def test_real_arms(folder: str, arm: str, cutoff_hz: float) -> None:
         for record in (residual_record(part, fit.robot, fit),)
         if record.t is not None
     )
-    tuning = tune(first, 30.0)
+    tuning = tune(first)
+    assert any("No rate was given" in note for note in tuning.notes)
     largest = np.abs(first.rows).max(axis=0)
     assert (tuning.thresholds() <= 1.5 * largest).all()
     assert achieved(second, tuning.thresholds(), 1) == 0

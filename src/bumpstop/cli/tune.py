@@ -23,7 +23,13 @@ def command(
         list[Path],
         typer.Argument(help="Contact-free recordings, or Parquet with residuals.", show_default=False),
     ],
-    per_hour: Annotated[float, typer.Option(help="Wanted false alarms an hour, of all joints together.")] = 1.0,
+    per_hour: Annotated[
+        float | None,
+        typer.Option(
+            help="Wanted false alarms an hour, of all joints together.",
+            show_default="one in five times the recordings' length, at least 1",
+        ),
+    ] = None,
     model: ModelFile = None,
     robot: RobotName = None,
     columns: Columns = None,

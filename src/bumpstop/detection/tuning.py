@@ -16,6 +16,8 @@ from bumpstop.errors import InputError
 
 FARTHEST = 100
 """Rates below one in so many times the recorded hours are flagged as extrapolated."""
+# What is asked for where no rate is given: so many an hour, or one alarm in so many times the recordings' length.
+_DEFAULT_PER_HOUR, _DEFAULT_REACH = 1.0, 5.0
 _BIASED = 0.3  # of a threshold
 _ENOUGH = 30  # peaks of a joint: with fewer its largest residual says more than a tail fitted to them
 
@@ -88,7 +90,7 @@ class Tuning:
 
 def tune(
     series: ResidualSeries | Sequence[ResidualSeries],
-    per_hour: float,
+    per_hour: float | None = None,
     *,
     joints: Sequence[int] | None = None,
     confidence: float = 0.95,
@@ -107,7 +109,8 @@ def tune(
 
     Args:
         series: one or several recordings with the same joints and rate.
-        per_hour: wanted false alarms an hour, of all joints together.
+        per_hour: wanted false alarms an hour, of all joints together; default: what the recordings can carry, one alarm
+            in five times their length, but no fewer than one an hour.
         joints: numbers from 0 of those to watch; default: all.
         confidence: of the intervals, between 0.5 and 0.999.
 
@@ -119,6 +122,8 @@ def tune(
     dof, period = _common(parts)
     if not 0.5 <= as_number(confidence, "confidence") <= 0.999:
         raise InputError("confidence", f"is {confidence}", "wanted 0.5 to 0.999")
+    supported = default_per_hour(parts)
+    asked, per_hour = per_hour, supported if per_hour is None else per_hour
     if not as_number(per_hour, "per_hour") > 0:
         raise InputError("per_hour", f"is {per_hour}", "wanted more than 0")
     watched = sorted(set(range(dof) if joints is None else joints))
@@ -143,7 +148,19 @@ def tune(
     tail = PeaksOverThreshold.fit(largest, period)
     tuning = Tuning(shares, tail, float(per_hour), confidence, ())
     thresholds = tuning.thresholds()
-    return Tuning(shares, tail, float(per_hour), confidence, tuple(_notes(tuning, thresholds, stretches, parts)))
+    notes = _notes(tuning, thresholds, stretches, parts)
+    if asked is None and supported > _DEFAULT_PER_HOUR:
+        notes.append(
+            f"No rate was given: {tail.hours:.3g} h carry one alarm in {_DEFAULT_REACH:g} times that, {supported:.3g} an "
+            "hour. For fewer, record for longer or give the rate."
+        )
+    return Tuning(shares, tail, float(per_hour), confidence, tuple(notes))
+
+
+def default_per_hour(parts: Sequence[ResidualSeries]) -> float:
+    """False alarms an hour that are wanted if none are told: one in five times the recordings, at least one an hour."""
+    hours = sum(len(part.rows) * part.period for part in parts) / 3600
+    return max(_DEFAULT_PER_HOUR, 1 / (_DEFAULT_REACH * hours)) if hours > 0 else _DEFAULT_PER_HOUR
 
 
 def _common(parts: Sequence[ResidualSeries]) -> tuple[int, float]:
