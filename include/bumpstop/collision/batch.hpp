@@ -5,6 +5,7 @@
 #include <atomic>
 #include <thread>
 
+#include "bumpstop/collision/batch_law.hpp"
 #include "bumpstop/collision/exact_law.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -94,8 +95,53 @@ std::vector<double> most_alarm(const ThresholdDetector& detector, const Timing& 
     return probability;
 }
 
+/// What a thread keeps from register to register.
 template <class L>
-void batch_group(const BatchProblem& problem, const int* pose_of_lane, int count, const BatchResult& out) {
+struct BatchWorker {
+    BatchWorker(const BatchProblem& problem, const AlarmTable& alarms) {
+        for (int lane = 0; lane < Scalar<L>::lanes; ++lane)
+            law.emplace_back(*problem.detector, *problem.timing, *problem.motion, alarms, problem.stiffness,
+                             problem.offset_kind);
+    }
+
+    std::vector<BatchLaw<L>> law;  ///< by lane
+    StoppingCurve curve[Scalar<L>::lanes];
+    std::vector<double> probability[Scalar<L>::lanes];
+};
+
+/// A pose whose path could not begin.
+inline void write_nothing(const BatchProblem& problem, std::size_t pose, const BatchResult& out) {
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const int dof = problem.chain->dof;
+    for (double* value : {out.mean, out.sd, out.false_alarm, out.undetected, out.no_contact}) value[pose] = nan;
+    std::fill_n(out.quantile + pose * problem.probabilities, problem.probabilities, nan);
+    std::fill_n(out.exceedance + pose * problem.limits, problem.limits, nan);
+    std::fill_n(out.trigger + pose * dof, dof, nan);
+}
+
+/// A law of either kind: `upper_quantile(p)` is the force passed with a probability of p, `exceedance(force)` leaves out
+/// what is never detected.
+template <class Law, class Quantile, class Exceedance>
+void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const Law& law, const Moments& m,
+               Quantile upper_quantile, Exceedance exceedance, const BatchResult& out) {
+    const bool endless = law.undetected > 1e-12 && end == PathEnd::horizon;
+    const int dof = problem.chain->dof;
+    out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : m.mean;
+    out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : m.sd;
+    for (int i = 0; i < problem.probabilities; ++i)
+        out.quantile[pose * problem.probabilities + i] = upper_quantile(1 - problem.probability[i]);
+    for (int i = 0; i < problem.limits; ++i)
+        out.exceedance[pose * problem.limits + i] = exceedance(problem.limit[i]) + law.undetected;
+    const double detected = 1 - law.undetected - law.no_contact;
+    for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = law.trigger[j] / detected;
+    out.false_alarm[pose] = law.false_alarm;
+    out.undetected[pose] = law.undetected;
+    out.no_contact[pose] = law.no_contact;
+}
+
+template <class L>
+void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick, const int* pose_of_lane, int count,
+                 const BatchResult& out) {
     constexpr int lanes = Scalar<L>::lanes;
     const int dof = problem.chain->dof;
     L q[max_joints];
@@ -115,54 +161,48 @@ void batch_group(const BatchProblem& problem, const int* pose_of_lane, int count
         const double size = problem.offset_size * (problem.offset_kind == OffsetKind::fixed ? 1.0 : speed);
         set_lane(largest, lane, OffsetLaw{problem.offset_kind, size}.largest());
     }
-    StoppingCurve curve[lanes];
+    StoppingCurve* curve = worker.curve;
     LinePath path[lanes];
     CertainDetection<L> finished(*problem.detector, *problem.timing, problem.motion->step, problem.stiffness, largest);
     LineTracer<L, CertainDetection<L>> tracer(*problem.chain, *problem.motion, *problem.contact, *problem.timing,
                                               finished);
     tracer.trace(q, velocity, path, count);
-    for (int lane = 0; lane < count; ++lane) curve[lane].path = std::move(path[lane]);
-    std::vector<double> probability[lanes];
-    for (int lane = 0; lane < count; ++lane)
-        probability[lane] = most_alarm<L>(*problem.detector, *problem.timing, curve[lane].path, problem.stiffness);
+    OffsetLaw offset[lanes];
+    bool collided[lanes];
+    for (int lane = 0; lane < count; ++lane) {
+        curve[lane].path = std::move(path[lane]);
+        const LinePath& traced = curve[lane].path;
+        offset[lane] = {problem.offset_kind, problem.offset_kind == OffsetKind::fixed
+                                                 ? problem.offset_size
+                                                 : problem.offset_size * traced.approach_speed};
+        collided[lane] = quick && traced.ticks > 0 && worker.law[lane].collide(traced, offset[lane]);
+        worker.probability[lane] = most_alarm<L>(*problem.detector, *problem.timing, traced, problem.stiffness);
+    }
     complete_curves<L>(
         *problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction, curve, count,
         [&](int c) { return problem.q + std::size_t(pose_of_lane[c]) * dof; },
-        [&](int c) { return FarthestTolerance{probability[c].data()}; });
+        [&](int c) { return FarthestTolerance{worker.probability[c].data()}; });
     for (int lane = 0; lane < count; ++lane) {
         const std::size_t pose = std::size_t(pose_of_lane[lane]);
         const LinePath& done = curve[lane].path;
         out.end[pose] = done.singular_start ? batch_singular_start : std::uint8_t(done.end);
-        const double nan = std::numeric_limits<double>::quiet_NaN();
         if (done.singular_start) {
-            for (double* value : {out.mean, out.sd, out.false_alarm, out.undetected, out.no_contact}) value[pose] = nan;
-            for (int i = 0; i < problem.probabilities; ++i) out.quantile[pose * problem.probabilities + i] = nan;
-            for (int i = 0; i < problem.limits; ++i) out.exceedance[pose * problem.limits + i] = nan;
-            for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = nan;
-            continue;
+            write_nothing(problem, pose, out);
+        } else if (collided[lane]) {
+            BatchLaw<L>& law = worker.law[lane];
+            law.stop(curve[lane].farthest);
+            write_law(
+                problem, pose, done.end, law, law.peak_force(), [&](double p) { return law.upper_quantile(p); },
+                [&](double force) { return law.tail(force).probability; }, out);
+        } else {
+            const LawSettings settings{problem.stiffness, offset[lane], 1, false};
+            const ExactLaw law =
+                ExactLawBuilder<L>(curve[lane], *problem.timing, *problem.motion, *problem.detector, settings).build();
+            write_law(
+                problem, pose, done.end, law, peak_force_moments<L>(law),
+                [&](double p) { return upper_quantile<L>(law.pieces, law.peak_force, p, law.undetected); },
+                [&](double force) { return tail<L>(law.pieces, law.peak_force, force).probability; }, out);
         }
-        const double size =
-            problem.offset_kind == OffsetKind::fixed ? problem.offset_size : problem.offset_size * done.approach_speed;
-        const LawSettings settings{problem.stiffness, {problem.offset_kind, size}, 1, false};
-        const ExactLaw law =
-            ExactLawBuilder<L>(curve[lane], *problem.timing, *problem.motion, *problem.detector, settings).build();
-        const bool endless = law.undetected > 1e-12 && done.end == PathEnd::horizon;
-        const double never = law.undetected;
-        const Moments m = peak_force_moments<L>(law);
-        out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : m.mean;
-        out.sd[pose] = endless ? nan : m.sd;
-        for (int i = 0; i < problem.probabilities; ++i) {
-            out.quantile[pose * problem.probabilities + i] =
-                upper_quantile<L>(law.pieces, law.peak_force, 1 - problem.probability[i], never);
-        }
-        for (int i = 0; i < problem.limits; ++i)
-            out.exceedance[pose * problem.limits + i] =
-                tail<L>(law.pieces, law.peak_force, problem.limit[i]).probability + never;
-        const double detected = 1 - law.undetected - law.no_contact;
-        for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = law.trigger[j] / detected;
-        out.false_alarm[pose] = law.false_alarm;
-        out.undetected[pose] = law.undetected;
-        out.no_contact[pose] = law.no_contact;
     }
 }
 
@@ -174,10 +214,14 @@ template <class L>
 void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult& out) {
     constexpr int lanes = Scalar<L>::lanes;
     const std::vector<int> order = detail::order_of_work<L>(problem);
+    const AlarmTable alarms(*problem.detector);
+    const bool quick = BatchLaw<L>::suits(*problem.detector, alarms, problem.offset_kind);
     std::atomic<int> next{0};
     auto work = [&] {
+        detail::BatchWorker<L> worker(problem, alarms);
         for (int first = lanes * next++; first < problem.poses; first = lanes * next++)
-            detail::batch_group<L>(problem, &order[std::size_t(first)], std::min(lanes, problem.poses - first), out);
+            detail::batch_group<L>(problem, worker, quick, &order[std::size_t(first)],
+                                   std::min(lanes, problem.poses - first), out);
     };
     std::vector<std::thread> crew;
     for (int i = 1; i < threads; ++i) crew.emplace_back(work);

@@ -478,6 +478,10 @@ class ExactLawBuilder {
             }
         }
         int before = 0;
+        // By tick: the farthest any stopping path gets that begins there or earlier.
+        std::vector<double> farthest_yet = curve_.farthest;
+        for (std::size_t k = 1; k < farthest_yet.size(); ++k)
+            farthest_yet[k] = std::max(farthest_yet[k], farthest_yet[k - 1]);
         contact_from_.assign(std::size_t(path.ticks) + 1, 0.0);
         for (int p = 0; p < real; ++p) {
             const Panel& panel = panels[p];
@@ -496,7 +500,7 @@ class ExactLawBuilder {
                 for (int g = 0; g < order_; ++g) weight[std::size_t(g) * n + p] = 0;
             }
             int reach = 0;  // ticks before contact whose stopping path still arrives
-            for (int k = std::min(panel.tick, path.ticks) - 1; k >= 0 && curve_.farthest[k] > panel.low; --k)
+            for (int k = std::min(panel.tick, path.ticks) - 1; k >= 0 && farthest_yet[std::size_t(k)] > panel.low; --k)
                 reach = panel.tick - k;
             before = std::max(before, reach);
         }
