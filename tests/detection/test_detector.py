@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 import bumpstop as bs
 from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record
-from bumpstop.detection.events import FAULTS, STATES
+from bumpstop.detection.events import FAULTS
 from bumpstop.joint import JointTorqueModel
-from bumpstop.kernels import core
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording
 
@@ -129,17 +128,7 @@ def test_residual_record_goes_into_a_scenario(tmp_path: Path) -> None:
         residual_record(Recording(t=t, q=q, tau=tau), UR5E, None, feedback_period_s=0.003)
 
 
-# --- The two sides of the seam ----------------------------------------------------------------------------------------
-
-
-def test_names_of_states_and_faults_are_those_of_cpp() -> None:
-    for names, kind, count in (
-        (STATES, core.DetectorState, core.detector_states),
-        (FAULTS, core.SampleFault, core.sample_faults),
-    ):
-        assert len(names) == count
-        assert tuple(member.name for member in sorted(kind, key=lambda member: member.value)) == names
-        assert [member.value for member in sorted(kind, key=lambda member: member.value)] == list(range(count))
+# --- Noise ------------------------------------------------------------------------------------------------------------
 
 
 def test_rows_of_noise_have_the_stated_spread() -> None:

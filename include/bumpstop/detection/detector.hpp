@@ -78,7 +78,11 @@ class Detector {
           observer_(settings.observer_gain, chain.dof),
           decision_(settings.decision, chain.dof),
           watch_(settings.payload_watch, chain.dof) {
-        for (int j = 0; j < chain.dof; ++j) links_[j] = links[j];
+        for (int j = 0; j < chain.dof; ++j) {
+            links_[j] = links[j];
+            ours_[j] = 1;
+            known_[j] = settings.unknown >> j & 1 ? 0 : 1;
+        }
         for (int j = 0; j < int(joints.size()); ++j) reflected_[j] = joints[j].inertia;
         set_payload(settings.payload);
     }
@@ -100,14 +104,9 @@ class Detector {
         const double* qd = settings_.samples.measured_rates ? out_.qd.data() : derivative_.rate();
         const double* qdd = settings_.samples.measured_rates ? derivative_.rate() : derivative_.acceleration();
         JointAngles<double>& angle = angle_;
-        angle.set(chain_, sample.q.data());
+        angle.set_padded(chain_, guard_.position());
         if (!residual_of(sample, angle, qd, qdd)) return blind(SampleFault::filling, sample.t);
-        double sum = 0;
-        if (settings_.unknown != 0)
-            for (int j = 0; j < chain_.dof; ++j)
-                if (settings_.unknown >> j & 1) out_.residual[j] = 0;
-        for (int j = 0; j < chain_.dof; ++j) sum += std::fabs(out_.residual[j]) + std::fabs(qdd[j]);
-        if (!(sum <= std::numeric_limits<double>::max())) {
+        if (!finite(qdd)) {
             forget();
             return blind(SampleFault::not_finite, sample.t);
         }
@@ -157,6 +156,23 @@ class Detector {
     int joints() const noexcept { return chain_.dof; }
 
   private:
+    using L = Lanes<native_lanes>;
+
+    /// Of the array, what belongs to joints that `mask` has a 1 for; zero else.
+    static L only(const std::array<double, max_joints>& mask, const double* value, int first) noexcept {
+        return select(load<L>(&mask[first]) > L(0.5), load<L>(value + first), L(0.0));
+    }
+    /// The residual, but zero where it is not known; false where that or an acceleration is not finite.
+    bool finite(const double* qdd) noexcept {
+        MaskOf<L> good = L(0.0) <= L(0.0);
+        for (int first = 0; first < chain_.dof; first += native_lanes) {
+            const L residual = only(known_, out_.residual.data(), first);
+            store(residual, &out_.residual[first]);
+            const L size = absolute(residual) + absolute(only(ours_, qdd, first));
+            good = good & (size <= L(std::numeric_limits<double>::max()));
+        }
+        return all(good);
+    }
     void forget() noexcept {
         derivative_.reset();
         observer_.reset();
@@ -168,18 +184,20 @@ class Detector {
                      const double* qdd) noexcept {
         const bool observes = settings_.residual == ResidualKind::observer;
         const int n = chain_.dof;
-        constexpr double nothing[max_joints] = {};
-        double tau[max_joints];
+        static constexpr double nothing[max_joints] = {};
+        alignas(64) double tau[max_joints];
         errors_ = settings_.decision.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
         if (settings_.source == TorqueSource::current) {
             bank_.torque(sample.signal.data(), qd, observes ? nothing : qdd, tau, errors_ ? sd_.data() : nullptr);
         } else {
-            for (int j = 0; j < n; ++j) tau[j] = sample.signal[j];
+            for (int first = 0; first < n; first += native_lanes) store(load<L>(&sample.signal[first]), tau + first);
         }
         if (!observes) {
-            double predicted[max_joints];
+            alignas(64) double predicted[max_joints];
+            store(L(0.0), predicted + (n - 1) / native_lanes * native_lanes);
             inverse_dynamics(chain_, inertias_, sample.q.data(), angle, qd, qdd, settings_.gravity, predicted);
-            for (int j = 0; j < n; ++j) out_.residual[j] = tau[j] - predicted[j];
+            for (int first = 0; first < n; first += native_lanes)
+                store(load<L>(tau + first) - load<L>(predicted + first), &out_.residual[first]);
             return true;
         }
         MomentumTerms<double> terms;
@@ -204,11 +222,11 @@ class Detector {
         out_.unseen = decision_.unseen();
         seen_ = sample.t;
         blind_ticks_ = 0;
-        for (int j = 0; j < chain_.dof; ++j) {
-            out_.threshold[j] = decision_.threshold()[j];
-            out_.fast[j] = decision_.fast()[j];
-            out_.qd[j] = qd[j];
-            out_.qdd[j] = qdd[j];
+        for (int first = 0; first < chain_.dof; first += native_lanes) {
+            store(only(ours_, decision_.threshold(), first), &out_.threshold[first]);
+            store(only(ours_, decision_.fast(), first), &out_.fast[first]);
+            store(only(ours_, qd, first), &out_.qd[first]);
+            store(only(ours_, qdd, first), &out_.qdd[first]);
         }
         if (watch_.due(sample.t)) weigh(sample, angle);
         out_.payload_changed = watch_.recognised();
@@ -261,6 +279,8 @@ class Detector {
     Chain chain_;
     DetectorSettings settings_;
     std::array<LinkInertia, max_joints> links_{};
+    // 1 for a joint of the chain, and for one whose torque is known; 0 else: arrays may hold anything beyond the last joint.
+    std::array<double, max_joints> ours_{}, known_{};
     std::array<double, max_joints> reflected_{};  // inertia of the joint model, which the observer's momentum lacks
     Inertias inertias_;
     JointTorqueBank bank_;

@@ -90,11 +90,13 @@ class SampleGuard {
                 reachable = reachable & (rate <= speed);
             }
         }
-        if (!all(finite)) return SampleFault::not_finite;
-        if (!all(inside)) return SampleFault::outside_limits;
-        if (!all(possible)) return SampleFault::impossible_signal;
         const bool fresh = !known_ || !(interval_ <= limits_.longest_interval);
-        if (!fresh && !all(reachable)) return SampleFault::impossible_jump;
+        if (!all(finite & inside & possible & reachable)) {
+            if (!all(finite)) return SampleFault::not_finite;
+            if (!all(inside)) return SampleFault::outside_limits;
+            if (!all(possible)) return SampleFault::impossible_signal;
+            if (!fresh) return SampleFault::impossible_jump;
+        }
         late_ = known_ && interval_ > limits_.late_interval;
         known_ = true;
         before_ = sample.t;
@@ -104,6 +106,8 @@ class SampleGuard {
         }
         return fresh ? SampleFault::gap : SampleFault::none;
     }
+    /// Positions of the last sample that was believed, max_joints numbers; zero beyond the last joint.
+    const double* position() const noexcept { return position_.data(); }
     /// Of the last sample that was believed [s]; -infinity: none yet.
     double last_time() const noexcept { return known_ ? before_ : -std::numeric_limits<double>::infinity(); }
     /// From the last sample believed to the one checked [s]; 0 without one.

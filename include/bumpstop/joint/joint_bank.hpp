@@ -77,7 +77,8 @@ class JointTorqueBank {
     /// Torques [Nm or N] as joint_torque gives them, and, where `sd` is given, their standard errors from those of the
     /// parameters, taken as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints numbers;
     /// those beyond the last joint mean nothing.
-    void torque(const double* current, const double* qd, const double* qdd, double* tau, double* sd) noexcept {
+    [[gnu::flatten]] void torque(const double* current, const double* qd, const double* qdd, double* tau,
+                                 double* sd) noexcept {
         // Group after group the functions would wait for themselves; side by side they overlap.
         const int groups = (joints_ + native_lanes - 1) / native_lanes;
         L log_speed[max_groups], shape[max_groups], bell[max_groups];

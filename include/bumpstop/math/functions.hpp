@@ -115,18 +115,10 @@ T logarithm(T x) {
     const IntOf<T> offset = bits_of(x) - IntOf<T>(root_half);
     const IntOf<T> exponent_bits = offset & IntOf<T>(exponent_mask);
     const T m = real_of(bits_of(x) - exponent_bits);
-    // exponent_bits = e 2^52 as an integer; dividing the exactly converted double avoids a 64-bit integer
-    // conversion.
-    T e;
-    for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
-        std::int64_t raw;
-        if constexpr (Scalar<T>::lanes == 1) {
-            raw = exponent_bits;
-        } else {
-            raw = exponent_bits.v[lane];
-        }
-        set_lane(e, lane, double(raw >> 52));
-    }
+    // exponent_bits = e 2^52 as an integer. e + 1024, which is not negative, in the low bits of 2^52 reads 2^52 + e + 1024:
+    // no register converts 64-bit integers before AVX-512.
+    const IntOf<T> raised = shifted_right(offset + IntOf<T>(std::int64_t(1024) << 52), 52);
+    const T e = real_of(raised | IntOf<T>(bits_of(0x1p52))) - (0x1p52 + 1024.0);
     const T f = m - 1.0;
     const T s = f / (2.0 + f);
     const T z = s * s;

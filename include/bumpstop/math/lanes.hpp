@@ -36,16 +36,19 @@ template <>
 struct Register<2> {
     typedef double Real __attribute__((vector_size(16)));
     typedef std::int64_t Int __attribute__((vector_size(16)));
+    typedef std::uint64_t Unsigned __attribute__((vector_size(16)));
 };
 template <>
 struct Register<4> {
     typedef double Real __attribute__((vector_size(32)));
     typedef std::int64_t Int __attribute__((vector_size(32)));
+    typedef std::uint64_t Unsigned __attribute__((vector_size(32)));
 };
 template <>
 struct Register<8> {
     typedef double Real __attribute__((vector_size(64)));
     typedef std::int64_t Int __attribute__((vector_size(64)));
+    typedef std::uint64_t Unsigned __attribute__((vector_size(64)));
 };
 
 /// Lanes of one vector register of the instruction set being compiled for.
@@ -125,6 +128,7 @@ struct Lanes {
     friend Mask<N> operator>(Lanes a, Lanes b) { return {a.v > b.v}; }
     friend Mask<N> operator<=(Lanes a, Lanes b) { return {a.v <= b.v}; }
     friend Mask<N> operator>=(Lanes a, Lanes b) { return {a.v >= b.v}; }
+    friend Mask<N> operator==(Lanes a, Lanes b) { return {a.v == b.v}; }
 };
 
 /// What differs between a double and a lane: the mask, the integer of the same size, and how many there are.
@@ -158,9 +162,21 @@ Lanes<N> real_of(IntLanes<N> x) {
     return Lanes<N>::of(std::bit_cast<typename Register<N>::Real>(x.v));
 }
 
+/// x >> n, zeros shifted in.
+inline std::int64_t shifted_right(std::int64_t x, int n) { return std::int64_t(std::uint64_t(x) >> n); }
+template <int N>
+IntLanes<N> shifted_right(IntLanes<N> x, int n) {
+    using Unsigned = typename Register<N>::Unsigned;
+    return IntLanes<N>::of(std::bit_cast<typename Register<N>::Int>(std::bit_cast<Unsigned>(x.v) >> n));
+}
+
 inline double select(bool m, double a, double b) { return m ? a : b; }
 template <int N>
 Lanes<N> select(Mask<N> m, Lanes<N> a, Lanes<N> b) {
+#if defined(__AVX__)
+    // All bits of a lane are alike; gcc compares them with zero once more.
+    if constexpr (N == 4) return Lanes<N>::of(_mm256_blendv_pd(b.v, a.v, (__m256d)m.bits));
+#endif
     return Lanes<N>::of(m.bits ? a.v : b.v);
 }
 
@@ -190,10 +206,18 @@ inline double minimum(double a, double b) { return a < b ? a : b; }
 inline double maximum(double a, double b) { return a > b ? a : b; }
 template <int N>
 Lanes<N> minimum(Lanes<N> a, Lanes<N> b) {
+#if defined(__AVX__)
+    // The second of the two where one is NaN, as below.
+    if constexpr (N == 4) return Lanes<N>::of(_mm256_min_pd(a.v, b.v));
+#endif
     return Lanes<N>::of(a.v < b.v ? a.v : b.v);
 }
 template <int N>
 Lanes<N> maximum(Lanes<N> a, Lanes<N> b) {
+#if defined(__AVX__)
+    // The second of the two where one is NaN, as below.
+    if constexpr (N == 4) return Lanes<N>::of(_mm256_max_pd(a.v, b.v));
+#endif
     return Lanes<N>::of(a.v > b.v ? a.v : b.v);
 }
 

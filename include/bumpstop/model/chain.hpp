@@ -65,6 +65,8 @@ struct Chain {
     int dof = 0;
     std::array<double, 2> base_turn{1, 0};  ///< cosine and sine of the turn about z that begins the chain
     std::array<Joint, max_joints> joint{};
+    /// `turns` and `offset` of the joints once more, side by side; zero beyond the last.
+    std::array<double, max_joints> turns{}, offsets{};
 
     Chain() = default;
     explicit Chain(std::span<const JointSpec> specs) : dof(int(specs.size())) {
@@ -95,6 +97,10 @@ struct Chain {
             j.displacement = turn_back * (frame_to_link * spec.origin);
             frame_to_link = transposed(align);
             j.to_link = frame_to_link;
+        }
+        for (int i = 0; i < dof; ++i) {
+            turns[i] = joint[i].turns;
+            offsets[i] = joint[i].offset;
         }
     }
 };

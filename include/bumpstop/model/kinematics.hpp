@@ -46,6 +46,16 @@ struct JointAngles {
         sin[j] = sc.sin;
         cos[j] = sc.cos;
     }
+    /// The same from an array of max_joints numbers, those beyond the last joint finite.
+    void set_padded(const Chain& chain, const double* q) {
+        using L = Lanes<native_lanes>;
+        for (int first = 0; first < chain.dof; first += native_lanes) {
+            const L x = load<L>(q + first) * load<L>(&chain.turns[first]) + load<L>(&chain.offsets[first]);
+            const SinCos<L> sc = sincos(x);
+            store(sc.sin, &sin[first]);
+            store(sc.cos, &cos[first]);
+        }
+    }
     /// Of every joint. A plain double goes through lanes of joints.
     void set(const Chain& chain, const T* q) {
         constexpr int width = Scalar<T>::lanes == 1 ? native_lanes : 1;

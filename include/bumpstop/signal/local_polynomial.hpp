@@ -16,9 +16,14 @@ inline constexpr int max_fit_degree = 5;
 /// Sum of the lanes.
 template <class T>
 double sum_of(T x) noexcept {
-    double sum = 0;
-    for (int lane = 0; lane < Scalar<T>::lanes; ++lane) sum += lane_of(x, lane);
-    return sum;
+    constexpr int lanes = Scalar<T>::lanes;
+    double sum[lanes];
+    BUMPSTOP_UNROLL
+    for (int lane = 0; lane < lanes; ++lane) sum[lane] = lane_of(x, lane);
+    BUMPSTOP_UNROLL
+    for (int half = lanes / 2; half > 0; half /= 2)
+        for (int lane = 0; lane < half; ++lane) sum[lane] += sum[lane + half];
+    return sum[0];
 }
 
 /// Arrays a fit works in, `n` numbers each: a whole number of registers of T.

@@ -1,0 +1,80 @@
+"""The two sides of the seam: every enum and struct of the detector's headers has its twin in Python."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from bumpstop.detection.events import FAULTS, STATES
+from bumpstop.detection.settings import ResidualKind
+from bumpstop.kernels import core
+
+HEADERS = Path(__file__).resolve().parents[2] / "include/bumpstop"
+TEXT = re.sub(
+    r"//.*",
+    "",
+    "\n".join(
+        path.read_text(encoding="utf-8")
+        for path in (*sorted((HEADERS / "detection").glob("*.hpp")), *sorted((HEADERS / "joint").glob("*.hpp")))
+    ),
+)
+# Structs that Python fills or reads, and what of them it has another way to.
+STRUCTS = {
+    "JointTorqueErrors": set(),
+    "SampleLimits": set(),
+    "ThresholdLaw": set(),
+    "DecisionSettings": set(),
+    "Payload": set(),
+    "PayloadWatchSettings": set(),
+    # A function of the binding sets where the force of an event is given.
+    "DetectorSettings": {"contact"},
+    "ContactEstimate": set(),
+    "DetectorEvent": set(),
+    "DetectorOutput": set(),
+}
+
+
+def body(kind: str, name: str) -> str:
+    found = re.search(rf"{kind} {name} {{(.*?)^}};", TEXT, re.DOTALL | re.MULTILINE)
+    assert found is not None, f"{kind} {name} is in no header"
+    return found[1]
+
+
+@pytest.mark.parametrize("name", sorted(re.findall(r"enum class (\w+)", TEXT)))
+def test_enums_have_the_names_and_values_of_cpp(name: str) -> None:
+    names = [part.strip() for part in body("enum class", name).split(",") if part.strip()]
+    kind = getattr(core, name)
+    assert {member.name: member.value for member in kind} == {one: value for value, one in enumerate(names)}
+
+
+def test_names_in_python_are_those_of_the_enums() -> None:
+    for names, kind in (
+        (STATES, core.DetectorState),
+        (FAULTS, core.SampleFault),
+        (get_args(ResidualKind), core.ResidualKind),
+        (("current", "torque"), core.TorqueSource),
+    ):
+        assert tuple(member.name for member in sorted(kind, key=lambda member: member.value)) == names
+    assert core.detector_states == len(STATES)
+    assert core.sample_faults == len(FAULTS)
+
+
+@pytest.mark.parametrize("name", STRUCTS)
+def test_structs_have_the_fields_of_cpp(name: str) -> None:
+    text = re.sub(r"\([^()]*\)|<[^;]*?>|{[^{}]*}", "", body("struct", name))
+    fields: set[str] = set()
+    for statement in text.split(";"):
+        found = re.match(
+            r"\s*(?!static|friend|using)(?:[\w:]+)\s+(\w+(?:\s*=\s*[^,]+)?(?:\s*,\s*\w+(?:\s*=\s*[^,]+)?)*)\s*$",
+            statement,
+        )
+        if found:
+            fields |= {part.split("=")[0].strip() for part in found[1].split(",")}
+    assert len(fields) >= 2
+    kind = getattr(core, name)
+    bound = {key for key in vars(kind) if not key.startswith("_")}
+    assert fields - bound == STRUCTS[name]
+    assert bound <= fields | {key for key in bound if callable(getattr(kind, key))}
