@@ -151,8 +151,8 @@ def tune(
     notes = _notes(tuning, thresholds, stretches, parts)
     if asked is None and supported > _DEFAULT_PER_HOUR:
         notes.append(
-            f"No rate was given: {tail.hours:.3g} h carry one alarm in {_DEFAULT_REACH:g} times that, {supported:.3g} an "
-            "hour. For fewer, record for longer or give the rate."
+            f"No rate was given: {tail.hours:.3g} h carry one alarm in {_DEFAULT_REACH:g} times that, {supported:.3g}"
+            " an hour. For fewer, record for longer or give the rate."
         )
     return Tuning(shares, tail, float(per_hour), confidence, tuple(notes))
 
