@@ -9,7 +9,7 @@ import numpy as np
 
 import bumpstop as bs
 from bumpstop.identification import DynamicsFit, identify_dynamics
-from bumpstop.identification.dynamics_fit import column_names
+from bumpstop.identification.torque_columns import column_names
 from bumpstop.recording import Recording
 from identification.recorded import FILES, SHARED, TX40_COLUMNS
 from validation.facts import MissingFacts
@@ -49,7 +49,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def beside(fit: DynamicsFit) -> list[tuple[str, float, float, float, float, float]]:
     """Of every published combination that is one of ours: name, ours and sd, theirs and sd, difference in sds."""
     assert fit.covariance is not None
-    names = column_names(fit.robot, fit.couplings)
+    names = column_names(fit.robot, fit.couplings, bent=fit.top_speed is not None)
     base = np.zeros((len(fit.columns), len(names)))
     for row, name in enumerate(fit.names):
         base[row] = _combination(name, names)

@@ -7,7 +7,7 @@ from bumpstop.identification.dynamics_fit import DynamicsFit, JointScore, identi
 from bumpstop.identification.fit_file import load_fit, save_fit
 from bumpstop.identification.joint_fit import Candidate, JointFit
 from bumpstop.identification.joint_model_fit import JointModelFit, identify_joint_model
-from bumpstop.identification.payload import with_payload
+from bumpstop.identification.payload import Payload, with_payload
 from bumpstop.identification.payload_fit import PayloadFit, identify_payload
 from bumpstop.identification.regressor import inertial_names, inertial_regressor
 
@@ -20,6 +20,7 @@ __all__ = [
     "JointModelFit",
     "JointMotion",
     "JointScore",
+    "Payload",
     "PayloadFit",
     "compare_currents",
     "consistent_inertias",

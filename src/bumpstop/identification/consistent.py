@@ -16,9 +16,9 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics_fit import FIT_PER_CUTOFF, recorded_motion, torque_columns
-from bumpstop.identification.motion import lowpass
+from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.payload_fit import parameters_of, pseudo_inertia
+from bumpstop.identification.torque_columns import torque_columns
 from bumpstop.model import LinkInertia, Robot
 from bumpstop.model.inertia import matrix3, vector3
 
@@ -69,9 +69,9 @@ def consistent_inertias(recording: Recording, fit: DynamicsFit) -> ConsistentFit
     from scipy.optimize import least_squares
 
     n = fit.robot.dof
-    motion, torque = recorded_motion(recording, fit.cutoff_hz)
-    columns = torque_columns(fit.robot, motion, fit.sign_speed, fit.couplings)
-    columns, wanted = (lowpass(x, motion.rate_hz, FIT_PER_CUTOFF * fit.cutoff_hz) for x in (columns, torque))
+    rows, cutoff = fit.rows(recording), FIT_PER_CUTOFF * fit.cutoff_hz
+    columns = torque_columns(fit.robot, rows.motion, fit.sign_speed, fit.couplings, fit.top_speed)
+    columns, wanted = rows.filtered(columns, cutoff), rows.torque_below(cutoff)
     free = wanted - columns[:, :, list(fit.columns)] @ fit.values
     weight = 1 / np.maximum(free.std(axis=0), 1e-12)
     flat = (columns * weight[None, :, None]).reshape(-1, columns.shape[2])

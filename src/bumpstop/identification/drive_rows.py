@@ -152,7 +152,7 @@ def drive_rows(
     for recording, robot in zip(recordings, robots, strict=True):
         _check(recording, robot)
         bare = without_rotors(robot)
-        for rows in _stretches(recording.t):
+        for rows in stretches_of(recording.t):
             span = float(recording.t[rows.stop - 1] - recording.t[rows.start])
             if rows.stop - rows.start < _LEAST_ROWS or span < _LEAST_TRIMS * trim:
                 left += rows.stop - rows.start
@@ -182,7 +182,8 @@ def _check(recording: Recording, robot: Robot) -> None:
         raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
 
 
-def _stretches(t: FloatArray) -> list[slice]:
+def stretches_of(t: FloatArray) -> list[slice]:
+    """Rows between gaps: intervals of more than 0.1 s and ten median ones."""
     steps = np.diff(t)
     ends = np.flatnonzero(steps > max(_GAP_S, _GAP_STEPS * float(np.median(steps)))) + 1
     edges = [0, *ends.tolist(), t.size]

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics_fit import DynamicsFit, column_names
+from bumpstop.identification.dynamics_fit import DynamicsFit
+from bumpstop.identification.torque_columns import column_names
 from bumpstop.model import Robot
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
-_KEYS |= {"rows_used", "sign_speed", "couplings", "parameter"}
+_KEYS |= {"rows_used", "sign_speed", "top_speed", "couplings", "parameter"}
 
 
 def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], created_from: list[str]) -> None:
@@ -31,9 +32,10 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         f"cutoff_hz = {fit.cutoff_hz!r}  # of the zero-phase filter of the motion",
         f"rows_used = {fit.rows_used}",
         f"sign_speed = {[float(value) for value in fit.sign_speed]}  # rad/s or m/s, over which Coulomb friction turns",
+        *([] if fit.top_speed is None else [f"top_speed = {fit.top_speed.tolist()}  # up to which friction bends"]),
         f"couplings = {[[[j + 1, share] for j, share in group] for group in fit.couplings]}",
     ]
-    names = column_names(fit.robot, fit.couplings)
+    names = column_names(fit.robot, fit.couplings, bent=fit.top_speed is not None)
     for place, (column, name) in enumerate(zip(fit.columns, fit.names, strict=True)):
         lines += [
             "",
@@ -71,7 +73,10 @@ def load_fit(path: str | Path) -> DynamicsFit:
     robot = chain_of(data, Path(path).parent)
     try:
         couplings = tuple(tuple((int(j) - 1, float(share)) for j, share in group) for group in data["couplings"])
-        names = column_names(robot, couplings)
+        top_speed = _finite(data["top_speed"]) if "top_speed" in data else None
+        if top_speed is not None and not (top_speed.size == robot.dof + len(couplings) and (top_speed > 0).all()):
+            raise ValueError("top_speed is not one above 0 for each joint and each shared motor")
+        names = column_names(robot, couplings, bent=top_speed is not None)
         parameters = data["parameter"]
         predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]
         if predicting and len(predicting) < len(parameters):
@@ -88,6 +93,7 @@ def load_fit(path: str | Path) -> DynamicsFit:
             held_out={},
             unseen=(),
             rows_used=int(data["rows_used"]),
+            top_speed=top_speed,
             predicting=_finite(predicting) if predicting else None,
         )
     except KeyError as error:

@@ -64,6 +64,7 @@ def even_motion(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: 
     measured = None if qd is None else lowpass(onto(grid, t, qd), rate, cutoff_hz)
     velocity = np.gradient(position, 1 / rate, axis=0) if measured is None else measured
     acceleration = np.gradient(velocity, 1 / rate, axis=0)
-    stride = max(1, int(rate / (_RATE_PER_CUTOFF * cutoff_hz)))
+    # A rate that is a whole multiple but for rounding of its times counts as one.
+    stride = max(1, int(rate / (_RATE_PER_CUTOFF * cutoff_hz) * (1 + 1e-6)))
     kept = [np.ascontiguousarray(x[::stride]) for x in (grid, position, velocity, acceleration)]
     return EvenMotion(kept[0], kept[1], kept[2], kept[3], rate / stride)

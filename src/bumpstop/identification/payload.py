@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,24 @@ from bumpstop.model.inertia import LinkInertia, Vector3, merged, vector3
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A point mass at the tip.
+
+    Attributes:
+        mass: [kg].
+        center: of mass in the frame of the tip [m].
+    """
+
+    mass: float
+    center: Vector3 = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if as_number(self.mass, "payload.mass") < 0:
+            raise InputError("payload.mass", f"is {self.mass} kg", "wanted zero or more")
+        object.__setattr__(self, "center", vector3(as_float_array(self.center, "payload.center", (3,))))
 
 
 def with_payload(robot: Robot, mass: float, center: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Robot:

@@ -12,14 +12,15 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_rows import without_rotors
-from bumpstop.identification.dynamics_fit import GRAVITY
 from bumpstop.identification.motion import EvenMotion, even_motion, lowpass, onto
 from bumpstop.identification.regressor import INERTIAL, link_regressor
 from bumpstop.identification.robust_fit import long_run_covariance, visible_share
+from bumpstop.identification.torque_columns import GRAVITY
 from bumpstop.model.inertia import vector3
 from bumpstop.signal import correlation_time
 
 if TYPE_CHECKING:
+    from bumpstop.identification.payload import Payload
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -185,6 +186,15 @@ def _friction(qd: FloatArray) -> FloatArray:
         width = max(0.03 * float(np.sqrt((qd[:, j] ** 2).mean())), 1e-6)
         columns[:, j, 3 * j : 3 * j + 3] = np.stack([np.tanh(qd[:, j] / width), qd[:, j], np.ones(rows)], axis=1)
     return columns
+
+
+def payload_torque(robot: Robot, payload: Payload, motion: EvenMotion) -> FloatArray:
+    """Torque (N, n) that a payload at the tip adds to a motion [Nm or N]."""
+    center = np.asarray(payload.center)
+    first = payload.mass * np.array([1.0, *center])
+    parameters = _tip_to_link(robot) @ np.concatenate([first, _point_moments(first)])
+    torque: FloatArray = link_regressor(robot, motion.q, motion.qd, motion.qdd, GRAVITY, robot.dof - 1) @ parameters
+    return torque
 
 
 def _tip_to_link(robot: Robot) -> FloatArray:

@@ -14,8 +14,9 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics_fit import JointScore, recorded_motion, share_predicted
+from bumpstop.identification.dynamics_fit import JointScore, share_predicted
 from bumpstop.identification.motion import lowpass
+from bumpstop.identification.torque_rows import recorded_motion
 
 if TYPE_CHECKING:
     from bumpstop.identification.current_scores import CurrentComparison
@@ -137,6 +138,7 @@ def compare_dynamics(fit: DynamicsFit, recording: Recording, *, filter_hz: float
         predicted=fit.predict(motion),
         rate_hz=motion.rate_hz,
         filter_hz=filter_hz or fit.cutoff_hz,
+        given=fit.score(recording, filter_hz=filter_hz),
     )
 
 

@@ -1,0 +1,281 @@
+"""The linear system of a recording's torques: its solution, what it leaves out, and held-out errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.identification.essential import essential_values
+from bumpstop.identification.torque_columns import column_names, speeds_of, torque_columns
+from bumpstop.signal import correlation_time
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.identification.torque_rows import TorqueRows
+    from bumpstop.model import Robot
+
+    Groups = tuple[tuple[tuple[int, float], ...], ...]
+
+# Torque and columns of a fit are filtered at this many times the motion's cut-off: what the motion lost above its own
+# cut-off would otherwise shrink the torque's columns, but not the torque.
+FIT_PER_CUTOFF = 4.0
+# Columns that the others make up to this share of their length say nothing of their own.
+_DEPENDENT = 1e-4
+_ROUNDS = 4  # of the joints' weights
+# Held-out fifths are made of so many parts of the rows each, spread over the time: where one stretch of a short
+# recording is all that shows a parameter, the other four fifths would otherwise know nothing of it.
+_FOLDS, _PARTS = 5, 20
+# Parameters are left out of predictions where no joint's held-out error grows by more than this factor.
+_WORST_LOSS = 1.1
+_LEAST_SIGN_SPEED = 1e-4  # [rad/s or m/s]
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Torque columns of recordings, and what they should add up to.
+
+    Attributes:
+        robot, couplings, cutoff_hz: as in :class:`DynamicsFit`.
+        rows: motion and torque.
+        sign_speed, top_speed: shape of friction, as :func:`torque_columns` takes it.
+        raw: (N, n, parameters) columns.
+        columns: the same, filtered.
+        wanted: (N, n) torque without what payloads make, filtered alike.
+    """
+
+    robot: Robot
+    couplings: Groups
+    cutoff_hz: float
+    rows: TorqueRows
+    sign_speed: FloatArray
+    top_speed: FloatArray | None
+    raw: FloatArray
+    columns: FloatArray
+    wanted: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        rows: TorqueRows,
+        robot: Robot,
+        cutoff_hz: float,
+        couplings: Groups,
+        sign_shares: FloatArray | float,
+        *,
+        bent: bool = False,
+        known: System | None = None,
+    ) -> System:
+        """The system of some rows.
+
+        Args:
+            rows: of a motion filtered at ``cutoff_hz``.
+            robot: the chain.
+            cutoff_hz: of the motion.
+            couplings: joints that share a motor.
+            sign_shares: speed over which Coulomb friction turns, as a share of each root mean square speed.
+            bent: friction bends with the speed.
+            known: another system of the same rows, whose inertial columns are taken over.
+        """
+        speeds = speeds_of(rows.motion, couplings)
+        sign_speed = np.maximum(sign_shares * np.sqrt(np.mean(speeds**2, axis=0)), _LEAST_SIGN_SPEED)
+        top_speed = np.maximum(np.abs(speeds).max(axis=0), _LEAST_SIGN_SPEED) if bent else None
+        count = 10 * robot.dof
+        inertial = None if known is None else known.raw[:, :, :count]
+        raw = torque_columns(robot, rows.motion, sign_speed, couplings, top_speed, inertial=inertial)
+        cutoff = FIT_PER_CUTOFF * cutoff_hz
+        if known is None:
+            columns = rows.filtered(raw, cutoff)
+            wanted = rows.torque_below(cutoff) - rows.filtered(rows.carried, cutoff)
+        else:
+            columns = np.concatenate([known.columns[:, :, :count], rows.filtered(raw[:, :, count:], cutoff)], axis=2)
+            wanted = known.wanted
+        return cls(robot, couplings, cutoff_hz, rows, sign_speed, top_speed, raw, columns, wanted)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the columns."""
+        return column_names(self.robot, self.couplings, bent=self.top_speed is not None)
+
+    def solved(self) -> Solution:
+        """Weighted least squares on the independent columns."""
+        columns, wanted = self.columns, self.wanted
+        length = np.sqrt((columns**2).sum(axis=(0, 1)))
+        seen = np.flatnonzero(length > 1e-9 * length.max())
+        weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
+        for _ in range(_ROUNDS):
+            matrix = (columns[:, :, seen] * weight[None, :, None]).reshape(-1, seen.size)
+            target = (wanted * weight).reshape(-1)
+            chosen, groups = independent(matrix)
+            values, *_ = np.linalg.lstsq(matrix[:, chosen], target, rcond=None)
+            residual = target - matrix[:, chosen] @ values
+            weight = weight / np.maximum(residual.reshape(wanted.shape).std(axis=0), 1e-12)
+        names = self.names
+        error = wanted - columns[:, :, seen[chosen]] @ values
+        return Solution(
+            columns=[int(seen[c]) for c in chosen],
+            names=tuple(_label(names, seen, int(c), groups[i]) for i, c in enumerate(chosen)),
+            values=values,
+            covariance=_covariance(matrix[:, chosen], residual, wanted.shape[1]),
+            weight=1 / np.maximum(error.std(axis=0), 1e-12),
+            unseen=tuple(name for i, name in enumerate(names) if i not in set(seen.tolist())),
+        )
+
+    def weighted(self, solution: Solution) -> tuple[FloatArray, FloatArray]:
+        """Columns of a solution (N, n, p) and what they should add up to (N, n), joints weighed."""
+        return (
+            self.columns[:, :, solution.columns] * solution.weight[None, :, None],
+            self.wanted * solution.weight,
+        )
+
+    def fold_values(self) -> list[FloatArray]:
+        """Parameters (parameters,) by weighted least squares, of all rows but those of one fifth, fifth by fifth.
+
+        From sums of products of the columns, part by part and joint by joint: all weights and fifths share them. Of
+        columns that the motion cannot tell apart the shortest values are taken, which predict the same.
+        """
+        length = np.sqrt((self.columns**2).sum(axis=(0, 1)))
+        length[length <= 1e-9 * length.max()] = np.inf  # what is not seen has no value
+        squares, moments = [], []
+        for part in self._parts():
+            own = np.moveaxis(self.columns[part], 1, 0) / length
+            turned = own.transpose(0, 2, 1)
+            squares.append(turned @ own)
+            moments.append((turned @ self.wanted[part].T[:, :, None])[:, :, 0])
+        square, moment = np.sum(squares, axis=0), np.sum(moments, axis=0)
+        power = (self.wanted**2).sum(axis=0)
+        spread = np.maximum(self.wanted.std(axis=0), 1e-9)
+        for _ in range(_ROUNDS):
+            values = _normal(square, moment, spread)
+            left = power - 2 * moment @ values + np.einsum("i,jik,k->j", values, square, values)
+            spread = np.sqrt(np.maximum(left / self.wanted.shape[0], 1e-16 * power + 1e-24))
+        found = []
+        for fold in range(_FOLDS):
+            others = [k for k in range(_PARTS) if k % _FOLDS != fold]
+            own_square, own_moment = (np.sum([x[k] for k in others], axis=0) for x in (squares, moments))
+            found.append(_normal(own_square, own_moment, spread) / length)
+        return found
+
+    def left_out(self, columns: FloatArray) -> FloatArray:
+        """Torque (N, n) of every fifth of the rows as the other four predict it, from (N, n, parameters) columns."""
+        return self._by_fold(columns, self.fold_values())
+
+    def held_out(self) -> FloatArray:
+        """Mean square error (n,) of filtered torques on held-out fifths."""
+        error: FloatArray = ((self.wanted - self.left_out(self.columns)) ** 2).mean(axis=0)
+        return error
+
+    def _by_fold(self, columns: FloatArray, values: Sequence[FloatArray]) -> FloatArray:
+        predicted = np.empty_like(self.wanted)
+        for k, part in enumerate(self._parts()):
+            predicted[part] = columns[part] @ values[k % _FOLDS]
+        return predicted
+
+    def _parts(self) -> list[slice]:
+        edges = np.linspace(0, self.wanted.shape[0], _PARTS + 1).astype(int).tolist()
+        return [slice(a, b) for a, b in pairwise(edges)]
+
+    def _fold_rows(self, fold: int) -> np.ndarray:
+        """Rows of all fifths but one."""
+        rows = np.arange(self.wanted.shape[0])
+        return np.concatenate([rows[part] for k, part in enumerate(self._parts()) if k % _FOLDS != fold])
+
+    def essential(self, solution: Solution) -> FloatArray | None:
+        """Values without the parameters that cannot be told from zero; None where fifths are predicted worse so."""
+        matrix, target = self.weighted(solution)
+        joints, own = target.shape[1], solution.columns
+        every, without = [], []
+        for fold in range(_FOLDS):
+            rows = self._fold_rows(fold)
+            flat, wanted = matrix[rows].reshape(-1, len(own)), target[rows].ravel()
+            values = np.linalg.lstsq(flat, wanted, rcond=None)[0]
+            every.append(values)
+            without.append(essential_values(flat, wanted, blocks_of(wanted - flat @ values, joints)))
+        columns = self.columns[:, :, own]
+        errors = [((self.wanted - self._by_fold(columns, found)) ** 2).mean(axis=0) for found in (every, without)]
+        ratios = errors[1] / np.maximum(errors[0], 1e-300)
+        if ratios.mean() > 1 or ratios.max() > _WORST_LOSS:
+            return None
+        flat, wanted = matrix.reshape(-1, len(own)), target.ravel()
+        return essential_values(flat, wanted, blocks_of(wanted - flat @ solution.values, joints))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solution:
+    """Base parameters of a system.
+
+    Attributes:
+        columns: numbers of the independent columns.
+        names: of the base parameters.
+        values: (p,) of them.
+        covariance: (p, p) that holds under residuals correlated in time and between joints.
+        weight: (n,) of the joints, one over their residuals' standard deviation.
+        unseen: columns that are zero.
+    """
+
+    columns: list[int]
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    weight: FloatArray
+    unseen: tuple[str, ...]
+
+
+def _normal(square: FloatArray, moment: FloatArray, spread: FloatArray) -> FloatArray:
+    """Least squares from products (n, p, p) and (n, p) of joints that weigh by one over their spread (n,)."""
+    weight = 1 / spread**2
+    values = np.linalg.lstsq(np.tensordot(weight, square, 1), weight @ moment, rcond=_DEPENDENT**2)[0]
+    return np.asarray(values, dtype=float)
+
+
+def independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, float]]]]:
+    """Columns that the motion tells apart, and for each the others that move with it and by how much."""
+    from scipy.linalg import qr, solve_triangular
+
+    scale = np.linalg.norm(matrix, axis=0)
+    triangle, order = qr(matrix / scale, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    rank = int((diagonal > _DEPENDENT * diagonal[0]).sum())
+    chosen, rest = order[:rank], order[rank:]
+    groups: list[list[tuple[int, float]]] = [[] for _ in range(rank)]
+    if rest.size:
+        mixed = solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:])
+        mixed = mixed * scale[rest][None, :] / scale[chosen][:, None]
+        for i in range(rank):
+            groups[i] = [(int(c), float(k)) for c, k in zip(rest, mixed[i], strict=True) if abs(k) > 1e-3]
+    return chosen, groups
+
+
+def _label(names: list[str], seen: np.ndarray, column: int, group: list[tuple[int, float]]) -> str:
+    return names[int(seen[column])] + "".join(
+        f" {'+' if k > 0 else '-'} {abs(k):.4g} {names[int(seen[c])]}" for c, k in group
+    )
+
+
+def _covariance(matrix: FloatArray, residual: FloatArray, joints: int) -> FloatArray:
+    """Covariance of the solution that holds where residuals are correlated in time and between joints.
+
+    Cluster-robust: blocks of consecutive rows, long against the residuals' memory, count as independent (a sandwich of
+    the blocks' scores).
+    """
+    blocks = blocks_of(residual, joints)
+    inverse = np.linalg.pinv(matrix.T @ matrix)
+    meat = np.zeros_like(inverse)
+    for block in blocks:
+        score = matrix[block].T @ residual[block]
+        meat += np.outer(score, score)
+    covariance: FloatArray = inverse @ meat @ inverse * len(blocks) / (len(blocks) - 1)
+    return covariance
+
+
+def blocks_of(residual: FloatArray, joints: int) -> list[slice]:
+    """Runs of rows that are long against the memory of residuals (N * joints,), joints side by side."""
+    rows = residual.size // joints
+    memory = max(correlation_time(residual.reshape(rows, joints)[:, j]) for j in range(joints))
+    number = max(8, min(rows // max(1, math.ceil(5 * memory)), 400))
+    return [slice(part[0] * joints, (part[-1] + 1) * joints) for part in np.array_split(np.arange(rows), number)]
