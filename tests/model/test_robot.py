@@ -113,7 +113,7 @@ def test_robots_do_not_change() -> None:
 
 
 def test_builtin_robots() -> None:
-    assert robots() == ("iiwa14", "panda", "sia5d", "ur10", "ur10e", "ur5e")
+    assert robots() == ("iiwa14", "panda", "sia5d", "ur10", "ur10e", "ur3e", "ur5e")
     for name in robots():
         arm = Robot.load(name)
         assert arm.name == name
@@ -139,7 +139,7 @@ def test_nothing_reaches_farther_than_the_span() -> None:
         q = rng.uniform(arm.lower, arm.upper, (2000, arm.dof))
         shoulder = arm.pose(q, arm.joints[1].link)[:, :3, 3]
         distance = np.linalg.norm(arm.pose(q)[:, :3, 3] - shoulder, axis=1)
-        assert 0.7 * arm.span < distance.max() < arm.span + 1e-12
+        assert 0.65 * arm.span < distance.max() < arm.span + 1e-12
 
 
 def test_span_counts_what_a_slide_travels() -> None:
