@@ -11,6 +11,7 @@ from bumpstop.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from bumpstop.identification import Payload
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
@@ -81,17 +82,17 @@ def part_of(
     return log.between(first, last)
 
 
-def payloads_of(given: Sequence[str] | None, arm: Robot, recordings: int) -> list[Robot]:
-    """The arm with what it carried, for each recording.
+def carried_of(given: Sequence[str] | None, recordings: int) -> list[Payload | None]:
+    """What was carried in each recording.
 
     Args:
         given: ``MASS[,X,Y,Z]`` for all recordings, or ``NUMBER:MASS[,X,Y,Z]`` for one, from 1.
-        arm: without payload.
         recordings: number of them.
     """
-    from bumpstop.identification.payload import with_payload
+    from bumpstop.identification.payload import Payload
+    from bumpstop.model.inertia import vector3
 
-    arms = [arm] * recordings
+    found: list[Payload | None] = [None] * recordings
     for text in given or []:
         number, colon, figures = text.rpartition(":")
         try:
@@ -104,8 +105,16 @@ def payloads_of(given: Sequence[str] | None, arm: Robot, recordings: int) -> lis
             valid = f"for example 1.5,0,0,0.06, or 2:1.5; recordings are 1 to {recordings}"
             raise InputError("--payload", f"{text!r} cannot be used", valid)
         for place in which:
-            arms[place] = with_payload(arm, mass, center or (0.0, 0.0, 0.0))
-    return arms
+            found[place] = Payload(mass, vector3(center or (0.0, 0.0, 0.0)))
+    return found
+
+
+def payloads_of(given: Sequence[str] | None, arm: Robot, recordings: int) -> list[Robot]:
+    """The arm with what it carried, for each recording; arguments as for :func:`carried_of`."""
+    from bumpstop.identification.payload import with_payload
+
+    carried = carried_of(given, recordings)
+    return [arm if load is None else with_payload(arm, load.mass, load.center) for load in carried]
 
 
 def known_of(given: Sequence[str] | None) -> dict[str, dict[str, float]]:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from bumpstop.cli.arm_recordings import arm_of, built_in_or_path, load_parts, payloads_of
+from bumpstop.cli.arm_recordings import arm_of, built_in_or_path, carried_of, load_parts, payloads_of
 from bumpstop.cli.bodies_found import bodies_json, print_bodies
 from bumpstop.cli.model_report import dynamics_report
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.identification import DynamicsFit, JointScore
+    from bumpstop.identification import Payload as Carried
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
@@ -98,21 +99,25 @@ def identify(
             logs, arms, robot=built_in_or_path(robot), known=known, cutoff_hz=cutoff, out=out, as_json=as_json
         )
         return
-    for option, given in (("--payload", payload), ("--known", known)):
-        if given:
-            raise InputError(option, "is for joint models", "dynamics are fitted with what the arm carries")
+    if known:
+        raise InputError("--known", "is for joint models", "leave it out")
     if model == "payload":
         from bumpstop.cli.identify_payload import identify_what_is_carried
 
         if shared_motor:
             raise InputError("--shared-motor", "is for dynamics", "a payload is fitted to an arm that is known")
+        if payload:
+            raise InputError("--payload", "is what this fit looks for", "leave it out")
         _refuse("is for dynamics", "leave it out", consistent)
         identify_what_is_carried(
             logs, arm, joint_model=joint_model, inertia=second_moments, cutoff_hz=cutoff, out=out, as_json=as_json
         )
         return
     _refuse("is for a payload", "give --model payload", False, joint_model, second_moments)
-    _identify_dynamics(logs, arm, robot, base, tip, shared_motor, cutoff, consistent, out, as_json)
+    groups = [_group(text, arm.dof) for text in shared_motor or []]
+    named = {"robot": built_in_or_path(robot)}
+    named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
+    _identify_dynamics(logs, arm, named, groups, carried_of(payload, len(logs)), cutoff, consistent, out, as_json)
 
 
 def _refuse(
@@ -131,10 +136,9 @@ def _refuse(
 def _identify_dynamics(
     logs: list[Recording],
     arm: Robot,
-    robot: str,
-    base: str | None,
-    tip: str | None,
-    shared_motor: list[str] | None,
+    named: dict[str, str],
+    groups: list[list[tuple[int, float]]],
+    carried: list[Carried | None],
     cutoff: float | None,
     consistent: bool,
     out: Path | None,
@@ -143,27 +147,28 @@ def _identify_dynamics(
     from bumpstop.identification import consistent_inertias, identify_dynamics, save_fit
     from bumpstop.model import write_urdf
 
-    if len(logs) != 1:
-        raise InputError("recording", f"{len(logs)} of them", "dynamics are fitted to one")
-    log = logs[0]
-    groups = [_group(text, arm.dof) for text in shared_motor or []]
-    fit = identify_dynamics(log, arm, cutoff_hz=cutoff, couplings=groups)
-    bodies = consistent_inertias(log, fit) if consistent else None
-    scores = fit.score(log)
+    fit = identify_dynamics(logs, arm, cutoff_hz=cutoff, couplings=groups, payloads=carried)
+    bodies = consistent_inertias(logs, fit, payloads=carried) if consistent else None
+    scores = fit.score(logs, payloads=carried)
     model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
     urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
     if model_file is not None and out is not None:
         if model_file != out:
             dynamics_report(
-                fit, log, out, where="on the rows of the fit", filter_hz=None, contact_joint=None, bodies=bodies
+                fit,
+                logs,
+                out,
+                where="on the rows of the fit",
+                filter_hz=None,
+                contact_joint=None,
+                bodies=bodies,
+                payloads=carried,
             )
         if urdf is not None and bodies is not None:
             write_urdf(bodies.robot, urdf)
-        named = {"robot": built_in_or_path(robot)}
-        named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
-        save_fit(fit, model_file, robot=named, created_from=[log.source])
+        save_fit(fit, model_file, robot=named, created_from=[log.source for log in logs])
     if as_json:
-        found = _identified(fit, scores, log) | ({} if bodies is None else {"consistent": bodies_json(bodies)})
+        found = _identified(fit, scores, logs) | ({} if bodies is None else {"consistent": bodies_json(bodies)})
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return
     _print_scores(scores, fit.cutoff_hz, "on the rows of the fit")
@@ -171,6 +176,8 @@ def _identify_dynamics(
         tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
         typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
     typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows")
+    if fit.rows_left:
+        typer.echo(f"note: {fit.rows_left} rows lie in stretches between gaps too short to use")
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
         if abs(value) < 2 * error:
             continue
@@ -179,7 +186,7 @@ def _identify_dynamics(
         typer.echo(f"not visible in this motion: {', '.join(fit.unseen)}")
     if bodies is not None:
         print_bodies(bodies)
-    for note in log.report.notes:
+    for note in (note for log in logs for note in log.report.notes):
         typer.echo(f"note: {note}")
     if model_file is not None:
         typer.echo(f"model: {model_file}")
@@ -230,18 +237,18 @@ def validate(
         return
     from bumpstop.identification import load_fit
 
-    for option, given in (("--payload", payload), ("--robot", robot), ("--base", base), ("--tip", tip)):
+    for option, given in (("--robot", robot), ("--base", base), ("--tip", tip)):
         if given:
-            raise InputError(option, "is for joint models", "dynamics know their robot and what it carried")
+            raise InputError(option, "is for joint models", "dynamics know their robot")
     fit = load_fit(model)
-    if len(recordings) != 1:
-        raise InputError("recording", f"{len(recordings)} of them", "dynamics are compared with one")
-    log = load_parts(recordings, columns, fit.robot, begin, until, topic, max_bad)[0]
-    scores = fit.score(log, filter_hz=filter_hz)
+    logs = load_parts(recordings, columns, fit.robot, begin, until, topic, max_bad)
+    carried = carried_of(payload, len(logs))
+    scores = fit.score(logs, filter_hz=filter_hz, payloads=carried)
+    where = f"on {recordings[0]}" if len(logs) == 1 else f"on {len(logs)} recordings"
     contact = ""
     if out is not None:
         contact = dynamics_report(
-            fit, log, out, where=f"on {recordings[0]}", filter_hz=filter_hz, contact_joint=contact_joint
+            fit, logs, out, where=where, filter_hz=filter_hz, contact_joint=contact_joint, payloads=carried
         )
     if as_json:
         joints = [
@@ -258,7 +265,7 @@ def validate(
         ]
         typer.echo(json.dumps({"joints": joints}, allow_nan=False, indent=2))
         return
-    _print_scores(scores, filter_hz or fit.cutoff_hz, f"on {recordings[0]}")
+    _print_scores(scores, filter_hz or fit.cutoff_hz, where)
     if contact:
         typer.echo(contact)
     if out is not None:
@@ -283,7 +290,7 @@ def _units(fit: DynamicsFit) -> list[str]:
     return ["N" if joint.kind == "prismatic" else "Nm" for joint in fit.robot.joints]
 
 
-def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], log: Recording) -> dict[str, Any]:
+def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: list[Recording]) -> dict[str, Any]:
     found = {
         name.split()[0]: {"value": float(value), "standard_error": float(error)}
         for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
@@ -306,7 +313,8 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], log: Recording
         "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
         "not_visible": list(fit.unseen),
         "rows_used": fit.rows_used,
-        "rows_dropped": log.report.rows_dropped,
+        "rows_left": fit.rows_left,
+        "rows_dropped": sum(log.report.rows_dropped for log in logs),
     }
 
 

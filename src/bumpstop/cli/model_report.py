@@ -5,39 +5,49 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bumpstop.errors import InputError
+
 if TYPE_CHECKING:
-    from bumpstop.identification import ConsistentFit, CurrentComparison, DynamicsFit, JointModelFit
+    from collections.abc import Sequence
+
+    from bumpstop.identification import ConsistentFit, CurrentComparison, DynamicsFit, JointModelFit, Payload
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
 
 def dynamics_report(
     fit: DynamicsFit,
-    log: Recording,
+    logs: Sequence[Recording],
     folder: Path,
     *,
     where: str,
     filter_hz: float | None,
     contact_joint: int | None,
     bodies: ConsistentFit | None = None,
+    payloads: Sequence[Payload | None] = (),
 ) -> str:
-    """Write the page on a fit and a recording; what was found of contact, in a sentence, or nothing.
+    """Write the page on a fit and recordings; what was found of contact, in a sentence, or nothing.
 
     Args:
         fit: the model.
-        log: with torques, and perhaps a wrench.
+        logs: with torques; of a single one that has a wrench, contact is compared, too.
         folder: of the page.
         where: on which rows, in words.
         filter_hz: where both are compared filtered; default: the fit's.
         contact_joint: whose torque the contact comparison uses, from 1; default: the one that feels it most.
         bodies: inertias that bodies can have, or None.
+        payloads: what each recording carried beyond what the arm of the fit did; default: nothing.
     """
     from bumpstop.identification.validation import compare_dynamics, contact_of
     from bumpstop.report.bodies import BodiesPart
     from bumpstop.report.validation import SelectionPart, write_validation_report
 
-    comparison = compare_dynamics(fit, log, filter_hz=filter_hz)
-    contact = contact_of(fit, log, joint=None if contact_joint is None else contact_joint - 1)
+    comparison = compare_dynamics(fit, logs, filter_hz=filter_hz, payloads=payloads)
+    contact = None
+    if len(logs) == 1 and not any(payloads):
+        contact = contact_of(fit, logs[0], joint=None if contact_joint is None else contact_joint - 1)
+    elif contact_joint is not None:
+        raise InputError("--contact-joint", "is for one recording without a declared payload", "leave it out")
     selection = SelectionPart(
         {f"{cutoff:g} Hz": 100 * share for cutoff, share in fit.held_out.items()},
         f"{fit.cutoff_hz:g} Hz",
@@ -45,7 +55,7 @@ def dynamics_report(
         "other four: the largest that does as well as the best.",
         "unexplained on held-out fifths [%]",
     )
-    name = Path(log.source).name or "a recording"
+    name = (Path(logs[0].source).name or "a recording") if len(logs) == 1 else f"{len(logs)} recordings"
     title = f"{fit.robot.title or fit.robot.name}: predicted torque, {name}"
     parts = [] if bodies is None else [BodiesPart(bodies)]
     write_validation_report(

@@ -19,11 +19,15 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.payload_fit import parameters_of, pseudo_inertia
 from bumpstop.identification.torque_columns import torque_columns
+from bumpstop.identification.torque_rows import listed
 from bumpstop.model import LinkInertia, Robot
 from bumpstop.model.inertia import matrix3, vector3
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bumpstop.identification.dynamics_fit import DynamicsFit
+    from bumpstop.identification.payload import Payload
     from bumpstop.recording import Recording
 
 # How far a link may be thought to lie from where the search starts, as one standard deviation: factors of e in mass and
@@ -51,16 +55,19 @@ class ConsistentFit:
     rmse_free: FloatArray
 
 
-def consistent_inertias(recording: Recording, fit: DynamicsFit) -> ConsistentFit:
-    """Fit possible inertias to the recording that base parameters were fitted to.
+def consistent_inertias(
+    recordings: Recording | Sequence[Recording], fit: DynamicsFit, *, payloads: Sequence[Payload | None] = ()
+) -> ConsistentFit:
+    """Fit possible inertias to the recordings that base parameters were fitted to.
 
     Least squares over the parameters of all links and the logarithms of rotor inertias; friction and offsets are linear
     and follow. What the torque does not show stays near the inertia of ``fit.robot``, or near 3 kg and 0.1 m where that
     has none.
 
     Args:
-        recording: with joint torque.
+        recordings: with joint torque; one or more.
         fit: of :func:`identify_dynamics`; its filter, weights and shapes of friction are taken over.
+        payloads: what each recording carried that is not to be part of the arm; default: nothing.
 
     Raises:
         InputError: the recording has no torque, or the search does not end.
@@ -69,9 +76,10 @@ def consistent_inertias(recording: Recording, fit: DynamicsFit) -> ConsistentFit
     from scipy.optimize import least_squares
 
     n = fit.robot.dof
-    rows, cutoff = fit.rows(recording), FIT_PER_CUTOFF * fit.cutoff_hz
+    rows, cutoff = fit.rows(recordings, payloads), FIT_PER_CUTOFF * fit.cutoff_hz
     columns = torque_columns(fit.robot, rows.motion, fit.sign_speed, fit.couplings, fit.top_speed)
     columns, wanted = rows.filtered(columns, cutoff), rows.torque_below(cutoff)
+    wanted = wanted - rows.filtered(rows.carried, cutoff)
     free = wanted - columns[:, :, list(fit.columns)] @ fit.values
     weight = 1 / np.maximum(free.std(axis=0), 1e-12)
     flat = (columns * weight[None, :, None]).reshape(-1, columns.shape[2])
@@ -115,7 +123,7 @@ def consistent_inertias(recording: Recording, fit: DynamicsFit) -> ConsistentFit
         fit.robot,
         joints=joints,
         inertia_status="assumed",
-        inertia_source=f"identified from {recording.source or 'a recording'}",
+        inertia_source=f"identified from {' '.join(log.source for log in listed(recordings)) or 'a recording'}",
     )
     rmse = np.sqrt(((wanted - columns @ values) ** 2).mean(axis=0))
     return ConsistentFit(robot, rmse, np.sqrt((free**2).mean(axis=0)))

@@ -19,8 +19,11 @@ from bumpstop.identification.motion import lowpass
 from bumpstop.identification.torque_rows import recorded_motion
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bumpstop.identification.current_scores import CurrentComparison
     from bumpstop.identification.dynamics_fit import DynamicsFit
+    from bumpstop.identification.payload import Payload
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
@@ -119,26 +122,33 @@ def binned_error(x: FloatArray, error: FloatArray, bins: int) -> BinnedError:
     )
 
 
-def compare_dynamics(fit: DynamicsFit, recording: Recording, *, filter_hz: float | None = None) -> Comparison:
+def compare_dynamics(
+    fit: DynamicsFit,
+    recordings: Recording | Sequence[Recording],
+    *,
+    filter_hz: float | None = None,
+    payloads: Sequence[Payload | None] = (),
+) -> Comparison:
     """Torques that fitted dynamics predict, beside recorded ones.
 
     Args:
         fit: what ``identify`` found.
-        recording: with torques, of the same robot.
+        recordings: with torques, of the same robot; one or more.
         filter_hz: where they are compared filtered; default: the cut-off of the fit.
+        payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
     """
-    motion, torque = recorded_motion(recording, fit.cutoff_hz)
+    rows = fit.rows(recordings, payloads)
     return Comparison(
         names=tuple(joint.name for joint in fit.robot.joints),
         units=tuple("N" if joint.kind == "prismatic" else "Nm" for joint in fit.robot.joints),
-        t=motion.t,
-        qd=motion.qd,
-        qdd=motion.qdd,
-        measured=torque,
-        predicted=fit.predict(motion),
-        rate_hz=motion.rate_hz,
+        t=_one_after_another(rows.motion.t, rows.stretches),
+        qd=rows.motion.qd,
+        qdd=rows.motion.qdd,
+        measured=rows.torque,
+        predicted=fit.predict(rows.motion) + rows.carried,
+        rate_hz=rows.motion.rate_hz,
         filter_hz=filter_hz or fit.cutoff_hz,
-        given=fit.score(recording, filter_hz=filter_hz),
+        given=fit.score(recordings, filter_hz=filter_hz, payloads=payloads),
     )
 
 
@@ -153,14 +163,10 @@ def compare_estimates(found: CurrentComparison, robot: Robot) -> Comparison:
     known = [j for j, score in enumerate(scores) if score is not None]
     kinds = {joint.name: joint.kind for joint in robot.joints}
     names = tuple(found.model.joints[j].name for j in known)
-    # Recordings follow one another on the page, whatever their clocks say.
-    t = rows.t.copy()
-    for before, part in pairwise(rows.stretches):
-        t[part] += max(0.0, t[before.stop - 1] - t[part.start])
     return Comparison(
         names=names,
         units=tuple("N" if kinds.get(name) == "prismatic" else "Nm" for name in names),
-        t=t,
+        t=_one_after_another(rows.t, rows.stretches),
         qd=rows.qd[:, known],
         qdd=rows.qdd[:, known],
         measured=rows.torque[:, known],
@@ -169,6 +175,14 @@ def compare_estimates(found: CurrentComparison, robot: Robot) -> Comparison:
         filter_hz=found.filter_hz,
         given=tuple(score for score in scores if score is not None),
     )
+
+
+def _one_after_another(t: FloatArray, stretches: Sequence[slice]) -> FloatArray:
+    """Times of recordings that follow one another on the page, whatever their clocks say."""
+    t = t.copy()
+    for before, part in pairwise(stretches):
+        t[part] += max(0.0, t[before.stop - 1] - t[part.start])
+    return t
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
