@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from bumpstop.cli.arm_recordings import arm_of, built_in_or_path, carried_of, load_parts, payloads_of
-from bumpstop.cli.bodies_found import bodies_json, print_bodies
-from bumpstop.cli.model_report import dynamics_report
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop.identification import DynamicsFit, JointScore
-    from bumpstop.identification import Payload as Carried
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
@@ -46,12 +41,14 @@ def identify(
     model: Annotated[
         Literal["joint", "dynamics", "payload"] | None,
         typer.Option(
-            help="What to fit: joint (from currents), dynamics (from torques; default: what is recorded) or payload."
+            help="What to fit: joint (from currents), dynamics (from torques, or from currents with gains) or payload; "
+            "default: by what is recorded."
         ),
     ] = None,
     payload: Payload = None,
     known: Annotated[
-        list[str] | None, typer.Option(metavar="JOINT.NAME=VALUE", help="A parameter that is not to be fitted.")
+        list[str] | None,
+        typer.Option(metavar="JOINT.NAME=VALUE", help="A parameter of a drive that is not to be fitted."),
     ] = None,
     cutoff: Annotated[float | None, typer.Option(help="Cut-off of the filter [Hz]; default: the best.")] = None,
     shared_motor: Annotated[
@@ -99,9 +96,9 @@ def identify(
             logs, arms, robot=built_in_or_path(robot), known=known, cutoff_hz=cutoff, out=out, as_json=as_json
         )
         return
-    if known:
-        raise InputError("--known", "is for joint models", "leave it out")
     if model == "payload":
+        if known:
+            raise InputError("--known", "is for joint models", "leave it out")
         from bumpstop.cli.identify_payload import identify_what_is_carried
 
         if shared_motor:
@@ -114,10 +111,22 @@ def identify(
         )
         return
     _refuse("is for a payload", "give --model payload", False, joint_model, second_moments)
-    groups = [_group(text, arm.dof) for text in shared_motor or []]
+    from bumpstop.cli.identify_dynamics import identify_dynamics_of
+
     named = {"robot": built_in_or_path(robot)}
     named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
-    _identify_dynamics(logs, arm, named, groups, carried_of(payload, len(logs)), cutoff, consistent, out, as_json)
+    identify_dynamics_of(
+        logs,
+        arm,
+        named=named,
+        groups=[_group(text, arm.dof) for text in shared_motor or []],
+        carried=carried_of(payload, len(logs)),
+        known=known,
+        cutoff_hz=cutoff,
+        consistent=consistent,
+        out=out,
+        as_json=as_json,
+    )
 
 
 def _refuse(
@@ -131,69 +140,6 @@ def _refuse(
     ):
         if given:
             raise InputError(option, problem, valid)
-
-
-def _identify_dynamics(
-    logs: list[Recording],
-    arm: Robot,
-    named: dict[str, str],
-    groups: list[list[tuple[int, float]]],
-    carried: list[Carried | None],
-    cutoff: float | None,
-    consistent: bool,
-    out: Path | None,
-    as_json: bool,
-) -> None:
-    from bumpstop.identification import consistent_inertias, identify_dynamics, save_fit
-    from bumpstop.model import write_urdf
-
-    fit = identify_dynamics(logs, arm, cutoff_hz=cutoff, couplings=groups, payloads=carried)
-    bodies = consistent_inertias(logs, fit, payloads=carried) if consistent else None
-    scores = fit.score(logs, payloads=carried)
-    model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
-    urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
-    if model_file is not None and out is not None:
-        if model_file != out:
-            dynamics_report(
-                fit,
-                logs,
-                out,
-                where="on the rows of the fit",
-                filter_hz=None,
-                contact_joint=None,
-                bodies=bodies,
-                payloads=carried,
-            )
-        if urdf is not None and bodies is not None:
-            write_urdf(bodies.robot, urdf)
-        save_fit(fit, model_file, robot=named, created_from=[log.source for log in logs])
-    if as_json:
-        found = _identified(fit, scores, logs) | ({} if bodies is None else {"consistent": bodies_json(bodies)})
-        typer.echo(json.dumps(found, allow_nan=False, indent=2))
-        return
-    _print_scores(scores, fit.cutoff_hz, "on the rows of the fit")
-    if fit.held_out:
-        tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
-        typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
-    typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows")
-    if fit.rows_left:
-        typer.echo(f"note: {fit.rows_left} rows lie in stretches between gaps too short to use")
-    for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
-        if abs(value) < 2 * error:
-            continue
-        typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}")
-    if fit.unseen:
-        typer.echo(f"not visible in this motion: {', '.join(fit.unseen)}")
-    if bodies is not None:
-        print_bodies(bodies)
-    for note in (note for log in logs for note in log.report.notes):
-        typer.echo(f"note: {note}")
-    if model_file is not None:
-        typer.echo(f"model: {model_file}")
-        if urdf is not None:
-            typer.echo(f"inertias: {urdf}")
-        if model_file != out:
-            typer.echo(f"report: {model_file.parent / 'report.html'}")
 
 
 def validate(
@@ -235,41 +181,18 @@ def validate(
         arms = payloads_of(payload, arm, len(logs))
         validate_joint(drives, logs, arms, filter_hz=filter_hz, out=out, as_json=as_json)
         return
-    from bumpstop.identification import load_fit
+    from bumpstop.cli.identify_dynamics import validate_dynamics
 
     for option, given in (("--robot", robot), ("--base", base), ("--tip", tip)):
         if given:
             raise InputError(option, "is for joint models", "dynamics know their robot")
-    fit = load_fit(model)
-    logs = load_parts(recordings, columns, fit.robot, begin, until, topic, max_bad)
-    carried = carried_of(payload, len(logs))
-    scores = fit.score(logs, filter_hz=filter_hz, payloads=carried)
-    where = f"on {recordings[0]}" if len(logs) == 1 else f"on {len(logs)} recordings"
-    contact = ""
-    if out is not None:
-        contact = dynamics_report(
-            fit, logs, out, where=where, filter_hz=filter_hz, contact_joint=contact_joint, payloads=carried
-        )
-    if as_json:
-        joints = [
-            {
-                "name": score.name,
-                "r2": score.r2,
-                "r2_raw": score.r2_raw,
-                "mean": score.mean,
-                "sd": score.sd,
-                "rmse": score.rmse,
-                "unit": unit,
-            }
-            for score, unit in zip(scores, _units(fit), strict=True)
-        ]
-        typer.echo(json.dumps({"joints": joints}, allow_nan=False, indent=2))
-        return
-    _print_scores(scores, filter_hz or fit.cutoff_hz, where)
-    if contact:
-        typer.echo(contact)
-    if out is not None:
-        typer.echo(f"report: {out / 'report.html'}")
+
+    def load(arm: Robot) -> list[Recording]:
+        return load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+
+    validate_dynamics(
+        model, load, payload=payload, contact_joint=contact_joint, filter_hz=filter_hz, out=out, as_json=as_json
+    )
 
 
 def _group(text: str, dof: int) -> list[tuple[int, float]]:
@@ -284,50 +207,3 @@ def _group(text: str, dof: int) -> list[tuple[int, float]]:
             raise InputError("--shared-motor", f"{text!r} cannot be used", f"for example 5,6; joints are 1 to {dof}")
         group.append((joint - 1, factor))
     return group
-
-
-def _units(fit: DynamicsFit) -> list[str]:
-    return ["N" if joint.kind == "prismatic" else "Nm" for joint in fit.robot.joints]
-
-
-def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: list[Recording]) -> dict[str, Any]:
-    found = {
-        name.split()[0]: {"value": float(value), "standard_error": float(error)}
-        for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
-    }
-    joints = []
-    for j, score in enumerate(scores, start=1):
-        own = {
-            what: found[f"{what}_{j}"] for what in ("coulomb", "viscous", "rotor", "offset") if f"{what}_{j}" in found
-        }
-        joints.append(
-            {"name": score.name, "observable": bool(own), "parameters": own, "r2": score.r2, "rmse_Nm": score.rmse}
-        )
-    base = [
-        {"name": name, "value": float(value), "standard_error": float(error)}
-        for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
-    ]
-    return {
-        "joints": joints,
-        "base_parameters": base,
-        "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
-        "not_visible": list(fit.unseen),
-        "rows_used": fit.rows_used,
-        "rows_left": fit.rows_left,
-        "rows_dropped": sum(log.report.rows_dropped for log in logs),
-    }
-
-
-def _print_scores(scores: tuple[JointScore, ...], cutoff_hz: float, where: str) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False)
-    for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
-        table.add_column(heading, justify="left" if heading == "joint" else "right")
-    for score in scores:
-        errors = (score.mean, score.sd, score.rmse)
-        table.add_row(score.name, f"{score.r2:.4f}", f"{score.r2_raw:.4f}", *(f"{error:.4g}" for error in errors))
-    console = Console(highlight=False, markup=False)
-    console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz")
-    console.print(table)

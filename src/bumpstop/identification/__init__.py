@@ -5,6 +5,7 @@ from bumpstop.identification.current_law import JointMotion, held_share, motor_c
 from bumpstop.identification.current_scores import CurrentComparison, compare_currents
 from bumpstop.identification.dynamics_fit import DynamicsFit, JointScore, identify_dynamics
 from bumpstop.identification.fit_file import load_fit, save_fit
+from bumpstop.identification.gains_fit import identify_gains
 from bumpstop.identification.joint_fit import Candidate, JointFit
 from bumpstop.identification.joint_model_fit import JointModelFit, identify_joint_model
 from bumpstop.identification.payload import Payload, with_payload
@@ -26,6 +27,7 @@ __all__ = [
     "consistent_inertias",
     "held_share",
     "identify_dynamics",
+    "identify_gains",
     "identify_joint_model",
     "identify_payload",
     "inertial_names",

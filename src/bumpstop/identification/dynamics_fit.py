@@ -65,6 +65,10 @@ class DynamicsFit:
         predicting: values that predictions use, fitted without the parameters that the recording cannot tell from zero,
             which are 0 here; None: predictions use ``values``.
         rows_left: recorded rows in stretches between gaps too short to use.
+        gains: (n,) torque per motor current that were found together with the parameters [Nm/A or N/A]; None: the
+            recordings of the fit had torques.
+        gain_errors: (n,) standard errors of ``gains``; 0: it was given, infinite: the recordings do not show it, and
+            the scale of this joint's torque means nothing.
     """
 
     robot: Robot
@@ -82,6 +86,8 @@ class DynamicsFit:
     covariance: FloatArray | None = None
     predicting: FloatArray | None = None
     rows_left: int = 0
+    gains: FloatArray | None = None
+    gain_errors: FloatArray | None = None
 
     def predict(self, motion: EvenMotion) -> FloatArray:
         """Joint torques (N, n) of a motion [Nm or N]."""
@@ -101,17 +107,17 @@ class DynamicsFit:
         """
         if recording.dof != self.robot.dof:
             raise InputError("recording", f"has {recording.dof} joints", f"{self.robot.name} has {self.robot.dof}")
-        motion, torque = recorded_motion(recording, self.cutoff_hz)
+        motion, torque = recorded_motion(recording, self.cutoff_hz, self.gains)
         return motion, torque - self.predict(motion)
 
     def rows(self, recordings: Recording | Sequence[Recording], payloads: Sequence[Payload | None] = ()) -> TorqueRows:
         """Motion and torque of recordings as this fit filters them.
 
         Args:
-            recordings: with torque, of the same robot; one or more.
+            recordings: with torque, or with current where the fit has gains, of the same robot; one or more.
             payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
         """
-        return TorqueRows.of(listed(recordings), self.robot, self.cutoff_hz, payloads)
+        return TorqueRows.of(listed(recordings), self.robot, self.cutoff_hz, payloads, gains=self.gains)
 
     def score(
         self,
@@ -180,7 +186,7 @@ def identify_dynamics(
         if recording.dof != robot.dof:
             raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
     if cutoff_hz is None:
-        cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads, None)
+        cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads)
     rows = TorqueRows.of(logs, robot, cutoff_hz, payloads)
     return fit_of(best_friction(rows, robot, cutoff_hz, groups), held_out)
 

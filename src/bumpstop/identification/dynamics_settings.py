@@ -31,7 +31,8 @@ def choose_cutoff(
     robot: Robot,
     couplings: Groups,
     payloads: Sequence[Payload | None],
-    gains: FloatArray | None,
+    *,
+    currents: bool = False,
 ) -> tuple[float, dict[float, float]]:
     """The cut-off [Hz] of the motion's filter, and the mean over joints of 1 - R2 on held-out fifths by cut-off.
 
@@ -45,11 +46,13 @@ def choose_cutoff(
     held_out: dict[float, float] = {}
     for candidate in _CUTOFFS_HZ:
         if candidate <= 0.4 * rate:
-            rows = TorqueRows.of(recordings, robot, candidate, payloads, gains=gains)
+            rows = TorqueRows.of(recordings, robot, candidate, payloads, currents=currents)
             system = System.of(rows, robot, candidate, couplings, SIGN_SHARES[0])
             predicted = system.left_out(system.raw)
             wanted = rows.torque_below(reference)
-            predicted = rows.filtered(predicted + rows.carried, reference)
+            if not currents:
+                predicted = predicted + rows.carried
+            predicted = rows.filtered(predicted, reference)
             spread = np.maximum(((wanted - wanted.mean(axis=0)) ** 2).sum(axis=0), 1e-300)
             held_out[candidate] = float(np.mean(((wanted - predicted) ** 2).sum(axis=0) / spread))
     if not held_out:

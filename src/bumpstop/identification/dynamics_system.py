@@ -46,7 +46,8 @@ class System:
         sign_speed, top_speed: shape of friction, as :func:`torque_columns` takes it.
         raw: (N, n, parameters) columns.
         columns: the same, filtered.
-        wanted: (N, n) torque without what payloads make, filtered alike.
+        wanted: (N, n) torque without what payloads make, filtered alike. Of currents: the currents, and what payloads
+            make is the last column.
     """
 
     robot: Robot
@@ -88,10 +89,14 @@ class System:
         count = 10 * robot.dof
         inertial = None if known is None else known.raw[:, :, :count]
         raw = torque_columns(robot, rows.motion, sign_speed, couplings, top_speed, inertial=inertial)
+        if rows.currents:
+            raw = np.concatenate([raw, rows.carried[:, :, None]], axis=2)
         cutoff = FIT_PER_CUTOFF * cutoff_hz
         if known is None:
             columns = rows.filtered(raw, cutoff)
-            wanted = rows.torque_below(cutoff) - rows.filtered(rows.carried, cutoff)
+            wanted = rows.torque_below(cutoff)
+            if not rows.currents:
+                wanted = wanted - rows.filtered(rows.carried, cutoff)
         else:
             columns = np.concatenate([known.columns[:, :, :count], rows.filtered(raw[:, :, count:], cutoff)], axis=2)
             wanted = known.wanted
@@ -119,9 +124,9 @@ class System:
         error = wanted - columns[:, :, seen[chosen]] @ values
         return Solution(
             columns=[int(seen[c]) for c in chosen],
-            names=tuple(_label(names, seen, int(c), groups[i]) for i, c in enumerate(chosen)),
+            names=tuple(label_of(names, seen, int(c), groups[i]) for i, c in enumerate(chosen)),
             values=values,
-            covariance=_covariance(matrix[:, chosen], residual, wanted.shape[1]),
+            covariance=clustered_covariance(matrix[:, chosen], residual, wanted.shape[1]),
             weight=1 / np.maximum(error.std(axis=0), 1e-12),
             unseen=tuple(name for i, name in enumerate(names) if i not in set(seen.tolist())),
         )
@@ -134,7 +139,9 @@ class System:
         )
 
     def fold_values(self) -> list[FloatArray]:
-        """Parameters (parameters,) by weighted least squares, of all rows but those of one fifth, fifth by fifth.
+        """Parameters (n, parameters) by weighted least squares, of all rows but those of one fifth, fifth by fifth.
+
+        Torques of all joints have one set of parameters. Currents, whose gains are not known, have one for each joint.
 
         From sums of products of the columns, part by part and joint by joint: all weights and fifths share them. Of
         columns that the motion cannot tell apart the shortest values are taken, which predict the same.
@@ -151,14 +158,14 @@ class System:
         power = (self.wanted**2).sum(axis=0)
         spread = np.maximum(self.wanted.std(axis=0), 1e-9)
         for _ in range(_ROUNDS):
-            values = _normal(square, moment, spread)
-            left = power - 2 * moment @ values + np.einsum("i,jik,k->j", values, square, values)
+            values = _normal(square, moment, spread, self.rows.currents)
+            left = power - 2 * (moment * values).sum(axis=1) + np.einsum("ji,jik,jk->j", values, square, values)
             spread = np.sqrt(np.maximum(left / self.wanted.shape[0], 1e-16 * power + 1e-24))
         found = []
         for fold in range(_FOLDS):
             others = [k for k in range(_PARTS) if k % _FOLDS != fold]
             own_square, own_moment = (np.sum([x[k] for k in others], axis=0) for x in (squares, moments))
-            found.append(_normal(own_square, own_moment, spread) / length)
+            found.append(_normal(own_square, own_moment, spread, self.rows.currents) / length)
         return found
 
     def left_out(self, columns: FloatArray) -> FloatArray:
@@ -173,7 +180,7 @@ class System:
     def _by_fold(self, columns: FloatArray, values: Sequence[FloatArray]) -> FloatArray:
         predicted = np.empty_like(self.wanted)
         for k, part in enumerate(self._parts()):
-            predicted[part] = columns[part] @ values[k % _FOLDS]
+            predicted[part] = np.einsum("tjp,jp->tj", columns[part], values[k % _FOLDS])
         return predicted
 
     def _parts(self) -> list[slice]:
@@ -194,8 +201,9 @@ class System:
             rows = self._fold_rows(fold)
             flat, wanted = matrix[rows].reshape(-1, len(own)), target[rows].ravel()
             values = np.linalg.lstsq(flat, wanted, rcond=None)[0]
-            every.append(values)
-            without.append(essential_values(flat, wanted, blocks_of(wanted - flat @ values, joints)))
+            every.append(np.tile(values, (joints, 1)))
+            told = essential_values(flat, wanted, blocks_of(wanted - flat @ values, joints))
+            without.append(np.tile(told, (joints, 1)))
         columns = self.columns[:, :, own]
         errors = [((self.wanted - self._by_fold(columns, found)) ** 2).mean(axis=0) for found in (every, without)]
         ratios = errors[1] / np.maximum(errors[0], 1e-300)
@@ -226,11 +234,18 @@ class Solution:
     unseen: tuple[str, ...]
 
 
-def _normal(square: FloatArray, moment: FloatArray, spread: FloatArray) -> FloatArray:
-    """Least squares from products (n, p, p) and (n, p) of joints that weigh by one over their spread (n,)."""
+def _normal(square: FloatArray, moment: FloatArray, spread: FloatArray, apart: bool) -> FloatArray:
+    """Least squares (n, p) from products (n, p, p) and (n, p) of joints that weigh by one over their spread (n,).
+
+    ``apart``: every joint has parameters of its own; else all have the same.
+    """
+    if apart:
+        return np.array(
+            [np.linalg.lstsq(own, sums, rcond=_DEPENDENT**2)[0] for own, sums in zip(square, moment, strict=True)]
+        )
     weight = 1 / spread**2
     values = np.linalg.lstsq(np.tensordot(weight, square, 1), weight @ moment, rcond=_DEPENDENT**2)[0]
-    return np.asarray(values, dtype=float)
+    return np.tile(values, (moment.shape[0], 1))
 
 
 def independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, float]]]]:
@@ -251,25 +266,37 @@ def independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, fl
     return chosen, groups
 
 
-def _label(names: list[str], seen: np.ndarray, column: int, group: list[tuple[int, float]]) -> str:
+def label_of(names: list[str], seen: np.ndarray, column: int, group: list[tuple[int, float]]) -> str:
+    """Name of a base parameter: the column's own, with the others that move with it."""
     return names[int(seen[column])] + "".join(
         f" {'+' if k > 0 else '-'} {abs(k):.4g} {names[int(seen[c])]}" for c, k in group
     )
 
 
-def _covariance(matrix: FloatArray, residual: FloatArray, joints: int) -> FloatArray:
+def clustered_covariance(matrix: FloatArray, residual: FloatArray, joints: int) -> FloatArray:
     """Covariance of the solution that holds where residuals are correlated in time and between joints.
 
-    Cluster-robust: blocks of consecutive rows, long against the residuals' memory, count as independent (a sandwich of
-    the blocks' scores).
+    Blocks of consecutive rows, long against the residuals' memory, count as independent. Each is left out in turn, and
+    the spread of the solutions is the covariance (the jackknife of clusters, CR3 of A. C. Cameron and D. L. Miller, "A
+    practitioner's guide to cluster-robust inference", 2015). A sandwich of the blocks' scores would be too narrow: with
+    some sixty parameters and as many blocks, residuals are visibly smaller than errors.
+
+    Args:
+        matrix: columns (N joints, p), joints side by side.
+        residual: (N joints,) that least squares left.
+        joints: number of them.
     """
+    length = np.linalg.norm(matrix, axis=0)
+    length[length == 0] = 1.0
+    matrix = matrix / length
     blocks = blocks_of(residual, joints)
-    inverse = np.linalg.pinv(matrix.T @ matrix)
-    meat = np.zeros_like(inverse)
-    for block in blocks:
-        score = matrix[block].T @ residual[block]
-        meat += np.outer(score, score)
-    covariance: FloatArray = inverse @ meat @ inverse * len(blocks) / (len(blocks) - 1)
+    whole = matrix.T @ matrix
+    moved = np.empty((len(blocks), length.size))
+    for place, block in enumerate(blocks):
+        own = matrix[block]
+        left = whole - own.T @ own
+        moved[place] = np.linalg.lstsq(left, own.T @ residual[block], rcond=1e-13)[0]
+    covariance: FloatArray = moved.T @ moved * (1 - 1 / len(blocks)) / np.outer(length, length)
     return covariance
 
 

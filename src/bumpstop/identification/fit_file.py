@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.identification.torque_columns import column_names
 from bumpstop.model import Robot
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
-_KEYS |= {"rows_used", "sign_speed", "top_speed", "couplings", "parameter"}
+_KEYS |= {"rows_used", "sign_speed", "top_speed", "couplings", "parameter", "gain"}
 
 
 def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], created_from: list[str]) -> None:
@@ -35,6 +36,11 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         *([] if fit.top_speed is None else [f"top_speed = {fit.top_speed.tolist()}  # up to which friction bends"]),
         f"couplings = {[[[j + 1, share] for j, share in group] for group in fit.couplings]}",
     ]
+    if fit.gains is not None and fit.gain_errors is not None:
+        for joint, gain, error in zip(fit.robot.joints, fit.gains, fit.gain_errors, strict=True):
+            seen = "" if np.isfinite(error) else "  # not seen: the scale of this joint's torque means nothing"
+            lines += ["", "[[gain]]", f"joint = {toml_text(joint.name)}", f"value = {float(gain)!r}{seen}"]
+            lines += [f"standard_error = {float(error)!r}"]
     names = column_names(fit.robot, fit.couplings, bent=fit.top_speed is not None)
     for place, (column, name) in enumerate(zip(fit.columns, fit.names, strict=True)):
         lines += [
@@ -78,6 +84,7 @@ def load_fit(path: str | Path) -> DynamicsFit:
             raise ValueError("top_speed is not one above 0 for each joint and each shared motor")
         names = column_names(robot, couplings, bent=top_speed is not None)
         parameters = data["parameter"]
+        gains, gain_errors = _gains(data.get("gain"), robot)
         predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]
         if predicting and len(predicting) < len(parameters):
             raise ValueError("only some parameters have a value in predictions")
@@ -95,11 +102,25 @@ def load_fit(path: str | Path) -> DynamicsFit:
             rows_used=int(data["rows_used"]),
             top_speed=top_speed,
             predicting=_finite(predicting) if predicting else None,
+            gains=gains,
+            gain_errors=gain_errors,
         )
     except KeyError as error:
         raise InputError(where, f"has no key {error.args[0]!r}", "wanted a file that identify wrote") from None
     except (TypeError, ValueError) as error:
         raise InputError(where, f"cannot be used ({error})", "wanted a file that identify wrote") from None
+
+
+def _gains(tables: Any, robot: Robot) -> tuple[FloatArray | None, FloatArray | None]:
+    """Gains and their standard errors (n,), which may be infinite; None where there are none."""
+    if tables is None:
+        return None, None
+    if [table["joint"] for table in tables] != [joint.name for joint in robot.joints]:
+        raise ValueError("the gains are not those of the robot's joints")
+    errors = np.array([float(table["standard_error"]) for table in tables])
+    if not (errors >= 0).all():
+        raise ValueError("a standard error of a gain is no number")
+    return _finite([table["value"] for table in tables]), errors
 
 
 def chain_of(data: dict[str, Any], folder: Path) -> Robot:

@@ -30,13 +30,14 @@ class TorqueRows:
 
     Attributes:
         motion: (N, n) of all stretches; its times are those of the recordings, its rate that of the first.
-        torque: (N, n) recorded, unfiltered [Nm or N]; with ``gains`` None and only currents recorded, the currents [A].
+        torque: (N, n) recorded, unfiltered [Nm or N]; currents [A] where these are rows of currents.
         carried: (N, n) of that, what declared payloads make [Nm or N].
         stretches: rows of each.
         rate_hz: rows a second of each.
         rows_left: recorded rows in stretches too short to use.
         recorded: of each stretch the torque on an even grid at the recorded rate, that rate [Hz], and of how many of
             its rows one is kept.
+        currents: these are rows of motor currents.
     """
 
     motion: EvenMotion
@@ -46,6 +47,7 @@ class TorqueRows:
     rate_hz: tuple[float, ...]
     rows_left: int
     recorded: tuple[tuple[FloatArray, float, int], ...]
+    currents: bool = False
 
     @classmethod
     def of(
@@ -56,15 +58,17 @@ class TorqueRows:
         payloads: Sequence[Payload | None] = (),
         *,
         gains: FloatArray | None = None,
+        currents: bool = False,
     ) -> TorqueRows:
         """Filter motions at a cut-off, and put torques beside them.
 
         Args:
-            recordings: with torques, or with currents where ``gains`` are given.
+            recordings: with torques, or with currents where ``gains`` or ``currents`` are given.
             robot: the chain.
             cutoff_hz: of the zero-phase filter.
             payloads: what each recording carried; default: nothing.
             gains: (n,) torque per current of each motor [Nm/A or N/A], for recordings without torque.
+            currents: take the currents as they are, whatever else is recorded.
 
         Raises:
             InputError: no torque, other joints, no stretch that is long enough, another number of payloads.
@@ -75,7 +79,7 @@ class TorqueRows:
         for number, recording in enumerate(recordings):
             if recording.dof != robot.dof:
                 raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
-            torque = _torque_of(recording, gains)
+            torque = _current_of(recording) if currents else _torque_of(recording, gains)
             whole = stretches_of(recording.t)
             seams += len(whole)
             for rows in whole:
@@ -113,6 +117,7 @@ class TorqueRows:
             tuple(rates),
             left,
             tuple(recorded),
+            currents,
         )
 
     def filtered(self, x: FloatArray, cutoff_hz: float) -> FloatArray:
@@ -140,12 +145,15 @@ def recorded_motion(
 def _torque_of(recording: Recording, gains: FloatArray | None) -> FloatArray:
     if recording.tau is not None:
         return recording.tau
-    name = recording.source or "it"
     if gains is None:
-        raise InputError("recording", f"{name} has no joint torque", "wanted tau_1 .. tau_n")
+        raise InputError("recording", f"{recording.source or 'it'} has no joint torque", "wanted tau_1 .. tau_n")
+    return _current_of(recording) * gains
+
+
+def _current_of(recording: Recording) -> FloatArray:
     if recording.current is None:
-        raise InputError("recording", f"{name} has neither torque nor current", "wanted tau_1 .. or current_1 ..")
-    return recording.current * gains
+        raise InputError("recording", f"{recording.source or 'it'} has no motor current", "wanted current_1 ..")
+    return recording.current
 
 
 def listed(recordings: Recording | Sequence[Recording]) -> list[Recording]:

@@ -161,7 +161,8 @@ def _degrees(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
         what = "they look like degrees taken for radians" if fits else "are unit and columns right?"
         problem = f"most positions are outside 10 x the limits of {robot.name}"
         raise InputError(str(path), f"{problem}: {what}", hint if fits else "")
-    if fits and (largest[turns] > 2 * bound[turns]).any():
+    # A last joint that turns without end is often given the limits of the others: one joint alone is no sign.
+    if fits and (largest[turns] > 2 * bound[turns]).sum() > (1 if turns.sum() > 1 else 0):
         return [f"Positions reach {largest.max():.4g} rad, far beyond the limits; degrees would fit: {hint}."]
     return []
 

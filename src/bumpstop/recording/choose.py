@@ -35,7 +35,7 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
     quantities = dict(columns.quantities)
     if not quantities:
         quantities, rtde = _found(table, path)
-        notes += [_RTDE_NOTE] if rtde else []
+        notes += [_RTDE_NOTE, *_payload_notes(table, path)] if rtde else []
     if "position" not in quantities:
         raise InputError("columns.position", "is missing", "wanted the columns of the joint positions")
     time = quantities.pop("time", Quantity())
@@ -118,6 +118,21 @@ def _found(table: Table, path: Path) -> tuple[dict[str, Quantity], bool]:
         return found, True
     what = "no header" if not names else "no columns t and q_1"
     raise InputError(str(path), f"has {what}", "say with --columns FILE.toml which columns hold what")
+
+
+def _payload_notes(table: Table, path: Path) -> list[str]:
+    """What the controller of a UR was told that the arm carries: a fit must be told, too."""
+    names = ("payload", *(f"payload_cog_{axis}" for axis in range(3)))
+    if not set(names) <= set(table.names):
+        return []
+    told = _fetched(table, {"payload": Quantity(columns=names)}, path)["payload"]
+    told = told[np.isfinite(told).all(axis=1)]
+    if not told.size or not (told[:, 0] > 0).any():
+        return []
+    if (told != told[0]).any():
+        return ["The controller was told of a payload that changes (payload, payload_cog): cut the recording there."]
+    figures = ",".join(f"{value:.6g}" for value in told[0])
+    return [f"The controller was told of a payload of {told[0, 0]:.4g} kg: --payload {figures}"]
 
 
 def _numbered(names: set[str], stem: str, first: int) -> tuple[str, ...]:
