@@ -203,3 +203,22 @@ def test_what_cannot_be_fitted_is_refused() -> None:
     ):
         with pytest.raises(bs.InputError, match=message):
             problem()
+
+
+def test_a_real_arm_with_a_declared_payload() -> None:
+    """Gains of a UR3e at 25 Hz beside its controller's own: the slope of target moment over target current.
+
+    7 %: the controller's own model is not ours. Without the payload, a gripper, the wrist's gain is a sixth of it.
+    """
+    path = SHARED / "ur3e_rtde/fig9.xlsx"
+    if not path.exists():
+        pytest.skip(f"{path} is absent: set BUMPSTOP_SHARED")
+    robot, log = bs.Robot.load("ur3e"), Recording.load(path)
+    assert any("--payload 1.07,0,0,0.058" in note for note in log.report.notes)
+    controller = {"shoulder_lift_joint": 10.88, "elbow_joint": 7.70, "wrist_1_joint": 3.56}
+    fit = identify_joint_model(log, with_payload(robot, 1.07, (0, 0, 0.058)), cutoff_hz=3.0)
+    for joint in fit.model.joints:
+        if joint.name in controller:
+            assert joint.value("B") == pytest.approx(controller[joint.name], rel=0.07)
+    assert fit.model.joints[5].parameters["B"] is None
+    assert any("wrist_3_joint: B cannot be seen" in warning for warning in fit.warnings)

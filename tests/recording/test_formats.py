@@ -68,6 +68,10 @@ def test_units_and_coupling(tmp_path: Path) -> None:
     assert found.tau is not None
     np.testing.assert_allclose(found.tau, (ratio.T @ torque.T).T * [1, -1], rtol=1e-12)
     assert found.t[1] == 0.01
+    # Positions that are the joints' already have no ratio, but where their zero lies is still said.
+    columns["position"]["side"] = "joint"  # type: ignore[index]
+    joint_side = Recording.load(written(tmp_path, text), columns=columns)
+    np.testing.assert_allclose(joint_side.q, np.radians(motor) + np.array([0.1, -0.2]), rtol=1e-12)
     # Power is the same on both sides, but for the sign that was asked for.
     power = np.sum(found.tau * [1, -1] * np.linalg.solve(ratio, motor.T).T, axis=1)
     np.testing.assert_allclose(power, np.sum(torque * motor, axis=1))
@@ -85,6 +89,21 @@ def test_quantities_in_two_files_are_joined_row_by_row(tmp_path: Path) -> None:
     assert found.current is not None
     np.testing.assert_allclose(found.current[:, 0], 100 * found.t, atol=1e-9)
     assert [row for row, _ in found.report.dropped] == [21, 41]
+
+
+def test_a_payload_that_a_controller_was_told_of_is_said(tmp_path: Path) -> None:
+    names = ["timestamp", "actual_q_0", "actual_q_1", "payload", *(f"payload_cog_{axis}" for axis in range(3))]
+    for payloads, said in (
+        ((1.07, 1.07), "payload of 1.07 kg: --payload 1.07,0,0,0.058"),
+        ((1.07, 2.0), "payload that changes"),
+        ((0.0, 0.0), None),
+    ):
+        rows = [f"{0.01 * i},0.1,0.2,{payloads[i >= 30]},0,0,0.058" for i in range(60)]
+        notes = Recording.load(written(tmp_path, [",".join(names), *rows])).report.notes
+        assert [note for note in notes if "payload" in note] == [
+            note for note in notes if said is not None and said in note
+        ]
+        assert any("payload" in note for note in notes) == (said is not None)
 
 
 def test_rate_stands_for_a_time_column(tmp_path: Path) -> None:

@@ -127,7 +127,8 @@ def _on_joint_side(raw: RawRecording, columns: Columns) -> RawRecording:
     with np.errstate(all="ignore"):  # garbage is still in there
         inverse: FloatArray = np.linalg.inv(coupling.ratio).T.astype(np.float64)
         if "position" in at_motor or "position" not in columns.quantities:
-            values["position"] = _times(values["position"], inverse) + coupling.offset
+            values["position"] = _times(values["position"], inverse)
+        values["position"] = values["position"] + coupling.offset
         if "velocity" in values and ("velocity" in at_motor or "velocity" not in columns.quantities):
             values["velocity"] = _times(values["velocity"], inverse)
         if "torque" in values:
