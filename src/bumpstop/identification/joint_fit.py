@@ -154,6 +154,12 @@ def fit_joint(
         law = CurrentLaw.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
         fit = task.fit(law, start, sight)
         more = sight.unclear(law, fit)
+        blinder = None if more else sight.without_gain(law, fit)
+        if blinder is not None:
+            sight, kind, friction = blinder, "blind", "power"
+            unseen, fixed = dict(sight.unseen), {**sight.fixed, **known}
+            start = starting_values(sight, fixed)
+            continue
         if not more:
             break
         for name, (value, reason) in more.items():

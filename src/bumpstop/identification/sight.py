@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +31,8 @@ _RESTS, _REST_S = 4, 0.25
 _SURE_BEND = 0.1
 # Columns that the others make up to this share of their length say nothing.
 _DEPENDENT = 1e-3
+_TOO_LITTLE = "the torque varies too little against the noise of the current, its gain stays unknown"
+_NOT_FROM_GAIN = "it cannot be told from the gain"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +99,15 @@ class Sight:
             found["A"] = (0.0, "the torques are too small or too much alike to show the map's bend, A is fixed at 0")
         return found
 
+    def without_gain(self, law: CurrentLaw, fit: RobustFit) -> Sight | None:
+        """What is seen where the whole fit leaves the gain open, as a linear one did not; None: it does not either."""
+        errors = dict(zip(law.names, fit.standard_errors.tolist(), strict=True))
+        gain = dict(zip(law.names, fit.values.tolist(), strict=True)).get("B")
+        if self.blind or gain is None or errors["B"] < _SURE * gain:
+            return None
+        reasons = {"B": _TOO_LITTLE, "inertia": _NOT_FROM_GAIN}
+        return replace(self, blind=True, unseen={**self.unseen, **reasons})
+
 
 def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[str, float]) -> Sight:
     """Find out what the motion of joint ``j`` can show."""
@@ -128,7 +139,7 @@ def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[
     blind = "B" not in known and not (gain > 0 and errors[0] < _SURE * gain)
     if blind:
         unseen["B"] = _why_blind(gain, float(errors[0]), raw)
-        unseen["inertia"] = "it cannot be told from the gain"
+        unseen["inertia"] = _NOT_FROM_GAIN
     near = rows.q[:: max(1, rows.t.size // 50)]
     return Sight(
         name=name,
@@ -242,4 +253,4 @@ def _why_blind(gain: float, error: float, raw: FloatArray) -> str:
         return "current falls as torque rises: is its sign right? The gain stays unknown"
     if abs(np.corrcoef(torque, acceleration)[0, 1]) > 0.9:
         return "its torque is little but its own acceleration, as that of reflected inertia is: the gain stays unknown"
-    return "the torque varies too little against the noise of the current, its gain stays unknown"
+    return _TOO_LITTLE
