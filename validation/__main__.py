@@ -28,6 +28,7 @@ from validation import (  # noqa: E402
     convergence,
     drives,
     experiments,
+    gains,
     instruction_sets,
     page,
     plant,
@@ -72,6 +73,7 @@ COMPARISONS = {
     "tuning": tuning,
     "sample_paths": sample_paths,
     "drives": drives,
+    "gains": gains,
     "tx40": tx40,
 }
 

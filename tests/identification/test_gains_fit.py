@@ -14,7 +14,8 @@ from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from identification.drives import fourier
 
-GAINS = np.array([11.0, 11.5, 10.0, 8.0, 7.5, 7.0])  # Nm/A
+ALL_GAINS = np.array([11.0, 11.5, 10.0, 8.0, 7.5, 7.0, 6.0])  # Nm/A
+GAINS = ALL_GAINS[:6]
 FACTOR = 1 / (1 + np.arange(6))
 COULOMB, VISCOUS, ROTOR, OFFSET = 4.0, 2.5, 0.3, 0.7  # times the factor
 LOAD = Payload(3.0, (0.03, 0.0, 0.08))
@@ -28,8 +29,9 @@ def currents(robot: bs.Robot, seed: int, *, seconds: float = 12.0, noise: float 
     t, q, qd, qdd = fourier(robot, seconds, 94.0, seed)
     rng = np.random.default_rng(seed)
     tau = inverse_dynamics(robot, q, qd, qdd)
-    tau += FACTOR * (COULOMB * np.sign(qd) + VISCOUS * qd + ROTOR * qdd + OFFSET)
-    current = tau / GAINS + noise * lfilter([0.6], [1, -0.8], rng.normal(size=tau.shape), axis=0)
+    factor = 1 / (1 + np.arange(robot.dof))
+    tau += factor * (COULOMB * np.sign(qd) + VISCOUS * qd + ROTOR * qdd + OFFSET)
+    current = tau / ALL_GAINS[: robot.dof] + noise * lfilter([0.6], [1, -0.8], rng.normal(size=tau.shape), axis=0)
     shift = rng.uniform(-0.05, 0.05, t.size) / 94.0
     return Recording(t=t + shift, q=q + shift[:, None] * qd, current=current)
 
