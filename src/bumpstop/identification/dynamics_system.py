@@ -33,6 +33,7 @@ _ROUNDS = 4  # of the joints' weights
 _FOLDS, _PARTS = 5, 20
 # Parameters are left out of predictions where no joint's held-out error grows by more than this factor.
 _WORST_LOSS = 1.1
+_MEMORIES = 5  # correlation times of the residuals in a block that counts as independent
 _LEAST_SIGN_SPEED = 1e-4  # [rad/s or m/s]
 
 
@@ -296,7 +297,9 @@ def clustered_covariance(matrix: FloatArray, residual: FloatArray, joints: int) 
         own = matrix[block]
         left = whole - own.T @ own
         moved[place] = np.linalg.lstsq(left, own.T @ residual[block], rcond=1e-13)[0]
-    covariance: FloatArray = moved.T @ moved * (1 - 1 / len(blocks)) / np.outer(length, length)
+    # Blocks of so many memories of an exponential correlation lose half of one at their seams.
+    lost = 1 - 0.5 / _MEMORIES
+    covariance: FloatArray = moved.T @ moved * (1 - 1 / len(blocks)) / np.outer(length, length) / lost
     return covariance
 
 
@@ -304,5 +307,5 @@ def blocks_of(residual: FloatArray, joints: int) -> list[slice]:
     """Runs of rows that are long against the memory of residuals (N * joints,), joints side by side."""
     rows = residual.size // joints
     memory = max(correlation_time(residual.reshape(rows, joints)[:, j]) for j in range(joints))
-    number = max(8, min(rows // max(1, math.ceil(5 * memory)), 400))
+    number = max(8, min(rows // max(1, math.ceil(_MEMORIES * memory)), 400))
     return [slice(part[0] * joints, (part[-1] + 1) * joints) for part in np.array_split(np.arange(rows), number)]
