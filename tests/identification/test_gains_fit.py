@@ -10,6 +10,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.identification import DynamicsFit, Payload, identify_gains, load_fit, save_fit, with_payload
+from bumpstop.identification.validation import compare_dynamics
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from identification.drives import fourier
@@ -97,6 +98,10 @@ def test_a_known_gain_gives_the_scale_as_far_as_joints_share_links() -> None:
     seen = np.isfinite(fit.gain_errors) & (fit.gain_errors > 0)
     assert seen.sum() >= 3
     assert (np.abs(fit.gains - GAINS)[seen] < 4.5 * fit.gain_errors[seen]).all()
+    # What has no scale in Nm is on no page.
+    assert compare_dynamics(fit, log).names == tuple(
+        joint.name for joint, error in zip(robot.joints, fit.gain_errors, strict=True) if np.isfinite(error)
+    )
     # Twice the known gain is twice every gain that is seen beside it.
     twice = identify_gains(log, robot, known={"shoulder_lift_joint": 2 * GAINS[1]}, cutoff_hz=10.0)
     assert twice.gains is not None

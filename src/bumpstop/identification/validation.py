@@ -129,7 +129,7 @@ def compare_dynamics(
     filter_hz: float | None = None,
     payloads: Sequence[Payload | None] = (),
 ) -> Comparison:
-    """Torques that fitted dynamics predict, beside recorded ones.
+    """Torques that fitted dynamics predict, beside recorded ones; joints whose gain is not seen are left out.
 
     Args:
         fit: what ``identify`` found.
@@ -138,17 +138,21 @@ def compare_dynamics(
         payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
     """
     rows = fit.rows(recordings, payloads)
+    errors = np.zeros(fit.robot.dof) if fit.gain_errors is None else fit.gain_errors
+    known = [j for j in range(fit.robot.dof) if np.isfinite(errors[j])]
+    joints = [fit.robot.joints[j] for j in known]
+    scores = fit.score(recordings, filter_hz=filter_hz, payloads=payloads)
     return Comparison(
-        names=tuple(joint.name for joint in fit.robot.joints),
-        units=tuple("N" if joint.kind == "prismatic" else "Nm" for joint in fit.robot.joints),
+        names=tuple(joint.name for joint in joints),
+        units=tuple("N" if joint.kind == "prismatic" else "Nm" for joint in joints),
         t=_one_after_another(rows.motion.t, rows.stretches),
-        qd=rows.motion.qd,
-        qdd=rows.motion.qdd,
-        measured=rows.torque,
-        predicted=fit.predict(rows.motion) + rows.carried,
+        qd=rows.motion.qd[:, known],
+        qdd=rows.motion.qdd[:, known],
+        measured=rows.torque[:, known],
+        predicted=(fit.predict(rows.motion) + rows.carried)[:, known],
         rate_hz=rows.motion.rate_hz,
         filter_hz=filter_hz or fit.cutoff_hz,
-        given=fit.score(recordings, filter_hz=filter_hz, payloads=payloads),
+        given=tuple(scores[j] for j in known),
     )
 
 
