@@ -70,6 +70,7 @@ void bind_signal(nb::module_& module);
 void bind_joint(nb::module_& module);
 void bind_detection(nb::module_& module);
 void bind_sensitivity(nb::module_& module);
+void bind_foretold_force(nb::module_& module);
 void bind_collision(nb::module_& module);
 void bind_trajectory(nb::module_& module);
 

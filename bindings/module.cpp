@@ -11,6 +11,7 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_joint(module);
     bumpstop::bind_detection(module);
     bumpstop::bind_sensitivity(module);
+    bumpstop::bind_foretold_force(module);
     bumpstop::bind_collision(module);
     bumpstop::bind_trajectory(module);
 }

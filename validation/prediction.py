@@ -70,6 +70,9 @@ def _cases(scenario: bs.Scenario, q: Floats, velocity: Floats) -> Cases:
     found = predict_batch(scenario, q, velocity, quantile=QUANTILE)
     kept = (laws.end == "certain_detection") & (laws.undetected_probability < 1e-9) & (found.gain < MOST_GAIN)
     kept &= np.isfinite(laws.mean) & np.isfinite(laws.quantile[:, 0])
+    robot = bs.Robot.load(scenario.robot)
+    moving = [j for j in range(robot.dof) if j + 1 not in scenario.motion.held_joints]
+    values = np.linalg.svd(robot.jacobian(q)[:, :3, moving], compute_uv=False)
     return Cases(
         laws.mean[kept],
         laws.quantile[kept, 0],
@@ -77,8 +80,8 @@ def _cases(scenario: bs.Scenario, q: Floats, velocity: Floats) -> Cases:
         found.bound[kept],
         found.trusted[kept],
         found.unnoticed[kept],
-        found.condition[kept],
-        found.singular_value[kept],
+        (values[:, 0] / values[:, -1])[kept],
+        values[kept, -1],
         len(q),
         int((found.trusted & ~(laws.quantile[:, 0] <= found.bound)).sum()),
     )

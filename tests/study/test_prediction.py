@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bumpstop.arrays import FloatArray
 from bumpstop.collision import Problem, evaluate_batch, stopping_curve
 from bumpstop.errors import InputError
-from bumpstop.study.braking import stopping
-from bumpstop.study.noticing import Noticing
-from bumpstop.study.prediction import predict, predict_batch
-from bumpstop.study.short_path import Arms, ShortPath
+from bumpstop.kernels import core
+from bumpstop.study.prediction import foretold_scenario, predict, predict_batch
 from study.prediction_cases import draw
 
 QUANTILE = 0.999
@@ -82,16 +79,12 @@ def test_stopping_is_that_of_the_traced_arm_and_never_less(kind: str) -> None:
         curve = stopping_curve(problem)
         if curve.ticks < 2:
             continue
-        arms = Arms(problem, pose[None], v[None])
-        time = np.asarray(curve.tick_time)[:1]
-        latency = problem.latency_steps * one.simulation.step_s
-        path = ShortPath.of(arms, (v / np.linalg.norm(v))[None], time + latency, 16)
-        found = stopping(path, time, latency)
+        travel, most, bent = foretold_scenario(problem, QUANTILE).braking(pose, v, float(curve.tick_time[0]))
         overrun = curve.farthest[0] - curve.tick_distance[0]
-        if found.bent[0] < 0.3:
+        if bent < 0.3:
             looked_at += 1
-            assert found.most[0] >= overrun * (1 - 1e-9)
-            assert found.travel[0] == pytest.approx(overrun, rel=2e-3)
+            assert most >= overrun * (1 - 1e-9)
+            assert travel == pytest.approx(overrun, rel=2e-3)
     assert looked_at >= 6
 
 
@@ -119,27 +112,13 @@ def test_single_scenario_is_the_batch_of_one() -> None:
 @pytest.mark.parametrize("sd", [0.0, 0.3, 4.0])
 @pytest.mark.parametrize("per_tick", [0.3, 5.0, 60.0])
 def test_silence_gives_the_mean_of_drawn_ticks(sd: float, per_tick: float) -> None:
-    thresholds, a = np.array([10.0, 16.0]), np.array([[0.25, -0.5]])
-
-    def noticing(*, cautious: bool) -> Noticing:
-        def residual(force: FloatArray) -> FloatArray:
-            return np.asarray(force[..., None] * (np.abs(a) if cautious else a)[:, None, :])
-
-        return Noticing.of(
-            residual,
-            a,
-            np.array([per_tick]),
-            thresholds,
-            np.full(2, sd),
-            np.zeros(2),
-            remembers=False,
-            rarest=1e-3,
-            cautious=cautious,
-        )
-
-    seen, at_most = noticing(cautious=False), noticing(cautious=True)
-    assert (at_most.silence >= seen.silence * (1 - 1e-9)).all()
-    assert (np.diff(at_most.silence, axis=1) <= 0).all()
+    thresholds, a = np.array([10.0, 16.0]), np.array([0.25, -0.5])
+    settings = (a, per_tick, thresholds, np.full(2, sd), np.zeros(2), 1e-3)
+    mean, _, silence = core.notice_ramp(*settings, cautious=False)
+    _, worst, at_most = core.notice_ramp(*settings, cautious=True)
+    assert (np.diff(at_most) <= 0).all()
+    # The forces at which both are known are the same.
+    assert (at_most >= silence * (1 - 1e-9)).all()
     rng = np.random.default_rng(5)
     runs, ticks = 20_000, int(90 / per_tick) + 2
     force = per_tick * (rng.random(runs)[:, None] + np.arange(ticks))
@@ -148,8 +127,8 @@ def test_silence_gives_the_mean_of_drawn_ticks(sd: float, per_tick: float) -> No
     assert alarm.any(axis=1).all()
     drawn = force[np.arange(runs), alarm.argmax(axis=1)]
     # Four standard errors, and a part in a thousand for the grid of forces.
-    assert abs(seen.mean[0] - drawn.mean()) < 4 * drawn.std() / math.sqrt(runs) + 1e-3 * drawn.mean()
-    assert (drawn > at_most.worst(1e-3)[0]).mean() < 1e-3 + 4 * math.sqrt(1e-3 / runs)
+    assert abs(mean - drawn.mean()) < 4 * drawn.std() / math.sqrt(runs) + 1e-3 * drawn.mean()
+    assert (drawn > worst).mean() < 1e-3 + 4 * math.sqrt(1e-3 / runs)
 
 
 def test_more_noise_is_noticed_earlier_and_a_rarer_bound_is_higher() -> None:

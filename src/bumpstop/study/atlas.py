@@ -13,7 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import Problem, Scenario
 from bumpstop.errors import InputError
-from bumpstop.study.short_path import Arms
+from bumpstop.study.arms import Arms
 from bumpstop.study.speed_limit import SpeedLimits, force_limit, foretold_speed, speed_limits, stop_gain
 from bumpstop.study.study import Study
 

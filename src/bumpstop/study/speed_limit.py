@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.collision import Problem, evaluate_batch
-from bumpstop.study.short_path import Arms
+from bumpstop.study.arms import Arms
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
