@@ -22,6 +22,7 @@ LIMIT_N = 135.0  # hand, clamped, BG/BGIA 2011
 MOST_GAIN = 20.0  # rad/m
 LEAST_R2, LARGEST_MEDIAN_ERROR, LARGEST_MEDIAN_RATIO = 0.98, 0.05, 1.2
 SEED = 77
+OBSERVER_GAINS_1_S = (20.0, 60.0, 200.0)
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"the quantile {QUANTILE:g}."
     )
     _accuracy(findings, varied)
+    _observers(findings, rng, *((4, 20) if quick else (80, 40)))
     control = control_group()
     robot = bs.Robot.load("sia5d")
     poses = 300 if quick else 5000
@@ -160,6 +162,31 @@ def _accuracy(findings: Findings, cases: Cases) -> None:
         found <= LARGEST_MEDIAN_RATIO,
         f"{found:.4f}, at most {LARGEST_MEDIAN_RATIO:g}",
     )
+
+
+def _observers(findings: Findings, rng: np.random.Generator, scenarios: int, count: int) -> None:
+    """The bound of detectors whose residual follows the contact slowly."""
+    rows: list[list[Cell]] = []
+    over = cases = 0
+    for gain in OBSERVER_GAINS_1_S:
+        ratios = []
+        for number in range(scenarios):
+            scenario, q, velocity = draw(rng, number, count)
+            slow = scenario.with_values({"detector.residual": "observer", "detector.observer_gain_1_s": gain})
+            found = predict_batch(slow, q, velocity, quantile=QUANTILE)
+            laws = evaluate_batch(slow, q[found.trusted], velocity[found.trusted], probabilities=[QUANTILE], threads=2)
+            ratios.append(found.bound[found.trusted] / laws.quantile[:, 0])
+        ratio = np.concatenate(ratios)
+        rows.append([gain, len(ratio), float(ratio.min()), float(np.median(ratio))])
+        over += int((~(ratio >= 1)).sum())
+        cases += len(ratio)
+    findings.table(
+        "Bound over exact quantile with an observer, where the formula says it holds",
+        ["Gain [1/s]", "Cases", "Lowest", "Median"],
+        ["g", "d", ".4f", ".4f"],
+        rows,
+    )
+    findings.check("With an observer the bound is never below the exact quantile", over == 0, f"{over} of {cases}")
 
 
 def _predictors(findings: Findings, which: str, cases: Cases) -> None:

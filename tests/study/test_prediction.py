@@ -29,6 +29,44 @@ REVERSING: dict[str, Any] = {
         "reaction.latency_s": 0.0,
     },
 }
+# Another, whose braking leads it past a singularity: every step of it asks for other rates.
+PAST_A_SINGULARITY: dict[str, Any] = {
+    "q": [2.63355, -0.67814, 4.26013, 1.05914, -3.2143, -3.45856],
+    "velocity": [0.000894, 0.019905, -0.007187],
+    "changes": {
+        "contact.stiffness_N_m": 85316.9,
+        "detector.thresholds_Nm": [20.176, 34.267, 24.133, 15.65, 19.868, 20.649],
+        "detector.noise_sd_Nm": [2.669, 4.533, 3.192, 2.07, 2.628, 2.731],
+        "detector.feedback_period_s": 0.002,
+        "reaction.kind": "reverse",
+        "reaction.joint_acceleration_rad_s2": 5.988,
+        "reaction.latency_s": 0.0,
+    },
+}
+# An observer that notices after twice the threshold's force, and a latency that leads beyond what was foreseen.
+SLOW_OBSERVER: dict[str, Any] = {
+    "q": [6.19453, -2.81323, 0.77286, 1.04997, -3.05055, 5.24081],
+    "velocity": [-0.039545, -0.097347, 0.087637],
+    "changes": {
+        "contact.stiffness_N_m": 32664.0,
+        "detector.thresholds_Nm": [36.051, 18.813, 12.247, 36.912, 14.33, 29.226],
+        "detector.noise_sd_Nm": [5.531, 2.886, 1.879, 5.663, 2.198, 4.483],
+        "detector.residual": "observer",
+        "detector.observer_gain_1_s": 60.0,
+        "detector.feedback_period_s": 0.002,
+        "reaction.kind": "reverse",
+        "reaction.joint_acceleration_rad_s2": 7.558,
+        "reaction.latency_s": 0.01,
+    },
+}
+
+
+def foretold_and_exact(case: dict[str, Any]) -> tuple[Any, Any]:
+    """What is foretold of one case, and its exact law."""
+    scenario = draw(np.random.default_rng(1), 1, 1)[0].with_values(case["changes"])
+    q, velocity = np.array(case["q"])[None], np.array(case["velocity"])[None]
+    law = evaluate_batch(scenario, q, velocity, probabilities=[QUANTILE])
+    return predict_batch(scenario, q, velocity, quantile=QUANTILE), law
 
 
 def test_agrees_with_exact_laws_of_random_cases() -> None:
@@ -57,14 +95,25 @@ def test_agrees_with_exact_laws_of_random_cases() -> None:
 
 def test_an_arm_whose_limiting_joint_turns_faster_while_it_reverses_keeps_its_bound() -> None:
     # Nearly all of the force comes after detection, and hardly any of it is chance.
-    scenario = draw(np.random.default_rng(1), 1, 1)[0]
-    velocity = np.array(REVERSING["velocity"])[None]
-    changed = scenario.with_values(REVERSING["changes"])
-    found = predict_batch(changed, np.array(REVERSING["q"])[None], velocity, quantile=QUANTILE)
-    law = evaluate_batch(changed, np.array(REVERSING["q"])[None], velocity, probabilities=[QUANTILE])
+    found, law = foretold_and_exact(REVERSING)
     assert found.trusted[0]
     assert law.quantile[0, 0] <= found.bound[0] < 1.02 * law.quantile[0, 0]
     assert found.expected[0] == pytest.approx(law.mean[0], rel=1e-3)
+
+
+def test_an_arm_that_brakes_past_a_singularity_has_no_bound() -> None:
+    found, law = foretold_and_exact(PAST_A_SINGULARITY)
+    # The guess is far from the law, and says so.
+    assert law.mean[0] > 2 * found.expected[0]
+    assert not found.trusted[0]
+    assert not np.isfinite(found.bound[0])
+
+
+def test_a_slow_observer_with_latency_keeps_its_bound() -> None:
+    found, law = foretold_and_exact(SLOW_OBSERVER)
+    assert found.trusted[0]
+    assert law.quantile[0, 0] <= found.bound[0] < 1.1 * law.quantile[0, 0]
+    assert found.expected[0] == pytest.approx(law.mean[0], rel=2e-3)
 
 
 @pytest.mark.parametrize("kind", ["stop", "reverse"])

@@ -11,7 +11,7 @@ template <class T>
 struct BrakingAhead {
     T travel;  ///< expected [m]
     T most;    ///< never less than it, but for what two numbers of steps have in common [m]
-    T bent;    ///< how much the rates of a straight motion change while the arm brakes, in shares of themselves
+    T bent;    ///< how much the rates of the line change where the arm brakes, in shares of themselves
 };
 
 namespace detail {
@@ -55,15 +55,21 @@ Overrun<T> stop_ahead(const ArmOnLine& arm, const Point3<T>& normal, const Momen
     return {maximum(way(reach), inside), farthest + above * 0.125};
 }
 
-/// Overrun of an arm that reverses without sub-steps [m], by so many steps of the midpoint rule to standstill.
+/// Overrun of an arm that reverses without sub-steps [m], by so many steps of the midpoint rule to standstill. `bent`
+/// grows to the greatest change of the line's rates on the way, in shares of those at the beginning.
 template <class T>
 T reverse_ahead(const ArmOnLine& arm, const Point3<T>& normal, const Point3<T>& velocity, const Moment<T>& begin,
-                int steps) {
+                int steps, T& bent) {
     const int dof = arm.chain.dof;
     const Point3<T> from = begin.posture.position(arm.contact);
     const T step = time_for(arm, begin.qd) * (1.0 / steps);
+    const T own = maximum(norm_of(arm, begin.qd), T(1e-300));
+    MaskOf<T> forth = T(0.0) < T(1.0);  // until it first turns back
     const auto change = [&](const Moment<T>& at, const T* rate, T* found) {
         line_rates(arm, at.posture, velocity, found);
+        T apart[max_joints];
+        for (int j = 0; j < dof; ++j) apart[j] = found[j] - begin.qd[j];
+        bent = select(forth, maximum(bent, norm_of(arm, apart) / own), bent);
         for (int j = 0; j < dof; ++j) found[j] = -found[j] - rate[j];
         const T share = 1.0 / maximum(maximum(time_for(arm, found), step), T(1e-300));
         for (int j = 0; j < dof; ++j) found[j] *= share;
@@ -75,7 +81,6 @@ T reverse_ahead(const ArmOnLine& arm, const Point3<T>& normal, const Point3<T>& 
     };
     Moment<T> at = begin, half;
     T slope[max_joints], speed = speed_of(at), farthest = 0.0, reached = 0.0;
-    MaskOf<T> forth = T(0.0) < T(1.0);  // until it first turns back
     for (int i = 0; i < 2 * steps; ++i) {
         change(at, at.qd, slope);
         for (int j = 0; j < dof; ++j) {
@@ -126,13 +131,13 @@ BrakingAhead<T> braking_ahead(const ArmAhead<T, steps>& path, T time, double lat
     middle.look(arm.chain);
     line_rates(arm, middle.posture, path.velocity, middle.qd);
     for (int j = 0; j < arm.chain.dof; ++j) middle.qd[j] -= at.qd[j];
-    const T bent = select(own > T(0.0), norm_of(arm, middle.qd) / maximum(own, T(1e-300)), T(1e300));
+    T bent = select(own > T(0.0), norm_of(arm, middle.qd) / maximum(own, T(1e-300)), T(1e300));
     if (!reverse) {
         const detail::Overrun<T> over = detail::stop_ahead(arm, path.normal, at);
         return {before + over.expected, before + over.most, bent};
     }
-    const T rough = detail::reverse_ahead(arm, path.normal, path.velocity, at, detail::braking_steps / 2);
-    const T fine = detail::reverse_ahead(arm, path.normal, path.velocity, at, detail::braking_steps);
+    const T rough = detail::reverse_ahead(arm, path.normal, path.velocity, at, detail::braking_steps / 2, bent);
+    const T fine = detail::reverse_ahead(arm, path.normal, path.velocity, at, detail::braking_steps, bent);
     T torque[max_joints];
     contact_torque(arm, at.posture, path.normal, torque);
     // The positions follow the new rates of a sub-step, not their mean over it.

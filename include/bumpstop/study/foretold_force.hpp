@@ -54,6 +54,8 @@ inline constexpr double doubted = 0.1, agree = 0.02;
 inline constexpr double most_off_speed = 0.02;
 /// Where it does not hold, the formula is kept within this factor of that of one line.
 inline constexpr double astray = 3.0;
+/// How often the force that an observer lags behind is put right.
+inline constexpr int lag_rounds = 6;
 /// Places of the body, out of all it may have, at which the least torque per newton is looked for.
 inline constexpr int body_places = 3;
 
@@ -131,19 +133,25 @@ Forces<T> forces_ahead(const ForetoldScenario& scenario, const Start<T>& start) 
         }
         return least;
     };
-    const T noisy = missed(2.0);
-    T length = maximum(longer * noisy, rarely_longer * missed(deviations));
-    length = (farthest + length * compliance) / approach + 2 * period + latency;
-    length = minimum(length, T(scenario.duration + latency));
-    ArmAhead<T, steps> path;
-    path.follow(arm, start.at, start.normal, start.velocity, length);
-
     const double keep = scenario.observer_memory;
     const auto unfelt = [&](T force, T per_tick) {  // how far an observer is behind a force that grows evenly
         if (keep == 0) return T(0.0);
         const T rate = -std::log(keep) / per_tick;
         return per_tick * (keep / (1 - keep)) * (1.0 - exp_negative(minimum(rate * force, T(700.0)), T(0.0)));
     };
+    const T noisy = missed(2.0);
+    T far = maximum(longer * noisy, rarely_longer * missed(deviations));
+    if (keep > 0) {
+        // The force at which an observer has felt so much, from above: every round is nearer and none below it.
+        const T even = maximum(K * period * approach, T(1e-12)), whole = far;
+        far += even * (keep / (1 - keep));
+        for (int round = 0; round < lag_rounds; ++round) far = whole + unfelt(far, even);
+    }
+    T length = (farthest + far * compliance) / approach + 2 * period + latency;
+    length = minimum(length, T(scenario.duration + latency));
+    ArmAhead<T, steps> path;
+    path.follow(arm, start.at, start.normal, start.velocity, length);
+
     const T tick = maximum(K * period * path.speed_at(offset + noisy * compliance), T(1e-12));
     const auto felt = [&](T force, int w) {
         const T share = path.share_at(offset + force * compliance);
@@ -213,7 +221,9 @@ Forces<T> forces_ahead(const ForetoldScenario& scenario, const Start<T>& start) 
     for (int j = 0; j < arm.chain.dof; ++j)
         within = minimum(within, minimum(q[j] - arm.motion.lower[j], arm.motion.upper[j] - q[j]));
     const MaskOf<T> reached = last <= path.distance[steps], allowed = within >= T(0.0);
-    const MaskOf<T> seen = reached & allowed;
+    // Nor is anything known of a reaction that begins after the stretch.
+    const MaskOf<T> begun = last_time + latency <= path.length;
+    const MaskOf<T> seen = reached & allowed & begun;
     Forces<T> forces;
     forces.expected = found + K * expected.travel;
     forces.bound = select(seen, worst + K * most, T(unbounded_force));
