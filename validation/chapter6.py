@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
-import bumpstop as bs
+from bumpstop.study import run
+from bumpstop.study.effectiveness import EffectivenessStudy
 from collision.cases import control_group
 from validation.facts import load
 from validation.findings import PROBABILITY, Cell, Findings, probability
 from validation.scores import probability_score
 
 TITLE = "Effectiveness in the standard pose (chapter 6 of the source)"
+TABLE = "bgia2011"
 BODIES = ("hand_finger", "lower_arm_wrist", "upper_arm_elbow")
 AREAS_CM2 = (0.5, 1.0, 2.0)
 # The source drew 1000 runs: what it saw in none of them has a probability of a few thousandths at most.
@@ -19,21 +22,56 @@ SELDOM = 1e-3
 MORE_SELDOM = 1e-4
 
 
+Laws = dict[tuple[str, float], "Collisions"]
+
+
+@dataclass(frozen=True)
+class Collisions:
+    """Rows of the study of one body, direction and speed, by contact area.
+
+    Attributes:
+        by_area: columns of ``rows.parquet`` by area [cm2].
+    """
+
+    by_area: dict[float, dict[str, Any]]
+
+    @property
+    def any_area(self) -> dict[str, Any]:
+        """A row of which only what the area does not change is read."""
+        return self.by_area[AREAS_CM2[-1]]
+
+    @property
+    def over_force(self) -> float:
+        """P(force over its limit)."""
+        return float(self.any_area["p_over_force"])
+
+    def over_pressure(self, area_cm2: float) -> float:
+        """P(pressure over its limit) with an area."""
+        return float(self.by_area[area_cm2]["p_over_pressure"])
+
+    @property
+    def trigger_joint_probability(self) -> list[float]:
+        """By joint, given detection."""
+        return [float(self.any_area[f"trigger_{j + 1}"]) for j in range(7)]
+
+    @property
+    def several_joints_probability(self) -> float:
+        """Of two or more at the tick of detection."""
+        return float(self.any_area["several_joints"])
+
+
 def compare(findings: Findings, *, quick: bool) -> None:
-    """Work out every collision of sections 6.2.1 and 6.2.2 and set it beside the source's statement."""
+    """Ask the study for every collision of sections 6.2.1 and 6.2.2 and set it beside the source's statement."""
     del quick  # exact laws are quick
     facts = load("dissertation")["effectiveness"]
     findings.say(
         "Straight down or sideways in the standard pose, control-group detector and reaction (table 5.2), limits of "
-        "BG/BGIA 2011, exact laws. The source's charts are lost; its statements in words remain. A collision counts as "
-        f"acceptable here when force and pressure pass their limits with a probability of at most {SELDOM:g} each."
+        "BG/BGIA 2011, by bumpstop study effectiveness. The source's charts are lost; its statements in words remain. "
+        "A collision counts as acceptable here when force and pressure pass their limits with a probability of at most "
+        f"{SELDOM:g} each."
     )
-    down = {
-        (body, speed): bs.evaluate(_scenario(body, [0, 0, -speed]))
-        for body in BODIES
-        for speed in facts["downward_speeds_mm_s"]
-    }
-    aside = {speed: bs.evaluate(_scenario("hand_finger", [0, speed, 0])) for speed in facts["lateral_speeds_mm_s"]}
+    down = _collisions(BODIES, "down", facts["downward_speeds_mm_s"])
+    aside = {speed: one for (_, speed), one in _collisions(BODIES[:1], "left", facts["lateral_speeds_mm_s"]).items()}
     statements: list[list[Cell]] = []
     _hand(findings, statements, facts, down)
     _lower_arm(findings, statements, facts, down)
@@ -49,44 +87,31 @@ def compare(findings: Findings, *, quick: bool) -> None:
         "Joints that notice the sideways motion (they sum to more than 1 where joints fire together)",
         ["Speed [mm/s]", *(f"P(joint {j + 1})" for j in range(7)), "P(several at once)"],
         ["g", *([PROBABILITY] * 8)],
-        [
-            [speed, *(float(p) for p in law.trigger_joint_probability), law.several_joints_probability]
-            for speed, law in aside.items()
-        ],
+        [[speed, *law.trigger_joint_probability, law.several_joints_probability] for speed, law in aside.items()],
     )
 
 
-def _scenario(body: str, velocity: list[float]) -> bs.Scenario:
-    scenario: bs.Scenario = control_group(contact__body=body, contact__area_cm2=2.0, motion__velocity_mm_s=velocity)
-    return scenario
+def _collisions(bodies: tuple[str, ...], direction: str, speeds: list[float]) -> Laws:
+    """What the study finds of the source's limit table, by body and speed."""
+    study = EffectivenessStudy.of(
+        control_group(), list(bodies), [direction], [float(speed) for speed in speeds], list(AREAS_CM2)
+    )
+    rows = run(study)[0]
+    found: dict[tuple[str, float], dict[float, dict[str, Any]]] = {}
+    for row in rows.filter((rows["table"] == TABLE) & (rows["kind"] == "collision")).iter_rows(named=True):
+        found.setdefault((row["body"], row["speed_mm_s"]), {})[row["area_cm2"]] = row
+    return {which: Collisions(by_area) for which, by_area in found.items()}
 
 
-def _over_force(law: bs.ForceLaw) -> float:
-    assert law.problem.limits is not None
-    return law.peak_force.exceedance(law.problem.limits.force_N)
-
-
-def _over_pressure(law: bs.ForceLaw, area_cm2: float) -> float:
-    """P(pressure over its limit) with an area: a force limit of area times pressure."""
-    limits = law.problem.limits
-    assert limits is not None
-    assert limits.pressure_N_cm2 is not None
-    return law.peak_force.exceedance(limits.pressure_N_cm2 * area_cm2)
-
-
-def _row(body: str, speed: float, law: bs.ForceLaw) -> list[Cell]:
-    force = law.peak_force
+def _row(body: str, speed: float, law: Collisions) -> list[Cell]:
     return [
         body.replace("_", " "),
         speed,
-        force.mean,
-        force.quantile(0.99),
-        _over_force(law),
-        *(_over_pressure(law, area) for area in AREAS_CM2),
+        law.any_area["mean_N"],
+        law.any_area["p99_N"],
+        law.over_force,
+        *(law.over_pressure(area) for area in AREAS_CM2),
     ]
-
-
-Laws = dict[tuple[str, float], bs.ForceLaw]
 
 
 def _hand(findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], down: Laws) -> None:
@@ -94,23 +119,23 @@ def _hand(findings: Findings, statements: list[list[Cell]], facts: dict[str, Any
     hand = {speed: law for (body, speed), law in down.items() if body == "hand_finger"}
     for speed, law in hand.items():
         wanted = speed not in over
-        force, pressure = probability(_over_force(law)), probability(_over_pressure(law, 2.0))
+        force, pressure = probability(law.over_force), probability(law.over_pressure(2.0))
         findings.check(
             f"Hand, downward, {speed:g} mm/s, 2 cm2: {'acceptable' if wanted else 'not acceptable'}",
-            law.verdict.acceptable is wanted,
+            law.by_area[2.0]["acceptable"] is wanted,
             f"P(over force) {force}, P(over pressure) {pressure}",
         )
     for speed in over:
         findings.check(
             f"Hand, downward, {speed:g} mm/s: most collisions pass the force limit",
-            _over_force(hand[speed]) > 0.5,
-            f"{_over_force(hand[speed]):.4f}",
+            hand[speed].over_force > 0.5,
+            f"{hand[speed].over_force:.4f}",
         )
-    small = _over_pressure(hand[25], 0.5)
+    small = hand[25].over_pressure(0.5)
     findings.check("Hand, downward, 25 mm/s, 0.5 cm2: most collisions pass the pressure", small > 0.5, f"{small:.3f}")
     passing = " and ".join(f"{speed:g}" for speed in over)
-    ours = ", ".join(f"{speed:g} mm/s: {probability(_over_force(law))}" for speed, law in hand.items())
-    one, two = (probability(_over_pressure(hand[50], area)) for area in (1.0, 2.0))
+    ours = ", ".join(f"{speed:g} mm/s: {probability(law.over_force)}" for speed, law in hand.items())
+    one, two = (probability(hand[50].over_pressure(area)) for area in (1.0, 2.0))
     statements += [
         ["6.2.1", f"hand: the force limit is passed at {passing} mm/s", f"P(over force): {ours}"],
         [
@@ -127,31 +152,31 @@ def _lower_arm(findings: Findings, statements: list[list[Cell]], facts: dict[str
     for speed, law in arm.items():
         findings.check(
             f"Lower arm, downward, {speed:g} mm/s: P(over 160 N) below {SELDOM:g}",
-            _over_force(law) < SELDOM,
-            probability(_over_force(law)),
+            law.over_force < SELDOM,
+            probability(law.over_force),
         )
     for speed, area in ((10, 1.0), (25, 1.0), (50, 2.0)):
-        p = _over_pressure(arm[speed], area)
+        p = arm[speed].over_pressure(area)
         findings.check(
             f"Lower arm, downward, {speed} mm/s, {area:g} cm2: P(over pressure) below {SELDOM:g}",
             p < SELDOM,
             probability(p),
         )
     counted, runs = (int(word) for word in str(facts["lower_arm_75_over_2cm2_pressure"]).split(" of "))
-    p = _over_pressure(arm[75], 2.0)
+    p = arm[75].over_pressure(2.0)
     score = probability_score("", p, counted, runs).score
     findings.check(
         f"Lower arm, downward, 75 mm/s, 2 cm2: the source's {counted} of {runs} within three sampling errors",
         abs(score) < 3,
         f"we expect {runs * p:.2f}, {score:+.2f} errors",
     )
-    worst = max(_over_force(law) for law in arm.values())
+    worst = max(law.over_force for law in arm.values())
     statements += [
         ["6.2.1", "lower arm: below the force limit at all speeds", f"P(over force) at most {probability(worst)}"],
         [
             "6.2.1",
             "lower arm, 1 cm2: below the pressure limit at 10 and 25 mm/s",
-            "P(over pressure) " + " and ".join(probability(_over_pressure(arm[v], 1)) for v in (10, 25)),
+            "P(over pressure) " + " and ".join(probability(arm[v].over_pressure(1)) for v in (10, 25)),
         ],
         [
             "6.2.1",
@@ -163,11 +188,11 @@ def _lower_arm(findings: Findings, statements: list[list[Cell]], facts: dict[str
 
 def _upper_arm(findings: Findings, statements: list[list[Cell]], down: Laws) -> None:
     arm = {speed: law for (body, speed), law in down.items() if body == "upper_arm_elbow"}
-    p = _over_pressure(arm[75], 2.0)
+    p = arm[75].over_pressure(2.0)
     findings.check(
         f"Upper arm, downward, 75 mm/s, 2 cm2: P(over pressure) below {MORE_SELDOM:g}", p < MORE_SELDOM, probability(p)
     )
-    slow = max(max(_over_force(arm[v]), _over_pressure(arm[v], 1.0)) for v in (10, 25))
+    slow = max(max(arm[v].over_force, arm[v].over_pressure(1.0)) for v in (10, 25))
     findings.check(
         "Upper arm, downward, 10 and 25 mm/s, 1 cm2: hardly ever over a limit", slow < SELDOM, probability(slow)
     )
@@ -182,13 +207,13 @@ def _upper_arm(findings: Findings, statements: list[list[Cell]], down: Laws) -> 
 
 
 def _lateral(
-    findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], aside: dict[float, bs.ForceLaw]
+    findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], aside: dict[float, Collisions]
 ) -> None:
     joints = facts["lateral_trigger_joints"]
     for speed, law in aside.items():
         p = law.trigger_joint_probability
-        others = max(float(p[j]) for j in range(p.size) if j + 1 not in joints)
-        first, second = (float(p[j - 1]) for j in joints)
+        others = max(p[j] for j in range(len(p)) if j + 1 not in joints)
+        first, second = (p[j - 1] for j in joints)
         findings.check(
             f"Hand, sideways, {speed:g} mm/s: joints {joints[0]} and {joints[1]} notice it about equally, hardly any "
             "other",
@@ -204,7 +229,7 @@ def _lateral(
     runs = facts["runs_lateral"]
     for speed in (10, 25):
         law = aside[speed]
-        over = max(_over_force(law), _over_pressure(law, 2.0))
+        over = max(law.over_force, law.over_pressure(2.0))
         findings.check(
             f"Hand, sideways, {speed} mm/s, 2 cm2: not once in {runs} runs over a limit is what we expect too",
             (1 - over) ** runs > 0.01,
@@ -227,6 +252,6 @@ def _lateral(
         [
             "6.2.2",
             f"sideways, 10 and 25 mm/s, 2 cm2: none of {runs} runs over a limit",
-            " and ".join(probability(max(_over_force(aside[v]), _over_pressure(aside[v], 2.0))) for v in (10, 25)),
+            " and ".join(probability(max(aside[v].over_force, aside[v].over_pressure(2.0))) for v in (10, 25)),
         ],
     ]

@@ -129,6 +129,19 @@ def test_without_joint_limits_none_ends_a_motion() -> None:
     assert ignored["no_contact"]["mean"] < respected["no_contact"]["mean"]
 
 
+def test_without_velocity_limits_arms_near_singularities_hit_harder_and_others_as_hard() -> None:
+    settings: dict[str, Any] = {"poses": 60, "seed": 6, "joint_limits": "ignore"}
+    respected, ignored = (
+        run(WorkspaceStudy(SLOW, velocity_limits=limits, **settings))[0] for limits in ("respect", "ignore")
+    )
+    assert respected["q_1"].equals(ignored["q_1"])
+    with_limits, without = respected["p50_N"].to_numpy(), ignored["p50_N"].to_numpy()
+    # Most motions never come near a limit.
+    assert (with_limits == without).sum() > 45
+    # A joint at its limit slows the arm, and the force grows with the speed.
+    assert without[np.isfinite(without)].max() > 2 * with_limits[np.isfinite(with_limits)].max()
+
+
 def test_shares_are_those_of_the_rows(study: WorkspaceStudy, rows: pl.DataFrame) -> None:
     summary = study.summary(rows)
     assert summary["p_over_force"]["mean"] == pytest.approx(rows["p_over_force"].mean())

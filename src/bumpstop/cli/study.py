@@ -188,6 +188,9 @@ def workspace(
     joint_limits: Annotated[
         str, typer.Option(help="respect: they end a motion; ignore: the arm moves on.")
     ] = "respect",
+    velocity_limits: Annotated[
+        str, typer.Option(help="respect: joints at their limit slow the arm; ignore: the tip keeps its speed.")
+    ] = "respect",
     link_radius: Annotated[
         float, typer.Option(metavar="MM", help="Avoid self-collision of links this thick; 0: do not look for it.")
     ] = 0.0,
@@ -207,6 +210,7 @@ def workspace(
     for option, value, valid in (
         ("--directions", directions, get_args(DirectionLaw)),
         ("--joint-limits", joint_limits, ("respect", "ignore")),
+        ("--velocity-limits", velocity_limits, ("respect", "ignore")),
     ):
         if value not in valid:
             raise InputError(option, f"{value!r} is unknown", near_matches(value, valid))
@@ -218,6 +222,7 @@ def workspace(
         directions=cast(Any, directions),
         speed_sd_mm_s=speed_sd,
         joint_limits=cast(Any, joint_limits),
+        velocity_limits=cast(Any, velocity_limits),
         link_radius_mm=link_radius,
         seed=seed,
     )

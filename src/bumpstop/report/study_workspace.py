@@ -43,10 +43,15 @@ def pages_of(
         "respect": "A joint limit ends a motion.",
         "ignore": "The arm moves on beyond its joint limits, as the source's simulator did; poses lie inside them.",
     }
+    rates = {
+        "respect": "Where a joint would turn faster than it can, the arm gets slower.",
+        "ignore": "Joints turn as fast as the line asks for, as the source's did, beyond their velocity limits too.",
+    }
     damping = study.scenario.motion.damping
     notes = [
         directions[study.directions],
         limits[study.joint_limits],
+        rates[study.velocity_limits],
         f"Joint rates are damped near singularities ({damping:g})."
         if damping
         else "Joint rates are exact: a singularity ends a motion.",

@@ -41,6 +41,8 @@ class WorkspaceStudy(Study):
         speed_sd_mm_s: spread of the speed about the scenario's; normal, drawn again where not above 0.
         joint_limits: ``"respect"``: a limit ends the motion. ``"ignore"``: the arm moves on, as the source's did. Poses
             lie inside the limits either way.
+        velocity_limits: ``"respect"``: where a joint would turn faster than it can, all rates are scaled down and the
+            tip gets slower. ``"ignore"``: the tip keeps its speed, as the source's did.
         link_radius_mm: of the links as capsules; poses in which two touch are drawn again, or left out of a grid.
             0: self-collision is not looked for.
         seed: of what is drawn.
@@ -55,6 +57,7 @@ class WorkspaceStudy(Study):
     directions: DirectionLaw = "sphere"
     speed_sd_mm_s: float = 0.0
     joint_limits: Literal["respect", "ignore"] = "respect"
+    velocity_limits: Literal["respect", "ignore"] = "respect"
     link_radius_mm: float = 0.0
     seed: int = 0
 
@@ -114,10 +117,15 @@ class WorkspaceStudy(Study):
         problem = Problem.from_scenario(self.scenario)
         if problem.trajectory is not None:
             raise InputError("motion.kind", "a workspace study moves along straight lines", "wanted 'line'")
-        if self.joint_limits == "respect":
+        free: dict[str, Any] = {}
+        if self.joint_limits == "ignore":
+            free |= {"lower": -math.inf, "upper": math.inf}
+        if self.velocity_limits == "ignore":
+            free |= {"velocity": math.inf}
+        if not free:
             return problem
-        free = tuple(replace(joint, lower=-math.inf, upper=math.inf) for joint in problem.robot.joints)
-        return replace(problem, robot=replace(problem.robot, joints=free))
+        joints = tuple(replace(joint, **free) for joint in problem.robot.joints)
+        return replace(problem, robot=replace(problem.robot, joints=joints))
 
     @cached_property
     def _ranges(self) -> list[tuple[int, float, float]]:
