@@ -76,7 +76,7 @@ def test_an_interrupted_study_is_taken_up_again(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(ParameterStudy, "shard", once)
     broken = run(*command, *vary, "--out", tmp_path / "half")
     assert (broken.status, broken.err) == (1, "error: interrupted\n")
-    assert [path.name for path in (tmp_path / "half" / "shards").iterdir()] == ["000000.parquet"]
+    assert [path.name for path in (tmp_path / "half" / "shards").iterdir()] == ["000000.arrow"]
     resumed = run(*command, *vary, "--out", tmp_path / "half")
     assert calls == [0, 1, 1]
     one, two = strict_json(whole.out), strict_json(resumed.out)

@@ -63,7 +63,7 @@ def test_an_interrupted_study_ends_as_an_uninterrupted_one(tmp_path: Path, threa
     with pytest.raises(BrokenError):
         run(study, tmp_path / "halves", threads=threads, progress=breaking(at))
     begun = tmp_path / "halves"
-    kept = len(list((begun / "shards").glob("*.parquet")))
+    kept = len(list((begun / "shards").glob("*.arrow")))
     assert kept >= at
     assert not (begun / "rows.parquet").exists()
     seen: list[int] = []

@@ -10,9 +10,11 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
+from bumpstop.detection import blind_force_along
+from bumpstop.kernels import core
 from bumpstop.study import run
 from bumpstop.study import workspace as workspace_module
-from bumpstop.study.capsules import chain_points, segment_distance, self_collision
+from bumpstop.study.capsules import self_collision
 from bumpstop.study.directions import draw_directions, spread_directions
 from bumpstop.study.workspace import WorkspaceStudy
 from collision.cases import control_group, ur10e
@@ -49,6 +51,8 @@ def test_every_row_is_the_law_of_its_pose(rows: pl.DataFrame) -> None:
         assert row["undetected"] == pytest.approx(law.undetected_probability, rel=1e-5, abs=1e-12)
         jacobian = bs.Robot.load("sia5d").jacobian([row[f"q_{j}"] for j in range(1, 8)])[:3, :6]
         assert row["smallest_singular_value"] == pytest.approx(math.sqrt(np.linalg.eigvalsh(jacobian @ jacobian.T)[0]))
+        whole = bs.Robot.load("sia5d").jacobian([row[f"q_{j}"] for j in range(1, 8)])[:, :6]
+        assert row["condition_number_six_rows"] == pytest.approx(np.linalg.cond(whole), rel=1e-9)
 
 
 def test_threads_and_shards_change_nothing(
@@ -151,6 +155,66 @@ def test_shares_are_those_of_the_rows(study: WorkspaceStudy, rows: pl.DataFrame)
     assert (np.diff(tails, axis=1) <= 1e-12).all()
 
 
+# --- Foretold forces --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def foretold() -> tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]]:
+    study = WorkspaceStudy(SLOW, poses=80, seed=4, foretell=True)
+    return study, *run(study)
+
+
+def test_foretold_forces_stand_beside_their_laws(foretold: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]]) -> None:
+    _, rows, summary = foretold
+    trusted = rows.filter(rows["trusted"])
+    assert summary["trusted"] == trusted.height > 30
+    assert (trusted["bound_N"] >= trusted["p999_N"]).all()
+    assert np.median(np.abs(trusted["expected_N"] / trusted["mean_N"] - 1)) < 0.05
+    # Foretelling adds columns and changes none.
+    plain = run(WorkspaceStudy(SLOW, poses=80, seed=4))[0]
+    assert rows.select(plain.columns).equals(plain)
+
+
+def test_the_worst_direction_is_felt_least_of_all(
+    foretold: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]],
+) -> None:
+    _, rows, _ = foretold
+    robot = bs.Robot.load("sia5d")
+    q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
+    worst = rows.select([f"worst_{axis}" for axis in "xyz"]).to_numpy()
+    largest = rows["worst_unnoticed_N"].to_numpy()
+    thresholds = SLOW.detector.thresholds_Nm
+    assert np.linalg.norm(worst, axis=1) == pytest.approx(np.ones(len(worst)))
+    finite = np.isfinite(largest)
+    assert finite.sum() > 60
+    along = blind_force_along(robot, q[finite], worst[finite], thresholds)
+    assert along == pytest.approx(largest[finite], rel=1e-9)
+    for other in np.random.default_rng(0).normal(size=(50, 3)):
+        unit = other / np.linalg.norm(other)
+        assert (blind_force_along(robot, q[finite], unit, thresholds) <= largest[finite] * (1 + 1e-9)).all()
+    # At the same speed the arm is expected to hit harder there, but for what the joints add by braking longer.
+    both = rows.filter(rows["trusted"] & rows["worst_trusted"])
+    assert both.height > 20
+    assert (both["worst_expected_N"] > both["expected_N"]).mean() > 0.8
+
+
+def test_predictors_are_counted_as_a_table_of_errors_would_count_them(
+    foretold: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]],
+) -> None:
+    study, rows, summary = foretold
+    known = rows.filter(rows["end"] != "singular_start")
+    unsafe = np.fmax(known["p_over_force"].to_numpy(), known["p_over_pressure"].to_numpy()) > 1e-3
+    found = summary["predictors"]
+    assert found["bound"]["unsafe_missed"] == 0.0
+    refused = ~(known["bound_N"].to_numpy() <= min(study.force_limits))
+    assert found["bound"]["safe_refused"] == pytest.approx((refused & ~unsafe).sum() / (~unsafe).sum())
+    for each in found.values():
+        assert abs(each["rank_correlation"]) <= 1
+        # A cut that errs least errs no more than refusing nothing or all.
+        assert each["unsafe_missed"] + each["safe_refused"] <= 1 + 1e-12
+    assert found["expected_force"]["rank_correlation"] > found["condition_number"]["rank_correlation"]
+
+
 # --- Self-collision ---------------------------------------------------------------------------------------------
 
 
@@ -158,7 +222,7 @@ def test_distance_of_segments_against_brute_force() -> None:
     rng = np.random.default_rng(0)
     a, b, c, d = rng.normal(size=(4, 100, 3))
     b[:20] = a[:20] + 1.7 * (d[:20] - c[:20])  # parallel
-    found = segment_distance(a, b, c, d)
+    found = core.segment_distances(a, b, c, d)
     share = np.linspace(0, 1, 301)[None, :, None]
     first, second = a[:, None] + share * (b - a)[:, None], c[:, None] + share * (d - c)[:, None]
     brute = np.array([np.linalg.norm(p[:, None] - r[None], axis=2).min() for p, r in zip(first, second, strict=True)])
@@ -171,7 +235,6 @@ def test_distance_of_segments_against_brute_force() -> None:
 def test_an_arm_folded_onto_itself_is_found_and_a_straight_one_is_not() -> None:
     robot = bs.Robot.load("ur10e")
     q = np.radians([[0, -90, 0, -90, 0, 0], [0, -90, 179, 0, 0, 0]])
-    assert chain_points(robot, q).shape == (2, 8, 3)
     assert self_collision(robot, q, 0.04).tolist() == [False, True]
     drawn = np.random.default_rng(2).uniform(robot.lower, robot.upper, size=(300, 6))
     hits = [int(self_collision(robot, drawn, radius).sum()) for radius in (0.01, 0.03, 0.05)]
@@ -201,6 +264,7 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
         (SLOW, {"grid": 100}, "--grid"),
         (control_group(contact__kind="free", contact__body_mass_kg=1.0), {"poses": 1}, "contact.kind"),
         (control_group(contact__normal=[0.0, 0.0, -1.0]), {"poses": 1}, "contact.link"),
+        (control_group(detector__arming_delay_s=0.1), {"poses": 1, "foretell": True}, "--foretell"),
     ],
 )
 def test_a_study_that_makes_no_sense_is_refused_by_name(scenario: bs.Scenario, options: Any, field: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -194,6 +195,9 @@ def workspace(
     link_radius: Annotated[
         float, typer.Option(metavar="MM", help="Avoid self-collision of links this thick; 0: do not look for it.")
     ] = 0.0,
+    foretell: Annotated[
+        bool, typer.Option("--foretell", help="Foretell forces from the pose, in its direction and in the worst one.")
+    ] = False,
     seed: Seed = 0,
     as_json: AsJson = False,
     out: Out = None,
@@ -224,6 +228,7 @@ def workspace(
         joint_limits=cast(Any, joint_limits),
         velocity_limits=cast(Any, velocity_limits),
         link_radius_mm=link_radius,
+        foretell=foretell,
         seed=seed,
     )
 
@@ -257,6 +262,10 @@ def _parameter_lines(summary: dict[str, Any]) -> list[str]:
     return lines
 
 
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if math.isfinite(share) else "none"
+
+
 def _effectiveness_lines(summary: dict[str, Any]) -> list[str]:
     lines = [f"highest safe speed, mm/s (P(over a limit) at most {summary['risk']:g})"]
     for each in summary["safe_speeds"]:
@@ -275,6 +284,10 @@ def _workspace_lines(summary: dict[str, Any]) -> list[str]:
         lines.append(
             f"P(over the {name} limit, {limit:g} N): {share['mean']:.4f}, standard error {share['standard_error']:.4f}"
         )
+    for name, found in summary.get("predictors", {}).items():
+        missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
+        rank = f"rank correlation {found['rank_correlation']:.3f}"
+        lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, refuses {refused} of safe")
     low, high = summary["distribution"]["mode_of_collisions_N"]
     lines.append(f"most common peak force: {low:g} to {high:g} N")
     ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)

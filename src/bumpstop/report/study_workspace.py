@@ -110,6 +110,10 @@ class CountsPart(Part):
         return [*note, table(("", ""), rows, caption="Means over poses, with the standard error of their spread")]
 
 
+def _part(share: float) -> str:
+    return percent(share) if math.isfinite(share) else NONE
+
+
 def _share(found: dict[str, float] | None) -> str:
     if found is None:
         return NONE
@@ -264,6 +268,8 @@ class SensitivityPart(Part):
     def __init__(self, study: WorkspaceStudy, summary: dict[str, Any], known: pl.DataFrame) -> None:
         self._study = study
         self._correlation = summary["rank_correlation_with_median_force"]
+        self._predictors: dict[str, dict[str, float]] = summary.get("predictors", {})
+        self._trusted = summary.get("trusted", 0)
         self._known = known
 
     def content(self) -> list[Html]:
@@ -277,6 +283,36 @@ class SensitivityPart(Part):
                 "the forces. Neither knows thresholds nor the direction of the contact."
             ),
             table(("of the median force with the", "rank correlation"), rows, caption="Rank correlation", numbers=True),
+            *self._foretold(),
+        ]
+
+    def _foretold(self) -> list[Html]:
+        """How well each predictor tells unsafe poses from safe ones."""
+        if not self._predictors:
+            return []
+        rows = [
+            (
+                name.replace("_", " "),
+                f"{found['rank_correlation']:.3f}",
+                _part(found["unsafe_missed"]),
+                _part(found["safe_refused"]),
+            )
+            for name, found in self._predictors.items()
+        ]
+        return [
+            paragraph(
+                f"A force foretold from the pose knows thresholds, noise and braking. The formula holds for "
+                f"{self._trusted} of {self._known.height} poses; elsewhere there is no bound and the pose counts as "
+                "refused. The worst direction is that of the largest force that goes unnoticed at the pose. The bound "
+                "refuses what it says passes a limit; every other predictor is cut where it errs least, with all laws "
+                "known."
+            ),
+            table(
+                ("predictor", "rank correlation", "unsafe poses missed", "safe poses refused"),
+                rows,
+                caption="Predictors of unsafe poses",
+                numbers=True,
+            ),
         ]
 
     def pictures(self) -> list[Picture]:

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 class StudyFolder:
     """Where a study keeps what it has done. Every file appears whole or not at all.
 
-    While the study runs: ``settings.toml`` and ``shards/<number>.parquet``. When it is done: ``settings.toml``,
+    While the study runs: ``settings.toml`` and ``shards/<number>.arrow``. When it is done: ``settings.toml``,
     ``rows.parquet`` with the rows of all shards in order, and ``summary.json``.
 
     Attributes:
@@ -65,13 +66,14 @@ class StudyFolder:
         """Numbers of the shards that are there."""
         if self.complete:
             return set(range(self._count))
-        names = (path.stem for path in self._shards.glob("*.parquet"))
+        names = (path.stem for path in self._shards.glob("*.arrow"))
         return {int(name) for name in names if name.isdigit() and int(name) < self._count}
 
     def put(self, number: int, rows: pl.DataFrame) -> None:
         """Keep the rows of a shard."""
         try:
-            self._write_table(self._shards / f"{number:06d}.parquet", rows)
+            # Without compression: shards are many, small and short-lived.
+            self._write_table(self._shards / f"{number:06d}.arrow", rows.write_ipc)
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -82,10 +84,13 @@ class StudyFolder:
         rows_file = self.path / "rows.parquet"
         try:
             if not self.complete:
-                parts = [pl.read_parquet(self._shards / f"{number:06d}.parquet") for number in range(self._count)]
-                self._write_table(rows_file, pl.concat(parts))
+                files = [self._shards / f"{number:06d}.arrow" for number in range(self._count)]
+                rows = pl.concat([pl.read_ipc(file) for file in files], rechunk=True)
+                self._write_table(rows_file, rows.write_parquet)
+            else:
+                rows = pl.read_parquet(rows_file)
             shutil.rmtree(self._shards, ignore_errors=True)
-            return pl.read_parquet(rows_file)
+            return rows
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -118,9 +123,9 @@ class StudyFolder:
         waiting.write_bytes(content)
         waiting.replace(self.path / name)
 
-    def _write_table(self, path: Path, rows: pl.DataFrame) -> None:
+    def _write_table(self, path: Path, write: Callable[[Path], Any]) -> None:
         waiting = path.with_name(f".{path.name}.{os.getpid()}")
-        rows.write_parquet(waiting)
+        write(waiting)
         waiting.replace(path)
 
     def _unwritable(self, error: OSError) -> InputError:

@@ -48,7 +48,7 @@ class Prediction:
 def predict(scenario: Scenario, *, quantile: float = 0.999) -> Prediction:
     """Foretell the peak force of one scenario, N = 1; see :func:`predict_batch`."""
     problem = Problem.from_scenario(scenario)
-    _check(problem, quantile)
+    check_foretold(problem, quantile)
     return _predict(problem, problem.q[None], problem.velocity[None], quantile)
 
 
@@ -67,12 +67,17 @@ def predict_batch(
         InputError: a shape or value cannot be used, or nothing is foretold for such a scenario.
     """
     problem = Problem.from_scenario(scenario)
-    _check(problem, quantile)
+    check_foretold(problem, quantile)
     poses = as_float_array(q, "q", (None, problem.robot.dof))
     return _predict(problem, poses, as_float_array(velocity, "velocity", (len(poses), 3)), quantile)
 
 
-def _check(problem: Problem, quantile: float) -> None:
+def check_foretold(problem: Problem, quantile: float) -> None:
+    """Refuse a scenario or quantile for which nothing is foretold.
+
+    Raises:
+        InputError: names the key.
+    """
     scenario = problem.scenario
     if not 0.5 <= quantile <= 1 - 1e-9:
         raise InputError("quantile", f"{quantile:g} cannot be used", "wanted 0.5 to 0.999999999")

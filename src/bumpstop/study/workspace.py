@@ -11,6 +11,8 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.kernels import core
+from bumpstop.study import foretold
 from bumpstop.study.capsules import self_collision
 from bumpstop.study.directions import DirectionLaw, draw_directions, spread_directions
 from bumpstop.study.study import Study
@@ -45,6 +47,7 @@ class WorkspaceStudy(Study):
             tip gets slower. ``"ignore"``: the tip keeps its speed, as the source's did.
         link_radius_mm: of the links as capsules; poses in which two touch are drawn again, or left out of a grid.
             0: self-collision is not looked for.
+        foretell: peak forces foretold from the pose stand beside every law, for its direction and for the worst one.
         seed: of what is drawn.
     """
 
@@ -59,6 +62,7 @@ class WorkspaceStudy(Study):
     joint_limits: Literal["respect", "ignore"] = "respect"
     velocity_limits: Literal["respect", "ignore"] = "respect"
     link_radius_mm: float = 0.0
+    foretell: bool = False
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -75,6 +79,8 @@ class WorkspaceStudy(Study):
             raise InputError("--speed-sd", problem, "wanted less, or most speeds would be drawn again")
         if self.drawn > MOST_ROWS:
             raise InputError("--grid", f"{self.drawn} laws are too many", f"wanted at most {MOST_ROWS}")
+        if self.foretell:
+            foretold.check(self._problem)
         # Everything a shard would refuse, it refuses here, before any work.
         if not len(self._ranges):
             raise InputError("motion.held_joints", "hold every joint", "at least one must move")
@@ -241,8 +247,10 @@ class WorkspaceStudy(Study):
         columns |= {f"trigger_{j + 1}": laws.trigger_joint_probability[:, j] for j in range(robot.dof)}
         columns["end"] = laws.end.astype(object)
         columns |= self._sensitivity(q)
+        if self.foretell:
+            columns |= foretold.foretold_columns(self._problem, q, velocity)
         columns["redrawn"] = redrawn
-        columns["p_over_edges"] = pl.Series(values=laws.exceedance[:, : self.edges.size].tolist(), dtype=pl.List(float))
+        columns["p_over_edges"] = pl.Series(values=laws.exceedance[:, : self.edges.size]).arr.to_list()
         return pl.DataFrame(columns, schema_overrides={"end": pl.String})
 
     def _sensitivity(self, q: FloatArray) -> dict[str, FloatArray]:
@@ -251,11 +259,14 @@ class WorkspaceStudy(Study):
         Three rows: of the tip's translation, in one unit. Six rows: with rotation, as the source has it; they depend
         on the unit of length.
         """
+        robot = self._problem.robot
         moving = [j for j, *_ in self._ranges]
-        jacobian = self._problem.robot.jacobian(q)[:, :, moving] if len(q) else np.empty((0, 6, len(moving)))
+        link, point = robot.frame(None)
         found = {}
-        for rows, ending in ((3, ""), (6, "_six_rows")):
-            values = np.linalg.svd(jacobian[:, :rows], compute_uv=False)
+        for angular, ending in ((False, ""), (True, "_six_rows")):
+            values = core.singular_values_of_columns(
+                robot.chain, np.ascontiguousarray(q), link, point, moving, angular
+            )[:, : len(moving)]
             with np.errstate(divide="ignore"):
                 found[f"condition_number{ending}"] = values[:, 0] / values[:, -1]
             found[f"smallest_singular_value{ending}"] = values[:, -1]

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.study.foretold import predictors, rank_correlation
+
 if TYPE_CHECKING:
     import polars as pl
 
@@ -43,12 +45,16 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
     tails = known["p_over_edges"].explode().to_numpy().reshape(known.height, edges.size)
     # The last bin takes what lies beyond, undetected cases among it.
     mixture = -np.diff(np.column_stack([np.ones(known.height), tails[:, 1:], np.zeros(known.height)]), axis=1)
+    unsafe = worst_risk(known) > study.scenario.verdict.risk
+    if study.foretell and limits:
+        result["predictors"] = predictors(known, unsafe, min(study.force_limits))
+        result["trusted"] = int(known["trusted"].sum())
     return result | {
         "p_over_force": over["force"],
         "p_over_pressure": over["pressure"],
         "p_over_force_or_no_contact": _share((known["p_over_force"] + known["no_contact"]).to_numpy()),
         "accepted_risk": study.scenario.verdict.risk,
-        "poses_over_risk": int((worst_risk(known) > study.scenario.verdict.risk).sum()) if limits else None,
+        "poses_over_risk": int(unsafe.sum()) if limits else None,
         "undetected": _share(known["undetected"].to_numpy()),
         "poses_more_often_undetected": int((known["undetected"] > 0.5).sum()),
         "no_contact": _share(known["no_contact"].to_numpy()),
@@ -65,7 +71,7 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
             "mode_of_collisions_N": _mode(mixture.sum(axis=0)[:-1], edges),
         },
         "rank_correlation_with_median_force": {
-            name: _rank_correlation(known[name].to_numpy(), median)
+            name: rank_correlation(known[name].to_numpy(), median)
             for name in (
                 "condition_number",
                 "smallest_singular_value",
@@ -91,10 +97,3 @@ def _share(p: FloatArray) -> dict[str, float] | None:
 def _mode(counts: Any, edges: FloatArray) -> list[float]:
     at = int(np.argmax(counts))
     return [float(edges[at]), float(edges[at + 1])]
-
-
-def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
-    from scipy import stats
-
-    # Unbounded forces rank highest, whatever they are.
-    return float(stats.spearmanr(np.minimum(x, 1e300), np.minimum(y, 1e300)).statistic) if x.size > 2 else float("nan")

@@ -1,0 +1,79 @@
+/// @file
+/// Self-collision of an arm whose links are capsules about the lines between its joints, for a double or for lanes.
+#pragma once
+
+#include "bumpstop/model/kinematics.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+namespace detail {
+
+template <class T>
+Point3<T> between(const Point3<T>& from, const Point3<T>& to) {
+    return {to.x - from.x, to.y - from.y, to.z - from.z};
+}
+
+/// Square of the distance of a point from a segment that begins at `begin` and goes `along`, which is no point.
+template <class T>
+T point_to_segment(const Point3<T>& point, const Point3<T>& begin, const Point3<T>& along) {
+    const Point3<T> w = between(begin, point);
+    const T share = minimum(maximum(dot(w, along) / dot(along, along), T(0.0)), T(1.0));
+    const Point3<T> apart{w.x - share * along.x, w.y - share * along.y, w.z - share * along.z};
+    return dot(apart, apart);
+}
+
+}  // namespace detail
+
+/// Shortest distance between two line segments that are no points. Either the lines' nearest points lie inside both, or
+/// one of them is an end.
+template <class T>
+T segment_distance(const Point3<T>& p, const Point3<T>& p_end, const Point3<T>& r, const Point3<T>& r_end) {
+    const Point3<T> u = detail::between(p, p_end), v = detail::between(r, r_end), w = detail::between(r, p);
+    T least = minimum(minimum(detail::point_to_segment(p, r, v), detail::point_to_segment(p_end, r, v)),
+                      minimum(detail::point_to_segment(r, p, u), detail::point_to_segment(r_end, p, u)));
+    const T uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), uw = dot(u, w), vw = dot(v, w);
+    const T determinant = uu * vv - uv * uv;
+    const MaskOf<T> crossing = determinant > 1e-12 * uu * vv;
+    const T inverse = 1.0 / select(crossing, determinant, T(1.0));
+    const T s = (uv * vw - vv * uw) * inverse, t = (uu * vw - uv * uw) * inverse;
+    const MaskOf<T> in_first = absolute(s - 0.5) <= T(0.5), in_second = absolute(t - 0.5) <= T(0.5);
+    const Point3<T> apart{w.x + s * u.x - t * v.x, w.y + s * u.y - t * v.y, w.z + s * u.z - t * v.z};
+    least = select(crossing & in_first & in_second, minimum(least, dot(apart, apart)), least);
+    return square_root(least);
+}
+
+/// Lines shorter than this are no links [m].
+inline constexpr double shortest_link = 1e-6;
+
+/// Where two links of one radius touch at a posture. A link is the line from one joint to the next, from the base's
+/// origin to `tip`. Links with less than two radii of arm between them are neighbours and never count.
+template <class T>
+MaskOf<T> self_collision(const Chain& chain, const Posture<T>& posture, const LinkPoint& tip, double radius) {
+    Point3<T> place[max_joints + 2];
+    place[0] = {T(0.0), T(0.0), T(0.0)};
+    for (int j = 0; j < chain.dof; ++j) place[j + 1] = posture.position(link_point(chain, j, {0, 0, 0}));
+    place[chain.dof + 1] = posture.position(tip);
+    const int links = chain.dof + 1;
+    T length[max_joints + 1];
+    for (int i = 0; i < links; ++i) {
+        const Point3<T> along = detail::between(place[i], place[i + 1]);
+        length[i] = square_root(dot(along, along));
+    }
+    const T apart(2 * radius), shortest(shortest_link);
+    MaskOf<T> hit = T(1.0) < T(0.0);
+    for (int i = 0; i < links; ++i) {
+        T arm = 0.0;  // between the two links
+        for (int j = i + 1; j < links; ++j) {
+            const MaskOf<T> strangers = arm >= apart, first = length[i] > shortest, second = length[j] > shortest;
+            const MaskOf<T> counts = strangers & first & second;
+            if (any(counts)) {
+                const MaskOf<T> near = segment_distance(place[i], place[i + 1], place[j], place[j + 1]) < apart;
+                hit = hit | (counts & near);
+            }
+            arm += length[j];
+        }
+    }
+    return hit;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
