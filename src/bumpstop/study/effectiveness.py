@@ -207,6 +207,7 @@ class _Laws:
         self._study = study
         self._which = (table, body, direction)
         self._known: dict[float, ForceLaw] = {}
+        self._at_risk: dict[float, float] = {}
 
     @property
     def _two_phases(self) -> bool:
@@ -219,7 +220,15 @@ class _Laws:
 
         if speed not in self._known or self._two_phases:
             self._known[speed] = evaluate(self._study.scenario_of(*self._which, speed, area))
+            self._at_risk.pop(speed, None)
         return self._known[speed]
+
+    def force_at_risk(self, speed: float, area: float) -> float:
+        """Peak force passed with the accepted risk [N]."""
+        law = self.law(speed, area)
+        if speed not in self._at_risk:
+            self._at_risk[speed] = law.peak_force.quantile(1 - self._study.scenario.verdict.risk)
+        return self._at_risk[speed]
 
     def over(self, speed: float, area: float) -> tuple[float | None, float | None]:
         """Probabilities of passing the force and the pressure limit with an area; None where there is no limit."""
@@ -248,7 +257,7 @@ class _Laws:
             force, pressure = (p or 0.0 for p in self.over(speed, area))
             return max(force, pressure) <= settings.risk, "pressure" if pressure > force else "force"
         factor = law.scenario.contact.peak_factor
-        within = law.peak_force.quantile(1 - settings.risk) <= limits.allowed_force_N(area, factor)
+        within = self.force_at_risk(speed, area) <= limits.allowed_force_N(area, factor)
         return within, limits.governing(area, factor)
 
     def collision(self, speed: float, area: float) -> dict[str, Any]:
@@ -300,14 +309,34 @@ class _Laws:
             return found | {"binding": binding, "reason": f"Not acceptable even at {scan[0]:g} mm/s."}
         # Whole tenths, so that the speed returned is one that was looked at.
         below, above = math.floor(low / SPEED_STEP_MM_S + 1e-6), math.ceil(speed / SPEED_STEP_MM_S - 1e-6)
+        tries = 0
         while above - below > 1:
-            middle = (below + above) // 2
+            # By straight lines through the logarithms, and every third time by halves.
+            tries += 1
+            middle = (below + above) // 2 if tries % 3 == 0 else self._crossing(below, above, area)
             acceptable, against = self.judged(round(middle * SPEED_STEP_MM_S, 1), area)
             if acceptable:
                 below = middle
             else:
                 above, binding = middle, against
         return found | {"safe_speed_mm_s": round(below * SPEED_STEP_MM_S, 1), "binding": binding}
+
+    def _crossing(self, below: int, above: int, area: float) -> int:
+        """Whole tenths between two others where the force at risk should reach what is allowed; else the middle."""
+        middle = (below + above) // 2
+        if self._two_phases or below == 0:
+            return middle
+        ends = [round(tenths * SPEED_STEP_MM_S, 1) for tenths in (below, above)]
+        limits = self.law(ends[0], area).problem.limits
+        assert limits is not None
+        allowed = limits.allowed_force_N(area, self._study.scenario.contact.peak_factor)
+        low, high = (self.force_at_risk(speed, area) for speed in ends)
+        if not 0 < low < high < math.inf or not low <= allowed < high:
+            return middle
+        share = math.log(allowed / low) / math.log(high / low)
+        # The nearest tenth above: where the guess is good the next one closes the bracket from below.
+        found = math.ceil(below * (above / below) ** share)
+        return min(max(found, below + 1), above - 1)
 
 
 def _load(scenario: Scenario, table: str) -> LimitTable:
