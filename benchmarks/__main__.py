@@ -20,6 +20,7 @@ sys.path.insert(0, str(REPOSITORY / "tests"))
 import bumpstop as bs  # noqa: E402
 import twin  # noqa: E402
 import twin.twin as twin_module  # noqa: E402
+from benchmarks import studies  # noqa: E402
 from bumpstop import kernels  # noqa: E402
 from bumpstop.model import inverse_dynamics  # noqa: E402
 from bumpstop.plant import line  # noqa: E402
@@ -173,6 +174,18 @@ def detector() -> None:
     row("Pinocchio's rnea from Python, each", f"{theirs:.0f} ns", "", None)
 
 
+def study_rows() -> None:
+    """What studies take besides laws, and the atlas of a trajectory."""
+    row("", "measured", "target", None)
+    took = min(studies.workspace_without_laws() for _ in range(2))
+    row(f"study workspace, {studies.SOURCE_POSES} poses, all but laws", f"{took:.2f} s", "<= 3 s", took <= 3)
+    each = studies.foretold_case()
+    row("  foretold force of a pose, processor time", f"{each * 1e6:.0f} us", "", None)
+    wall, processor = studies.atlas_command()
+    row(f"study atlas --out, {studies.WAYPOINTS} waypoints, whole command", f"{wall:.2f} s", "<= 2 s", wall <= 2)
+    row("  its processor time", f"{processor:.2f} s", "", None)
+
+
 def main() -> None:
     """Print the table."""
     twin_module.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[kernels.target])
@@ -246,6 +259,7 @@ def main() -> None:
     newton_euler()
     plant_seconds()
     detector()
+    study_rows()
 
     command = [sys.executable, "-c", "from bumpstop.cli.main import main; main()"]
     example = str(REPOSITORY / "examples/01_hand_downward.toml")

@@ -335,7 +335,7 @@ class _Laws:
             return middle
         share = math.log(allowed / low) / math.log(high / low)
         # The nearest tenth above: where the guess is good the next one closes the bracket from below.
-        found = math.ceil(below * (above / below) ** share)
+        found: int = math.ceil(below * math.exp(share * math.log(above / below)))
         return min(max(found, below + 1), above - 1)
 
 

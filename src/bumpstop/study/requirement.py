@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError, near_matches
-from bumpstop.study.risk import Risk, VariedRisk
+from bumpstop.study.risk import SAME_CURVE, Risk, VariedRisk
 from bumpstop.study.variable import Range, Variable
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ _LEAST, _MOST = {"reaction.joint_acceleration_rad_s2": 0.1, "motion.speed": 1e-2
 _SCAN = 14
 # Where the arm cannot follow its line the risk jumps from value to value.
 _FINE_SCAN = 500
+# ... but less where the path stays the same and only what it means changes.
+_SAME_PATH_SCAN = 120
 _PRECISION = 1e-4
 _LEAST_RISK = 1e-30
 _ERRATIC = " The arm cannot follow its line here, as near a singularity; values between those looked at may fail."
@@ -168,7 +170,8 @@ class _Search:
         value, fails = self._first_failure(self._scan(_SCAN))
         erratic = self.risks.leaves_its_line(self.mildest if fails is None else fails)
         if erratic and fails != self.mildest:
-            value, fails = self._first_failure(self._scan(_FINE_SCAN))
+            same = self.variable.name in SAME_CURVE
+            value, fails = self._first_failure(self._scan(_SAME_PATH_SCAN if same else _FINE_SCAN))
         if fails == self.mildest:
             return self._none(erratic)
         if fails is None:

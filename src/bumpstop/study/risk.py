@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 _FAR = 1e-5
 # Travel in a tick that differs by more than this share is not that of a line at constant speed.
 _OFF_LINE = 1e-3
-# What does not change the path: the stopping curve is traced once for the harshest value and serves them all.
-_SAME_CURVE = ("detector.thresholds", "contact.padding")
+# What does not change the path: a stopping curve serves all values but those for which it is too short.
+SAME_CURVE = ("detector.thresholds", "contact.padding")
+# A curve is traced for thresholds so many times the value asked for: most searches end far below the highest.
+_AHEAD = 2.0
 
 
 @dataclass(frozen=True)
@@ -66,9 +68,9 @@ class VariedRisk:
         self.evaluations = 0
         self._given = variable.value(scenario) if variable.name != "contact.padding" else math.inf
         self._curve: StoppingCurve | None = None
+        self._traced = -math.inf
+        self._longest = longest
         self._whole_tail = scenario.verdict.risk < _FAR
-        if variable.name in _SAME_CURVE and self.problem.body_mass is None:
-            self._curve = stopping_curve(self._varied(longest))
 
     def _check(self) -> None:
         problem = self.problem
@@ -120,7 +122,7 @@ class VariedRisk:
         """The risk at one value of the variable."""
         self.evaluations += 1
         problem = self._varied(value)
-        curve = self._curve if self._curve is not None else stopping_curve(problem)
+        curve = self._curve_at(value, problem)
         if problem.body_mass is not None or problem.transient_limits is not None or self._whole_tail:
             verdict = exact_law(problem, curve).verdict
             force, pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
@@ -134,6 +136,17 @@ class VariedRisk:
         over = float(law.tail("peak_force", np.array([min(by_force, by_pressure)]))[0, 0])
         binding = "pressure" if by_pressure < by_force else "force"
         return Risk(min(1.0, over + undetected), undetected, float(law.false_alarm), binding)
+
+    def _curve_at(self, value: float, problem: Problem) -> StoppingCurve:
+        """The stopping curve at a value: its own, or one long enough for this value and others."""
+        if self.variable.name not in SAME_CURVE or problem.body_mass is not None:
+            return stopping_curve(problem)
+        if self._curve is None or value > self._traced:
+            # Softer padding needs a longer curve, and so do higher thresholds: these are followed as far as they go.
+            thresholds = self.variable.name == "detector.thresholds"
+            reach = min(self._longest, _AHEAD * value) if thresholds else self._longest
+            self._curve, self._traced = stopping_curve(self._varied(reach)), reach if thresholds else math.inf
+        return self._curve
 
     def _varied(self, value: float) -> Problem:
         """The problem at one value, with what has not changed taken over."""
