@@ -65,7 +65,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         rows.append([name, float(np.median(times)) * 1e3, max(times) * 1e3])
     findings.say(
         f"{count} random scenarios; in {none} no value meets the risk, in {ranges} the whole range does, "
-        f"and in {len(astray_s)} the arm cannot follow its line somewhere and the risk may be erratic. Values are tried "
+        f"and in {len(astray_s)} the arm cannot follow its line and the risk may be erratic. Values are tried "
         f"in steps of {STEP:.1%} within 10 % of the answer, and of {_FAR_STEP:.0%} from the mild end on."
     )
     findings.table(

@@ -169,6 +169,7 @@ def test_workspace_does_not_depend_on_threads() -> None:
     [
         (PICK, {"contact.body": None, "contact.stiffness_N_m": 1e4}, {}, "contact.body"),
         (PICK, {}, {"cap_mm_s": 0.0}, "--cap"),
+        (PICK, {"verdict.risk": 1e-300}, {}, "verdict.risk"),
         (PICK, {}, {"cap_mm_s": math.nan}, "--cap"),
         (PICK, {}, {"cone_deg": -1.0}, "--cone"),
         (LINE, {"contact.kind": "free"}, {}, "contact.kind"),

@@ -136,3 +136,9 @@ def test_when_nothing_can_be_judged_it_says_so() -> None:
         EffectivenessStudy.of(scenario, bodies=["face"])
     with pytest.raises(bs.InputError, match="the same for every direction"):
         EffectivenessStudy.of(control_group(contact__normal=[0.0, 0.0, -1.0]))
+
+
+def test_a_risk_no_quantile_can_hold_is_refused() -> None:
+    with pytest.raises(bs.InputError) as refused:
+        EffectivenessStudy.of(control_group(verdict__risk=1e-300))
+    assert refused.value.field == "verdict.risk"

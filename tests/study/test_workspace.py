@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from bumpstop.study.workspace import WorkspaceStudy
 from collision.cases import control_group, ur10e
 
 SLOW = control_group(motion__velocity_mm_s=[0.0, 0.0, -10.0])
+TRAJECTORY = Path(__file__).resolve().parents[2] / "examples/06_pick_and_place_trajectory.toml"
 OWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -261,6 +263,8 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
         (SLOW, {"poses": 1, "speed_sd_mm_s": -1.0}, "--speed-sd"),
         (SLOW, {"poses": 1, "speed_sd_mm_s": 11.0}, "--speed-sd"),
         (SLOW, {"poses": 1, "link_radius_mm": math.nan}, "--link-radius"),
+        (SLOW, {"poses": 1, "link_radius_mm": 900.0}, "--link-radius"),
+        (bs.load_scenario(TRAJECTORY), {"poses": 1}, "motion.kind"),
         (SLOW, {"grid": 100}, "--grid"),
         (control_group(contact__kind="free", contact__body_mass_kg=1.0), {"poses": 1}, "contact.kind"),
         (control_group(contact__normal=[0.0, 0.0, -1.0]), {"poses": 1}, "contact.link"),

@@ -15,7 +15,7 @@ from bumpstop.collision import Problem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.arms import Arms
 from bumpstop.study.speed_limit import SpeedLimits, force_limit, foretold_speed, speed_limits, stop_gain
-from bumpstop.study.study import Study
+from bumpstop.study.study import Study, check_risk
 
 if TYPE_CHECKING:
     import polars as pl
@@ -52,6 +52,7 @@ class Atlas(Study):
             raise InputError("--cap", f"{self.cap_mm_s:g} mm/s cannot be used", "wanted 1 to 10000")
         if not 0 <= self.cone_deg <= 180:
             raise InputError("--cone", f"{self.cone_deg:g} deg cannot be used", "wanted 0 to 180")
+        check_risk(self.scenario)
         limits = self._line_problem.limits
         if limits is None:
             raise InputError("contact.body", "is missing", "a safe speed needs limits: name a body region")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bumpstop.errors import InputError, near_matches
-from bumpstop.study.study import Study
+from bumpstop.study.study import Study, check_risk
 
 if TYPE_CHECKING:
     import polars as pl
@@ -73,6 +73,7 @@ class EffectivenessStudy(Study):
         """
         if scenario.motion.velocity_mm_s is None:
             raise InputError("motion.kind", "effectiveness is studied along straight lines", "wanted 'line'")
+        check_risk(scenario)
         if scenario.contact.normal is not None:
             raise InputError("contact.normal", "would be the same for every direction", "leave it out")
         names = dict.fromkeys(("bgia2011", "ts15066", scenario.contact.limits))

@@ -13,7 +13,7 @@ from bumpstop.errors import InputError
 from bumpstop.study.equal_risk import RISKS, equal_risk_curves
 from bumpstop.study.fits import R2_WANTED, fit_laws
 from bumpstop.study.guide import Price, cheapest
-from bumpstop.study.study import Study
+from bumpstop.study.study import Study, check_risk
 from bumpstop.study.variable import Range, Variable
 
 if TYPE_CHECKING:
@@ -96,6 +96,8 @@ class ParameterStudy(Study):
             first, second = (varied("--pair", name) for name in names)
             found.append((_thinned(first), _thinned(second)))
         priced = []
+        if prices:
+            check_risk(scenario)
         for text in prices or []:
             name, _, written = (part.strip() for part in text.partition("="))
             priced.append(Price.of(varied("--price", name), written))

@@ -18,9 +18,26 @@ import numpy as np
 from bumpstop import kernels
 from bumpstop.collision.scenario import Scenario
 from bumpstop.collision.settings_file import files_of, scenario_data
+from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     import polars as pl
+
+
+# Of quantiles: 1 less a smaller risk has no digits left.
+LEAST_RISK = 1e-13
+
+
+def check_risk(scenario: Scenario) -> None:
+    """Refuse a risk whose quantile a double cannot hold.
+
+    Raises:
+        InputError: verdict.risk is too small.
+    """
+    risk = scenario.verdict.risk
+    if risk < LEAST_RISK:
+        problem = f"{risk:g} is too small for a search by quantiles"
+        raise InputError("verdict.risk", problem, f"wanted at least {LEAST_RISK:g}")
 
 
 @dataclass(frozen=True)

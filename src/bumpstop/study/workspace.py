@@ -13,7 +13,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.study import foretold
-from bumpstop.study.capsules import self_collision
+from bumpstop.study.capsules import self_collision, thickest_links
 from bumpstop.study.directions import DirectionLaw, draw_directions, spread_directions
 from bumpstop.study.study import Study
 
@@ -66,6 +66,8 @@ class WorkspaceStudy(Study):
     seed: int = 0
 
     def __post_init__(self) -> None:
+        if self.scenario.motion.kind != "line":
+            raise InputError("motion.kind", "a workspace study moves along straight lines", "wanted 'line'")
         if (self.poses > 0) == (self.grid > 0):
             raise InputError("--poses", "and --grid: give one of them", "for example --poses 1000")
         if self.grid and self.speed_sd_mm_s:
@@ -85,6 +87,10 @@ class WorkspaceStudy(Study):
         if not len(self._ranges):
             raise InputError("motion.held_joints", "hold every joint", "at least one must move")
         self._laws(self._problem.q[None], np.array([[*self._own * self._speed / 1e3]]))
+        thickest = 1e3 * thickest_links(self._problem.robot, self._problem.q)
+        if self.link_radius_mm > thickest:
+            problem = f"at {self.link_radius_mm:g} mm all links are neighbours, and none could touch"
+            raise InputError("--link-radius", problem, f"wanted at most {thickest:.3g} mm")
 
     @property
     def drawn(self) -> int:
@@ -121,8 +127,6 @@ class WorkspaceStudy(Study):
         from bumpstop.collision import Problem
 
         problem = Problem.from_scenario(self.scenario)
-        if problem.trajectory is not None:
-            raise InputError("motion.kind", "a workspace study moves along straight lines", "wanted 'line'")
         free: dict[str, Any] = {}
         if self.joint_limits == "ignore":
             free |= {"lower": -math.inf, "upper": math.inf}
