@@ -13,11 +13,12 @@ from bumpstop.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from bumpstop.identification.beside import GeneralBeside, JointBeside
     from bumpstop.identification.protocol import ProtocolFit
     from bumpstop.joint.model import Parameter
     from bumpstop.recording import Recording
 
-_SHOWN = ("A", "B", "D", "F", "hysteresis", "inertia")
+SHOWN = ("A", "B", "D", "F", "hysteresis", "inertia")
 
 
 def identify_by_protocol(
@@ -25,6 +26,7 @@ def identify_by_protocol(
 ) -> None:
     """Read plan and recordings, fit, print, and write model and report where asked."""
     from bumpstop.cli.progress import progress
+    from bumpstop.identification.beside import general_beside
     from bumpstop.identification.plan_file import load_plan
     from bumpstop.identification.protocol import identify_protocol
     from bumpstop.recording import Recording
@@ -35,12 +37,15 @@ def identify_by_protocol(
     logs = [Recording.load(path, columns=columns, robot=plan.robot) for path in recordings]
     with progress("identifying") as report:
         fit = identify_protocol(plan, logs, progress=report)
+    with progress("fitting all motion") as report:
+        beside = general_beside(fit, logs, progress=report)
     if out is not None:
-        _write(fit, out)
+        _write(fit, beside, out)
     if as_json:
-        typer.echo(json.dumps(protocol_json(fit, logs), allow_nan=False, indent=2))
+        typer.echo(json.dumps(protocol_json(fit, beside, logs), allow_nan=False, indent=2))
         return
     print_protocol(fit)
+    print_beside(beside)
     for log in logs:
         for note in log.report.notes:
             typer.echo(f"note: {log.source}: {note}")
@@ -50,7 +55,7 @@ def identify_by_protocol(
         typer.echo(f"model: {out if out.suffix == '.toml' else out / 'joint_model.toml'}")
 
 
-def _write(fit: ProtocolFit, out: Path) -> None:
+def _write(fit: ProtocolFit, beside: GeneralBeside, out: Path) -> None:
     try:
         if out.suffix == ".toml":
             fit.model().save(out)
@@ -61,12 +66,13 @@ def _write(fit: ProtocolFit, out: Path) -> None:
         raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror})", "give another") from None
     from bumpstop.report.protocol import write_protocol_report
 
-    write_protocol_report(fit, out)
+    write_protocol_report(fit, out, beside)
 
 
-def protocol_json(fit: ProtocolFit, logs: Sequence[Recording]) -> dict[str, Any]:
-    """Table 2.2 for programs; joints that were not identified have no parameters."""
+def protocol_json(fit: ProtocolFit, beside: GeneralBeside, logs: Sequence[Recording]) -> dict[str, Any]:
+    """Table 2.2 for programs, the general fit beside it; joints that were not identified have no parameters."""
     found = {joint.experiment.joint: joint for joint in fit.joints}
+    other = {pair.protocol.experiment.joint: pair for pair in beside.joints}
     lost = {one.joint: one.reason for one in fit.plan.unseen} | dict(fit.missing)
     joints = []
     for number, joint in enumerate(fit.plan.robot.joints):
@@ -84,10 +90,28 @@ def protocol_json(fit: ProtocolFit, logs: Sequence[Recording]) -> dict[str, Any]
                 "r2": one.r2,
                 "rmse_Nm": one.rmse,
                 "notes": list(one.notes),
+                "general": _general(other.get(number)),
             }
         joints.append(entry)
     dropped = sum(log.report.rows_dropped for log in logs)
-    return {"joints": joints, "filter": {}, "rows_used": fit.rows, "rows_dropped": dropped}
+    general: dict[str, Any] = {"cutoff_hz": beside.cutoff_hz, "rows_used": beside.rows_used, "why_not": None}
+    if beside.why_not:
+        general = {"cutoff_hz": None, "rows_used": 0, "why_not": beside.why_not}
+    return {"joints": joints, "filter": {}, "general": general, "rows_used": fit.rows, "rows_dropped": dropped}
+
+
+def _general(pair: JointBeside | None) -> dict[str, Any] | None:
+    """One joint of the general fit, and how far the protocol's parameters are from its own."""
+    if pair is None:
+        return None
+    own = pair.general.parameters
+    return {
+        "map": own.map,
+        "friction": own.friction,
+        "parameters": {name: _parameter(value) for name, value in own.parameters.items()},
+        "unseen": dict(pair.general.unseen),
+        "protocol_less_general_in_standard_errors": {name: pair.difference(name) for name in SHOWN},
+    }
 
 
 def _parameter(value: Parameter | None) -> dict[str, float | None] | None:
@@ -100,10 +124,10 @@ def print_protocol(fit: ProtocolFit) -> None:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
-    for heading in ("joint", *_SHOWN, "friction sd", "map", "R2", "rmse, Nm"):
+    for heading in ("joint", *SHOWN, "friction sd", "map", "R2", "rmse, Nm"):
         table.add_column(heading, justify="left" if heading in ("joint", "map") else "right", no_wrap=True)
     for joint in fit.joints:
-        cells = [_cell(joint.parameters.get(name)) for name in _SHOWN]
+        cells = [_cell(joint.parameters.get(name)) for name in SHOWN]
         table.add_row(
             joint.experiment.name, *cells, f"{joint.friction_sd:.3g}", joint.map, f"{joint.r2:.4f}", f"{joint.rmse:.3g}"
         )
@@ -116,6 +140,34 @@ def print_protocol(fit: ProtocolFit) -> None:
         typer.echo(f"{fit.plan.robot.joints[number].name}: not identified: {why}")
     for lost in fit.plan.unseen:
         typer.echo(f"{lost.name}: its map cannot be seen, as {lost.reason}; what would show it: {lost.remedy}")
+
+
+def print_beside(beside: GeneralBeside) -> None:
+    """The general fit's parameters, and in brackets how far the protocol's are from them."""
+    from rich.console import Console
+    from rich.table import Table
+
+    if beside.why_not:
+        typer.echo(f"no general fit beside it: {beside.why_not}")
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", *SHOWN, "map"):
+        table.add_column(heading, justify="left" if heading in ("joint", "map") else "right", no_wrap=True)
+    for pair in beside.joints:
+        cells = []
+        for name in SHOWN:
+            difference = pair.difference(name)
+            cells.append(_cell(pair.pair(name)[1]) + ("" if difference is None else f" ({difference:+.1f})"))
+        table.add_row(pair.general.name, *cells, pair.general.parameters.map)
+    console = Console(highlight=False, markup=False, soft_wrap=True, width=max(Console().width, 190))
+    console.print(
+        f"general fit of all {beside.rows_used} rows, filtered at {beside.cutoff_hz:g} Hz; in brackets protocol less "
+        "general, in combined standard errors"
+    )
+    console.print(table)
+    for pair in beside.joints:
+        for name, reason in pair.general.unseen.items():
+            typer.echo(f"{pair.general.name}: {name} is not seen by the general fit: {reason}")
 
 
 def _cell(value: Parameter | None) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.current_law import JointMotion, held_share
-from bumpstop.identification.motion import even_grid, lowpass, onto
+from bumpstop.identification.motion import GRAVITY, even_grid, lowpass, onto
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -26,6 +26,8 @@ _LEAST_ROWS = 50
 _LEAST_TRIMS = 5
 # What is filtered at a cut-off is kept at this many times its rate.
 RATE_PER_CUTOFF = 10.0
+# Share of a speed that the filter swings back by, and more.
+_SWING_BACK = 0.2
 # A recording with more rows than a fit takes is represented by so many blocks.
 _BLOCKS = 10
 
@@ -106,9 +108,20 @@ class DriveRows:
         return replace(self, **columns)
 
     def joint(self, j: int, rest_speed: float) -> JointMotion:
-        """What joint ``j`` did."""
+        """What joint ``j`` did.
+
+        A filter without delay swings back where a motion ends. So that this is not taken for the last motion, what is
+        slow beside a faster motion within a period of the cut-off is not remembered.
+        """
+        from scipy.ndimage import maximum_filter1d
+
         qd = np.ascontiguousarray(self.qd[:, j])
-        held = np.concatenate([held_share(qd[rows], rest_speed) for rows in self.stretches])
+        parts = []
+        for rows, rate in zip(self.stretches, self.rate_hz, strict=True):
+            own = qd[rows]
+            fastest = maximum_filter1d(np.abs(own), 2 * math.ceil(rate / self.cutoff_hz) + 1)
+            parts.append(held_share(own, rest_speed, np.abs(own) > _SWING_BACK * fastest))
+        held = np.concatenate(parts)
         return JointMotion(self.torque[:, j], qd, self.qdd[:, j], held)
 
 
@@ -125,6 +138,7 @@ def drive_rows(
     every_row: bool = False,
     smooth_current: bool = True,
     trim_s: float | None = None,
+    gravity: tuple[float, float, float] = GRAVITY,
 ) -> DriveRows:
     """Filter, differentiate and thin out recordings, and work out the torque of their motion.
 
@@ -139,6 +153,7 @@ def drive_rows(
         smooth_current: filter the currents, too.
         trim_s: left away at either end of a stretch, where a filter has only one side to go by; default: one period of
             the cut-off.
+        gravity: acceleration of free fall in the base frame [m/s2].
 
     Raises:
         InputError: no currents, another number of joints, too few rows.
@@ -161,7 +176,7 @@ def drive_rows(
             inside = slice(math.ceil(trim * rate), t.size - math.ceil(trim * rate))
             t, current = t[inside], current[inside]
             motion = (motion[0][inside], motion[1][inside], motion[2][inside])
-            torque = inverse_dynamics(bare, *motion)
+            torque = inverse_dynamics(bare, *motion, gravity=gravity)
             parts.append((t, *motion, torque, current))
             rates.append(rate)
             recorded += rows.stop - rows.start

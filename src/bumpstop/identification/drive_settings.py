@@ -49,7 +49,11 @@ class DriveSettings:
 
 
 def choose_settings(
-    recordings: Sequence[Recording], robots: Sequence[Robot], cutoff_hz: float | None, rest_speed: float | None
+    recordings: Sequence[Recording],
+    robots: Sequence[Robot],
+    cutoff_hz: float | None,
+    rest_speed: float | None,
+    gravity: tuple[float, float, float],
 ) -> DriveSettings:
     """Choose what was not given, with linear maps and Coulomb and viscous friction, on held-out fifths of the time."""
     for name, value in (("cutoff_hz", cutoff_hz), ("rest_speed", rest_speed)):
@@ -63,7 +67,9 @@ def choose_settings(
         trim = min(1 / _CUTOFFS_HZ[0], 0.05 * min(recording.duration for recording in shorter))
         for candidate in _CUTOFFS_HZ:
             if candidate <= _PER_RATE * slowest:
-                rows = drive_rows(shorter, robots, candidate, every_row=True, smooth_current=False, trim_s=trim)
+                rows = drive_rows(
+                    shorter, robots, candidate, every_row=True, smooth_current=False, trim_s=trim, gravity=gravity
+                )
                 speeds = [rest_speed or DEFAULT_REST_SPEED] * robots[0].dof
                 errors = [_left_out(rows, j, speeds[j], reference) for j in range(robots[0].dof)]
                 held_out[candidate] = float(np.mean(errors))
@@ -75,7 +81,7 @@ def choose_settings(
         cutoff_hz = max(candidate for candidate, error in held_out.items() if error <= _AS_GOOD * least)
     if rest_speed is not None:
         return DriveSettings(cutoff_hz, (rest_speed,) * robots[0].dof, held_out)
-    rows = drive_rows(shorter, robots, cutoff_hz)
+    rows = drive_rows(shorter, robots, cutoff_hz, gravity=gravity)
     chosen = []
     for j in range(robots[0].dof):
         errors = [_left_out(rows, j, speed, cutoff_hz) for speed in _REST_SPEEDS]

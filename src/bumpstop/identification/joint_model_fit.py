@@ -11,6 +11,7 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.identification.drive_rows import DriveRows, drive_rows
 from bumpstop.identification.drive_settings import choose_settings
 from bumpstop.identification.joint_fit import JointFit, fit_joint
+from bumpstop.identification.motion import GRAVITY
 from bumpstop.joint.model import OF_FRICTION, OF_MAP, JointTorqueModel
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def identify_joint_model(
     frictions: Sequence[str] = tuple(OF_FRICTION),
     known: Mapping[str, Mapping[str, float]] | None = None,
     unit: str = "A",
+    gravity: tuple[float, float, float] = GRAVITY,
     progress: Callable[[float], None] | None = None,
 ) -> JointModelFit:
     """Fit map, friction, hysteresis and reflected inertia of every joint to recorded currents.
@@ -77,6 +79,7 @@ def identify_joint_model(
         frictions: friction laws that may be chosen.
         known: parameters that are not to be fitted, by joint name: ``{"shoulder": {"inertia": 0.4}}``.
         unit: of current.
+        gravity: acceleration of free fall in the base frame, of a tilted base not along -z [m/s2].
         progress: called with the share that is done, 0 to 1.
 
     Raises:
@@ -92,9 +95,9 @@ def identify_joint_model(
     arm = robots[0]
     fixed = _known(known or {}, arm)
     report = progress or (lambda share: None)
-    settings = choose_settings(logs, robots, cutoff_hz, rest_speed)
+    settings = choose_settings(logs, robots, cutoff_hz, rest_speed, gravity)
     report(0.2)
-    rows = drive_rows(logs, robots, settings.cutoff_hz)
+    rows = drive_rows(logs, robots, settings.cutoff_hz, gravity=gravity)
     joints = []
     for j, joint in enumerate(arm.joints):
         joints.append(

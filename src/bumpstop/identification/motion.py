@@ -10,6 +10,8 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.signal import filter_even
 
+GRAVITY = (0.0, 0.0, -9.80665)  # acceleration of free fall in the frame of an upright base [m/s2]
+
 
 @dataclass(frozen=True, eq=False)
 class EvenMotion:

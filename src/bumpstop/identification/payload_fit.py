@@ -12,10 +12,9 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_rows import without_rotors
-from bumpstop.identification.motion import EvenMotion, even_motion, lowpass, onto
+from bumpstop.identification.motion import GRAVITY, EvenMotion, even_motion, lowpass, onto
 from bumpstop.identification.regressor import INERTIAL, link_regressor
 from bumpstop.identification.robust_fit import long_run_covariance, visible_share
-from bumpstop.identification.torque_columns import GRAVITY
 from bumpstop.model.inertia import vector3
 from bumpstop.signal import correlation_time
 

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 MAPS = ("odd", "load_dependent")
 _LEAST_STROKES = 4
 _CLEARLY = 0.98
+# A parameter is named as hardly seen where its standard error is more than this share of it.
+_SEEN = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +73,11 @@ class ProtocolJoint:
     hold_values: tuple[float, ...]
     inertia_fit: InertiaFit | None
     notes: tuple[str, ...]
+
+    @property
+    def hardly_seen(self) -> tuple[str, ...]:
+        """Names of parameters known no better than to a quarter of themselves."""
+        return _hardly_seen(self.parameters)
 
     def model(self) -> JointParameters:
         """This joint for a :class:`~bumpstop.joint.JointTorqueModel`."""
@@ -232,6 +239,11 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
     else:
         parameters["inertia"] = inertia.inertia
     torque = np.concatenate([part.torque for part in found.constant])
+    for name in _hardly_seen(parameters):
+        notes.append(
+            f"{name} is hardly seen: its standard error is above {100 * _SEEN:g} % of it, with "
+            f"{np.abs(torque).max():.3g} Nm of gravity at most; a known load, a tilted base or more repeats show more"
+        )
     sign = np.concatenate([np.sign(part.qd) for part in found.constant])
     estimate = joint_torque(fitted.kind, fitted.A.value, fitted.B.value, np.concatenate(own), sign)
     left = float(((torque - estimate) ** 2).mean())
@@ -250,6 +262,14 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
         hold_values=() if held is None else tuple(held[1]),
         inertia_fit=inertia,
         notes=tuple(notes),
+    )
+
+
+def _hardly_seen(parameters: dict[str, Parameter | None]) -> tuple[str, ...]:
+    return tuple(
+        name
+        for name, found in parameters.items()
+        if found is not None and found.standard_error is not None and found.standard_error > _SEEN * abs(found.value)
     )
 
 

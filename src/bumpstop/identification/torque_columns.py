@@ -7,18 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.identification.motion import GRAVITY, EvenMotion
 from bumpstop.identification.regressor import inertial_names, inertial_regressor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bumpstop.identification.motion import EvenMotion
     from bumpstop.model import Robot
 
     Couplings = Sequence[Sequence[tuple[int, float]]]
-
-GRAVITY = (0.0, 0.0, -9.80665)
-
 
 def torque_columns(
     robot: Robot,
