@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 MAPS = ("odd", "load_dependent")
 _LEAST_STROKES = 4
-_CLEARLY = 0.98
+# A map is better than the first where its error is this share, and the gain so many of its standard errors.
+_CLEARLY, _BEYOND_CHANCE = 0.98, 2.0
 # A parameter is named as hardly seen where its standard error is more than this share of it.
 _SEEN = 0.25
 
@@ -207,7 +208,7 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
             "give the sign of its current in the column file ([coupling] sign)",
         )
     tried: dict[str, tuple[list[StrokeFit], FrictionFit, list[FloatArray], MapFit]] = {}
-    errors: dict[str, float] = {}
+    squares: dict[str, FloatArray] = {}
     for kind in MAPS:
         strokes = [fit_stroke(kind, part) for part in found.constant]
         law = fit_friction(strokes)
@@ -215,9 +216,9 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
         own = [part.current - np.sign(part.qd) * D * np.abs(part.qd) ** F for part in found.constant]
         fitted = fit_map(kind, found.constant, own)
         tried[kind] = (strokes, law, own, fitted)
-        errors[kind] = held_out(kind, found.constant, own)
+        squares[kind] = held_out(kind, found.constant, own)
     sound = [kind for kind in MAPS if tried[kind][3].monotone]
-    kind = _best(sound, errors) if sound else "linear"
+    kind = _best(sound, squares) if sound else "linear"
     chosen = kind if sound else MAPS[0]
     strokes, law, own, fitted = tried[chosen]
     if not sound:
@@ -251,7 +252,7 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
         experiment=experiment,
         parameters=parameters,
         map=kind,
-        held_out=errors,
+        held_out={kind: math.sqrt(own.mean()) for kind, own in squares.items()},
         friction_sd=law.sd,
         r2=1 - left / float(torque.var()),
         rmse=math.sqrt(left),
@@ -273,11 +274,17 @@ def _hardly_seen(parameters: dict[str, Parameter | None]) -> tuple[str, ...]:
     )
 
 
-def _best(kinds: list[str], errors: dict[str, float]) -> str:
-    """The first map, unless another is clearly better on strokes that it was not fitted to."""
+def _best(kinds: list[str], squares: dict[str, FloatArray]) -> str:
+    """The first map, unless another is clearly better on strokes that it was not fitted to.
+
+    Clearly: by a share, and by more than the strokes' own differences say by chance. Where gravity hardly bends the
+    map, one that is wrong would else be taken now and then, and no standard error would know.
+    """
     best = kinds[0]
     for kind in kinds[1:]:
-        if errors[kind] < _CLEARLY * errors[best]:
+        gain = squares[best] - squares[kind]
+        by_chance = _BEYOND_CHANCE * float(gain.std(ddof=1)) / math.sqrt(gain.size)
+        if squares[kind].mean() < _CLEARLY**2 * squares[best].mean() and gain.mean() > by_chance:
             best = kind
     return best
 

@@ -244,22 +244,22 @@ def fit_map(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[Fl
     )
 
 
-def held_out(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[FloatArray]) -> float:
-    """Root mean square error [Nm] of strokes predicted from every second one, without constants.
+def held_out(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[FloatArray]) -> FloatArray:
+    """Mean square error of each stroke (strokes,) [Nm2], predicted from every second pair, without constants.
 
     The current of a torque is predicted, as the noise is on the current: predicting torque from it would favour the
     flatter map. Tenths of a stroke are compared, where the noise of single samples has averaged out; the error is told
-    as a torque, by the slope of the straight map, one and the same for every kind.
+    as a torque, by the slope of the straight map, one and the same for every kind. NaN: too few strokes.
     """
     torque, current = np.concatenate([part.torque for part in stretches]), np.concatenate(list(joint_currents))
     slope = float((torque**2).sum()) / float((torque * current).sum())
-    errors = []
+    errors = np.full(len(stretches), np.nan)
     for half in (0, 1):
         # Neighbours are there and back at one speed: pairs stay together.
         known = [k for k in range(len(stretches)) if k // 2 % 2 == half]
         other = [k for k in range(len(stretches)) if k // 2 % 2 != half]
         if len(known) < 2 or not other:
-            return float("nan")
+            return np.full(len(stretches), np.nan)
         found = fit_map(kind, [stretches[k] for k in known], [joint_currents[k] for k in known])
         for k in other:
             sign = float(np.sign(stretches[k].speed))
@@ -267,8 +267,8 @@ def held_out(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[F
             left = joint_currents[k] - expected
             begins = np.arange(_PIECES) * left.size // _PIECES
             mean = np.add.reduceat(left, begins) / np.diff(begins, append=left.size)
-            errors.append(float((mean**2).mean()) * slope**2)
-    return float(np.sqrt(np.mean(errors)))
+            errors[k] = float((mean**2).mean()) * slope**2
+    return errors
 
 
 def fit_hysteresis(found: MapFit, holds: Sequence[Stretch]) -> tuple[Parameter, list[float]] | None:
