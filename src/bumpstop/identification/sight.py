@@ -251,6 +251,7 @@ def _why_blind(gain: float, error: float, raw: FloatArray) -> str:
         return "nothing that the arm does takes torque of this joint, its gain stays unknown"
     if gain < -2 * error:
         return "current falls as torque rises: is its sign right? The gain stays unknown"
-    if abs(np.corrcoef(torque, acceleration)[0, 1]) > 0.9:
+    own = np.std(torque) * np.std(acceleration)
+    if own > 0 and abs(float(np.mean((torque - torque.mean()) * (acceleration - acceleration.mean())))) > 0.9 * own:
         return "its torque is little but its own acceleration, as that of reflected inertia is: the gain stays unknown"
     return _TOO_LITTLE

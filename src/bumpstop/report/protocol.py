@@ -140,7 +140,7 @@ class BesidePart(Part):
             return []
 
         def draw(figure: Figure) -> None:
-            panel = axes(figure, left=1.1, bottom=0.5)
+            panel = axes(figure, left=1.1, bottom=0.5, top=0.6)
             _draw_differences(panel, pairs)
 
         alt = "Difference of every parameter between protocol and general fit, in combined standard errors, by joint."
@@ -148,7 +148,7 @@ class BesidePart(Part):
             "Protocol less general fit. Within the dotted lines both agree as 95 % intervals would; what lies "
             f"beyond {_FAR:g} is drawn there."
         )
-        return [Picture("general", alt, caption, draw, height=1.5 + 0.34 * len(pairs))]
+        return [Picture("general", alt, caption, draw, height=1.8 + 0.34 * len(pairs))]
 
 
 def _draw_differences(panel: Axes, pairs: Sequence[JointBeside]) -> None:
@@ -283,7 +283,7 @@ class MapPart(_JointsPart):
     text = (
         "The same strokes with friction taken off the current (eq 2.28), and the map fitted to all (eq 2.29, as "
         "figure 2.9). Of two maps the one with the smaller error on strokes it was not fitted to is taken, the odd one "
-        "unless the other is better by 2 %."
+        "unless the other is better by 2 % and by more than chance."
     )
 
     def caption(self, joint: ProtocolJoint) -> str:
