@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
+from bumpstop.cli.protocol import protocol_json
+from bumpstop.identification.beside import GeneralBeside, general_beside
 from bumpstop.identification.current_law import inverse_map
 from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, plan_identification
 from bumpstop.identification.plan_file import save_plan
@@ -19,6 +22,7 @@ from bumpstop.identification.simulated import SensorNoise, currents, simulated_r
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.model import JointParameters, Parameter
 from bumpstop.recording import Recording
+from bumpstop.report.protocol import write_protocol_report
 
 SETTINGS = ProtocolSettings(
     speed_shares=(0.1, 0.2, 0.35, 0.5, 0.7), repeats=2, ramp_repeats=2, holds=2, hold_s=6.0, acceleration=4.5
@@ -66,6 +70,11 @@ def fit(plan: IdentificationPlan, recordings: list[Recording]) -> ProtocolFit:
     return identify_protocol(plan, recordings)
 
 
+@pytest.fixture(scope="module")
+def beside(fit: ProtocolFit, recordings: list[Recording]) -> GeneralBeside:
+    return general_beside(fit, recordings)
+
+
 def test_simulated_currents_give_the_torque_back(plan: IdentificationPlan) -> None:
     model = planted()
     q, qd, qdd = plan.path(plan.experiments[0]).at(np.arange(10.0, 14.0, 0.01))
@@ -99,6 +108,72 @@ def test_planted_figures_are_recovered(fit: ProtocolFit) -> None:
             error = abs(parameter.value - truth.value(name))
             assert error < 4 * parameter.standard_error, (joint.experiment.name, name)
             assert error < near[name] * truth.value(name), (joint.experiment.name, name)
+
+
+def test_the_general_fit_finds_the_same(beside: GeneralBeside) -> None:
+    """Two ways to a figure: both near the truth, and differences told in what both are uncertain by together."""
+    assert beside.why_not == ""
+    assert [pair.general.name for pair in beside.joints] == [pair.protocol.experiment.name for pair in beside.joints]
+    near = {"A": 0.15, "B": 0.03, "D": 0.02, "F": 0.05, "hysteresis": 0.3, "inertia": 0.1}
+    for pair in beside.joints:
+        truth = planted().joints[pair.protocol.experiment.joint]
+        for name, share in near.items():
+            own, other = pair.pair(name)
+            assert own is not None
+            assert other is not None
+            assert other.value == pytest.approx(truth.value(name), rel=share), (pair.general.name, name)
+            assert own.standard_error is not None
+            assert other.standard_error is not None
+            difference = pair.difference(name)
+            assert difference is not None
+            combined = np.hypot(own.standard_error, other.standard_error)
+            assert difference * combined == pytest.approx(own.value - other.value, rel=1e-9, abs=1e-12)
+            assert abs(difference) < 4
+
+
+def test_what_is_not_the_same_thing_is_not_compared(beside: GeneralBeside) -> None:
+    pair = beside.joints[0]
+    other = replace(pair.protocol, map="load_dependent")
+    assert replace(pair, protocol=other).difference("A") is None
+    assert replace(pair, protocol=other).difference("B") is None
+    assert replace(pair, protocol=other).difference("D") == pair.difference("D")
+    flat = replace(pair.general, unseen={"A": "of this test"})
+    assert replace(pair, general=flat).difference("B") is None
+    unsure = replace(pair.protocol, parameters={**pair.protocol.parameters, "F": Parameter(0.3), "inertia": None})
+    assert replace(pair, protocol=unsure).difference("F") is None
+    assert replace(pair, protocol=unsure).difference("inertia") is None
+
+
+def test_the_protocol_stands_without_a_general_fit(
+    fit: ProtocolFit, recordings: list[Recording], tmp_path: Path
+) -> None:
+    log = recordings[0]
+    assert log.current is not None
+    scrap = Recording(t=log.t[:40], q=log.q[:40], current=log.current[:40])
+    without = general_beside(fit, [scrap])
+    assert without.joints == ()
+    assert "50 rows" in without.why_not
+    write_protocol_report(fit, tmp_path, without)
+    assert "50 rows" in (tmp_path / "report.html").read_text()
+    found = protocol_json(fit, without, recordings)
+    assert found["general"] == {"cutoff_hz": None, "rows_used": 0, "why_not": without.why_not}
+    assert found["joints"][1]["general"] is None
+
+
+def test_the_general_fit_knows_the_plans_gravity() -> None:
+    """On a tilted base the upright arm's torques would be others by half."""
+    gravity = (9.80665 * np.sin(np.radians(30)), 0.0, -9.80665 * np.cos(np.radians(30)))
+    settings = replace(SETTINGS, speed_shares=(0.2, 0.5), repeats=1, ramp_repeats=1, holds=1, gravity=gravity)
+    tilted = plan_identification(bs.Robot.load("ur10e"), settings)
+    one = tilted.experiments[0]
+    assert one.joint == 0
+    log = simulated_recording(
+        tilted.loaded, planted(), tilted.path(one), rate_hz=125.0, noise=NOISE, seed=1, gravity=gravity
+    )
+    (pair,) = general_beside(identify_protocol(tilted, [log]), [log]).joints
+    for parameter in pair.pair("B"):
+        assert parameter is not None
+        assert parameter.value == pytest.approx(10.0, rel=0.05)
 
 
 def test_every_stroke_is_found(fit: ProtocolFit, plan: IdentificationPlan) -> None:
@@ -180,6 +255,10 @@ def test_command(
     found = json.loads(capsys.readouterr().out)
     assert [joint["observable"] for joint in found["joints"]] == [False, True, True, False, False, False]
     assert "vertical" in found["joints"][0]["reason"]
+    beside = found["joints"][1]["general"]
+    assert beside["parameters"]["B"]["value"] == pytest.approx(12.0, rel=0.03)
+    assert abs(beside["protocol_less_general_in_standard_errors"]["B"]) < 4
+    assert found["general"]["rows_used"] > 0
     model = JointTorqueModel.load(tmp_path / "model.toml")
     assert model.joints[0].value("B") == found["joints"][1]["parameters"]["B"]["value"]
     with pytest.raises(SystemExit) as ended:
