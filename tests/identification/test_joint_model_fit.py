@@ -17,7 +17,7 @@ from bumpstop.identification import (
     with_payload,
 )
 from bumpstop.identification.current_law import CurrentLaw
-from bumpstop.identification.drive_rows import without_rotors
+from bumpstop.identification.drive_rows import DriveRows, without_rotors
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
@@ -222,3 +222,22 @@ def test_a_real_arm_with_a_declared_payload() -> None:
             assert joint.value("B") == pytest.approx(controller[joint.name], rel=0.07)
     assert fit.model.joints[5].parameters["B"] is None
     assert any("wrist_3_joint: B cannot be seen" in warning for warning in fit.warnings)
+
+
+def test_the_swing_of_a_filter_is_not_the_last_motion() -> None:
+    """A joint turns at 1 rad/s, stops, and a filter without delay lets it swing back at 0.1 rad/s: it came from below.
+
+    A motion of 0.1 rad/s long after the stop is one.
+    """
+    rate, cutoff = 150.0, 15.0
+    t = np.arange(900) / rate
+    turning = np.where((t > 1) & (t < 2), 1.0, 0.0)
+    swing = np.where((t >= 2) & (t < 2.04), -0.1, 0.0)
+    later = np.where((t > 4) & (t < 4.5), -0.1, 0.0)
+    qd = np.repeat((turning + swing + later)[:, None], 1, axis=1)
+    nothing = np.zeros_like(qd)
+    rows = DriveRows(t, nothing, qd, nothing, nothing, nothing, (slice(0, t.size),), (rate,), cutoff, t.size, 0)
+    held = rows.joint(0, 0.01).held
+    assert (held[(t > 2.05) & (t < 3.95)] == 1.0).all()
+    assert (held[t > 4.55] == -1.0).all()
+    assert (held[t < 0.95] == 0.0).all()
