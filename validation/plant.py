@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from bumpstop.plant.motions import pick_and_place, workspace
-from plant.cases import POSES, PRESSES, ROTORS, STANDARD, free_residual, hits, press_error, source_arm, source_plant
+from plant.cases import (
+    POSES,
+    PRESSES,
+    ROTORS,
+    SENSORS,
+    STANDARD,
+    free_residual,
+    hits,
+    press_error,
+    source_arm,
+    source_plant,
+)
 from validation.facts import load
 from validation.findings import Findings
 
@@ -80,7 +91,7 @@ def _free_motion(findings: Findings, *, quick: bool) -> None:
         if quick and name != "pick_and_place":
             continue
         mean, sd = np.array(table[f"{name}_mean"]), np.array(table[f"{name}_sd"])
-        runs = [source_plant(seed).run(command) for seed in range(1 if quick else 5)]
+        runs = source_plant(0).runs(command, [(SENSORS, seed) for seed in range(1 if quick else 5)])
         pooled = {
             inertia: np.concatenate([free_residual(run, inertia=inertia) for run in runs]) for inertia in (True, False)
         }
