@@ -21,6 +21,7 @@ import bumpstop as bs  # noqa: E402
 import twin  # noqa: E402
 import twin.twin as twin_module  # noqa: E402
 from benchmarks import studies  # noqa: E402
+from benchmarks.million_rows import million_rows  # noqa: E402
 from bumpstop import kernels  # noqa: E402
 from bumpstop.model import inverse_dynamics  # noqa: E402
 from bumpstop.plant import line  # noqa: E402
@@ -260,6 +261,7 @@ def main() -> None:
     plant_seconds()
     detector()
     study_rows()
+    million_rows(row)
 
     command = [sys.executable, "-c", "from bumpstop.cli.main import main; main()"]
     example = str(REPOSITORY / "examples/01_hand_downward.toml")
