@@ -125,6 +125,7 @@ class ExperimentObject(_Table):
     normal: Three | None = None
     stiffness_N_m: Annotated[float, _between(1, 1e7)] | None = None
     mass_kg: Annotated[float, _between(1e-6, 1e4)] | None = None
+    body_mass_kg: Annotated[float, _between(1e-6, 1e4)] | None = None
     limits: str = "bgia2011"
     size_mm: Annotated[list[Annotated[float, _between(1, 1e4)]], Field(min_length=2, max_length=2)] = [60.0, 60.0]
 
@@ -397,6 +398,7 @@ class Experiment(_Table):
             normal=normal,
             stiffness=thing.stiffness_N_m,
             limits=limits,
+            body_mass=thing.body_mass_kg,
             size=(thing.size_mm[0] / 2e3, thing.size_mm[1] / 2e3),
             **more,
         )

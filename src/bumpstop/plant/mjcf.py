@@ -18,7 +18,9 @@ TIP = "tip"
 TOOL = "tool"
 _LINK_COLOURS = ("0.35 0.45 0.55 1", "0.62 0.66 0.70 1")
 # Contacts as stiff as the step lets them be: what gives is the spring of the object (docs/plant.md).
-_CONTACT = 'condim="1" solref="0.001 1" solimp="0.9999 0.9999 0.001 0.5 2"'
+_CONTACT = 'condim="1" solref="0.001 {damping}" solimp="0.9999 0.9999 0.001 0.5 2"'
+# Of the critical. The face of a free body has next to no damping of its own and would bounce.
+_CLAMPED, _FREE = 1, 2
 
 
 def mjcf(
@@ -121,7 +123,9 @@ def mjcf(
     lines += ["</worldbody>", "<actuator>"]
     lines += [f'<general name="{_escape(joint.name)}" joint="{_escape(joint.name)}"/>' for joint in robot.joints]
     lines += ["</actuator>", "<sensor>", f'<force site="{TIP}"/>', f'<torque site="{TIP}"/>', "</sensor>", "<contact>"]
-    lines += [f'<pair geom1=":{TOOL}" geom2="{thing.geom}" {_CONTACT}/>' for thing in objects]
+    for thing in objects:
+        contact = _CONTACT.format(damping=_CLAMPED if thing.body_mass is None else _FREE)
+        lines.append(f'<pair geom1=":{TOOL}" geom2="{thing.geom}" {contact}/>')
     return "\n".join([*lines, "</contact>", "</mujoco>"]) + "\n"
 
 

@@ -19,6 +19,8 @@ from bumpstop.errors import InputError, near_matches
 # collision speeds, slow enough for the integration step.
 _OWN_FREQUENCY = 2000.0
 _DAMPING_RATIO = 0.3
+# Of a free body's swing on its spring; its blow loses less than a fifth of a percent by it.
+_FREE_DAMPING_RATIO = 0.001
 _THICKNESS = 0.02
 
 
@@ -38,13 +40,16 @@ def object_kinds() -> tuple[str, ...]:
 class PlantObject:
     """One object. Pushed along ``normal`` by x it pushes back with ``stiffness`` times x, at rest.
 
+    It is clamped, unless it has a body's mass behind its spring: that gets away along the normal, and nothing holds it.
+
     Attributes:
         name: unique in a plant.
         position: where its face is touched first, in the base frame [m].
         normal: the direction it yields in: away from the arm, base frame; any length.
         stiffness: [N/m].
         mass: that moves with the face [kg]; None: so little that it swings on the spring with 2000 rad/s.
-        damping_ratio: of that swing, 1 is critical.
+        damping_ratio: of that swing, 1 is critical; a free body has next to none.
+        body_mass: of a free body, its face included [kg]; None: clamped.
         size: half width and half height of the face [m].
         status: of the stiffness: ``"given"``, ``"published"``, ``"derived"`` or ``"assumed"``.
         source: where the stiffness comes from.
@@ -57,6 +62,7 @@ class PlantObject:
     stiffness: float
     mass: float | None = None
     damping_ratio: float = _DAMPING_RATIO
+    body_mass: float | None = None
     size: tuple[float, float] = (0.06, 0.06)
     status: str = "given"
     source: str = ""
@@ -76,6 +82,11 @@ class PlantObject:
             if not least <= as_number(self.mass, f"{where} mass") <= 1e4:
                 problem = f"{self.mass:g} kg on {self.stiffness:g} N/m cannot be used"
                 raise InputError(f"{where} mass", problem, f"wanted {least:.3g} to 10000: lighter swings too fast")
+        if self.body_mass is not None:
+            least = 2 * self.moving_mass
+            if not least <= as_number(self.body_mass, f"{where} body_mass") <= 1e4:
+                problem = f"is {self.body_mass:g}, with {self.moving_mass:.3g} kg in its face"
+                raise InputError(f"{where} body_mass", problem, f"wanted {least:.3g} to 10000 kg")
         if min(self.size) <= 0:
             raise InputError(f"{where} size", f"is {self.size}", "wanted two lengths above 0")
 
@@ -133,13 +144,20 @@ class PlantObject:
         return f"object:{self.name}"
 
     @property
+    def behind(self) -> str:
+        """Name of a free body's mass behind the spring in MuJoCo."""
+        return f"{self.geom}:behind"
+
+    @property
     def moving_mass(self) -> float:
         """Mass that moves [kg]."""
         return self.stiffness / _OWN_FREQUENCY**2 if self.mass is None else self.mass
 
     @property
     def damping(self) -> float:
-        """Of the slide [N s/m]."""
+        """Of the spring [N s/m]."""
+        if self.body_mass is not None:
+            return 2 * _FREE_DAMPING_RATIO * math.sqrt(self.stiffness * self.body_mass)
         return 2 * self.damping_ratio * math.sqrt(self.stiffness * self.moving_mass)
 
     @property
@@ -157,17 +175,37 @@ class PlantObject:
         x, y = (" ".join(map(repr, axis.tolist())) for axis in (side, np.cross(n, side)))
         centre = np.asarray(self.position) + (contact_radius + _THICKNESS / 2) * n
         mass, colour = self.moving_mass, " ".join(f"{part:g}" for part in self.colour)
-        inertia = max(mass * 1e-4, 1e-12)
-        name = self.geom.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+        name = _quoted(self.geom)
+        place = f'pos="{" ".join(map(repr, centre.tolist()))}" xyaxes="{x} {y}"'
+        before, after = [], []
+        if self.body_mass is not None:
+            behind = _quoted(self.behind)
+            before = [
+                f'<body name="{behind}" {place} gravcomp="1">',
+                _inertial(self.body_mass - mass),
+                f'<joint name="{behind}" type="slide" axis="0 0 1"/>',
+            ]
+            place, after = 'pos="0 0 0"', ["</body>"]
         return [
-            f'<body name="{name}" pos="{" ".join(map(repr, centre.tolist()))}" xyaxes="{x} {y}" gravcomp="1">',
-            f'<inertial pos="0 0 0" mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>',
+            *before,
+            f'<body name="{name}" {place} gravcomp="1">',
+            _inertial(mass),
             f'<joint name="{name}" type="slide" axis="0 0 1" stiffness="{self.stiffness!r}" '
             f'damping="{self.damping!r}"/>',
             f'<geom name="{name}" type="box" size="{self.size[0]!r} {self.size[1]!r} {_THICKNESS / 2!r}" '
             f'rgba="{colour} 1"/>',
             "</body>",
+            *after,
         ]
+
+
+def _inertial(mass: float) -> str:
+    inertia = max(mass * 1e-4, 1e-12)
+    return f'<inertial pos="0 0 0" mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>'
+
+
+def _quoted(name: str) -> str:
+    return name.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
 
 
 def _of_body(body: str, limits: str, kinds: tuple[str, ...]) -> tuple[float, str, str]:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.errors import InputError
+from bumpstop.plant.command import COMMAND_STEP
 from bumpstop.plant.plant import import_mujoco
 
 if TYPE_CHECKING:
@@ -92,14 +93,16 @@ class Painter:
         self._drawing.free()
         self._context.free()
 
-    def draw(self, q: FloatArray, pushed: Sequence[float] = ()) -> Image:
-        """The arm in a pose (dof,) with objects pushed in so far (objects,) [m]; (height, width, 3)."""
+    def draw(self, q: FloatArray, pushed: Sequence[tuple[float, float]] = ()) -> Image:
+        """The arm in a pose (dof,), with how far each object is pushed in and away [m]; (height, width, 3)."""
         mj, plant, data = self._mujoco, self._plant, self._data
         mj.mj_resetData(plant.model, data)
         for joint, position in zip(plant.robot.joints, q, strict=True):
             data.joint(joint.name).qpos[0] = position
-        for thing, depth in zip(plant.objects, pushed, strict=False):
+        for thing, (depth, away) in zip(plant.objects, pushed, strict=False):
             data.joint(thing.geom).qpos[0] = depth
+            if thing.body_mass is not None:
+                data.joint(thing.behind).qpos[0] = away
         mj.mj_kinematics(plant.model, data)
         mj.mj_comPos(plant.model, data)
         mj.mj_camlight(plant.model, data)
@@ -126,7 +129,7 @@ def picture(plant: Plant, run: PlantRun, path: str | Path) -> None:
     forces = run.trace.contact_force
     row = int(np.argmax(forces.sum(axis=1))) if forces.any() else len(run.trace.t) - 1
     with _files(path), Painter(plant, run.trace.q[row : row + 1]) as painter:
-        _image(painter.draw(run.trace.q[row], _pushed(plant, run, row))).save(path)
+        _image(painter.draw(run.trace.q[row], pushed_and_away(plant, run, row))).save(path)
 
 
 def video(plant: Plant, run: PlantRun, path: str | Path) -> int:
@@ -143,7 +146,7 @@ def video(plant: Plant, run: PlantRun, path: str | Path) -> int:
         every *= 2
     with _files(path), Painter(plant, run.trace.q[::every], 480, 360) as painter:
         frames = [
-            _image(painter.draw(run.trace.q[row], _pushed(plant, run, row)))
+            _image(painter.draw(run.trace.q[row], pushed_and_away(plant, run, row)))
             for row in range(0, len(run.trace.t), every)
         ]
         # One palette for all, as palettes of their own flicker; the octree keeps small areas of strong colour.
@@ -153,10 +156,13 @@ def video(plant: Plant, run: PlantRun, path: str | Path) -> int:
     return len(frames)
 
 
-def _pushed(plant: Plant, run: PlantRun, row: int) -> list[float]:
-    return [
-        float(force) / thing.stiffness for force, thing in zip(run.trace.contact_force[row], plant.objects, strict=True)
-    ]
+def pushed_and_away(plant: Plant, run: PlantRun, row: int) -> list[tuple[float, float]]:
+    """How far each object is pushed in, and how far a free body has got away by then [m]."""
+    found = []
+    for thing, force in zip(plant.objects, run.trace.contact_force[: row + 1].T, strict=True):
+        away = 0.0 if thing.body_mass is None else float(np.cumsum(force).sum()) * COMMAND_STEP**2 / thing.body_mass
+        found.append((float(force[-1]) / thing.stiffness, away))
+    return found
 
 
 def _image(pixels: Image) -> Any:

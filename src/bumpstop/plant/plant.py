@@ -422,7 +422,7 @@ class Plant:
         touch = self.robot.pose(pose, *self.contact)[:3, 3]
         # A hair's breadth away, so that no rounding begins inside; the difference of the pushes does not know it.
         x, y, z = (touch + 1e-6 * n).tolist()
-        held = replace(thing, position=(x, y, z))
+        held = replace(thing, position=(x, y, z), body_mass=None)
         pushed = Plant(
             self.robot,
             self.joint_model,

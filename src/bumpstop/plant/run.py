@@ -237,6 +237,7 @@ def truth_of(plant: Plant) -> dict[str, Any]:
             "status": thing.status,
             "source": thing.source,
         }
+        | ({} if thing.body_mass is None else {"body_mass_kg": thing.body_mass})
         for thing in plant.objects
     ]
     return {
