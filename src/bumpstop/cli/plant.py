@@ -78,7 +78,8 @@ def run(
     for thing, peak in zip(done.truth["object"], done.truth["run"]["peak_force_N"], strict=True):
         series = thing.get("series_stiffness_N_m")
         words = "never touched" if series is None else f"peak {peak:.1f} N, {series:.0f} N/m with the arm in series"
-        typer.echo(f"{thing['name']}: {thing['stiffness_N_m']:g} N/m ({thing['status']}), {words}")
+        free = f", free with {thing['body_mass_kg']:g} kg" if "body_mass_kg" in thing else ""
+        typer.echo(f"{thing['name']}: {thing['stiffness_N_m']:g} N/m ({thing['status']}){free}, {words}")
     if done.reaction_time is not None:
         typer.echo(f"reaction after {done.reaction_time:.3f} s")
     for note in done.notes:

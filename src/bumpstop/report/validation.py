@@ -104,7 +104,7 @@ class OverTimePart(Part):
             lower.set_ylabel("rad/s2")
             lower.set_xlabel("time [s]")
 
-        caption = f"Joint {j + 1}, {name}."
+        caption = f"{name} over time."
         alt = f"Measured and predicted {unit} of joint {name} over time, their difference, and the acceleration."
         return Picture(f"over_time_{j + 1}", alt, caption, draw, height=4.2)
 
@@ -150,7 +150,7 @@ class HistogramPart(Part):
             panel.set_title(name)
 
         alt = f"Histogram of the error of joint {name} on a logarithmic scale, beside a normal distribution."
-        return Picture(f"error_{j + 1}", alt, f"Joint {j + 1}, {name}.", draw, height=2.6)
+        return Picture(f"error_{j + 1}", alt, f"{name}: how its error is distributed.", draw, height=2.6)
 
 
 class WherePart(Part):
@@ -202,7 +202,9 @@ class WherePart(Part):
             panels[1].tick_params(labelleft=False)
 
         alt = f"Mean and standard deviation of the error of joint {name} by speed and by acceleration."
-        return Picture(f"error_where_{j + 1}", alt, f"Joint {j + 1}, {name}.", draw, height=2.6)
+        return Picture(
+            f"error_where_{j + 1}", alt, f"{name}: its error by speed and by acceleration.", draw, height=2.6
+        )
 
 
 class ContactPart(Part):
