@@ -12,11 +12,12 @@ import pytest
 import bumpstop as bs
 from bumpstop.cli.main import main
 from bumpstop.cli.protocol import protocol_json
+from bumpstop.identification import beside as beside_room
 from bumpstop.identification.beside import GeneralBeside, general_beside
 from bumpstop.identification.current_law import inverse_map
 from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, plan_identification
 from bumpstop.identification.plan_file import save_plan
-from bumpstop.identification.protocol import ProtocolFit, identify_protocol
+from bumpstop.identification.protocol import ProtocolFit, ProtocolJoint, identify_protocol
 from bumpstop.identification.protocol_steps import joint_torque
 from bumpstop.identification.simulated import SensorNoise, currents, simulated_recording
 from bumpstop.joint import JointTorqueModel
@@ -129,6 +130,23 @@ def test_the_general_fit_finds_the_same(beside: GeneralBeside) -> None:
             combined = np.hypot(own.standard_error, other.standard_error)
             assert difference * combined == pytest.approx(own.value - other.value, rel=1e-9, abs=1e-12)
             assert abs(difference) < 4
+
+
+def test_a_joint_that_cannot_be_fitted_leaves_the_others(fit: ProtocolFit, recordings: list[Recording]) -> None:
+    """Joints are fitted by themselves where all together are refused."""
+
+    def refused(fit: ProtocolFit, logs: list[Recording], joints: tuple[ProtocolJoint, ...], progress: object) -> object:
+        if any(joint.experiment.joint == 1 for joint in joints):
+            raise bs.InputError("joint shoulder_lift_joint", "its map is not monotone")
+        return fitted(fit, logs, joints, progress)  # type: ignore[arg-type]
+
+    fitted = beside_room._fitted
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(beside_room, "_fitted", refused)
+        found = general_beside(fit, recordings)
+    assert [pair.general.name for pair in found.joints] == ["elbow_joint"]
+    assert found.why_not == "joint shoulder_lift_joint: its map is not monotone"
+    assert found.rows_used > 0
 
 
 def test_what_is_not_the_same_thing_is_not_compared(beside: GeneralBeside) -> None:

@@ -94,9 +94,11 @@ def protocol_json(fit: ProtocolFit, beside: GeneralBeside, logs: Sequence[Record
             }
         joints.append(entry)
     dropped = sum(log.report.rows_dropped for log in logs)
-    general: dict[str, Any] = {"cutoff_hz": beside.cutoff_hz, "rows_used": beside.rows_used, "why_not": None}
-    if beside.why_not:
-        general = {"cutoff_hz": None, "rows_used": 0, "why_not": beside.why_not}
+    general = {
+        "cutoff_hz": beside.cutoff_hz if beside.joints else None,
+        "rows_used": beside.rows_used,
+        "why_not": beside.why_not or None,
+    }
     return {"joints": joints, "filter": {}, "general": general, "rows_used": fit.rows, "rows_dropped": dropped}
 
 
@@ -149,6 +151,7 @@ def print_beside(beside: GeneralBeside) -> None:
 
     if beside.why_not:
         typer.echo(f"no general fit beside it: {beside.why_not}")
+    if not beside.joints:
         return
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", *SHOWN, "map"):

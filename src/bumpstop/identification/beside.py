@@ -55,10 +55,10 @@ class GeneralBeside:
     """The general fit of the joints that the protocol identified.
 
     Attributes:
-        joints: in the protocol's order.
+        joints: in the protocol's order, without those that cannot be fitted.
         cutoff_hz: of the general fit's filter.
         rows_used: by it.
-        why_not: why there is no general fit; or empty.
+        why_not: why there is none of the joints that lack one; or empty.
     """
 
     joints: tuple[JointBeside, ...]
@@ -80,19 +80,47 @@ def general_beside(
         recordings: the same.
         progress: called with the share that is done, 0 to 1.
     """
-    plan = fit.plan
-    maps = tuple(dict.fromkeys(joint.map for joint in fit.joints))
+    report = progress or (lambda share: None)
     try:
-        found = identify_joint_model(
-            list(recordings),
-            plan.loaded,
-            maps=maps,
-            frictions=("power",),
-            gravity=plan.settings.gravity,
-            progress=progress,
-        )
+        found, rows_used, cutoff_hz = _fitted(fit, recordings, fit.joints, report)
     except InputError as error:
-        # The protocol stands without it.
-        return GeneralBeside((), math.nan, 0, f"{error.field}: {error.problem}")
-    joints = tuple(JointBeside(joint, found.joints[joint.experiment.joint]) for joint in fit.joints)
-    return GeneralBeside(joints, found.cutoff_hz, found.rows_used)
+        if len(fit.joints) == 1:
+            return GeneralBeside((), math.nan, 0, _reason(error))
+    else:
+        return GeneralBeside(found, cutoff_hz, rows_used)
+    # The protocol stands without it, and so do joints without one that cannot be fitted.
+    pairs: list[JointBeside] = []
+    reasons: list[str] = []
+    rows_used, cutoff_hz = 0, math.nan
+    for joint in fit.joints:
+        try:
+            own, rows_used, cutoff_hz = _fitted(fit, recordings, (joint,), report)
+            pairs += own
+        except InputError as error:
+            reasons.append(_reason(error))
+    return GeneralBeside(tuple(pairs), cutoff_hz, rows_used, "; ".join(dict.fromkeys(reasons)))
+
+
+def _reason(error: InputError) -> str:
+    return f"{error.field}: {error.problem}"
+
+
+def _fitted(
+    fit: ProtocolFit,
+    recordings: Sequence[Recording],
+    joints: Sequence[ProtocolJoint],
+    progress: Callable[[float], None],
+) -> tuple[tuple[JointBeside, ...], int, float]:
+    """Pairs, rows used and cut-off of a fit of these joints alone; others stand still and show nothing."""
+    plan = fit.plan
+    found = identify_joint_model(
+        list(recordings),
+        plan.loaded,
+        maps=tuple(dict.fromkeys(joint.map for joint in joints)),
+        frictions=("power",),
+        gravity=plan.settings.gravity,
+        joints=[joint.experiment.joint for joint in joints],
+        progress=progress,
+    )
+    pairs = tuple(JointBeside(joint, own) for joint, own in zip(joints, found.joints, strict=True))
+    return pairs, found.rows_used, found.cutoff_hz

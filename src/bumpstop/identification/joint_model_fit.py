@@ -60,6 +60,7 @@ def identify_joint_model(
     known: Mapping[str, Mapping[str, float]] | None = None,
     unit: str = "A",
     gravity: tuple[float, float, float] = GRAVITY,
+    joints: Sequence[int] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> JointModelFit:
     """Fit map, friction, hysteresis and reflected inertia of every joint to recorded currents.
@@ -80,6 +81,7 @@ def identify_joint_model(
         known: parameters that are not to be fitted, by joint name: ``{"shoulder": {"inertia": 0.4}}``.
         unit: of current.
         gravity: acceleration of free fall in the base frame, of a tilted base not along -z [m/s2].
+        joints: numbers, from 0, of the joints to fit; default: all.
         progress: called with the share that is done, 0 to 1.
 
     Raises:
@@ -98,22 +100,22 @@ def identify_joint_model(
     settings = choose_settings(logs, robots, cutoff_hz, rest_speed, gravity)
     report(0.2)
     rows = drive_rows(logs, robots, settings.cutoff_hz, gravity=gravity)
-    joints = []
-    for j, joint in enumerate(arm.joints):
-        joints.append(
-            fit_joint(rows, j, arm, settings.rest_speeds[j], tuple(maps), tuple(frictions), fixed.get(joint.name, {}))
-        )
-        report(0.2 + 0.8 * (j + 1) / arm.dof)
+    found = []
+    which = range(arm.dof) if joints is None else joints
+    for j in which:
+        known_here = fixed.get(arm.joints[j].name, {})
+        found.append(fit_joint(rows, j, arm, settings.rest_speeds[j], tuple(maps), tuple(frictions), known_here))
+        report(0.2 + 0.8 * len(found) / len(which))
     model = JointTorqueModel(
         robot=arm.name,
         created_from=", ".join(log.source or "a recording" for log in logs),
         unit=unit,  # type: ignore[arg-type]
-        joints=tuple(joint.parameters for joint in joints),
+        joints=tuple(joint.parameters for joint in found),
     )
     return JointModelFit(
         model=model,
         robot=arm,
-        joints=tuple(joints),
+        joints=tuple(found),
         rows=rows,
         cutoff_hz=settings.cutoff_hz,
         held_out=settings.held_out,

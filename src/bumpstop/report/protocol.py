@@ -93,8 +93,11 @@ class BesidePart(Part):
         """A row for each parameter of each joint, or why there is none."""
         beside = self._beside
         assert beside is not None
+        missing: list[Html] = []
         if beside.why_not:
-            return [paragraph(f"The recordings as a whole cannot be fitted: {beside.why_not}.")]
+            missing.append(paragraph(f"The recordings as a whole cannot be fitted: {beside.why_not}."))
+        if not beside.joints:
+            return missing
         rows = [
             (
                 f"{pair.general.name}, {name}",
@@ -116,6 +119,7 @@ class BesidePart(Part):
             if pair.general.parameters.map != pair.protocol.map
         ]
         return [
+            *missing,
             paragraph(
                 f"All {beside.rows_used} rows of the same recordings fitted at once, as for any motion: filtered at "
                 f"{beside.cutoff_hz:g} Hz, under Huber's loss. Differences are protocol less general fit, in combined "
