@@ -37,8 +37,9 @@ SENSORS = Sensors(rate_hz=250.0, loss=0.01, jitter_s=1e-4, position_step=1e-6, c
 SETTINGS = ProtocolSettings(
     speed_shares=(0.1, 0.2, 0.4, 0.6), repeats=1, ramp_repeats=1, holds=2, hold_s=3.0, acceleration=4.5
 )
-QUICK = ProtocolSettings(speed_shares=(0.2, 0.4), repeats=1, ramp_repeats=1, holds=1, hold_s=2.0, acceleration=4.5)
-
+QUICK = ProtocolSettings(
+    speed_shares=(0.2, 0.4), repeats=1, ramp_repeats=1, holds=1, hold_s=1.0, acceleration=4.5, half_stroke=0.7
+)
 # The planted model's error and a fifth: a bound set when the figures were seen, to notice when they become worse.
 AS_GOOD = 1.2
 
