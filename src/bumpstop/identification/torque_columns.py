@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     Couplings = Sequence[Sequence[tuple[int, float]]]
 
+
 def torque_columns(
     robot: Robot,
     motion: EvenMotion,
