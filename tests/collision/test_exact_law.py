@@ -207,12 +207,12 @@ def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
         law = bs.evaluate(
             base.with_values({"pose_rad": q[i].tolist(), "motion.velocity_mm_s": (velocity[i] * 1e3).tolist()})
         )
-        assert one.mean[i] == pytest.approx(law.peak_force.mean, rel=1e-9)
+        assert one.mean[i] == pytest.approx(law.peak_force.mean, rel=1e-8)
         assert one.sd[i] == pytest.approx(law.peak_force.sd, rel=1e-6)
         for column, p in enumerate((0.5, 0.95, 0.99, 0.999)):
             assert one.quantile[i, column] == pytest.approx(law.peak_force.quantile(p), rel=1e-7)
         for column, limit in enumerate(limits):
-            assert one.exceedance[i, column] == pytest.approx(law.peak_force.exceedance(limit), abs=1e-8)
+            assert one.exceedance[i, column] == pytest.approx(law.peak_force.exceedance(limit), abs=1e-7)
         np.testing.assert_allclose(one.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-8)
 
 
@@ -293,7 +293,7 @@ def test_a_batch_joins_ticks_without_changing_the_law() -> None:
         law = bs.evaluate(bs.Scenario.from_dict(settings))
         ours = [batch.mean[i], batch.sd[i], batch.exceedance[i, 0], batch.false_alarm_probability[i]]
         theirs = [law.peak_force.mean, law.peak_force.sd, law.peak_force.exceedance(60.0), law.false_alarm_probability]
-        np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-8)
         np.testing.assert_allclose(batch.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-6)
         compared += 1
     assert compared > 12

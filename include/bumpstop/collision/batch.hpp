@@ -176,7 +176,9 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
                                                  ? problem.offset_size
                                                  : problem.offset_size * traced.approach_speed};
         collided[lane] = quick && traced.ticks > 0 && worker.law[lane].collide(traced, offset[lane]);
-        worker.probability[lane] = most_alarm<L>(*problem.detector, *problem.timing, traced, problem.stiffness);
+        worker.probability[lane] = collided[lane]
+                                       ? worker.law[lane].detection()
+                                       : most_alarm<L>(*problem.detector, *problem.timing, traced, problem.stiffness);
     }
     complete_curves<L>(
         *problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction, curve, count,

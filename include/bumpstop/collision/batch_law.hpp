@@ -55,6 +55,9 @@ class BatchLaw {
         return true;
     }
 
+    /// By tick: how probable a detection there is, at most, that a stopping path matters to.
+    const std::vector<double>& detection() const { return detection_; }
+
     /// Takes the farthest points of the stopping paths, by tick.
     void stop(const std::vector<double>& farthest) {
         farthest_ = farthest;
@@ -406,6 +409,11 @@ class BatchLaw {
         const int ticks = path_->ticks;
         alarm_before_ = 0;
         contact_from_.assign(std::size_t(ticks) + 1, 0.0);
+        // An alarm before contact matters if its stopping path arrives, and all of them may.
+        detection_.resize(std::size_t(ticks));
+        for (int k = 0; k < ticks; ++k)
+            detection_[std::size_t(k)] = quiet_->silence_before(k) * quiet_->idle(k).alarm *
+                                         offset_.probability_beyond(edge_[std::size_t(k) + 1]);
         std::size_t values = 0, masses = 0;
         for (Panel& panel : panels_) {
             panel.value_at = values;
@@ -434,6 +442,7 @@ class BatchLaw {
                 }
                 const double mass = sum(row);
                 mass_[panel.mass_at + std::size_t(slot)] = mass;
+                detection_[std::size_t(panel.tick + slot)] += mass;
                 panel.mass += mass;
             }
             for (int r = 0; r < registers; ++r)
@@ -599,7 +608,7 @@ class BatchLaw {
     std::vector<double> fired_;            ///< [panel][watched joint][node]: over its threshold when detected
     std::vector<double> value_;            ///< [slot][node], panel by panel: probability
     std::vector<double> mass_;             ///< [slot], panel by panel: the same, all nodes together
-    std::vector<double> contact_from_, farthest_, farthest_yet_;
+    std::vector<double> contact_from_, detection_, farthest_, farthest_yet_;
     std::vector<EarlyAlarm> early_;
     double alarm_before_ = 0, harmless_ = 0, most_force_ = 0;
     Moments moments_{};

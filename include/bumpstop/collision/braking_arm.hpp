@@ -113,8 +113,9 @@ class UnevenHistory {
 /// decide about the length of leaps, and instruction sets, which round differently, must still agree to 1e-12.
 inline constexpr double braking_leap_tolerance = 1e-11;
 /// The same where 1e-9 m are enough: over 0.5 s at 5 rad/s^2 the positions stay within 1e-10 rad of those of the
-/// sub-steps.
+/// sub-steps. And where a reaction matters little, for nothing is gained by more.
 inline constexpr double loose_braking_leap_tolerance = 1e-8;
+inline constexpr double loosest_braking_leap_tolerance = 1e-4;
 
 /// Arms that brake. While the same joint limits the deceleration the changes of the rates are smooth, and many
 /// sub-steps are a leap; where they are not, the controller's sub-steps are taken.
@@ -122,15 +123,17 @@ template <class T>
 class BrakingArm {
   public:
     /// `stopping`: the reaction asks for no velocity at all, so no rates need resolving.
-    BrakingArm(const Chain& chain, const MotionSettings& motion, bool stopping, double leap_tolerance)
-        : chain_(chain), motion_(motion), stopping_(stopping), tolerance_(leap_tolerance) {}
+    BrakingArm(const Chain& chain, const MotionSettings& motion, bool stopping)
+        : chain_(chain), motion_(motion), stopping_(stopping) {}
 
     ArmState<T> state;
     Point3<T> target;  ///< velocity the reaction asks for
     Posture<T> posture;
 
-    /// The lane's state and target have been set anew. Its next `advance` only looks where it is.
-    void begin(int lane) {
+    /// The lane's state and target have been set anew. Its next `advance` only looks where it is. Changes of the rates
+    /// may differ from those extrapolated by `leap_tolerance`, relative to the largest.
+    void begin(int lane, double leap_tolerance) {
+        set_lane(tolerance_, lane, leap_tolerance);
         history_.forget(lane);
         known_[lane] = 0;
         wish_[lane] = 1;
@@ -227,7 +230,7 @@ class BrakingArm {
     const Chain& chain_;
     const MotionSettings& motion_;
     const bool stopping_;
-    const double tolerance_;
+    T tolerance_ = 1.0;
     UnevenHistory<T> history_;
     int known_[lanes] = {};     ///< moments of the history, at most braking_order
     int wish_[lanes] = {};      ///< length of the next leap

@@ -17,6 +17,7 @@ struct ReactionJob {
     int tick;
     std::vector<double> distance;
     std::vector<int> step;
+    double leap_tolerance = braking_leap_tolerance;
 };
 
 /// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
@@ -77,12 +78,12 @@ inline int longest_leap(const RunningReaction& at, int substeps, bool only_peak)
 template <class T, class PoseOf, class ReturnTo>
 void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                         const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail,
-                        PoseOf pose_of, ReturnTo return_to, double leap_tolerance = braking_leap_tolerance) {
+                        PoseOf pose_of, ReturnTo return_to) {
     constexpr int lanes = Scalar<T>::lanes;
     const int n = motion.free_count, substeps = motion.substeps;
     const bool only_peak = detail == ReactionDetail::only_peak;
     const bool stopping = kind == ReactionKind::stop;
-    BrakingArm<T> arm(chain, motion, stopping, leap_tolerance);
+    BrakingArm<T> arm(chain, motion, stopping);
     const double sign = stopping ? 0 : -1;
     Point3<T> normal, start;
     RunningReaction running[lanes];
@@ -111,7 +112,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         set(arm.target, path.velocity, sign);
         set(normal, path.normal, 1);
         set(start, path.start, 1);
-        arm.begin(lane);
+        arm.begin(lane, job.leap_tolerance);
         RunningReaction& at = running[lane];
         at = RunningReaction{};
         at.job = &job;

@@ -20,11 +20,12 @@ struct StoppingCurve {
 /// Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is what a force law
 /// can feel.
 inline constexpr double farthest_tolerance = 5e-10;
-/// Where a law says how probable a detection at a tick is at most, the tolerance is divided by that, and no larger than
-/// this [m].
-inline constexpr double largest_farthest_tolerance = 5e-6;
+/// Where a law says how probable a detection at a tick is at most, this divided by that is enough, if it is more, and
+/// never more than `largest_farthest_tolerance` [m].
+inline constexpr double improbable_farthest_tolerance = 2e-13;
+inline constexpr double largest_farthest_tolerance = 1e-3;
 /// A tick less probable than this need not be simulated because a kink is near: refinement finds what matters of it.
-inline constexpr double kink_probability = 1e-3;
+inline constexpr double kink_probability = 1e-6;
 
 /// How well the overrun of every tick must be known. Without probabilities: all equally well.
 struct FarthestTolerance {
@@ -33,10 +34,16 @@ struct FarthestTolerance {
     double of(int first, int last) const {
         if (probability == nullptr) return farthest_tolerance;
         const double most = *std::max_element(probability + first, probability + last + 1);
-        return std::min(farthest_tolerance / most, largest_farthest_tolerance);
+        return std::clamp(improbable_farthest_tolerance / most, farthest_tolerance, largest_farthest_tolerance);
     }
     /// How well the reactions must be known that it is found from.
-    double of_leaps() const { return probability == nullptr ? braking_leap_tolerance : loose_braking_leap_tolerance; }
+    double of_leaps(int tick) const {
+        return probability == nullptr
+                   ? braking_leap_tolerance
+                   : std::clamp(10 * of(tick, tick), loose_braking_leap_tolerance, loosest_braking_leap_tolerance);
+    }
+    /// To either side of a tick without a summit, how far others may lie on straight lines.
+    int longest_straight() const { return probability == nullptr ? 0 : 8; }
     bool matters(int first, int last) const {
         return probability == nullptr ||
                *std::max_element(probability + first, probability + last + 1) > kink_probability;
@@ -196,13 +203,16 @@ class Refinement {
         for (std::size_t i = 0; i < wanted.size(); ++i) {
             const int k = wanted[i];
             known_[std::size_t(k - first_)] = summit(jobs[i]);
-            // What the points said before the middle was known among them.
-            const double predicted = middles_ ? predict(k, 2 * spacing_, k) : std::numeric_limits<double>::quiet_NaN();
+            overrun_[std::size_t(k - first_)] = -1;  // what the points say without it
+            const double predicted = middles_ ? predict(k, 2 * spacing_, k) : 0;
+            const bool bent = !std::isnan(predicted);
+            const double difference = (bent || !middles_ ? predicted : straight(k)) - overrun(jobs[i].distance);
             overrun_[std::size_t(k - first_)] = overrun(jobs[i].distance);
-            const double difference = predicted - overrun_[std::size_t(k - first_)];
-            // With half the distance between points the error falls by 2^6.
             const int low = k - spacing_, high = std::min(k + spacing_, last_);
-            if (middles_ && std::fabs(difference) <= 8 * tolerance_.of(low, high) && settle(low, high)) continue;
+            // With half the distance between points the error falls by 2^6, or by 2^2 where a straight line must do.
+            if (middles_ && (bent || spacing_ <= tolerance_.longest_straight()) &&
+                std::fabs(difference) <= (bent ? 8 : 1) * tolerance_.of(low, high) && settle(low, high, bent))
+                continue;
             if (middles_) {
                 unsettled.push_back(k - spacing_);
                 unsettled.push_back(k);
@@ -233,6 +243,10 @@ class Refinement {
     /// The overrun at tick k from the six known points nearest to `centre` whose distance is `spacing`,
     /// without k.
     double predict(int k, int spacing, int centre) const {
+        const double nan = std::numeric_limits<double>::quiet_NaN();
+        if (!(known_[std::size_t(neighbour(k, -1) - first_)].time >= 0) ||
+            !(known_[std::size_t(neighbour(k, 1) - first_)].time >= 0))
+            return nan;  // beyond the summits: points on one side would have to be extrapolated
         std::vector<int> points;
         const int base = first_ + (centre - first_) / spacing * spacing;
         for (int reach = 0; reach <= 5 && points.size() < 6; ++reach) {
@@ -242,7 +256,7 @@ class Refinement {
                     points.push_back(at);
             }
         }
-        if (points.size() < 4) return std::numeric_limits<double>::quiet_NaN();
+        if (points.size() < 4) return nan;
         std::sort(points.begin(), points.end());
         const Interpolation interpolation(points);
         double weight[6];
@@ -258,9 +272,23 @@ class Refinement {
         return sum.time >= 0 ? sum.at_steps() : std::numeric_limits<double>::quiet_NaN();
     }
 
-    /// Leaves the ticks between two points to interpolation, where there is enough to interpolate from.
-    bool settle(int low, int high) {
-        for (int k = low + 1; k < high; ++k) {
+    /// The overrun at tick k on the straight line between its known neighbours: where the point retreats from the
+    /// first, and there is no summit to interpolate.
+    double straight(int k) const {
+        const int low = neighbour(k, -1), high = neighbour(k, 1);
+        const double left = overrun_[std::size_t(low - first_)], right = overrun_[std::size_t(high - first_)];
+        return left + (right - left) * (k - low) / (high - low);
+    }
+    /// The nearest tick whose overrun is known, in steps of 1 or -1.
+    int neighbour(int k, int step) const {
+        do k += step;
+        while (overrun_[std::size_t(k - first_)] < 0);
+        return k;
+    }
+
+    /// Leaves the ticks between two points to interpolation, where the same serves them all.
+    bool settle(int low, int high, bool bent) {
+        for (int k = low + 1; bent && k < high; ++k) {
             if (overrun_[std::size_t(k - first_)] < 0 && !(predict(k, spacing_, k) >= 0)) return false;
         }
         for (int k = low + 1; k < high; ++k) {
@@ -273,7 +301,10 @@ class Refinement {
     /// Fills in what was settled, once every point is known.
     void finish() {
         std::vector<double> filled = overrun_;
-        for (const auto& [k, spacing] : settled_) filled[std::size_t(k - first_)] = predict(k, spacing, k);
+        for (const auto& [k, spacing] : settled_) {
+            const double bent = predict(k, spacing, k);
+            filled[std::size_t(k - first_)] = bent >= 0 ? bent : straight(k);
+        }
         overrun_ = filled;
     }
 
@@ -314,14 +345,15 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         if (known > 0) detail::cut_at_kinks(motion, timing, path, c, known, tolerance(c), pending);
     }
     std::vector<ReactionJob> jobs;
-    auto add = [&](int curve, int tick) { jobs.push_back({&curves[curve].path, curve, tick, {}, {}}); };
+    auto add = [&](int curve, int tick) {
+        jobs.push_back({&curves[curve].path, curve, tick, {}, {}, tolerance(curve).of_leaps(tick)});
+    };
     auto simulate = [&] {
         if (jobs.empty()) return;
         simulate_reactions<T>(
             chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,
             [&](const ReactionJob& job) { return pose(job.curve); },
-            [&](const ReactionJob& job) { return job.path->at_tick(job.tick, timing.period); },
-            tolerance(jobs.front().curve).of_leaps());
+            [&](const ReactionJob& job) { return job.path->at_tick(job.tick, timing.period); });
         for (const ReactionJob& job : jobs) ++curves[job.curve].reactions_simulated;
     };
     auto place = [&](int curve, int k, double travelled) {
