@@ -7,6 +7,8 @@ vertex to neighbouring vertex until none is farther. Every step shoots a ray at 
 
 from __future__ import annotations
 
+from itertools import combinations, product
+
 import numpy as np
 
 from bumpstop.arrays import FloatArray
@@ -99,6 +101,25 @@ def _sharpened(a: FloatArray, b: FloatArray, corner: np.ndarray, size: FloatArra
         sharp = np.sqrt(np.sum(vertex * vertex, axis=1)).astype(np.float64)
     # Faces that do not meet in one point are no corner: there the search ended at the start of an edge.
     return np.where(np.abs(sharp / size - 1) < 1e-6, sharp, size)
+
+
+def enumerated(normals: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    """Largest |f| over all points where three faces (n, 3) meet and that no other face cuts off, in long double."""
+    faces = normals.astype(np.longdouble)
+    slack = 1e-9 * np.maximum(high, -low)
+    best = 0.0
+    for corner in combinations(range(len(faces)), 3):
+        a, b, c = faces[list(corner)]
+        across = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+        volume = a @ across[0]
+        if volume == 0:
+            continue
+        for bounds in product(*((low[j], high[j]) for j in corner)):
+            f = np.array(bounds, dtype=np.longdouble) @ across / volume
+            torque = faces @ f
+            if (torque <= high + slack).all() and (torque >= low - slack).all():
+                best = max(best, float(np.sqrt(f @ f)))
+    return best
 
 
 def directions(count: int) -> FloatArray:
