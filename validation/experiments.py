@@ -1,35 +1,28 @@
-"""The source's collisions of chapter 4 on the plant, and false alarms against speed."""
+"""The source's collisions of chapter 4 on the plant."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
-from scipy.stats import chi2
 
-from bumpstop.detection import Detector
 from bumpstop.plant.collision_table import CollisionTable
 from bumpstop.plant.collisions import CollisionExperiment
 from validation.findings import Findings
 
 TITLE = "Collisions of chapter 4"
-SPEEDS = (25.0, 50.0, 100.0, 150.0, 200.0)
 # Stiffnesses [N/m] and latencies [s] between which the fit interpolates.
 GRIDS = {
     "fiberboard": ((8e3, 15e3, 30e3, 60e3, 120e3), (0.0, 0.02, 0.04, 0.08, 0.12)),
     "banana": ((6e3, 12e3, 25e3, 50e3, 100e3), (0.0, 0.015, 0.03, 0.06, 0.12)),
 }
-VARIANTS = [(kind, inertia) for kind in ("direct", "observer") for inertia in (False, True)]
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
-    """Detection and forces, the fit of two objects, false alarms."""
+    """Detection and forces, and the fit of two objects."""
     _collisions(findings, runs=1 if quick else 100, speeds=1 if quick else None)
     if not quick:
         for name in GRIDS:
             _fit(findings, name, runs=100)
-    _false_alarms(findings, runs=1 if quick else 100, speeds=SPEEDS[:1] if quick else SPEEDS)
 
 
 def _collisions(findings: Findings, *, runs: int, speeds: int | None) -> None:
@@ -123,32 +116,5 @@ def _fit(findings: Findings, name: str, *, runs: int) -> None:
         f"{name}: peaks after the fit, median of {runs} runs",
         ["Speed", "Plant [N]", "Source [N]", "Difference [%]"],
         ["", ".1f", ".1f", "+.1f"],
-        shown,
-    )
-
-
-def _false_alarms(findings: Findings, *, runs: int, speeds: tuple[float, ...]) -> None:
-    findings.say(
-        "Contact-free motions with the thresholds of table 4.2: the smallest force that is noticed is that of the "
-        "threshold, alike for all variants. An alarm counts once until half a second was quiet."
-    )
-    shown = []
-    for speed in speeds:
-        free = [CollisionExperiment(name="plexiglas").free(speed / 1e3, seed).recording for seed in range(runs)]
-        for arming in (0.5, 0.0):
-            for kind in ("direct", "observer"):
-                for inertia in (False, True):
-                    made = CollisionExperiment(name="plexiglas", residual=kind, reflected_inertia=inertia).detector()
-                    settings = replace(made.settings, arming_delay_s=arming)
-                    detector = Detector(made.robot, made.model, made.thresholds, settings)
-                    count = sum(len(detector.run(log).events) for log in free)
-                    low = float(chi2.ppf(0.025, 2 * count)) / 2 if count else 0.0
-                    high = float(chi2.ppf(0.975, 2 * count + 2)) / 2
-                    text = f"{speed:g} mm/s, {kind}, {'with' if inertia else 'without'} inertia, {arming:g} s arming"
-                    shown.append([text, count, low, high])
-    findings.table(
-        f"False alarms in {runs} motions, with the 95 % bounds of their expectation",
-        ["Variant", "Alarms", "From", "To"],
-        ["", "d", ".2f", ".2f"],
         shown,
     )

@@ -10,9 +10,10 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.events import DetectionRun, Event, bits
+from bumpstop.detection.matched_drives import MatchedDrives
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
-from bumpstop.errors import InputError, near_matches
+from bumpstop.errors import InputError
 from bumpstop.kernels import core
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ class Detector:
         self.thresholds = Thresholds.of(thresholds, robot.dof)
         self.settings = settings or DetectorSettings()
         self.notes: tuple[str, ...] = ()
-        self._places = self._matched()
+        self._drives = MatchedDrives(robot, model, self.thresholds.watched)
         _ = robot.dynamics  # says which link has no inertia
         number, point = robot.frame(self.settings.link, self.settings.point)
         self._contact = number, point
@@ -90,11 +91,7 @@ class Detector:
         While a joint sticks, its motor need not answer a torque below static friction and hysteresis: friction at
         rest_speed through the map's slope without current, plus T_H. Zero without a joint model.
         """
-        zone = np.zeros(self.robot.dof)
-        for j, place in enumerate(self._places):
-            if self.model is not None and place is not None:
-                zone[j] = core.dead_zone(self.model.kernel[place], 0.0)
-        return zone
+        return self._drives.dead_zone()
 
     def smallest_torque(self, *, resting: bool = False) -> FloatArray:
         """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not watched.
@@ -223,18 +220,7 @@ class Detector:
 
     def parts(self) -> tuple[list[Any], list[core.JointTorqueParameters], list[core.JointTorqueErrors]]:
         """Inertia and rotor of every link, and parameters and standard errors of every joint, in the robot's order."""
-        links, joints, errors = [], [], []
-        for joint, place in zip(self.robot.joints, self._places, strict=True):
-            rotor = joint.rotor_inertia
-            if self.model is not None:
-                parameters, error = core.JointTorqueParameters(), core.JointTorqueErrors()
-                if place is not None:
-                    parameters, error = self.model.kernel[place], _errors(self.model.joints[place])
-                    rotor = 0.0 if parameters.inertia > 0 else rotor
-                joints.append(parameters)
-                errors.append(error)
-            links.append((joint.inertia, rotor))
-        return links, joints, errors
+        return self._drives.links(), self._drives.parameters(), self._drives.errors()
 
     def kernel_settings(self, period: float) -> core.DetectorSettings:
         """The settings in the kernels' form, for samples every ``period`` seconds."""
@@ -246,7 +232,7 @@ class Detector:
         out.window, out.degree = int(given.window), int(given.degree)
         out.gravity = list(given.gravity)
         out.grace = given.grace_s
-        out.unknown = sum(1 << j for j, place in enumerate(self._places) if self.model is not None and place is None)
+        out.unknown = sum(1 << j for j in self._drives.unknown)
         out.noise_sd = padded(self.noise_sd, 1.0)
         out.direction = list(given.direction)
         number, point = self._contact
@@ -282,13 +268,7 @@ class Detector:
     @property
     def rest_speed(self) -> FloatArray:
         """(n,) speed below which a joint rests [rad/s or m/s]."""
-        model = self.model
-        return np.array(
-            [
-                self.settings.rest_speed if model is None or place is None else model.joints[place].rest_speed
-                for place in self._places
-            ]
-        )
+        return self._drives.rest_speed(self.settings.rest_speed)
 
     @property
     def noise_sd(self) -> FloatArray:
@@ -344,40 +324,12 @@ class Detector:
             **fields,
         )
 
-    def _matched(self) -> list[int | None]:
-        """For every joint of the robot, its place in the joint model."""
-        if self.model is None:
-            return [None] * self.robot.dof
-        own = [joint.name for joint in self.robot.joints]
-        names = [joint.name for joint in self.model.joints]
-        for name in names:
-            if name not in own:
-                raise InputError(
-                    "model", f"is for a joint {name!r}, which {self.robot.name} has not", near_matches(name, own)
-                )
-        places = [names.index(name) if name in names else None for name in own]
-        for j, place in enumerate(places):
-            if place is None and self.thresholds.watched[j]:
-                raise InputError(
-                    "model", f"has no joint {own[j]!r}, which is watched", "threshold inf leaves a joint unwatched"
-                )
-        return places
-
     def _note(self) -> None:
         notes = []
         if not any(self.thresholds.watched):
             notes.append("No joint is watched: no contact can be noticed.")
-        unknown = [j.name for j, place in zip(self.robot.joints, self._places, strict=True) if place is None]
-        if self.model is not None and unknown:
-            notes.append(f"{', '.join(unknown)}: without a joint model, not watched.")
+        notes += self._drives.notes()
         if self.model is not None:
-            twice = [
-                joint.name
-                for joint, place in zip(self.robot.joints, self._places, strict=True)
-                if place is not None and joint.rotor_inertia > 0 and self.model.joints[place].value("inertia") > 0
-            ]
-            if twice:
-                notes.append(f"{', '.join(twice)}: the joint model's inertia stands in place of the robot's rotor.")
             hidden = ", ".join(f"{value:.3g}" for value in self.dead_zone)
             notes.append(f"At standstill friction may hide up to {hidden} Nm by joint: a resting arm feels less.")
         fast = [joint.name for joint in self.robot.joints if not math.isfinite(joint.velocity)]
@@ -421,12 +373,3 @@ def padded(values: npt.ArrayLike, rest: float = 0.0) -> list[float]:
     """As many numbers as the kernels' arrays hold."""
     numbers = [float(value) for value in np.asarray(values)]
     return numbers + [rest] * (core.max_joints - len(numbers))
-
-
-def _errors(joint: Any) -> core.JointTorqueErrors:
-    out = core.JointTorqueErrors()
-    for name, parameter in joint.parameters.items():
-        if parameter is not None and parameter.standard_error is not None:
-            setattr(out, name, float(parameter.standard_error))
-    out.friction = float(joint.friction_sd or 0.0)
-    return out

@@ -20,6 +20,9 @@ FARTHEST = 100
 _DEFAULT_PER_HOUR, _DEFAULT_REACH = 1.0, 5.0
 _BIASED = 0.3  # of a threshold
 _ENOUGH = 30  # peaks of a joint: with fewer its largest residual says more than a tail fitted to them
+# Of a joint's peaks, how many pass the level that settles its share. A level passed once is chance, and the largest
+# residual of all joints in such units is smaller in the recording than in any other.
+_PASSED = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +101,9 @@ def tune(
     """Choose thresholds that residuals of contact-free motion pass a wanted number of times an hour.
 
     1. Each joint alone gets the threshold that its own peaks pass ``per_hour / n`` times an hour, n being the number of
-       watched joints, or once in the recording where that is more often. That settles the proportion of the thresholds:
-       no joint takes more than its share of the alarms. With fewer than 30 peaks it is the joint's largest residual.
-       The shape of the tail is the mean of all joints': that of one joint alone is too uncertain.
+       watched joints, or 20 times in the recording where that is more often. That settles the proportion of the
+       thresholds: no joint takes more than its share of the alarms. With fewer than 30 peaks it is the joint's largest
+       residual. The shape of the tail is the mean of all joints': that of one joint alone is too uncertain.
     2. The largest residual of any joint, each in units of its threshold, is one series. Its tail gives the factor at
        which any joint alarms ``per_hour`` times an hour, whatever the joints have in common, and the intervals.
 
@@ -142,8 +145,8 @@ def tune(
             shares[j] = max(float(part.max()) for part in size)
             continue
         tail = PeaksOverThreshold.fit(size, period, shape=shape)
-        # Not beyond what was recorded: what extrapolates is the tail of all joints together.
-        shares[j] = tail.level_of(min(max(per_hour / len(watched), 1 / tail.hours), 0.99 * tail.rate))
+        # Well inside what was recorded: what extrapolates is the tail of all joints together.
+        shares[j] = tail.level_of(min(max(per_hour / len(watched), _PASSED / tail.hours), 0.99 * tail.rate))
     largest = [np.abs(rows / shares).max(axis=1) for rows in stretches]
     tail = PeaksOverThreshold.fit(largest, period)
     tuning = Tuning(shares, tail, float(per_hour), confidence, ())

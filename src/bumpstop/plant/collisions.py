@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import resources
@@ -321,9 +322,10 @@ class CollisionExperiment:
             contact_point=self._place[1],
         )
 
-    def free(self, speed: float, seed: int = 0) -> PlantRun:
-        """The same motion without object and reaction; ``speed`` of the hand in m/s."""
-        return self._plant(seed, []).run(self.command(speed))
+    def free(self, speed: float, seeds: Sequence[int]) -> list[PlantRun]:
+        """The same motion without object and reaction, for several seeds; ``speed`` of the hand in m/s."""
+        plant = self._plant(0, [])
+        return plant.runs(self.command(speed), [(plant.sensors, seed) for seed in seeds])
 
     def run(self, speed: float, seed: int = 0) -> Collision:
         """Run once.

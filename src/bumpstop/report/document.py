@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from typing import TYPE_CHECKING
 
+from bumpstop.errors import InputError
 from bumpstop.report.markup import Html, element
 
 if TYPE_CHECKING:
@@ -71,3 +72,16 @@ class Document:
             (folder / f"{figure.picture.name}.png").write_bytes(figure.png)
         path.write_text(self.html(), encoding="utf-8", newline="\n")
         return path
+
+
+def write_document(document: Document, folder: Path) -> Path:
+    """Write a page; where the folder cannot be written, say so.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    try:
+        return document.write(folder)
+    except OSError as error:
+        problem = f"{str(folder)!r} cannot be written ({error.strerror})"
+        raise InputError("--out", problem, "give another folder") from None

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.errors import InputError
-from bumpstop.report.document import Document
+from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
@@ -31,11 +30,7 @@ def write_experiment(found: CollisionTable, folder: Path) -> Path:
     """
     title = f"{found.experiment.name.capitalize()}, the {found.experiment.at} hits"
     parts = [SpeedsPart(found), RunsPart(found)]
-    try:
-        return Document(title, "bumpstop experiment", found.experiment.name, parts).write(folder)
-    except OSError as error:
-        problem = f"{str(folder)!r} cannot be written ({error.strerror})"
-        raise InputError("--out", problem, "give another folder") from None
+    return write_document(Document(title, "bumpstop experiment", found.experiment.name, parts), folder)
 
 
 def _cell(value: float | None) -> str:

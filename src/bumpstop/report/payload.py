@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bumpstop.report.document import Document
+from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import FAINT, LAW, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.report.validation import thin, write_document
+from bumpstop.report.validation import thin
 from bumpstop.report.words import number
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ import numpy as np
 
 from bumpstop.identification.current_law import inverse_map
 from bumpstop.identification.protocol_steps import joint_torque
-from bumpstop.report.document import Document
+from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.report.validation import few, write_document
+from bumpstop.report.validation import few
 from bumpstop.report.words import number
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.errors import InputError
-from bumpstop.report.document import Document
+from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, stack
 from bumpstop.report.section import Part
@@ -33,11 +32,7 @@ def write_scoring(score: Score, roc: Roc | None, folder: Path) -> Path:
     if roc is not None:
         parts.append(RocPart(roc))
     title = f"{score.detected} of {len(score.labels)} contacts detected"
-    try:
-        return Document(title, "bumpstop scores", "scoring", parts).write(folder)
-    except OSError as error:
-        problem = f"{str(folder)!r} cannot be written ({error.strerror})"
-        raise InputError("--out", problem, "give another folder") from None
+    return write_document(Document(title, "bumpstop scores", "scoring", parts), folder)
 
 
 class DetectionsPart(Part):

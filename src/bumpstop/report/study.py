@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bumpstop.errors import InputError
-from bumpstop.report.document import Document
+from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.records import flat
 from bumpstop.report.section import Part
@@ -89,9 +88,4 @@ def write_study_report(
         InputError: the folder cannot be written.
     """
     everything = [*parts, StudySettingsPart(study, command), StudyAssumptionsPart(notes)]
-    try:
-        return Document(title, f"bumpstop study: {study.title}", "study", everything).write(folder)
-    except OSError as error:
-        raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
-        ) from None
+    return write_document(Document(title, f"bumpstop study: {study.title}", "study", everything), folder)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.detection import FARTHEST
-from bumpstop.errors import InputError
-from bumpstop.report.document import Document
+from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
@@ -37,11 +36,7 @@ def write_tuning(tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path) 
     if any(point["scenarios"] for point in trade):
         parts.append(TradePart(trade, tuning.target))
     title = f"Thresholds for {tuning.target:g} false alarms an hour"
-    try:
-        return Document(title, "bumpstop tuning", "tuning", parts).write(folder)
-    except OSError as error:
-        problem = f"{str(folder)!r} cannot be written ({error.strerror})"
-        raise InputError("--out", problem, "give another folder") from None
+    return write_document(Document(title, "bumpstop tuning", "tuning", parts), folder)
 
 
 class TailPart(Part):

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.errors import InputError
-from bumpstop.report.document import Document
+from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, Picture, axes, stack
 from bumpstop.report.section import Part
@@ -333,19 +332,6 @@ def write_validation_report(
         *([selection] if selection is not None else []),
     ]
     return write_document(Document(title, "bumpstop: a model and a recording", "model", everything), folder)
-
-
-def write_document(document: Document, folder: Path) -> Path:
-    """Write a page; where the folder cannot be written, say so.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    try:
-        return document.write(folder)
-    except OSError as error:
-        problem = f"{str(folder)!r} cannot be written ({error.strerror})"
-        raise InputError("--out", problem, "give another folder") from None
 
 
 def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:

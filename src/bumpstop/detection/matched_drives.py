@@ -1,0 +1,108 @@
+"""A joint model matched to a robot by joint names: what the detector takes of it, in the robot's order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError, near_matches
+from bumpstop.kernels import core
+
+if TYPE_CHECKING:
+    from bumpstop.joint import JointParameters, JointTorqueModel
+    from bumpstop.model import Robot
+
+
+class MatchedDrives:
+    """The drives of a robot's joints, as far as a joint model knows them.
+
+    Attributes:
+        robot: the arm.
+        model: of currents; None: recordings have joint torque, and no drive is known.
+        joints: (dof,) of the model, None where it has none for a joint of the robot.
+        unknown: numbers from 0 of joints that the model has not; none without a model.
+    """
+
+    def __init__(self, robot: Robot, model: JointTorqueModel | None, watched: Sequence[bool]) -> None:
+        """Match by name.
+
+        Args:
+            robot: the arm.
+            model: of currents, or None.
+            watched: (dof,) joints with a threshold.
+
+        Raises:
+            InputError: a joint of the model that the robot has not, or a watched joint that the model has not.
+        """
+        self.robot = robot
+        self.model = model
+        own = [joint.name for joint in robot.joints]
+        known = {} if model is None else {joint.name: joint for joint in model.joints}
+        for name in known:
+            if name not in own:
+                raise InputError(
+                    "model", f"is for a joint {name!r}, which {robot.name} has not", near_matches(name, own)
+                )
+        self.joints: list[JointParameters | None] = [known.get(name) for name in own]
+        kernels = {} if model is None else dict(zip(known, model.kernel, strict=True))
+        self._kernels = [kernels.get(name) for name in own]
+        self.unknown = [] if model is None else [j for j, joint in enumerate(self.joints) if joint is None]
+        for j in self.unknown:
+            if watched[j]:
+                raise InputError(
+                    "model", f"has no joint {own[j]!r}, which is watched", "threshold inf leaves a joint unwatched"
+                )
+
+    def links(self) -> list[tuple[Any, float]]:
+        """Inertia of every link, and the rotor that the robot has of its own where the model knows none."""
+        return [
+            (joint.inertia, 0.0 if drive is not None and drive.inertia > 0 else joint.rotor_inertia)
+            for joint, drive in zip(self.robot.joints, self._kernels, strict=True)
+        ]
+
+    def parameters(self) -> list[core.JointTorqueParameters]:
+        """In the kernels' form, (dof,); empty without a model."""
+        if self.model is None:
+            return []
+        return [core.JointTorqueParameters() if drive is None else drive for drive in self._kernels]
+
+    def errors(self) -> list[core.JointTorqueErrors]:
+        """Standard errors in the kernels' form, (dof,); empty without a model."""
+        return [] if self.model is None else [_errors(drive) for drive in self.joints]
+
+    def dead_zone(self) -> FloatArray:
+        """(dof,) torque that friction can hide at standstill [Nm or N]; zero where no drive is known."""
+        return np.array([0.0 if drive is None else core.dead_zone(drive, 0.0) for drive in self._kernels])
+
+    def rest_speed(self, otherwise: float) -> FloatArray:
+        """(dof,) speed below which a joint rests, or what holds where no drive is known [rad/s or m/s]."""
+        return np.array([otherwise if drive is None else drive.rest_speed for drive in self.joints])
+
+    def notes(self) -> list[str]:
+        """Joints without a drive, and rotors that both robot and model have."""
+        notes = []
+        if self.unknown:
+            names = ", ".join(self.robot.joints[j].name for j in self.unknown)
+            notes.append(f"{names}: without a joint model, not watched.")
+        twice = [
+            joint.name
+            for joint, drive in zip(self.robot.joints, self.joints, strict=True)
+            if drive is not None and joint.rotor_inertia > 0 and drive.value("inertia") > 0
+        ]
+        if twice:
+            notes.append(f"{', '.join(twice)}: the joint model's inertia stands in place of the robot's rotor.")
+        return notes
+
+
+def _errors(drive: JointParameters | None) -> core.JointTorqueErrors:
+    out = core.JointTorqueErrors()
+    if drive is None:
+        return out
+    for name, parameter in drive.parameters.items():
+        if parameter is not None and parameter.standard_error is not None:
+            setattr(out, name, float(parameter.standard_error))
+    out.friction = float(drive.friction_sd or 0.0)
+    return out
