@@ -99,11 +99,11 @@ class Thresholds:
     @classmethod
     def parse(cls, text: str) -> Thresholds:
         """Numbers with commas between them (``20,10,inf``), or the path of a file for :meth:`load`."""
-        parts = text.split(",")
         try:
-            return cls(np.array([float(part) for part in parts]))
+            numbers = [float(part) for part in text.split(",")]
         except ValueError:
             return cls.load(text)
+        return cls(np.array(numbers))
 
     @classmethod
     def load(cls, path: str | Path) -> Thresholds:
