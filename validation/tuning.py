@@ -31,9 +31,9 @@ CASES: list[tuple[ScatterPer, Residual]] = list(itertools.product(get_args(Scatt
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Tune again and again on short records, and count on a long one: known noise, then the plant."""
-    _known_noise(findings, *((6, 1) if quick else (60, 10)))
+    _known_noise(findings, *((4, 1) if quick else (60, 10)))
     if quick:
-        _plant(findings, moves=2, rounds=8, count=4, unseen_h=0.01, cases=[("sample", "direct")], targets=(600.0,))
+        _plant(findings, moves=2, rounds=4, count=4, unseen_h=0.01, cases=[("sample", "direct")], targets=(600.0,))
     else:
         _plant(findings, moves=MOVES, rounds=ROUNDS, count=RECORDINGS, unseen_h=UNSEEN_H, cases=CASES, targets=TARGETS)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +18,7 @@ from bumpstop.report.markup import Html, element
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 # Okabe and Ito's colours, told apart with any kind of colour vision. What they mean is the same in every figure, and
 # lines differ in style and areas in hatching as well: a grey print says the same.
@@ -162,6 +163,16 @@ def stack(
     for panel in panels[:-1]:
         panel.tick_params(labelbottom=False)
     return panels
+
+
+def plain_ticks(axis: Axis, ticks: Sequence[float] | None = None) -> None:
+    """Numbers at the ticks of a logarithmic axis, as powers would need mathematical text; none at minor ticks."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    if ticks is not None:
+        axis.set_ticks(list(ticks))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def scale_by(factor: float) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, paragraph, table
-from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, stack
+from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, plain_ticks, stack
 from bumpstop.report.section import Part
 from bumpstop.report.words import number
 
@@ -114,11 +114,13 @@ class RocPart(Part):
             upper.set_ylabel("detected")
             middle.plot(roc.factor, roc.false_alarms_per_hour, color=LIMIT, marker="s", markersize=3)
             middle.set_yscale("symlog", linthresh=max(1.0, _least(roc.false_alarms_per_hour)))
+            plain_ticks(middle.yaxis)
             middle.set_ylim(bottom=0)
             middle.set_ylabel("false / h")
             lower.plot(roc.factor, 1e3 * roc.median_delay_s, color=INK, marker="^", markersize=3)
             lower.set_ylabel("delay, ms")
             lower.set_xscale("log")
+            plain_ticks(lower.xaxis, [0.25, 0.5, 1, 2, 4])
             lower.set_xlabel("factor on the thresholds")
             for panel in (upper, middle, lower):
                 panel.axvline(1, color=EVENT, linewidth=0.8)

@@ -12,7 +12,7 @@ import numpy as np
 from bumpstop.detection import FARTHEST
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, paragraph, table
-from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
+from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes, plain_ticks
 from bumpstop.report.section import Part
 from bumpstop.report.words import number
 
@@ -77,7 +77,7 @@ class TailPart(Part):
         rates = np.geomspace(min(tuning.target / 10, 1 / tail.hours), 0.98 * tail.rate, 25)
 
         def draw(figure: Figure) -> None:
-            plot = axes(figure)
+            plot = axes(figure, left=0.8)
             factor = np.array([tail.level_of(rate) for rate in rates]) / chosen
             ends = np.array([tail.level_interval(rate, tuning.confidence) for rate in rates]) / chosen
             plot.fill_betweenx(rates, ends[:, 0], ends[:, 1], color=AREA, alpha=0.4, linewidth=0)
@@ -87,6 +87,7 @@ class TailPart(Part):
             plot.plot(peaks, seen, "o", color=INK, markersize=3, label="recorded peaks")
             plot.plot(1, tuning.target, "D", color=EVENT, markersize=6, label="chosen")
             plot.set_yscale("log")
+            plain_ticks(plot.yaxis)
             if far > rates[0]:
                 plot.axhspan(rates[0], far, color=FAINT, alpha=0.2, hatch="//", linewidth=0, label="beyond 100 times")
             plot.set_xlim(left=0.95 * float(ends.min()), right=min(3.0, 1.05 * float(ends.max())))
@@ -147,6 +148,7 @@ class TradePart(Part):
                     plot.axhline(forces[0]["limit"], color=colour, linewidth=0.8, linestyle=line, alpha=0.6)
             plot.axvline(self.target, color=FAINT, linewidth=0.8)
             plot.set_xscale("log")
+            plain_ticks(plot.xaxis)
             plot.set_xlabel("false alarms an hour")
             plot.set_ylabel("peak force, 95 %, N")
             plot.set_title("What a rate of alarms costs")
