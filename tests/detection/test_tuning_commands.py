@@ -55,7 +55,8 @@ def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) ->
     }  # fmt: skip
     page = (out / "report.html").read_text()
     # Powers at a logarithmic axis would be mathematical text, which figures do not set.
-    assert ">nan<" not in page and "mathdefault" not in page
+    assert ">nan<" not in page
+    assert "mathdefault" not in page
 
 
 def test_tune_for_people(noise: Path) -> None:
