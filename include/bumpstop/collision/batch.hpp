@@ -7,6 +7,7 @@
 
 #include "bumpstop/collision/batch_law.hpp"
 #include "bumpstop/collision/exact_law.hpp"
+#include "bumpstop/collision/lane_tracer.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -163,10 +164,17 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
     }
     StoppingCurve* curve = worker.curve;
     LinePath path[lanes];
-    CertainDetection<L> finished(*problem.detector, *problem.timing, problem.motion->step, problem.stiffness, largest);
-    LineTracer<L, CertainDetection<L>> tracer(*problem.chain, *problem.motion, *problem.contact, *problem.timing,
-                                              finished);
-    tracer.trace(q, velocity, path, count);
+    if (quick) {
+        LaneTracer<L> tracer(*problem.chain, *problem.motion, *problem.contact, *problem.timing, *problem.detector,
+                             problem.stiffness, largest);
+        tracer.trace(q, velocity, path, count);
+    } else {
+        CertainDetection<L> finished(*problem.detector, *problem.timing, problem.motion->step, problem.stiffness,
+                                     largest);
+        LineTracer<L, CertainDetection<L>> tracer(*problem.chain, *problem.motion, *problem.contact, *problem.timing,
+                                                  finished);
+        tracer.trace(q, velocity, path, count);
+    }
     OffsetLaw offset[lanes];
     bool collided[lanes];
     for (int lane = 0; lane < count; ++lane) {

@@ -15,6 +15,7 @@ struct UnevenWeights {
     T sum[braking_order];          ///< of the changes: rates gained
     T sum_of_sums[braking_order];  ///< summed once more: positions gained, in units of the sub-step
     T predict[braking_order];      ///< the change after them, extrapolated
+    T last[braking_order];         ///< that of the last of them; only where asked for
 };
 
 /// The changes of the rates at the last moments a lane looked at. The moments lie as far apart as its leaps were long,
@@ -51,7 +52,18 @@ class UnevenHistory {
         return total;
     }
 
-    /// Every step but the last division is in whole numbers, which doubles hold exactly.
+    /// One lane's history in all of them.
+    UnevenHistory spread(int lane, int free_count) const {
+        UnevenHistory one;
+        for (int j = 0; j < braking_order; ++j) {
+            one.age_[j] = lane_of(age_[j], lane);
+            for (int f = 0; f < free_count; ++f) one.change_[j][f] = lane_of(change_[j][f], lane);
+        }
+        return one;
+    }
+
+    /// Every step but the last division is in whole numbers, which doubles hold exactly. A negative count goes back.
+    template <bool WithLast = false>
     UnevenWeights<T> weights(const T& count) const {
         constexpr int last = braking_order - 1;
         // With x the sub-steps from now: product of all (x + age) but the newest moment's, whose age is 0.
@@ -87,6 +99,12 @@ class UnevenHistory {
             weights.sum[j] = sum * inverse;
             weights.sum_of_sums[j] = (n * sum - weighted) * inverse;
             weights.predict[j] = (shift == 1 ? value * n : value) * inverse;
+            if constexpr (WithLast) {
+                T before = c[degree];
+                BUMPSTOP_UNROLL
+                for (int p = 1; p <= degree; ++p) before = before * m + c[degree - p];
+                weights.last[j] = (shift == 1 ? before * m : before) * inverse;
+            }
         };
         set(0, product, 0, last, product[0]);
         BUMPSTOP_UNROLL
@@ -117,14 +135,24 @@ inline constexpr double braking_leap_tolerance = 1e-11;
 inline constexpr double loose_braking_leap_tolerance = 1e-8;
 inline constexpr double loosest_braking_leap_tolerance = 1e-4;
 
+/// Of an arm that follows its line, as of one that brakes, but relative to the largest rate.
+inline constexpr double following_leap_tolerance = 1e-10;
+
+inline constexpr double tracing_leap_tolerance = 1e-8;
+
 /// Arms that brake. While the same joint limits the deceleration the changes of the rates are smooth, and many
 /// sub-steps are a leap; where they are not, the controller's sub-steps are taken.
 template <class T>
 class BrakingArm {
   public:
-    /// `stopping`: the reaction asks for no velocity at all, so no rates need resolving.
-    BrakingArm(const Chain& chain, const MotionSettings& motion, bool stopping)
-        : chain_(chain), motion_(motion), stopping_(stopping) {}
+    enum class Kind {
+        stops,     ///< no velocity at all is asked for, so no rates need resolving
+        reverses,  ///< over once the rates asked for are reached
+        follows,   ///< leaps with the rates reached, too
+    };
+
+    BrakingArm(const Chain& chain, const MotionSettings& motion, Kind kind)
+        : chain_(chain), motion_(motion), kind_(kind) {}
 
     ArmState<T> state;
     Point3<T> target;  ///< velocity the reaction asks for
@@ -143,6 +171,26 @@ class BrakingArm {
     bool reached(int lane) const { return reached_[lane]; }
     /// A singularity was near at an end of the last leap.
     bool poor(int lane) const { return poor_[lane]; }
+    /// Where the lane is, the rates asked for are at a singularity, or slowed by a velocity limit.
+    bool singular(int lane) const { return singular_[lane]; }
+    bool limited(int lane) const { return limited_[lane]; }
+
+    /// Where a lane was, by free joint, `back` sub-steps before it got here: within its last leap.
+    void before(int lane, const T& back, T* q, T* qd) const {
+        const int n = motion_.free_count;
+        const UnevenHistory<T> own = history_.spread(lane, n);
+        const T count = -back;
+        const UnevenWeights<T> weights = own.template weights<true>(count);
+        for (int f = 0; f < n; ++f) {
+            const int j = motion_.free_joint[f];
+            const double rate = lane_of(state.qd[j], lane);
+            const T gained =
+                reaches_[lane] ? own.combine(weights.sum, f) : count * rate + own.combine(weights.sum_of_sums, f);
+            const T then = reaches_[lane] ? own.combine(weights.last, f) : rate + own.combine(weights.sum, f);
+            q[f] = lane_of(state.q[j], lane) + motion_.substep() * gained;
+            qd[f] = select(back > T(0.0), then, T(rate));
+        }
+    }
 
     /// Takes every lane over `most[lane]` sub-steps or fewer; gone[lane] is how many, 0 where the lane only looked or its
     /// leap was undone. `look()` is called once state and posture are those at the ends of the leaps. Where `accept(lane,
@@ -153,43 +201,63 @@ class BrakingArm {
         const int n = motion_.free_count;
         T count;
         for (int lane = 0; lane < lanes; ++lane) {
-            const bool leaps = known_[lane] == braking_order && !reaches_[lane];
+            const bool leaps = known_[lane] == braking_order && (kind_ == Kind::follows || !reaches_[lane]);
             gone[lane] = known_[lane] == 0 ? 0 : std::min(leaps ? wish_[lane] : 1, most[lane]);
             set_lane(count, lane, double(gone[lane]));
         }
-        const UnevenWeights<T> weights = history_.weights(count);
+        const bool follows = kind_ == Kind::follows;
+        const UnevenWeights<T> weights =
+            follows ? history_.template weights<true>(count) : history_.template weights<false>(count);
+        T following = 0.0;  // 1: the values known are the rates themselves, which the arm has
+        for (int lane = 0; follows && lane < lanes; ++lane) set_lane(following, lane, reaches_[lane] ? 1.0 : 0.0);
+        const MaskOf<T> has_rates = following > T(0.0);
         T q_before[max_joints], qd_before[max_joints];
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
             q_before[f] = state.q[j];
             qd_before[f] = state.qd[j];
-            state.q[j] += motion_.substep() * (count * state.qd[j] + history_.combine(weights.sum_of_sums, f));
-            state.qd[j] += history_.combine(weights.sum, f);
+            const T sum = history_.combine(weights.sum, f);
+            T gained = count * state.qd[j] + history_.combine(weights.sum_of_sums, f), rate = state.qd[j] + sum;
+            if (follows) {
+                gained = select(has_rates, sum, gained);
+                rate = select(has_rates, history_.combine(weights.last, f), rate);
+                rate = select(count > T(0.0), rate, state.qd[j]);
+            }
+            state.q[j] += motion_.substep() * gained;
+            state.qd[j] = rate;
         }
         state.refresh_angles(chain_);
         forward_kinematics(chain_, state.q, state.angle, posture);
         Rates<T> wanted;
-        if (stopping_) {
+        if (kind_ == Kind::stops) {
             for (int f = 0; f < n; ++f) wanted.free[f] = 0.0;
             wanted.conditioning = {T(0.0) > T(1.0), T(0.0) > T(1.0)};
+            wanted.velocity_limited = T(0.0) > T(1.0);
         } else {
             wanted = resolved_rates(chain_, motion_, posture, target);
         }
         T change[max_joints];
         const MaskOf<T> reaches = limited_change(motion_, wanted.free, state, change);
-        T off = 0.0, largest = 0.0;
+        T off = 0.0, largest = 0.0, largest_rate = 0.0;
         for (int f = 0; f < n; ++f) {
+            if (follows) change[f] = select(reaches, wanted.free[f], change[f]);
             off = maximum(off, absolute(change[f] - history_.combine(weights.predict, f)));
             largest = maximum(largest, absolute(change[f]));
+            largest_rate = maximum(largest_rate, absolute(wanted.free[f]));
         }
-        const T error = off / maximum(largest * tolerance_, T(1e-300));
+        const T allowed = follows ? select(reaches, largest_rate * following_leap_tolerance, largest * tolerance_)
+                                  : largest * tolerance_;
+        const T error = off / maximum(allowed, T(1e-300));
         look();
         T stands = 0.0;
         for (int lane = 0; lane < lanes; ++lane) {
             const int over = gone[lane];
             if (over == 0 && known_[lane] > 0) continue;
             const double e = lane_of(error, lane);
-            if (over > 1 && (!(e <= 1) || lane_of(reaches, lane))) {
+            const bool reaching = lane_of(reaches, lane), limited = lane_of(wanted.velocity_limited, lane);
+            // Where one regime ends and another begins is found by single sub-steps.
+            const bool changes = follows ? reaching != reaches_[lane] || limited != limited_[lane] : reaching;
+            if (over > 1 && (!(e <= 1) || changes)) {
                 wish_[lane] = std::max(1, over / 3);
                 gone[lane] = 0;
                 continue;
@@ -200,7 +268,9 @@ class BrakingArm {
             }
             set_lane(stands, lane, 1.0);
             reached_[lane] = over == 1 && reaches_[lane];
-            reaches_[lane] = lane_of(reaches, lane);
+            reaches_[lane] = reaching;
+            limited_[lane] = limited;
+            singular_[lane] = lane_of(wanted.conditioning.singular, lane);
             poor_[lane] = (over > 0 && poor_now_[lane]) || lane_of(wanted.conditioning.poor, lane);
             poor_now_[lane] = lane_of(wanted.conditioning.poor, lane);
             if (over == 0) {
@@ -211,7 +281,7 @@ class BrakingArm {
             // The error of a leap grows with its sixth power.
             if (known_[lane] == braking_order && e < 0.1)
                 wish_[lane] = e < 1e-4 ? 4 * over : e < 4e-3 ? 2 * over : over + (over + 3) / 4;
-            known_[lane] = std::min(known_[lane] + 1, braking_order);
+            known_[lane] = follows && changes ? 1 : std::min(known_[lane] + 1, braking_order);
         }
         const MaskOf<T> stood = stands > T(0.0), stays = !(stood | !(count > T(0.0)));
         if (any(stays)) {
@@ -229,13 +299,13 @@ class BrakingArm {
 
     const Chain& chain_;
     const MotionSettings& motion_;
-    const bool stopping_;
+    const Kind kind_;
     T tolerance_ = 1.0;
     UnevenHistory<T> history_;
     int known_[lanes] = {};     ///< moments of the history, at most braking_order
     int wish_[lanes] = {};      ///< length of the next leap
     bool reaches_[lanes] = {};  ///< the next sub-step will reach the rates asked for
-    bool reached_[lanes] = {}, poor_[lanes] = {}, poor_now_[lanes] = {};
+    bool reached_[lanes] = {}, poor_[lanes] = {}, poor_now_[lanes] = {}, singular_[lanes] = {}, limited_[lanes] = {};
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -29,7 +29,7 @@ class CertainDetection {
             // Ticks with common noise do not multiply, but no silence is more probable than that of its loudest tick.
             survival_ = detector_.correlation != 0 ? minimum(survival_, silent) : survival_ * silent;
         }
-        return survival_ < T(negligible_survival * 1e-2);
+        return survival_ < T(certain_survival);
     }
 
   private:

@@ -55,6 +55,102 @@ struct NeverFinished {
     }
 };
 
+/// Where lines begin, one in each lane.
+template <class T>
+struct LineStart {
+    ArmState<T> state;
+    Posture<T> posture;
+    Rates<T> rates;
+    Point3<T> point, normal;
+};
+
+/// Begins the lines, and paths[0..count) with what is known of them.
+template <class T>
+LineStart<T> begin_line(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                        const Timing& timing, const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
+    LineStart<T> line;
+    for (int j = 0; j < chain.dof; ++j) {
+        line.state.q[j] = q[j];
+        line.state.qd[j] = 0.0;
+    }
+    line.state.refresh_angles(chain);
+    forward_kinematics(chain, line.state.q, line.state.angle, line.posture);
+    line.rates = resolved_rates(chain, motion, line.posture, velocity);
+    line.point = line.posture.position(contact.point);
+    Point3<T> drift{T(0.0), T(0.0), T(0.0)};  // of the contact point at full speed
+    for (int f = 0; f < motion.free_count; ++f) {
+        const int j = motion.free_joint[f];
+        if (j > contact.point.link) continue;
+        const Point3<T> column = linear_column(chain, line.posture, line.point, j);
+        drift = {drift.x + column.x * line.rates.free[f], drift.y + column.y * line.rates.free[f],
+                 drift.z + column.z * line.rates.free[f]};
+    }
+    line.normal = {T(contact.normal[0]), T(contact.normal[1]), T(contact.normal[2])};
+    if (contact.along_motion) {
+        const T inverse = 1.0 / maximum(square_root(dot(drift, drift)), T(1e-200));
+        line.normal = {drift.x * inverse, drift.y * inverse, drift.z * inverse};
+    }
+    if (!timing.from_rest) {
+        for (int f = 0; f < motion.free_count; ++f) line.state.qd[motion.free_joint[f]] = line.rates.free[f];
+    }
+    const T approach = dot(drift, line.normal);
+    for (int lane = 0; lane < count; ++lane) {
+        LinePath& path = paths[lane];
+        path.dof = chain.dof;
+        path.free_count = motion.free_count;
+        path.ticks = 0;
+        path.s.clear();
+        path.torque_per_N.clear();
+        path.reaction_state.clear();
+        path.start = {lane_of(line.point.x, lane), lane_of(line.point.y, lane), lane_of(line.point.z, lane)};
+        path.normal = {lane_of(line.normal.x, lane), lane_of(line.normal.y, lane), lane_of(line.normal.z, lane)};
+        path.velocity = {lane_of(velocity.x, lane), lane_of(velocity.y, lane), lane_of(velocity.z, lane)};
+        path.approach_speed = lane_of(approach, lane);
+        path.end = PathEnd::horizon;
+        path.end_joint = -1;
+        path.velocity_limited = lane_of(line.rates.velocity_limited, lane);
+        path.singular_start = lane_of(line.rates.conditioning.singular, lane);
+    }
+    return line;
+}
+
+namespace detail {
+
+/// To the nearest limit of a free joint, `q` by joint; negative beyond it.
+template <class T>
+T least_margin(const MotionSettings& motion, const T* q) {
+    T margin = 1.0;
+    for (int f = 0; f < motion.free_count; ++f) {
+        const int j = motion.free_joint[f];
+        margin = minimum(margin, minimum(q[j] - motion.lower[j], motion.upper[j] - q[j]));
+    }
+    return margin;
+}
+
+/// The path ends because a joint is beyond its limit; `q(joint)` says where they are.
+template <class Q>
+void end_at_limit(const MotionSettings& motion, Q q, LinePath& path) {
+    path.end = PathEnd::joint_limit;
+    for (int f = 0; f < motion.free_count; ++f) {
+        const int j = motion.free_joint[f];
+        if (q(j) < motion.lower[j] || q(j) > motion.upper[j]) path.end_joint = j;
+    }
+}
+
+/// The distances between the last one and that a stride after it, by the cubic through the last three strides and
+/// this one.
+inline void fill_stride(std::vector<double>& path, int stride, double next) {
+    const std::size_t end = path.size() - 1;
+    const double y[4] = {path[end - 2 * stride], path[end - stride], path[end], next};
+    const double third = y[3] - 3 * y[2] + 3 * y[1] - y[0], second = y[3] - 2 * y[2] + y[1];
+    for (int step = 1; step < stride; ++step) {
+        const double x = double(step) / stride - 1;  // 0 at the new stride, -1 at the one before
+        path.push_back(y[3] + x * (y[3] - y[2]) + x * (x + 1) / 2 * second + x * (x + 1) * (x + 2) / 6 * third);
+    }
+}
+
+}  // namespace detail
+
 /// Traces the paths of up to one register of poses.
 template <class T, class Finished>
 class LineTracer {
@@ -95,50 +191,16 @@ class LineTracer {
         paths_ = paths;
         velocity_ = velocity;
         history_.forget();
-        for (int j = 0; j < chain_.dof; ++j) {
-            state_.q[j] = q[j];
-            state_.qd[j] = 0.0;
-        }
-        state_.refresh_angles(chain_);
-        look();
-        start_ = posture_.position(contact_.point);
-        Point3<T> drift{T(0.0), T(0.0), T(0.0)};  // of the contact point at full speed
-        for (int f = 0; f < motion_.free_count; ++f) {
-            const int j = motion_.free_joint[f];
-            if (j > contact_.point.link) continue;
-            const Point3<T> column = linear_column(chain_, posture_, start_, j);
-            drift = {drift.x + column.x * rates_.free[f], drift.y + column.y * rates_.free[f],
-                     drift.z + column.z * rates_.free[f]};
-        }
-        normal_ = {T(contact_.normal[0]), T(contact_.normal[1]), T(contact_.normal[2])};
-        if (contact_.along_motion) {
-            const T inverse = 1.0 / maximum(square_root(dot(drift, drift)), T(1e-200));
-            normal_ = {drift.x * inverse, drift.y * inverse, drift.z * inverse};
-        }
-        if (!timing_.from_rest) {
-            for (int f = 0; f < motion_.free_count; ++f) state_.qd[motion_.free_joint[f]] = rates_.free[f];
-        }
+        const LineStart<T> line = begin_line(chain_, motion_, contact_, timing_, q, velocity, paths, count);
+        state_ = line.state;
+        posture_ = line.posture;
+        rates_ = line.rates;
+        start_ = line.point;
+        normal_ = line.normal;
         reached_ = T(0.0) < T(1.0);
-        const T approach = dot(drift, normal_);
         for (int lane = 0; lane < lanes; ++lane) {
             last_step_[lane] = timing_.steps + timing_.latency;
             alive_[lane] = lane < count;
-            if (!alive_[lane]) continue;
-            LinePath& path = paths[lane];
-            path.dof = chain_.dof;
-            path.free_count = motion_.free_count;
-            path.ticks = 0;
-            path.s.clear();
-            path.torque_per_N.clear();
-            path.reaction_state.clear();
-            path.start = {lane_of(start_.x, lane), lane_of(start_.y, lane), lane_of(start_.z, lane)};
-            path.normal = {lane_of(normal_.x, lane), lane_of(normal_.y, lane), lane_of(normal_.z, lane)};
-            path.velocity = {lane_of(velocity.x, lane), lane_of(velocity.y, lane), lane_of(velocity.z, lane)};
-            path.approach_speed = lane_of(approach, lane);
-            path.end = PathEnd::horizon;
-            path.end_joint = -1;
-            path.velocity_limited = lane_of(rates_.velocity_limited, lane);
-            path.singular_start = lane_of(rates_.conditioning.singular, lane);
         }
     }
 
@@ -169,15 +231,6 @@ class LineTracer {
         history_.push(rates_.free, motion_.free_count);
         if (may_double_ && history_.can_double()) history_.double_stride(motion_.free_count);
         may_double_ = false;
-    }
-
-    T least_margin(const ArmState<T>& state) const {
-        T margin = 1.0;  // to the nearest joint limit; negative beyond it
-        for (int f = 0; f < motion_.free_count; ++f) {
-            const int j = motion_.free_joint[f];
-            margin = minimum(margin, minimum(state.q[j] - motion_.lower[j], motion_.upper[j] - state.q[j]));
-        }
-        return margin;
     }
 
     /// Goes over the longest stride for which the rates found at its end are those extrapolated; else stays.
@@ -217,7 +270,7 @@ class LineTracer {
         }
         // A limit may be passed inside a long leap that begins and ends below it.
         const MaskOf<T> near_limit = T(history_.level() > 0 ? 0.9 : 1.0) < minimum(use, 1.9 - use);
-        const T margin = least_margin(state_);
+        const T margin = detail::least_margin(motion_, state_.q);
         const auto agrees = difference <= (leap_tolerance * (history_.level() > 0 ? long_leap_margin : 1.0)) * largest;
         const auto close = difference <= (leap_tolerance * doubling_margin) * largest;
         may_double_ = true;
@@ -261,20 +314,11 @@ class LineTracer {
         return true;
     }
 
-    /// The distances at the simulation steps inside a leap, by the cubic through the last three strides and
-    /// this one.
+    /// The distances at the simulation steps inside a leap.
     void fill_steps() {
         const T s = distance();
         for (int lane = 0; lane < lanes; ++lane) {
-            if (!alive_[lane]) continue;
-            std::vector<double>& path = paths_[lane].s;
-            const std::size_t end = path.size() - 1;
-            const double y[4] = {path[end - 2 * stride_], path[end - stride_], path[end], lane_of(s, lane)};
-            const double third = y[3] - 3 * y[2] + 3 * y[1] - y[0], second = y[3] - 2 * y[2] + y[1];
-            for (int step = 1; step < stride_; ++step) {
-                const double x = double(step) / stride_ - 1;  // 0 at the new stride, -1 at the one before
-                path.push_back(y[3] + x * (y[3] - y[2]) + x * (x + 1) / 2 * second + x * (x + 1) * (x + 2) / 6 * third);
-            }
+            if (alive_[lane]) detail::fill_stride(paths_[lane].s, stride_, lane_of(s, lane));
         }
     }
 
@@ -285,7 +329,7 @@ class LineTracer {
         const int i = step_;
         const int n = motion_.free_count;
         const T s = distance();
-        const T margin = least_margin(state_);
+        const T margin = detail::least_margin(motion_, state_.q);
         const bool tick = i >= 1 && (i - 1) % timing_.period == 0 && i - 1 < timing_.steps;
         auto complete = T(0.0) > T(1.0);
         T torque[max_joints];
@@ -305,7 +349,9 @@ class LineTracer {
             const bool certain = path.end == PathEnd::certain_detection;
             if (lane_of(margin, lane) < 0) {
                 alive_[lane] = false;
-                if (!certain) end_at_limit(path, lane);
+                if (!certain)
+                    detail::end_at_limit(
+                        motion_, [&](int j) { return lane_of(state_.q[j], lane); }, path);
                 continue;
             }
             path.s.push_back(lane_of(s, lane));
@@ -332,15 +378,6 @@ class LineTracer {
             running = running || alive_[lane];
         }
         return running;
-    }
-
-    void end_at_limit(LinePath& path, int lane) const {
-        path.end = PathEnd::joint_limit;
-        for (int f = 0; f < motion_.free_count; ++f) {
-            const int j = motion_.free_joint[f];
-            const double q = lane_of(state_.q[j], lane);
-            if (q < motion_.lower[j] || q > motion_.upper[j]) path.end_joint = j;
-        }
     }
 
     const Chain& chain_;

@@ -83,7 +83,8 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     const int n = motion.free_count, substeps = motion.substeps;
     const bool only_peak = detail == ReactionDetail::only_peak;
     const bool stopping = kind == ReactionKind::stop;
-    BrakingArm<T> arm(chain, motion, stopping);
+    using Arm = BrakingArm<T>;
+    Arm arm(chain, motion, stopping ? Arm::Kind::stops : Arm::Kind::reverses);
     const double sign = stopping ? 0 : -1;
     Point3<T> normal, start;
     RunningReaction running[lanes];

@@ -1,0 +1,200 @@
+/// @file
+/// Paths of many poses, each lane with leaps of its own length.
+#pragma once
+
+#include "bumpstop/collision/braking_arm.hpp"
+#include "bumpstop/collision/line_path.hpp"
+#include "bumpstop/collision/outcomes.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// What `LineTracer` with `CertainDetection` finds, for a detector whose noise and residual remember nothing. Lanes whose
+/// joints lag behind, because their accelerations are limited, leap as well, and no lane waits for another. Positions
+/// inside a leap are read from its polynomial, a register of moments of one lane at a time.
+template <class T>
+class LaneTracer {
+  public:
+    /// A path is followed until a body at `largest_offset`, by lane, would have been noticed for certain.
+    LaneTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing,
+               const ThresholdDetector& detector, double stiffness, T largest_offset)
+        : chain_(chain),
+          motion_(motion),
+          contact_(contact),
+          timing_(timing),
+          detector_(detector),
+          stiffness_(stiffness),
+          largest_(largest_offset),
+          stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
+          arm_(chain, motion, BrakingArm<T>::Kind::follows) {}
+
+    /// As of `LineTracer::trace`.
+    void trace(const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
+        const LineStart<T> line = begin_line(chain_, motion_, contact_, timing_, q, velocity, paths, count);
+        arm_.state = line.state;
+        arm_.target = velocity;
+        int busy = count;
+        for (int lane = 0; lane < lanes; ++lane) {
+            arm_.begin(lane, tracing_leap_tolerance);
+            lane_[lane] = Lane{};
+            if (lane >= count) continue;
+            Lane& at = lane_[lane];
+            at.path = &paths[lane];
+            at.last_step = timing_.steps + timing_.latency;
+            at.start = {T(lane_of(line.point.x, lane)), T(lane_of(line.point.y, lane)), T(lane_of(line.point.z, lane))};
+            at.normal = {T(lane_of(line.normal.x, lane)), T(lane_of(line.normal.y, lane)),
+                         T(lane_of(line.normal.z, lane))};
+            for (int j = 0; j < chain_.dof; ++j) at.q[j] = lane_of(q[j], lane);
+        }
+        int most[lanes] = {}, gone[lanes];
+        T margin;
+        auto look = [&] { margin = detail::least_margin(motion_, arm_.state.q); };
+        auto accept = [](int, int) { return true; };
+        arm_.advance(most, gone, look, accept);
+        for (int lane = 0; lane < count; ++lane) {
+            if (!take(lane, 0, lane_of(margin, lane))) --busy;
+        }
+        while (busy > 0) {
+            for (int lane = 0; lane < lanes; ++lane) most[lane] = longest(lane);
+            arm_.advance(most, gone, look, accept);
+            for (int lane = 0; lane < count; ++lane) {
+                if (gone[lane] > 0 && !take(lane, gone[lane], lane_of(margin, lane))) --busy;
+            }
+        }
+    }
+
+  private:
+    static constexpr int lanes = Scalar<T>::lanes;
+
+    struct Lane {
+        LinePath* path = nullptr;  ///< null: the lane is done
+        int gone = 0;              ///< sub-steps
+        int last_step = 0;
+        bool careful = false;  ///< every step is kept
+        double survival = 1;   ///< of the farthest body
+        Point3<T> start, normal;
+        double q[max_joints];  ///< where held joints stay
+    };
+
+    int longest(int lane) const {
+        const Lane& at = lane_[lane];
+        if (at.path == nullptr) return 0;
+        // Whether a singularity is met is asked where a step ends.
+        if (arm_.poor(lane)) return motion_.substeps - at.gone % motion_.substeps;
+        return std::min(longest_braking_leap, at.last_step * motion_.substeps - at.gone);
+    }
+
+    /// The first steps are looked at one by one; those between later moments are interpolated.
+    bool every_step(int step) const { return step <= 1 + 2 * stride_; }
+
+    /// Writes what a lane has passed. False when its path is over.
+    bool take(int lane, int gone, double margin) {
+        Lane& at = lane_[lane];
+        LinePath& path = *at.path;
+        at.gone += gone;
+        path.velocity_limited = path.velocity_limited || arm_.limited(lane);
+        const bool singular = at.gone % motion_.substeps == 0 && arm_.singular(lane);
+        const int last = at.gone / motion_.substeps;
+        // Where it will end is found step by step, and so that no step lies far behind, from well before on.
+        at.careful = at.careful || arm_.poor(lane) || margin < 0.05;
+        int wanted[lanes], known = 0;
+        for (int step = int(path.s.size()); step <= last; ++step) {
+            if (!at.careful && !every_step(step) && (step - 1) % stride_ != 0) continue;
+            wanted[known++] = step;
+            if (known == lanes) {
+                if (!record(lane, wanted, known)) return false;
+                known = 0;
+            }
+        }
+        if (known > 0 && !record(lane, wanted, known)) return false;
+        if (singular) {
+            if (path.end != PathEnd::certain_detection) path.end = PathEnd::singularity;
+            at.path = nullptr;
+        }
+        return at.path != nullptr;
+    }
+
+    /// Writes `count` steps of a lane, in order. False when its path is over.
+    bool record(int lane, const int* steps, int count) {
+        Lane& at = lane_[lane];
+        const int n = motion_.free_count;
+        T back, q[max_joints], free_q[max_joints], free_qd[max_joints];
+        for (int i = 0; i < lanes; ++i)
+            set_lane(back, i, double(at.gone - steps[std::min(i, count - 1)] * motion_.substeps));
+        arm_.before(lane, back, free_q, free_qd);
+        for (int j = 0; j < chain_.dof; ++j) q[j] = at.q[j];
+        for (int f = 0; f < n; ++f) q[motion_.free_joint[f]] = free_q[f];
+        JointAngles<T> angle;
+        for (int j = 0; j < chain_.dof; ++j) angle.set(chain_, j, q[j]);
+        Posture<T> posture;
+        forward_kinematics(chain_, q, angle, posture);
+        const Point3<T> point = posture.position(contact_.point);
+        const T s = dot(point - at.start, at.normal);
+        const T margin = detail::least_margin(motion_, q);
+        T torque[max_joints];
+        for (int j = 0; j < chain_.dof; ++j)
+            torque[j] = j > contact_.point.link ? T(0.0) : dot(linear_column(chain_, posture, point, j), at.normal);
+        const T silent = silence(lane, s, torque);
+        for (int i = 0; i < count; ++i) {
+            if (lane_of(margin, i) < 0) {
+                if (at.path->end != PathEnd::certain_detection)
+                    detail::end_at_limit(
+                        motion_, [&](int j) { return lane_of(q[j], i); }, *at.path);
+                at.path = nullptr;
+                return false;
+            }
+            write(lane, steps[i], i, s, torque, lane_of(silent, i), free_q, free_qd);
+            if (steps[i] < at.last_step) continue;
+            at.path = nullptr;
+            return false;
+        }
+        return true;
+    }
+
+    /// Probability that a body at the largest offset goes unnoticed at each of a lane's moments.
+    T silence(int lane, const T& s, const T* torque) const {
+        const T force = maximum(s - lane_of(largest_, lane), T(0.0)) * stiffness_;
+        const auto touched = force > T(0.0);
+        if (!any(touched)) return 1.0;
+        const auto chance = any_alarm<T>(detector_, [&](int w) { return torque[detector_.joint[w]] * force; });
+        return select(touched, chance.silent, T(1.0));
+    }
+
+    void write(int lane, int step, int i, const T& s, const T* torque, double silent, const T* q, const T* qd) {
+        Lane& at = lane_[lane];
+        LinePath& path = *at.path;
+        const int n = motion_.free_count;
+        if (int(path.s.size()) < step) detail::fill_stride(path.s, stride_, lane_of(s, i));
+        path.s.push_back(lane_of(s, i));
+        const int after_first = step - 1;
+        const bool tick = after_first >= 0 && after_first % timing_.period == 0 && after_first < timing_.steps;
+        if (tick && path.end != PathEnd::certain_detection) {
+            const double time = (double(path.ticks) * timing_.period + 1) * motion_.step;
+            ++path.ticks;
+            for (int j = 0; j < chain_.dof; ++j) path.torque_per_N.push_back(lane_of(torque[j], i));
+            if (time >= detector_.arming_delay - 1e-12) at.survival *= silent;
+            if (at.survival < certain_survival) {
+                path.end = PathEnd::certain_detection;
+                at.last_step = step + timing_.latency;
+            }
+        }
+        const int after_latency = after_first - timing_.latency;
+        if (after_latency >= 0 && after_latency % timing_.period == 0 &&
+            int(path.reaction_state.size()) < 2 * n * path.ticks) {
+            for (int f = 0; f < n; ++f) path.reaction_state.push_back(lane_of(q[f], i));
+            for (int f = 0; f < n; ++f) path.reaction_state.push_back(lane_of(qd[f], i));
+        }
+    }
+
+    const Chain& chain_;
+    const MotionSettings& motion_;
+    const ContactGeometry& contact_;
+    const Timing& timing_;
+    const ThresholdDetector& detector_;
+    const double stiffness_;
+    const T largest_;
+    const int stride_;  ///< steps between the moments a path keeps: ticks, and beginnings of reactions
+    BrakingArm<T> arm_;
+    Lane lane_[lanes];
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
