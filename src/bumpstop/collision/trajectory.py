@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.piecewise_cubic import PiecewiseCubic
 from bumpstop.collision.trajectory_file import Rows, read_rows, refusal
 from bumpstop.errors import InputError
 
@@ -48,12 +49,10 @@ class Trajectory:
         return float(self.time[-1])
 
     @cached_property
-    def _spline(self) -> Any:
-        from scipy.interpolate import CubicHermiteSpline, CubicSpline
-
+    def _spline(self) -> PiecewiseCubic:
         if self.velocity is not None:
-            return CubicHermiteSpline(self.time, self.position, self.velocity)
-        return CubicSpline(self.time, self.position)
+            return PiecewiseCubic.hermite(self.time, self.position, self.velocity)
+        return PiecewiseCubic.spline(self.time, self.position)
 
     def at(self, t: float | FloatArray, derivative: int = 0) -> FloatArray:
         """Joint positions at times of the trajectory, or their derivatives.
@@ -65,15 +64,12 @@ class Trajectory:
         Returns:
             (dof,) or (N, dof).
         """
-        return np.asarray(self._spline(t, derivative))
+        return self._spline(t, derivative)
 
     @property
     def coefficients(self) -> FloatArray:
         """Of the cubics: (rows - 1, 4, dof), highest power of the time since the row first."""
-        c: FloatArray = np.zeros((4, len(self.time) - 1, self.position.shape[1]))
-        found = self._spline.c
-        c[4 - len(found) :] = found
-        return np.ascontiguousarray(c.transpose(1, 0, 2))
+        return np.ascontiguousarray(self._spline.c.transpose(1, 0, 2))
 
 
 def load_motion(path: Path, robot: Robot, step: float = 1e-3) -> Trajectory:

@@ -14,7 +14,7 @@ from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
-from bumpstop.identification import DynamicsFit
+from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.kernels import core
 
 if TYPE_CHECKING:

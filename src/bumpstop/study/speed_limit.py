@@ -69,9 +69,9 @@ def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit
 
 def _missed(problem: Problem, torque: FloatArray, accepted: float) -> FloatArray:
     """The largest force (N,) [N] that a single tick misses with the accepted probability."""
-    from scipy.special import ndtri
+    from statistics import NormalDist
 
-    rare = float(-ndtri(accepted))
+    rare = -NormalDist().inv_cdf(accepted)
     with np.errstate(divide="ignore"):
         each = (problem.thresholds + np.abs(problem.noise_mean) + rare * problem.noise_sd) / np.abs(torque)
     return np.asarray(each.min(axis=1))
