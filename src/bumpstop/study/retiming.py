@@ -73,10 +73,10 @@ def retime(
     after = trajectory.at(np.nextafter(u[:-1], np.inf), 2)
     before = trajectory.at(np.nextafter(u[1:], -np.inf), 2)
     step, limit = np.diff(u), _SHARE * acceleration_limit
+    pieces = _Pieces(rate, after, before, step, limit)
     allowed = most.copy()
     for i in range(len(u) - 2, -1, -1):
-        rows = _rows(rate[i], after[i], rate[i + 1], before[i], step[i])
-        allowed[i] = _greatest_start(rows, limit, step[i], most[i], allowed[i + 1])
+        allowed[i] = pieces.greatest_start(i, float(most[i]), float(allowed[i + 1]))
         if not allowed[i] > 0:
             raise InputError(
                 "trajectory", f"no pace keeps the acceleration limits at waypoint {i + 1}", "smooth the path"
@@ -84,8 +84,7 @@ def retime(
     x = np.empty_like(allowed)
     x[0] = allowed[0]
     for i in range(len(step)):
-        rows = _rows(rate[i], after[i], rate[i + 1], before[i], step[i])
-        x[i + 1] = min(allowed[i + 1], x[i] + 2 * step[i] * _greatest_change(rows, limit, x[i]))
+        x[i + 1] = min(allowed[i + 1], x[i] + 2 * step[i] * pieces.greatest_change(i, float(x[i])))
         if not x[i + 1] > 0:
             raise InputError(
                 "trajectory", f"no pace keeps the acceleration limits at waypoint {i + 2}", "smooth the path"
@@ -93,44 +92,66 @@ def retime(
     return _written(trajectory, x)
 
 
-def _rows(rate0: FloatArray, bend0: FloatArray, rate1: FloatArray, bend1: FloatArray, step: float) -> FloatArray:
-    """Joint accelerations as A x + B a at both ends of a piece that begins with x: (2 dof, 2)."""
-    return np.concatenate([np.stack([bend0, rate0], axis=1), np.stack([bend1, rate1 + 2 * step * bend1], axis=1)])
+# A joint that the pace accelerates less than this, per unit, is not accelerated by it at all.
+_STILL = 1e-200
 
 
-def _greatest_change(rows: FloatArray, limit: FloatArray, x: float) -> float:
-    limits = np.concatenate([limit, limit])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = (np.sign(rows[:, 1]) * limits - rows[:, 0] * x) / rows[:, 1]
-    ends = ends[rows[:, 1] != 0]
-    return float(ends.min()) if ends.size else np.inf
+class _Pieces:
+    """What the acceleration limits leave of the pace's own acceleration a, piece by piece of the path.
 
-
-def _greatest_start(rows: FloatArray, limit: FloatArray, step: float, most: float, after: float) -> float:
-    """The greatest x <= most from which some a keeps all limits and ends at no more than ``after``; 0 if there is none.
-
-    For a given x the a allowed are an interval, whose ends are concave and convex in x: it is empty beyond some x,
-    found by halving.
+    At both ends of a piece that begins with x joints accelerate by A x + B a, so that |a + (A/B) x| <= limit / |B|.
     """
-    limits = np.concatenate([limit, limit])
-    moving = rows[:, 1] != 0
-    still, b = ~moving, rows[moving, 1]
 
-    def feasible(x: float) -> bool:
-        if still.any() and (np.abs(rows[still, 0] * x) > limits[still]).any():
-            return False
-        ends = np.stack([(-limits[moving] - rows[moving, 0] * x) / b, (limits[moving] - rows[moving, 0] * x) / b])
-        low = max(float(ends.min(axis=0).max(initial=-np.inf)), -x / (2 * step))
-        high = min(float(ends.max(axis=0).min(initial=np.inf)), (after - x) / (2 * step))
-        return low <= high + 1e-12 * abs(high)
+    def __init__(
+        self, rate: FloatArray, after: FloatArray, before: FloatArray, step: FloatArray, limit: FloatArray
+    ) -> None:
+        """Work out the bounds, two for each joint.
 
-    if feasible(most):
-        return most
-    good, bad = 0.0, most
-    for _ in range(60):
-        middle = 0.5 * (good + bad)
-        good, bad = (middle, bad) if feasible(middle) else (good, middle)
-    return good
+        Args:
+            rate: q' at the waypoints (rows, dof).
+            after: q'' at the begin of every piece (rows - 1, dof).
+            before: q'' at its end (rows - 1, dof).
+            step: du of the pieces (rows - 1,) [s].
+            limit: greatest accelerations (dof,) [rad/s2 or m/s2].
+        """
+        bend = np.concatenate([after, before], axis=1)
+        reach = np.concatenate([rate[:-1], rate[1:] + 2 * step[:, None] * before], axis=1)
+        limits = np.tile(limit, 2)
+        moving = np.abs(reach) > _STILL
+        divisor = np.where(moving, reach, 1.0)
+        self._step = step
+        self._room = np.where(moving, limits / np.abs(divisor), np.inf)
+        self._drift = np.where(moving, bend / divisor, 0.0)
+        with np.errstate(divide="ignore"):
+            self._most = np.where(moving, np.inf, limits / np.abs(bend)).min(axis=1)
+
+    def greatest_change(self, i: int, x: float) -> float:
+        """The greatest a of piece i that begins with x."""
+        return float((self._room[i] - self._drift[i] * x).min())
+
+    def greatest_start(self, i: int, most: float, after: float) -> float:
+        """The greatest x <= most from which some a keeps all limits and ends at no more than ``after``; 0: none.
+
+        For a given x the a allowed are an interval, whose ends are concave and convex in x: it is empty beyond some
+        x, found by halving.
+        """
+        room, drift, step = self._room[i], self._drift[i], float(self._step[i])
+
+        def feasible(x: float) -> bool:
+            if x > self._most[i]:
+                return False
+            shift = drift * x
+            low = max(-float((room + shift).min()), -x / (2 * step))
+            high = min(float((room - shift).min()), (after - x) / (2 * step))
+            return low <= high + 1e-12 * abs(high)
+
+        if feasible(most):
+            return most
+        good, bad = 0.0, most
+        for _ in range(60):
+            middle = 0.5 * (good + bad)
+            good, bad = (middle, bad) if feasible(middle) else (good, middle)
+        return good
 
 
 def _written(trajectory: Trajectory, x: FloatArray) -> Retimed:
