@@ -72,8 +72,8 @@ class StudyFolder:
     def put(self, number: int, rows: pl.DataFrame) -> None:
         """Keep the rows of a shard."""
         try:
-            # Without compression: shards are many, small and short-lived.
-            self._write_table(self._shards / f"{number:06d}.arrow", rows.write_ipc)
+            # As a stream without compression: shards are many, small and short-lived.
+            self._write_table(self._shards / f"{number:06d}.arrow", rows.write_ipc_stream)
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -85,7 +85,7 @@ class StudyFolder:
         try:
             if not self.complete:
                 files = [self._shards / f"{number:06d}.arrow" for number in range(self._count)]
-                rows = pl.concat([pl.read_ipc(file) for file in files], rechunk=True)
+                rows = pl.concat([pl.read_ipc_stream(file) for file in files], rechunk=True)
                 self._write_table(rows_file, rows.write_parquet)
             else:
                 rows = pl.read_parquet(rows_file)
