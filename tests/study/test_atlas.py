@@ -20,10 +20,12 @@ from bumpstop.study import run
 from bumpstop.study.atlas import TrajectoryAtlas, WorkspaceAtlas
 from bumpstop.study.null_space import feel_better
 from bumpstop.study.retiming import retime
+from bumpstop.study.speed_limit import force_limit
 from bumpstop.study.trajectory_writing import write_csv, write_ros
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PICK = REPOSITORY / "examples/06_pick_and_place_trajectory.toml"
+HAND = REPOSITORY / "examples/01_hand_downward.toml"
 LINE = REPOSITORY / "examples/05_ur10e.toml"
 
 
@@ -45,6 +47,21 @@ def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectoryAtlas, found: 
     for factor, safe in ((1.0, True), (1.0101, False)):
         laws = evaluate_batch(pick._line, q, direction * (factor * limit)[:, None], limits_N=[160.0])
         # The forearm's limits: 160 N, and 50 N/cm2 over 4 cm2, which is more.
+        assert ((laws.exceedance[:, 0] <= 1e-3) == safe).all()
+
+
+def test_limits_are_tight_where_the_formula_expects_none() -> None:
+    """Directions in which the formula misses the limit itself: laws are met there all the same, far above its guess."""
+    study = WorkspaceAtlas(load_scenario(HAND), poses=40, seed=0)
+    rows = run(study)[0]
+    rows = rows.filter(rows["by"] == "law")
+    q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
+    direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
+    speed = rows["limit_mm_s"].to_numpy() / 1e3
+    limit = force_limit(study._line_problem)
+    assert rows.filter(rows["unnoticed_N"] > 0.7 * limit).height >= 5
+    for factor, safe in ((1.0, True), (1.0101, False)):
+        laws = evaluate_batch(study.scenario, q, direction * (factor * speed)[:, None], limits_N=[limit])
         assert ((laws.exceedance[:, 0] <= 1e-3) == safe).all()
 
 

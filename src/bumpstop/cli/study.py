@@ -241,6 +241,8 @@ def workspace(
 
 
 def _parameter_lines(summary: dict[str, Any]) -> list[str]:
+    from bumpstop.study.variable import per
+
     lines = [
         f"peak force of the scenario: mean {summary['control']['mean_N']:.4g} N, sd {summary['control']['sd_N']:.3g} N"
     ]
@@ -249,7 +251,7 @@ def _parameter_lines(summary: dict[str, Any]) -> list[str]:
         fit = next((fit for fit in each["fits"] if fit["name"] == name), None)
         shape = f"{name}, R2 {fit['r2']:.4f}: {fit['formula']}" if fit else "no fit"
         lines.append(f"{each['key']} {each['low']:g} to {each['high']:g} {each['unit']}: {each['direction']}; {shape}")
-        unit = f"N/({each['unit']})" if each["unit"] else "N"
+        unit = per("N", each["unit"])
         lines.append(f"  dF/dx at {each['control']:g}: {each['derivative']['mean']:.4g} {unit}")
     guide = summary.get("guide")
     if guide:

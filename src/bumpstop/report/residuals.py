@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, stack
+from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, stack
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,6 +55,7 @@ def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str
                 va="top",
                 color=INK,
                 fontsize=8,
+                bbox=PAPER,
             )
         handles = {
             str(label): handle
@@ -65,6 +66,7 @@ def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str
             handles.values(), handles, ncols=len(handles), loc="lower left", bbox_to_anchor=(0, 1.0), fontsize=8.5
         )
         panels[-1].set_xlabel("time, s")
+        figure.align_ylabels(panels)
 
     count = len(run.events)
     alarms = f"{count} alarm{'' if count == 1 else 's'}"

@@ -85,6 +85,7 @@ class SafeSpeedsPart(Part):
         panel = figure.add_axes((0.40, 0.5 / height, 0.57, 1 - 1.0 / height))
         places = {key: i for i, key in enumerate(self._study.bodies)}
         areas = self._study.areas_cm2
+        crosses: list[tuple[float, int]] = []
         for s in self._speeds:
             d = self._study.directions.index(s["direction"])
             y = places[(s["table"], s["body"])] + 0.12 * (d - (len(self._study.directions) - 1) / 2)
@@ -92,7 +93,7 @@ class SafeSpeedsPart(Part):
             if s["area_cm2"] not in (areas[0], areas[-1]):
                 continue
             if s["safe_speed_mm_s"] is None:
-                panel.plot(0, y, "x", color=color, markersize=4, clip_on=False)
+                crosses.append((y, d))
                 continue
             full = s["area_cm2"] == areas[-1]
             panel.plot(
@@ -102,7 +103,11 @@ class SafeSpeedsPart(Part):
         panel.set_yticks(range(len(places)), [f"{labels[key]} ({key[0]})" for key in places], fontsize=7.5)
         panel.set_ylim(len(places) - 0.5, -0.5)
         panel.grid(axis="y", color="#dddddd", linewidth=0.5)
-        panel.set_xlim(left=0)
+        # Crosses stand before zero, clear of slow speeds, and each direction's in a column of its own.
+        fastest = panel.get_xlim()[1]
+        for y, d in crosses:
+            panel.plot(-0.03 * fastest * (d + 1), y, "x", color=_COLORS[d % len(_COLORS)], markersize=4)
+        panel.set_xlim(-0.03 * fastest * (max(d for _, d in crosses) + 2) if crosses else 0, fastest)
         panel.set_xlabel("highest safe speed [mm/s]")
         for d, name in enumerate(self._study.directions):
             panel.plot([], [], _MARKERS[d % len(_MARKERS)], color=_COLORS[d % len(_COLORS)], label=name)

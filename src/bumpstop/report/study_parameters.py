@@ -14,6 +14,7 @@ from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture
 from bumpstop.report.section import Part
 from bumpstop.report.words import NONE, number
 from bumpstop.study.fits import R2_WANTED, Fit, fit_laws
+from bumpstop.study.variable import per
 
 if TYPE_CHECKING:
     import polars as pl
@@ -171,7 +172,7 @@ class DerivativesPart(Part):
             slope = each["derivative"]
             how = "whole steps" if slope["quantised"] else f"relative error {_relative(slope)}"
             source = each.get("source_derivative")
-            unit = f"N/({each['unit']})" if each["unit"] else "N"
+            unit = per("N", each["unit"])
             rows.append(
                 [each["key"], number(each["control"]), _signed(slope["mean"]), _signed(slope["sd"]), unit,
                  _signed(slope["elasticity"]), how, NONE if source is None else _signed(source)]
@@ -225,14 +226,15 @@ class EqualRiskPart(Part):
         styles = ((LIMIT, "-"), (LAW, "--"), (EVENT, "-."), (INK, ":"))
 
         def draw(figure: Figure) -> None:
-            panel = axes(figure)
+            panel = axes(figure, left=0.85, right=0.25)
             for curve, (color, style) in zip(pair["curves"], styles, strict=True):
                 label = f"{percent(curve['risk'])}" + ("" if curve["lines"] else " (not in this range)")
                 for line in curve["lines"] or [[[math.nan, math.nan]]]:
                     points = np.array(line)
                     panel.plot(points[:, 0], points[:, 1], color=color, linestyle=style, label=label)
                     label = "_"
-            panel.plot(*pair["controls"], "x", color=INK, markersize=7, markeredgewidth=2)
+            # The scenario may lie on the rim, where its cross would be cut in half.
+            panel.plot(*pair["controls"], "x", color=INK, markersize=7, markeredgewidth=2, clip_on=False)
             (x0, x1), (y0, y1) = pair["ends"]
             panel.set_xlim(min(x0, pair["controls"][0]), max(x1, pair["controls"][0]))
             panel.set_ylim(min(y0, pair["controls"][1]), max(y1, pair["controls"][1]))

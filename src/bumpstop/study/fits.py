@@ -67,10 +67,15 @@ def r_squared(y: FloatArray, fitted: FloatArray) -> float:
 _Found = tuple[tuple[float, ...], FloatArray, str]
 
 
+def _plus(value: float) -> str:
+    """A figure behind another one, with its sign between them."""
+    return f"{'-' if value < 0 else '+'} {abs(value):.4g}"
+
+
 def _linear(x: FloatArray, y: FloatArray) -> _Found:
     """A + B x."""
     B, A = (float(c) for c in np.polyfit(x, y, 1))
-    return (A, B), A + B * x, f"{A:.4g} {B:+.4g} x"
+    return (A, B), A + B * x, f"{A:.4g} {_plus(B)} x"
 
 
 def _quadratic(x: FloatArray, y: FloatArray) -> _Found:
@@ -78,7 +83,7 @@ def _quadratic(x: FloatArray, y: FloatArray) -> _Found:
     size = float(np.abs(x).max())
     C, B, A = np.polyfit(x / size, y, 2)
     A, B, C = float(A), float(B / size), float(C / size**2)
-    return (A, B, C), A + B * x + C * x**2, f"{A:.4g} {B:+.4g} x {C:+.4g} x^2"
+    return (A, B, C), A + B * x + C * x**2, f"{A:.4g} {_plus(B)} x {_plus(C)} x^2"
 
 
 def _power(x: FloatArray, y: FloatArray) -> _Found:
@@ -112,7 +117,7 @@ def _constant_plus_power(x: FloatArray, y: FloatArray) -> _Found:
     A, B = line(C)
     fitted = A + B * z**C
     B /= float(x[-1]) ** C
-    return (A, B, C), fitted, f"{A:.4g} {B:+.4g} x^{C:.4g}"
+    return (A, B, C), fitted, f"{A:.4g} {_plus(B)} x^{C:.4g}"
 
 
 _EXPONENTS = np.linspace(-4.0, 4.0, 81)

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 SLOWEST = 1e-3  # m/s; slower arms are not looked at
 _FIRST = 5e-3  # m/s; the first guess is no slower: laws of slow arms are long
-_ROUNDS = 12
+# The search ends by itself, mostly after five; late ones look at the middle too, so that none can go on for long.
+_ROUNDS = 48
 _CLOSE = 0.01  # between a speed that is met and one that is not
 
 
@@ -107,7 +108,7 @@ def speed_limits(
     trial = np.clip(guess, np.minimum(_FIRST, cap), cap)
     open_ = np.flatnonzero(cap >= SLOWEST)
     laws = 0
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS):
         if not open_.size:
             break
         v = trial[open_]
@@ -127,8 +128,9 @@ def speed_limits(
         done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + _CLOSE)) | (fails <= SLOWEST * (1 + 1e-9))
         open_ = open_[~done[open_]]
         trial[open_] = _next(
-            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_], cap[open_]
-        )
+            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_], cap[open_],
+            number,
+        )  # fmt: skip
     by = np.where(met >= cap * (1 - 1e-12), "cap", np.where(met > 0, "law", "none"))
     return SpeedLimits(met, np.where(met > 0, risk, np.nan), by, laws)
 
@@ -146,6 +148,7 @@ def _next(
     limit: float,
     silent: FloatArray,
     cap: FloatArray,
+    number: int,
 ) -> FloatArray:
     """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet.
 
@@ -157,13 +160,18 @@ def _next(
         limit: force to reach [N].
         silent: force that even a slow arm reaches, about (N,) [N].
         cap: no speed above it (N,) [m/s].
+        number: of the round, from 0.
     """
+    # Where even what is missed passes the limit, nothing tells how far it is up: steps of 1 % would never arrive.
+    least = min(2.0, (1 + _CLOSE) ** (2 ** min(number, 7)))
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.log(limit / low) / np.log(high / low)
         between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * _CLOSE)
+        if number > 8 and number % 3 == 2:
+            between = np.sqrt(met * fails)
         between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
         left = (limit - silent) / (low - silent)
-        up = met * np.clip(np.where(left > 0, left**0.8, 3.0), 1 + _CLOSE, 3.0)
+        up = met * np.clip(np.where(left > 0, left**0.8, 3.0), least, 3.0)
         down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6), SLOWEST)
     trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), down)
     return np.asarray(np.minimum(trial, cap))

@@ -28,6 +28,13 @@ _UNITS = {
 _NOT_VARIED = ("motion.velocity_mm_s", "pose_deg", "pose_rad", "contact.point_m", "contact.normal")
 
 
+def per(quantity: str, unit: str) -> str:
+    """Unit of a derivative: ``per("N", "mm/s")`` is ``"N/(mm/s)"``, and nothing is divided by no unit."""
+    if not unit:
+        return quantity
+    return f"{quantity}/({unit})" if "/" in unit else f"{quantity}/{unit}"
+
+
 @dataclass(frozen=True)
 class Variable:
     """A numeric key of a scenario, one item of a list, or one of :data:`ALIASES`.
