@@ -17,6 +17,9 @@ struct FreeBody {
     double frequency() const { return std::sqrt(stiffness / mass); }  ///< rad/s
 };
 
+/// An arm this far from a body does not touch it, whatever rounding does [m].
+inline constexpr double surely_apart = 1e-12;
+
 /// One collision in each lane.
 template <class T>
 class FreeImpact {
@@ -50,6 +53,13 @@ class FreeImpact {
                             &FreeImpact::body_speed_, &FreeImpact::touching_})
             set_lane(this->*member, lane, lane_of(other.*member, lane));
     }
+
+    /// Lanes in which a step that ends at `to` changes something: the body is being touched, or is touched then.
+    auto meets(T to, T offset) const {
+        return (parted < T(0.5)) & ((touching_ > T(0.5)) | (to > offset - T(surely_apart)));
+    }
+    /// Has the body of a lane been touched?
+    bool touched(int lane) const { return lane_of(touching_, lane) > 0.5; }
 
     T force() const { return compression * body_.stiffness; }
     T peak_force() const { return peak * body_.stiffness; }
@@ -109,6 +119,7 @@ struct FreePaths {
     int period = 0, latency = 0, end_step = 0;  ///< end_step: in which the undetected motion ends
     double step = 0;
     std::vector<std::vector<double>> reaction;  ///< by tick, from the step in which it begins on; may be empty
+    std::vector<double> farthest;               ///< by tick: the greatest distance of its reaction; infinite if empty
 
     /// Distance after a step of the undetected motion. Before the start, and after the end, the arm stands.
     double undisturbed(int i) const { return path->s[std::size_t(std::clamp(i, 0, end_step))]; }
@@ -127,9 +138,13 @@ template <class T, class Pose>
 FreePaths free_paths(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                      const Timing& timing, ReactionKind kind, const StoppingCurve& curve, Pose pose) {
     const LinePath& path = curve.path;
-    FreePaths paths{&path,          timing.period,
-                    timing.latency, int(std::min(path.s.size() - 1, std::size_t(timing.steps))),
-                    motion.step,    {}};
+    FreePaths paths{&path,
+                    timing.period,
+                    timing.latency,
+                    int(std::min(path.s.size() - 1, std::size_t(timing.steps))),
+                    motion.step,
+                    {},
+                    {}};
     const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
     std::vector<ReactionJob> jobs;
     for (int k = 0; k < known; ++k) jobs.push_back({&path, 0, k, {}, {}});
@@ -140,6 +155,10 @@ FreePaths free_paths(const Chain& chain, const MotionSettings& motion, const Con
         [&](const ReactionJob& job) { return path.at_tick(job.tick, timing.period); });
     paths.reaction.resize(std::size_t(path.ticks));
     for (int k = 0; k < known; ++k) paths.reaction[std::size_t(k)] = std::move(jobs[std::size_t(k)].distance);
+    for (const std::vector<double>& own : paths.reaction) {
+        const double most = own.empty() ? HUGE_VAL : *std::max_element(own.begin(), own.end());
+        paths.farthest.push_back(most);
+    }
     return paths;
 }
 
@@ -181,28 +200,65 @@ class FreeCollision {
 
     /// The collision is detected at tick tick[lane] + i[lane] of each lane; i below zero: before contact.
     Outcome detected(const int* i) const {
-        FreeImpact<T> state(body_, paths_.step);
+        const FreeImpact<T> state = begun(i);
+        int longest = 0;
+        Reacting reacting[lanes];
         for (int lane = 0; lane < lanes; ++lane) {
-            const int begun = (i[lane] + 1) * paths_.period + paths_.latency;  // steps before the reaction
-            if (begun > 0) state.take_lane(history_[std::min(std::size_t(begun), history_.size() - 1)], lane);
+            const int k = clamped(lane, i[lane]);
+            reacting[lane] = Reacting(paths_, k);
+            // An arm that stops short of the body need not be followed.
+            const bool arrives = paths_.farthest[std::size_t(k)] > lane_of(offset_, lane) - surely_apart;
+            if (arrives || state.touched(lane)) longest = std::max(longest, paths_.reaction_length(k));
         }
-        int longest = 1;
-        for (int lane = 0; lane < lanes; ++lane)
-            longest = std::max(longest, paths_.reaction_length(clamped(lane, i[lane])));
-        T from = 0.0, to = 0.0;
+        return longest > 0 ? followed(state, reacting, longest) : Outcome{state.peak_force(), state.since};
+    }
+
+  private:
+    /// Where the arm of a lane is in its reaction.
+    struct Reacting {
+        const FreePaths* paths = nullptr;
+        const double* own = nullptr;
+        int last = 0, tick = 0;
+
+        Reacting() = default;
+        Reacting(const FreePaths& all, int k) : paths(&all), tick(k) {
+            const std::vector<double>& known = all.reaction[std::size_t(k)];
+            own = known.empty() ? nullptr : known.data();
+            last = int(known.size()) - 1;
+        }
+        double operator()(int i) const { return own != nullptr ? own[std::min(i, last)] : paths->reacting(tick, i); }
+    };
+    static T place(const Reacting* reacting, int i) {
+        double here[lanes];
+        for (int lane = 0; lane < lanes; ++lane) here[lane] = reacting[lane](i);
+        return load<T>(here);
+    }
+
+    /// The body when the reactions to detections at tick[lane] + i[lane] begin.
+    FreeImpact<T> begun(const int* i) const {
+        auto steps = [&](int lane) {
+            const int before = (i[lane] + 1) * paths_.period + paths_.latency;
+            return std::size_t(std::clamp(before, 0, int(history_.size()) - 1));
+        };
+        FreeImpact<T> state = history_[steps(0)];
+        for (int lane = 1; lane < lanes; ++lane)
+            if (steps(lane) != steps(0)) state.take_lane(history_[steps(lane)], lane);
+        return state;
+    }
+
+    Outcome followed(FreeImpact<T> state, const Reacting* reacting, int longest) const {
+        T from = place(reacting, 0);
         for (int r = 0; r < longest; ++r) {
-            for (int lane = 0; lane < lanes; ++lane) {
-                const int k = clamped(lane, i[lane]);
-                set_lane(from, lane, paths_.reacting(k, r));
-                set_lane(to, lane, paths_.reacting(k, r + 1));
+            const T to = place(reacting, r + 1);
+            if (any(state.meets(to, offset_))) {
+                state.step(from, to, offset_, T(1.0));
+                if (all(state.parted > T(0.5))) break;
             }
-            state.step(from, to, offset_, T(1.0));
-            if (all(state.parted > T(0.5))) break;
+            from = to;
         }
         return {state.peak_force(), state.since};
     }
 
-  private:
     int clamped(int lane, int i) const { return std::clamp(tick_[lane] + i, 0, paths_.path->ticks - 1); }
 
     /// Simulation step in a lane that is `r` steps after the tick before the first one in contact.
