@@ -16,6 +16,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.identification.dynamics_fit import ENOUGH_TO_FIT
 from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.payload_fit import parameters_of, pseudo_inertia
 from bumpstop.identification.torque_columns import torque_columns
@@ -76,7 +77,7 @@ def consistent_inertias(
     from scipy.optimize import least_squares
 
     n = fit.robot.dof
-    rows, cutoff = fit.rows(recordings, payloads), FIT_PER_CUTOFF * fit.cutoff_hz
+    rows, cutoff = fit.rows(recordings, payloads, limit=ENOUGH_TO_FIT), FIT_PER_CUTOFF * fit.cutoff_hz
     columns = torque_columns(fit.robot, rows.motion, fit.sign_speed, fit.couplings, fit.top_speed)
     columns, wanted = rows.filtered(columns, cutoff), rows.torque_below(cutoff)
     wanted = wanted - rows.filtered(rows.carried, cutoff)

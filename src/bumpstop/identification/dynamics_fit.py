@@ -10,8 +10,8 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics_settings import best_friction, choose_cutoff
-from bumpstop.identification.torque_columns import torque_columns
+from bumpstop.identification.dynamics_settings import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
+from bumpstop.identification.torque_columns import column_names, torque_of
 from bumpstop.identification.torque_rows import TorqueRows, listed, recorded_motion
 
 if TYPE_CHECKING:
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from bumpstop.identification.payload import Payload
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
+
+# Rows behind the filter that a fit goes through; of more, blocks spread over the time.
+ENOUGH_TO_FIT = 30_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +61,9 @@ class DynamicsFit:
         cutoff_hz: of the motion's filter, chosen by held-out error.
         held_out: mean over joints of 1 - R2 on held-out fifths, by the cut-off that was tried [Hz].
         unseen: inertial and friction parameters that the motion cannot show at all.
-        rows_used: of the fit.
+        rows_used: of the fit, behind the filter.
+        rows_whole: rows that the filter leaves of the whole recordings; where these are more, blocks of ``rows_used``
+            rows stand for them. 0: read from a file.
         top_speed: (n + shared motors,) fastest of the fit, up to which friction bends [rad/s or m/s]; None: friction is
             a straight line of the speed.
         covariance: of the base parameters, whose diagonal the standard errors are; None: read from a file.
@@ -86,15 +91,16 @@ class DynamicsFit:
     covariance: FloatArray | None = None
     predicting: FloatArray | None = None
     rows_left: int = 0
+    rows_whole: int = 0
     gains: FloatArray | None = None
     gain_errors: FloatArray | None = None
 
     def predict(self, motion: EvenMotion) -> FloatArray:
         """Joint torques (N, n) of a motion [Nm or N]."""
-        columns = torque_columns(self.robot, motion, self.sign_speed, self.couplings, self.top_speed)
-        values = self.values if self.predicting is None else self.predicting
-        torque: FloatArray = columns[:, :, list(self.columns)] @ values
-        return torque
+        names = column_names(self.robot, self.couplings, bent=self.top_speed is not None)
+        every = np.zeros(len(names))
+        every[list(self.columns)] = self.values if self.predicting is None else self.predicting
+        return torque_of(self.robot, motion, every, self.sign_speed, self.couplings, self.top_speed)
 
     def residual(self, recording: Recording) -> tuple[EvenMotion, FloatArray]:
         """Recorded minus predicted torque, unfiltered, of the same robot.
@@ -110,14 +116,21 @@ class DynamicsFit:
         motion, torque = recorded_motion(recording, self.cutoff_hz, self.gains)
         return motion, torque - self.predict(motion)
 
-    def rows(self, recordings: Recording | Sequence[Recording], payloads: Sequence[Payload | None] = ()) -> TorqueRows:
+    def rows(
+        self,
+        recordings: Recording | Sequence[Recording],
+        payloads: Sequence[Payload | None] = (),
+        *,
+        limit: int | None = None,
+    ) -> TorqueRows:
         """Motion and torque of recordings as this fit filters them.
 
         Args:
             recordings: with torque, or with current where the fit has gains, of the same robot; one or more.
             payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
+            limit: rows that are enough, as for :meth:`TorqueRows.of`; ``ENOUGH_TO_FIT``: those of the fit.
         """
-        return TorqueRows.of(listed(recordings), self.robot, self.cutoff_hz, payloads, gains=self.gains)
+        return TorqueRows.of(listed(recordings), self.robot, self.cutoff_hz, payloads, gains=self.gains, limit=limit)
 
     def score(
         self,
@@ -125,6 +138,7 @@ class DynamicsFit:
         *,
         filter_hz: float | None = None,
         payloads: Sequence[Payload | None] = (),
+        limit: int | None = None,
     ) -> tuple[JointScore, ...]:
         """Compare predicted with recorded torque.
 
@@ -132,8 +146,9 @@ class DynamicsFit:
             recordings: with torque, of the same robot; one or more, scored together.
             filter_hz: cut-off of the zero-phase filter that both pass for ``r2``; default: that of the fit.
             payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
+            limit: rows that are enough, as for :meth:`rows`; default: all are compared.
         """
-        rows = self.rows(recordings, payloads)
+        rows = self.rows(recordings, payloads, limit=limit)
         predicted = self.predict(rows.motion) + rows.carried
         cutoff = filter_hz or self.cutoff_hz
         smooth, smooth_predicted = rows.torque_below(cutoff), rows.filtered(predicted, cutoff)
@@ -166,6 +181,8 @@ def identify_dynamics(
     Weighted least squares on the columns that the motion can tell apart; joints weigh by their own residuals. Columns
     and torque pass the same zero-phase filter, which changes nothing in a model that is linear in its parameters.
     Predictions leave out what the recording cannot tell from zero, where held-out fifths are predicted no worse so.
+    Of recordings with more than 30 000 rows behind the filter, blocks spread over the time are fitted, and cut-off and
+    friction are chosen on 8 000.
 
     Args:
         recordings: with joint torques; one or more. Filters never reach from one into the next, nor across a gap of
@@ -187,8 +204,11 @@ def identify_dynamics(
             raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads)
-    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads)
-    return fit_of(best_friction(rows, robot, cutoff_hz, groups), held_out)
+    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_FIT)
+    few = rows
+    if rows.rows_whole > ENOUGH_TO_CHOOSE:
+        few = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_CHOOSE)
+    return fit_of(best_friction(few, robot, cutoff_hz, groups, of=rows), held_out)
 
 
 def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
@@ -210,6 +230,7 @@ def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
         covariance=solution.covariance,
         predicting=system.essential(solution),
         rows_left=system.rows.rows_left,
+        rows_whole=system.rows.rows_whole,
     )
 
 

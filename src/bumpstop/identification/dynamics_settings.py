@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 # Speed over which Coulomb friction turns from one sign to the other, as a share of a joint's root mean square speed.
 # The first is taken while the cut-off is chosen; then each joint gets the best of all.
 SIGN_SHARES = (0.03, 0.001, 0.005, 0.01, 0.1, 0.3)
+# Rows behind the filter that cut-off and friction are chosen on; of more, blocks spread over the time.
+ENOUGH_TO_CHOOSE = 8_000
 _CUTOFFS_HZ = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 30.0, 60.0)
 _CLEAR_GAIN = 0.95
 _AS_GOOD = 1.01
@@ -46,7 +48,9 @@ def choose_cutoff(
     held_out: dict[float, float] = {}
     for candidate in _CUTOFFS_HZ:
         if candidate <= 0.4 * rate:
-            rows = TorqueRows.of(recordings, robot, candidate, payloads, currents=currents)
+            rows = TorqueRows.of(
+                recordings, robot, candidate, payloads, currents=currents, limit=ENOUGH_TO_CHOOSE
+            )
             system = System.of(rows, robot, candidate, couplings, SIGN_SHARES[0])
             predicted = system.left_out(system.raw)
             wanted = rows.torque_below(reference)
@@ -61,13 +65,22 @@ def choose_cutoff(
     return max(candidate for candidate, share in held_out.items() if share <= _AS_GOOD * least), held_out
 
 
-def best_friction(rows: TorqueRows, robot: Robot, cutoff_hz: float, couplings: Groups) -> System:
+def best_friction(
+    rows: TorqueRows, robot: Robot, cutoff_hz: float, couplings: Groups, *, of: TorqueRows | None = None
+) -> System:
     """The system with the law and the widths of friction that predict held-out fifths best.
 
     Widths are tried on all joints at once and each joint takes its own best, where it is clearly better than straight
     friction of the usual width: a gain that another motion would not show is no reason to leave what is usual. Joints
     that share a motor cannot be told apart: they and their motor take one width, by the mean of what each leaves of its
     error. Friction that bends with the speed is taken for the whole arm, where that is clearly better with its widths.
+
+    Args:
+        rows: that it is chosen on.
+        robot: the chain.
+        cutoff_hz: of the rows' motion.
+        couplings: joints that share a motor.
+        of: rows of the system that is returned; default: the same.
     """
     first = System.of(rows, robot, cutoff_hz, couplings, SIGN_SHARES[0])
     teams = _teams(robot.dof, couplings)
@@ -88,7 +101,10 @@ def best_friction(rows: TorqueRows, robot: Robot, cutoff_hz: float, couplings: G
         best[bent] = shares, left
     gain = float(np.mean(best[True][1] / np.maximum(best[False][1], 1e-300)))
     bent = gain <= _CLEAR_GAIN
-    return System.of(rows, robot, cutoff_hz, couplings, best[bent][0], bent=bent, known=first)
+    if of is None or of is rows:
+        return System.of(rows, robot, cutoff_hz, couplings, best[bent][0], bent=bent, known=first)
+    del first
+    return System.of(of, robot, cutoff_hz, couplings, best[bent][0], bent=bent)
 
 
 def _teams(dof: int, couplings: Groups) -> list[list[int]]:

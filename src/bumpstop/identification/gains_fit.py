@@ -16,7 +16,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit
-from bumpstop.identification.dynamics_settings import best_friction, choose_cutoff
+from bumpstop.identification.dynamics_settings import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
 from bumpstop.identification.dynamics_system import clustered_covariance, independent, label_of
 from bumpstop.identification.robust_fit import visible_share
 from bumpstop.identification.torque_rows import TorqueRows, listed
@@ -76,7 +76,7 @@ def identify_gains(
     held_out: dict[float, float] = {}
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, (), payloads, currents=True)
-    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, currents=True)
+    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, currents=True, limit=ENOUGH_TO_CHOOSE)
     return _found(best_friction(rows, robot, cutoff_hz, ()), fixed, held_out)
 
 
@@ -232,6 +232,7 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
         top_speed=system.top_speed,
         covariance=covariance[count:, count:],
         rows_left=system.rows.rows_left,
+        rows_whole=system.rows.rows_whole,
         gains=gains,
         gain_errors=np.where(hidden, np.inf, errors),
     )

@@ -29,6 +29,10 @@ class EvenMotion:
     qdd: FloatArray
     rate_hz: float
 
+    def part(self, rows: slice) -> EvenMotion:
+        """Some rows of it, one after the other."""
+        return EvenMotion(self.t[rows], self.q[rows], self.qd[rows], self.qdd[rows], self.rate_hz)
+
 
 def even_grid(t: FloatArray) -> tuple[FloatArray, float]:
     """Times at the median rate of ``t`` over the same span, and that rate [Hz]."""
@@ -50,6 +54,17 @@ def lowpass(x: FloatArray, rate_hz: float, cutoff_hz: float) -> FloatArray:
 _RATE_PER_CUTOFF = 10.0
 
 
+def _stride(rate_hz: float, cutoff_hz: float) -> int:
+    """Of how many rows one is kept. A rate that is a whole multiple but for rounding of its times counts as one."""
+    return max(1, int(rate_hz / (_RATE_PER_CUTOFF * cutoff_hz) * (1 + 1e-6)))
+
+
+def kept_rate(t: FloatArray, cutoff_hz: float) -> float:
+    """Rows a second that :func:`even_motion` keeps of a motion recorded at ``t`` (N,)."""
+    rate = 1 / float(np.median(np.diff(t)))
+    return rate / _stride(rate, cutoff_hz)
+
+
 def even_motion(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: float) -> EvenMotion:
     """Filter a recorded motion, differentiate it, and keep as many rows as the filter leaves something to say.
 
@@ -66,7 +81,6 @@ def even_motion(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: 
     measured = None if qd is None else lowpass(onto(grid, t, qd), rate, cutoff_hz)
     velocity = np.gradient(position, 1 / rate, axis=0) if measured is None else measured
     acceleration = np.gradient(velocity, 1 / rate, axis=0)
-    # A rate that is a whole multiple but for rounding of its times counts as one.
-    stride = max(1, int(rate / (_RATE_PER_CUTOFF * cutoff_hz) * (1 + 1e-6)))
+    stride = _stride(rate, cutoff_hz)
     kept = [np.ascontiguousarray(x[::stride]) for x in (grid, position, velocity, acceleration)]
     return EvenMotion(kept[0], kept[1], kept[2], kept[3], rate / stride)

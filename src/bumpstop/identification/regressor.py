@@ -66,6 +66,30 @@ def link_regressor(
     return columns
 
 
+def inertial_torque(
+    robot: Robot,
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+    gravity: tuple[float, float, float],
+    values: FloatArray,
+) -> FloatArray:
+    """Torque (N, dof) of inertial parameters (10 dof,): :func:`inertial_regressor` times them, without its columns.
+
+    Mass m, first moments h and second moments I of a link are those of a unit mass at h with the moments I about its
+    origin, less a mass of 1 - m at the origin. Newton-Euler of the two chains is linear in both.
+    """
+    dof = robot.dof
+    own = values.reshape(dof, 10)
+    h = own[:, 1:4]
+    moments = own[:, [4, 7, 8, 7, 5, 9, 8, 9, 6]].reshape(dof, 3, 3)
+    shifted = (h**2).sum(axis=1)[:, None, None] * np.eye(3) - h[:, :, None] * h[:, None, :]
+    none, still = np.zeros((dof, 3)), np.zeros((dof, 3, 3))
+    whole = _chain_torque(robot, q, qd, qdd, gravity, np.ones(dof), h, moments - shifted)
+    torque: FloatArray = whole - _chain_torque(robot, q, qd, qdd, gravity, 1 - own[:, 0], none, still)
+    return torque
+
+
 def _torque(
     robot: Robot,
     q: FloatArray,
@@ -80,6 +104,21 @@ def _torque(
     dof = robot.dof
     masses, centers, tensors = np.zeros(dof), np.zeros((dof, 3)), np.zeros((dof, 3, 3))
     masses[link], centers[link], tensors[link] = mass, center, tensor
-    kernel = core.Dynamics(chain=robot.chain, mass=masses, center=centers, tensor=tensors, rotor=np.zeros(dof))
+    return _chain_torque(robot, q, qd, qdd, gravity, masses, centers, tensors)
+
+
+def _chain_torque(
+    robot: Robot,
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+    gravity: tuple[float, float, float],
+    masses: FloatArray,
+    centers: FloatArray,
+    tensors: FloatArray,
+) -> FloatArray:
+    kernel = core.Dynamics(
+        chain=robot.chain, mass=masses, center=centers, tensor=tensors, rotor=np.zeros(robot.dof)
+    )
     torque: FloatArray = kernel.inverse_dynamics(q, qd, qdd, np.array(gravity), None, 0, np.zeros(3))
     return torque

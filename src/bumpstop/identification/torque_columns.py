@@ -8,7 +8,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.motion import GRAVITY, EvenMotion
-from bumpstop.identification.regressor import inertial_names, inertial_regressor
+from bumpstop.identification.regressor import inertial_names, inertial_regressor, inertial_torque
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
     Couplings = Sequence[Sequence[tuple[int, float]]]
+
+# Rows whose columns are held at once.
+_AT_ONCE = 10_000
 
 
 def torque_columns(
@@ -61,6 +64,29 @@ def torque_columns(
             bend = sign * (np.sqrt(share_of_top) - 4 / 15 - 0.8 * share_of_top)
             bends.append(_acting_on(group, [bend], n))
     return np.concatenate(blocks + bends, axis=2)
+
+
+def torque_of(
+    robot: Robot,
+    motion: EvenMotion,
+    values: FloatArray,
+    sign_speed: FloatArray,
+    couplings: Couplings,
+    top_speed: FloatArray | None = None,
+) -> FloatArray:
+    """Torque (N, n) that values (parameters,) of all columns make: their sum, without ever holding the columns.
+
+    Other arguments as for :func:`torque_columns`.
+    """
+    count = 10 * robot.dof
+    torque = inertial_torque(robot, motion.q, motion.qd, motion.qdd, GRAVITY, values[:count])
+    for start in range(0, motion.t.size, _AT_ONCE):
+        rows = slice(start, start + _AT_ONCE)
+        part = motion.part(rows)
+        none = np.empty((part.t.size, robot.dof, 0))
+        columns = torque_columns(robot, part, sign_speed, couplings, top_speed, inertial=none)
+        torque[rows] += columns @ values[count:]
+    return torque
 
 
 def _acting_on(group: Sequence[tuple[int, float]], shapes: Sequence[FloatArray], dof: int) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,7 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_rows import stretches_of
-from bumpstop.identification.motion import EvenMotion, even_grid, even_motion, lowpass, onto
+from bumpstop.identification.motion import EvenMotion, even_grid, even_motion, kept_rate, lowpass, onto
 from bumpstop.identification.payload_fit import payload_torque
 
 if TYPE_CHECKING:
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
 
 # A stretch is used when it has so many rows and lasts so many periods of the cut-off.
 _LEAST_ROWS, _LEAST_PERIODS = 50, 5.0
+# Of recordings with more rows than are wanted so many blocks stand for the whole, each of no fewer rows than that.
+_BLOCKS, _LEAST_BLOCK = 20, 200
+# What is filtered beyond the ends of a block and then cut off, in periods of the cut-off.
+_MARGIN_PERIODS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +40,7 @@ class TorqueRows:
         stretches: rows of each.
         rate_hz: rows a second of each.
         rows_left: recorded rows in stretches too short to use.
+        rows_whole: rows that the filter leaves of all stretches; more than N where blocks stand for them.
         recorded: of each stretch the torque on an even grid at the recorded rate, that rate [Hz], and of how many of
             its rows one is kept.
         currents: these are rows of motor currents.
@@ -46,6 +52,7 @@ class TorqueRows:
     stretches: tuple[slice, ...]
     rate_hz: tuple[float, ...]
     rows_left: int
+    rows_whole: int
     recorded: tuple[tuple[FloatArray, float, int], ...]
     currents: bool = False
 
@@ -59,8 +66,13 @@ class TorqueRows:
         *,
         gains: FloatArray | None = None,
         currents: bool = False,
+        limit: int | None = None,
     ) -> TorqueRows:
         """Filter motions at a cut-off, and put torques beside them.
+
+        No more rows are kept than the filter leaves something to say in. Where that is more than ``limit``, blocks
+        spread evenly over the time are kept, each a stretch of its own and filtered beyond its ends before it is cut
+        out, so that its motion is that of the whole recording. Every recording has one, or more by its length.
 
         Args:
             recordings: with torques, or with currents where ``gains`` or ``currents`` are given.
@@ -69,6 +81,7 @@ class TorqueRows:
             payloads: what each recording carried; default: nothing.
             gains: (n,) torque per current of each motor [Nm/A or N/A], for recordings without torque.
             currents: take the currents as they are, whatever else is recorded.
+            limit: rows that are enough; no more than twice as many are kept. None: all.
 
         Raises:
             InputError: no torque, other joints, no stretch that is long enough, another number of payloads.
@@ -76,29 +89,45 @@ class TorqueRows:
         if payloads and len(payloads) != len(recordings):
             raise InputError("payloads", f"{len(payloads)} for {len(recordings)} recordings", "wanted one for each")
         parts, rates, recorded, left, seams = [], [], [], 0, 0
+        usable: list[tuple[int, slice, float]] = []
+        torques = []
         for number, recording in enumerate(recordings):
             if recording.dof != robot.dof:
                 raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
-            torque = _current_of(recording) if currents else _torque_of(recording, gains)
+            torques.append(_current_of(recording) if currents else _torque_of(recording, gains))
             whole = stretches_of(recording.t)
             seams += len(whole)
             for rows in whole:
                 t = recording.t[rows]
                 if t.size < _LEAST_ROWS or (len(whole) > 1 and t[-1] - t[0] < _LEAST_PERIODS / cutoff_hz):
                     left += t.size
+                else:
+                    usable.append((number, rows, kept_rate(t, cutoff_hz)))
+        chosen, rows_whole = _blocks(recordings, usable, limit)
+        for number, rows, span in chosen:
+            recording = recordings[number]
+            t = recording.t[rows]
+            if span is not None:
+                margin = _MARGIN_PERIODS / cutoff_hz
+                first, last = np.searchsorted(t, [span[0] - margin, span[1] + margin])
+                rows = slice(rows.start + int(first), rows.start + int(last))
+                t = recording.t[rows]
+                if t.size < _LEAST_ROWS:  # most of the stretch is denser than this part of it
                     continue
-                qd = None if recording.qd is None else recording.qd[rows]
-                motion = even_motion(t, recording.q[rows], qd, cutoff_hz)
-                carried = np.zeros_like(motion.q)
-                payload = payloads[number] if payloads else None
-                if payload is not None:
-                    carried = payload_torque(robot, payload, motion)
-                grid, rate = even_grid(t)
-                every = onto(grid, t, torque[rows])
-                stride = round(rate / motion.rate_hz)
-                parts.append((motion, every[::stride], carried))
-                rates.append(motion.rate_hz)
-                recorded.append((every, rate, stride))
+            qd = None if recording.qd is None else recording.qd[rows]
+            motion = even_motion(t, recording.q[rows], qd, cutoff_hz)
+            grid, rate = even_grid(t)
+            every = onto(grid, t, torques[number][rows])
+            stride = round(rate / motion.rate_hz)
+            if span is not None:
+                first, last = np.searchsorted(motion.t, span).tolist()
+                motion = motion.part(slice(first, last))
+                every = every[first * stride : last * stride]
+            payload = payloads[number] if payloads else None
+            carried = np.zeros_like(motion.q) if payload is None else payload_torque(robot, payload, motion)
+            parts.append((motion, every[::stride], carried))
+            rates.append(motion.rate_hz)
+            recorded.append((every, rate, stride))
         if not parts:
             problem = f"{left} rows" if seams == 1 else f"{left} rows in {seams} stretches too short to use"
             raise InputError(
@@ -116,6 +145,7 @@ class TorqueRows:
             tuple(slice(a, b) for a, b in pairwise(ends)),
             tuple(rates),
             left,
+            rows_whole,
             tuple(recorded),
             currents,
         )
@@ -131,6 +161,44 @@ class TorqueRows:
         Thinned out first, what lies above half the thinner rate would come back as noise below it.
         """
         return np.concatenate([lowpass(x, rate, cutoff_hz)[::stride] for x, rate, stride in self.recorded])
+
+
+def _blocks(
+    recordings: Sequence[Recording], stretches: list[tuple[int, slice, float]], limit: int | None
+) -> tuple[list[tuple[int, slice, tuple[float, float] | None]], int]:
+    """What is kept of stretches, and how many rows they have behind the filter.
+
+    Args:
+        recordings: all.
+        stretches: number of the recording, rows of it, and rows a second behind the filter.
+        limit: as for :meth:`TorqueRows.of`.
+
+    Returns:
+        Number of the recording, rows of a stretch, and the first and last time of a block in it [s]; None: all of it.
+    """
+    spans = [float(recordings[number].t[rows.stop - 1] - recordings[number].t[rows.start]) for number, rows, _ in stretches]
+    sizes = [span * rate for span, (_, _, rate) in zip(spans, stretches, strict=True)]
+    rows_whole = sum(int(size) + 1 for size in sizes)
+    if limit is None or rows_whole <= limit:
+        return [(number, rows, None) for number, rows, _ in stretches], rows_whole
+    # Of very many stretches every so manieth, counted from the first of each recording.
+    every = math.ceil(len(stretches) * _LEAST_BLOCK / limit)
+    firsts = {number: place for place, (number, _, _) in reversed(list(enumerate(stretches)))}
+    kept = [place for place, (number, _, _) in enumerate(stretches) if (place - firsts[number]) % every == 0]
+    total = sum(sizes[place] for place in kept)
+    found: list[tuple[int, slice, tuple[float, float] | None]] = []
+    for place in kept:
+        number, rows, rate = stretches[place]
+        own = max(limit * sizes[place] / total, _LEAST_BLOCK)
+        if own >= sizes[place]:
+            found.append((number, rows, None))
+            continue
+        count = max(1, min(round(_BLOCKS * sizes[place] / total), int(own / _LEAST_BLOCK)))
+        length, begin = own / count / rate, float(recordings[number].t[rows.start])
+        room = spans[place] - length
+        starts = begin + (np.linspace(0, room, count) if count > 1 else np.array([room / 2]))
+        found += [(number, rows, (start, start + length)) for start in starts.tolist()]
+    return found, rows_whole
 
 
 def recorded_motion(
