@@ -20,8 +20,11 @@ GAINS = (20.0, 20.0, 15.0, 10.0, 8.0, 8.0, 5.0)  # Nm for each unit of current
 LIMIT_S = 10.0
 
 
-def recorded() -> Recording:
-    """The SIA5D swinging for a quarter of an hour, with a linear map, Coulomb and viscous friction and noise."""
+def recorded(*, torques: bool = False) -> Recording:
+    """The SIA5D swinging for a quarter of an hour, with a linear map, Coulomb and viscous friction and noise.
+
+    ``torques``: the torques of the motors were recorded, not their currents.
+    """
     robot = Robot.load("sia5d")
     rng = np.random.default_rng(4)
     t = np.arange(ROWS) / RATE
@@ -36,7 +39,8 @@ def recorded() -> Recording:
     current = inverse_dynamics(robot, q, qd, qdd) / GAINS + 0.8 * np.tanh(qd / 0.01) + 0.3 * qd + 0.05 * qdd
     current += 0.05 * rng.normal(size=q.shape)
     names = tuple(joint.name for joint in robot.joints)
-    return Recording(t=t, q=q + 1e-5 * rng.normal(size=q.shape), current=current, joint_names=names, robot=robot.name)
+    measured = {"tau": current * GAINS} if torques else {"current": current}
+    return Recording(t=t, q=q + 1e-5 * rng.normal(size=q.shape), **measured, joint_names=names, robot=robot.name)
 
 
 def million_rows(row: Callable[..., None]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 FIT_PER_CUTOFF = 4.0
 # Columns that the others make up to this share of their length say nothing of their own.
 _DEPENDENT = 1e-4
+# Above this share of its length left beside the others before it, every column can be told apart by Cholesky's method.
+_FIRM = 1e-5
 _ROUNDS = 4  # of the joints' weights
 # Held-out fifths are made of so many parts of the rows each, spread over the time: where one stretch of a short
 # recording is all that shows a parameter, the other four fifths would otherwise know nothing of it.
@@ -111,26 +114,43 @@ class System:
     def solved(self) -> Solution:
         """Weighted least squares on the independent columns."""
         columns, wanted = self.columns, self.wanted
-        length = np.sqrt((columns**2).sum(axis=(0, 1)))
+        whole = np.linalg.qr(np.concatenate(self._triangles, axis=1), mode="r")
+        length = np.sqrt((whole[:, :, :-1] ** 2).sum(axis=(0, 1)))
         seen = np.flatnonzero(length > 1e-9 * length.max())
         weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
         for _ in range(_ROUNDS):
-            matrix = (columns[:, :, seen] * weight[None, :, None]).reshape(-1, seen.size)
-            target = (wanted * weight).reshape(-1)
-            chosen, groups = independent(matrix)
-            values, *_ = np.linalg.lstsq(matrix[:, chosen], target, rcond=None)
-            residual = target - matrix[:, chosen] @ values
-            weight = weight / np.maximum(residual.reshape(wanted.shape).std(axis=0), 1e-12)
+            last = weight
+            matrix = (whole * last[:, None, None]).reshape(-1, whole.shape[2])
+            chosen, groups = independent(matrix[:, seen])
+            values, *_ = np.linalg.lstsq(matrix[:, seen[chosen]], matrix[:, -1], rcond=None)
+            every = np.zeros(columns.shape[2])
+            every[seen[chosen]] = values
+            error = wanted - columns @ every
+            weight = last / np.maximum((error * last).std(axis=0), 1e-12)
         names = self.names
-        error = wanted - columns[:, :, seen[chosen]] @ values
+        matrix = (columns[:, :, seen[chosen]] * last[None, :, None]).reshape(-1, chosen.size)
         return Solution(
             columns=[int(seen[c]) for c in chosen],
             names=tuple(label_of(names, seen, int(c), groups[i]) for i, c in enumerate(chosen)),
             values=values,
-            covariance=clustered_covariance(matrix[:, chosen], residual, wanted.shape[1]),
+            covariance=clustered_covariance(matrix, (error * last).ravel(), wanted.shape[1]),
             weight=1 / np.maximum(error.std(axis=0), 1e-12),
             unseen=tuple(name for i, name in enumerate(names) if i not in set(seen.tolist())),
         )
+
+    @cached_property
+    def _triangles(self) -> list[FloatArray]:
+        """Of every part, joint by joint, a triangle (n, up to parameters + 1, parameters + 1) with the same squares.
+
+        Least squares of the rows, columns and what they should add up to side by side, are those of the triangles:
+        weights, folds and choices of columns go through these instead.
+        """
+        return [
+            np.linalg.qr(
+                np.concatenate([self.columns[part], self.wanted[part][:, :, None]], axis=2).transpose(1, 0, 2), mode="r"
+            )
+            for part in self._parts()
+        ]
 
     def weighted(self, solution: Solution) -> tuple[FloatArray, FloatArray]:
         """Columns of a solution (N, n, p) and what they should add up to (N, n), joints weighed."""
@@ -201,7 +221,9 @@ class System:
         for fold in range(_FOLDS):
             rows = self._fold_rows(fold)
             flat, wanted = matrix[rows].reshape(-1, len(own)), target[rows].ravel()
-            values = np.linalg.lstsq(flat, wanted, rcond=None)[0]
+            others = [triangle for k, triangle in enumerate(self._triangles) if k % _FOLDS != fold]
+            square = (np.concatenate(others, axis=1) * solution.weight[:, None, None]).reshape(-1, self.raw.shape[2] + 1)
+            values = np.linalg.lstsq(square[:, own], square[:, -1], rcond=None)[0]
             every.append(np.tile(values, (joints, 1)))
             told = essential_values(flat, wanted, blocks_of(wanted - flat @ values, joints))
             without.append(np.tile(told, (joints, 1)))
@@ -289,18 +311,30 @@ def clustered_covariance(matrix: FloatArray, residual: FloatArray, joints: int) 
     """
     length = np.linalg.norm(matrix, axis=0)
     length[length == 0] = 1.0
-    matrix = matrix / length
     blocks = blocks_of(residual, joints)
-    whole = matrix.T @ matrix
+    whole = matrix.T @ matrix / np.outer(length, length)
     moved = np.empty((len(blocks), length.size))
     for place, block in enumerate(blocks):
-        own = matrix[block]
-        left = whole - own.T @ own
-        moved[place] = np.linalg.lstsq(left, own.T @ residual[block], rcond=1e-13)[0]
+        own = matrix[block] / length
+        moved[place] = _solution(whole - own.T @ own, own.T @ residual[block])
     # Blocks of so many memories of an exponential correlation lose half of one at their seams.
     lost = 1 - 0.5 / _MEMORIES
     covariance: FloatArray = moved.T @ moved * (1 - 1 / len(blocks)) / np.outer(length, length) / lost
     return covariance
+
+
+def _solution(square: FloatArray, moment: FloatArray) -> FloatArray:
+    """Of a symmetric system (p, p) of columns of length one; the shortest where columns can hardly be told apart."""
+    from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+    try:
+        factor = cho_factor(square)
+    except LinAlgError:
+        factor = None
+    if factor is not None and np.diag(factor[0]).min() > _FIRM:
+        solution: FloatArray = cho_solve(factor, moment)
+        return solution
+    return np.asarray(np.linalg.lstsq(square, moment, rcond=1e-13)[0])
 
 
 def blocks_of(residual: FloatArray, joints: int) -> list[slice]:
