@@ -48,7 +48,7 @@ def identify_dynamics_of(
             raise InputError("--known", "is for drives, and torques were recorded", "leave it out")
         fit = identify_dynamics(logs, arm, cutoff_hz=cutoff_hz, couplings=groups, payloads=carried)
     bodies = consistent_inertias(logs, fit, payloads=carried) if consistent else None
-    scores = fit.score(logs, payloads=carried)
+    scores = fit.score(logs if fit.fitted is None else None, payloads=carried)
     model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
     urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
     if model_file is not None and out is not None:
@@ -75,7 +75,8 @@ def identify_dynamics_of(
     if fit.held_out:
         tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
         typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
-    typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows")
+    whole = "" if fit.rows_whole <= fit.rows_used else f" of {fit.rows_whole}, in blocks spread over the time"
+    typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows{whole}")
     if fit.rows_left:
         typer.echo(f"note: {fit.rows_left} rows lie in stretches between gaps too short to use")
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
@@ -170,6 +171,7 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
         "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
         "not_visible": list(fit.unseen),
         "rows_used": fit.rows_used,
+        "rows_whole": fit.rows_whole,
         "rows_left": fit.rows_left,
         "rows_dropped": sum(log.report.rows_dropped for log in logs),
     }

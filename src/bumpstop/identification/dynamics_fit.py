@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 # Rows behind the filter that a fit goes through; of more, blocks spread over the time.
-ENOUGH_TO_FIT = 30_000
+ENOUGH_TO_FIT = 15_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +74,7 @@ class DynamicsFit:
             recordings of the fit had torques.
         gain_errors: (n,) standard errors of ``gains``; 0: it was given, infinite: the recordings do not show it, and
             the scale of this joint's torque means nothing.
+        fitted: motion and torque that it was fitted to; None: read from a file, or fitted to currents.
     """
 
     robot: Robot
@@ -94,6 +95,7 @@ class DynamicsFit:
     rows_whole: int = 0
     gains: FloatArray | None = None
     gain_errors: FloatArray | None = None
+    fitted: TorqueRows | None = None
 
     def predict(self, motion: EvenMotion) -> FloatArray:
         """Joint torques (N, n) of a motion [Nm or N]."""
@@ -134,21 +136,25 @@ class DynamicsFit:
 
     def score(
         self,
-        recordings: Recording | Sequence[Recording],
+        recordings: Recording | Sequence[Recording] | None = None,
         *,
         filter_hz: float | None = None,
         payloads: Sequence[Payload | None] = (),
-        limit: int | None = None,
     ) -> tuple[JointScore, ...]:
         """Compare predicted with recorded torque.
 
         Args:
-            recordings: with torque, of the same robot; one or more, scored together.
+            recordings: with torque, of the same robot; one or more, scored together; default: ``fitted``.
             filter_hz: cut-off of the zero-phase filter that both pass for ``r2``; default: that of the fit.
             payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
-            limit: rows that are enough, as for :meth:`rows`; default: all are compared.
+
+        Raises:
+            InputError: no recordings, and no rows of the fit; else as for :meth:`rows`.
         """
-        rows = self.rows(recordings, payloads, limit=limit)
+        if recordings is None and self.fitted is None:
+            raise InputError("recordings", "there are none", "wanted one or more")
+        rows = self.fitted if recordings is None else self.rows(recordings, payloads)
+        assert rows is not None
         predicted = self.predict(rows.motion) + rows.carried
         cutoff = filter_hz or self.cutoff_hz
         smooth, smooth_predicted = rows.torque_below(cutoff), rows.filtered(predicted, cutoff)
@@ -181,8 +187,8 @@ def identify_dynamics(
     Weighted least squares on the columns that the motion can tell apart; joints weigh by their own residuals. Columns
     and torque pass the same zero-phase filter, which changes nothing in a model that is linear in its parameters.
     Predictions leave out what the recording cannot tell from zero, where held-out fifths are predicted no worse so.
-    Of recordings with more than 30 000 rows behind the filter, blocks spread over the time are fitted, and cut-off and
-    friction are chosen on 8 000.
+    Of recordings with more than 15 000 rows behind the filter, blocks spread over the time are fitted, and cut-off and
+    friction are chosen on 4 000.
 
     Args:
         recordings: with joint torques; one or more. Filters never reach from one into the next, nor across a gap of
@@ -231,6 +237,7 @@ def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
         predicting=system.essential(solution),
         rows_left=system.rows.rows_left,
         rows_whole=system.rows.rows_whole,
+        fitted=system.rows,
     )
 
 

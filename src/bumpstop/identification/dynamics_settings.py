@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # The first is taken while the cut-off is chosen; then each joint gets the best of all.
 SIGN_SHARES = (0.03, 0.001, 0.005, 0.01, 0.1, 0.3)
 # Rows behind the filter that cut-off and friction are chosen on; of more, blocks spread over the time.
-ENOUGH_TO_CHOOSE = 8_000
+ENOUGH_TO_CHOOSE = 4_000
 _CUTOFFS_HZ = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 30.0, 60.0)
 _CLEAR_GAIN = 0.95
 _AS_GOOD = 1.01

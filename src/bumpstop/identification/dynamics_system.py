@@ -208,19 +208,15 @@ class System:
         edges = np.linspace(0, self.wanted.shape[0], _PARTS + 1).astype(int).tolist()
         return [slice(a, b) for a, b in pairwise(edges)]
 
-    def _fold_rows(self, fold: int) -> np.ndarray:
-        """Rows of all fifths but one."""
-        rows = np.arange(self.wanted.shape[0])
-        return np.concatenate([rows[part] for k, part in enumerate(self._parts()) if k % _FOLDS != fold])
-
     def essential(self, solution: Solution) -> FloatArray | None:
         """Values without the parameters that cannot be told from zero; None where fifths are predicted worse so."""
         matrix, target = self.weighted(solution)
         joints, own = target.shape[1], solution.columns
         every, without = [], []
         for fold in range(_FOLDS):
-            rows = self._fold_rows(fold)
-            flat, wanted = matrix[rows].reshape(-1, len(own)), target[rows].ravel()
+            parts = [part for k, part in enumerate(self._parts()) if k % _FOLDS != fold]
+            flat = np.concatenate([matrix[part] for part in parts]).reshape(-1, len(own))
+            wanted = np.concatenate([target[part] for part in parts]).ravel()
             others = [triangle for k, triangle in enumerate(self._triangles) if k % _FOLDS != fold]
             square = (np.concatenate(others, axis=1) * solution.weight[:, None, None]).reshape(-1, self.raw.shape[2] + 1)
             values = np.linalg.lstsq(square[:, own], square[:, -1], rcond=None)[0]

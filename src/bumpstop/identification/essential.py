@@ -31,9 +31,10 @@ def essential_values(
     Returns:
         values (p,).
     """
-    length = np.linalg.norm(matrix, axis=0)
     # Products of the blocks are all that a fit and its errors need: the rows are gone through once.
-    products = np.stack([matrix[block].T @ matrix[block] for block in blocks]) / np.outer(length, length)
+    products = np.stack([matrix[block].T @ matrix[block] for block in blocks])
+    length = np.sqrt(np.diagonal(products, axis1=1, axis2=2).sum(axis=0))
+    products /= np.outer(length, length)
     moments = np.stack([matrix[block].T @ target[block] for block in blocks]) / length
     whole, wanted = products.sum(axis=0), moments.sum(axis=0)
     kept = list(range(length.size))
@@ -51,9 +52,9 @@ def essential_values(
     found = np.zeros(length.size)
     if kept:
         # Products square the condition of the columns. What is left at the rows mends that, every time by as much.
-        own, inverse = matrix[:, kept], np.linalg.inv(whole[np.ix_(kept, kept)])
+        inverse = np.linalg.inv(whole[np.ix_(kept, kept)])
         left = target
         for _ in range(_MENDINGS):
-            found[kept] += inverse @ (own.T @ left / length[kept]) / length[kept]
-            left = target - own @ found[kept]
+            found[kept] += inverse @ ((left @ matrix) / length)[kept] / length[kept]
+            left = target - matrix @ found
     return found

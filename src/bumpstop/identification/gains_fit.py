@@ -16,7 +16,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit
-from bumpstop.identification.dynamics_settings import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
+from bumpstop.identification.dynamics_settings import best_friction, choose_cutoff
 from bumpstop.identification.dynamics_system import clustered_covariance, independent, label_of
 from bumpstop.identification.robust_fit import visible_share
 from bumpstop.identification.torque_rows import TorqueRows, listed
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 # A gain is not seen when all the rest makes up its column to this share, or when its standard error is above a quarter
 # of it.
 _DEPENDENT, _KNOWN_TO = 1e-3, 0.25
+# Rows behind the filter that are enough; of more, blocks spread over the time. Every step of the search goes through all.
+_ENOUGH = 8_000
 _ROUNDS = 3  # of the joints' weights
 _STEPS, _DONE = 30, 1e-8  # of the search: most of them, and the change of the cost that ends it
 _HALVINGS = 12
@@ -76,7 +78,7 @@ def identify_gains(
     held_out: dict[float, float] = {}
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, (), payloads, currents=True)
-    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, currents=True, limit=ENOUGH_TO_CHOOSE)
+    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, currents=True, limit=_ENOUGH)
     return _found(best_friction(rows, robot, cutoff_hz, ()), fixed, held_out)
 
 

@@ -152,8 +152,13 @@ class TorqueRows:
 
     def filtered(self, x: FloatArray, cutoff_hz: float) -> FloatArray:
         """Columns (N, ...) after the zero-phase filter, each stretch for itself."""
-        parts = [lowpass(x[rows], rate, cutoff_hz) for rows, rate in zip(self.stretches, self.rate_hz, strict=True)]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        flat = x.reshape(x.shape[0], -1)
+        # Most columns act on few joints: what is zero stays so.
+        acting = np.flatnonzero(flat.any(axis=0))
+        result = np.zeros_like(flat)
+        for rows, rate in zip(self.stretches, self.rate_hz, strict=True):
+            result[rows, acting] = lowpass(flat[rows, acting], rate, cutoff_hz)
+        return result.reshape(x.shape)
 
     def torque_below(self, cutoff_hz: float) -> FloatArray:
         """Recorded torque (N, n) after the zero-phase filter, which it passes at the recorded rate.
