@@ -30,6 +30,7 @@ FIT_PER_CUTOFF = 4.0
 _DEPENDENT = 1e-4
 # Above this share of its length left beside the others before it, every column can be told apart by Cholesky's method.
 _FIRM = 1e-5
+_RATHER_FIRST = 1e-8  # share of its length that a column counts less than the one before it
 _ROUNDS = 4  # of the joints' weights
 # Held-out fifths are made of so many parts of the rows each, spread over the time: where one stretch of a short
 # recording is all that shows a parameter, the other four fifths would otherwise know nothing of it.
@@ -271,7 +272,8 @@ def independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, fl
     """Columns that the motion tells apart, and for each the others that move with it and by how much."""
     from scipy.linalg import qr, solve_triangular
 
-    scale = np.linalg.norm(matrix, axis=0)
+    # Of columns that are as good as one another the first is taken, whatever the rounding of their rows.
+    scale = np.linalg.norm(matrix, axis=0) * (1 + _RATHER_FIRST * np.arange(matrix.shape[1]))
     triangle, order = qr(matrix / scale, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     rank = int((diagonal > _DEPENDENT * diagonal[0]).sum())
