@@ -70,7 +70,7 @@ class Thresholds:
                 _positive(array, key)
             elif (array < 0).any():
                 j = int(np.argmax(array < 0))
-                raise InputError(f"{key}[{j}]", f"is {array[j]:g}", "wanted zero or more")
+                raise InputError(f"{key}[{j + 1}]", f"is {array[j]:g}", "wanted zero or more")
             object.__setattr__(self, name, array)
         if as_number(self.model_errors, "model_errors") < 0:
             raise InputError("model_errors", f"is {self.model_errors}", "wanted zero or more")
@@ -162,7 +162,7 @@ class Thresholds:
 def _positive(array: FloatArray, field: str) -> FloatArray:
     bad = np.flatnonzero(~(array > 0))
     if bad.size:
-        raise InputError(f"{field}[{bad[0]}]", f"is {array[bad[0]]:g}", _WANTED)
+        raise InputError(f"{field}[{bad[0] + 1}]", f"is {array[bad[0]]:g}", _WANTED)
     return array
 
 

@@ -161,10 +161,16 @@ def fit_joint(
             start = starting_values(sight, fixed)
             continue
         if not more:
-            break
+            try:
+                parameters = _parameters(joint.name, law, fit, unseen, known, sight, task)
+                break
+            except InputError:
+                if "A" not in law.names:
+                    raise
+                # No other map was left to choose: this one holds as far as a line does.
+                more = {"A": (0.0, f"the {kind} map that fits best does not rise all the way, A is fixed at 0")}
         for name, (value, reason) in more.items():
             fixed[name], unseen[name] = value, reason
-    parameters = _parameters(joint.name, law, fit, unseen, known, sight, task)
     predicted = task.measured - fit.residual
     estimated = _estimated(parameters, task)
     warnings = [f"{name} cannot be seen: {reason}" for name, reason in unseen.items()]
