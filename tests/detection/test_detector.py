@@ -372,8 +372,15 @@ def test_parts_of_different_arms_are_refused() -> None:
     ):
         with pytest.raises(bs.InputError, match=r"has a row every 0\.002 s"):
             made.run(Recording(t=t, q=q, tau=tau))
-    with pytest.raises(bs.InputError, match=r"thresholds_Nm\[1\]: is 0"):
+    # Joints count from 1, and have their names where the robot is known.
+    with pytest.raises(bs.InputError, match=r"thresholds_Nm\[2\]: is 0; wanted"):
         Thresholds(np.array([1.0, 0.0]))
+    with pytest.raises(bs.InputError, match=r"per_speed_Nm_s\[1\]: is nan"):
+        Thresholds(np.array([1.0, 2.0]), speed=np.array([math.nan, 0.0]))
+    with pytest.raises(bs.InputError, match=r"thresholds_Nm\[3\]: is 0 for elbow_joint; wanted"):
+        Detector(UR5E, None, [10.0, 10.0, 0.0, 10.0, 10.0, 10.0])
+    with pytest.raises(bs.InputError, match=r"thresholds_Nm\[1\]: is -3 for shoulder_pan_joint"):
+        Thresholds.parse("-3,2", [joint.name for joint in UR5E.joints])
     with pytest.raises(bs.InputError, match="'direkt' is no kind of residual; did you mean 'direct'"):
         DetectorSettings(residual="direkt")  # type: ignore[arg-type]
 
@@ -387,7 +394,7 @@ def test_threshold_files(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(again, name), getattr(made, name))
     np.testing.assert_array_equal(Thresholds.parse("1,2.5,inf").constant, [1, 2.5, math.inf])
     for text, message in (
-        ("thresholds_Nm = [1, -1]", r"thresholds_Nm\[1\]: is -1"),
+        ("thresholds_Nm = [1, -1]", r"thresholds_Nm\[2\]: is -1"),
         ("thresholds_Nm = 3", "wanted a list"),
         ("threshold = [1]", "has no key 'thresholds_Nm'"),
         ("thresholds_Nm = [1]\nfast = [1]", "'fast' is no key; did you mean 'fast_Nm'"),

@@ -157,6 +157,30 @@ def test_what_a_motion_cannot_show_is_named_and_not_made_up() -> None:
     assert given.joints[0].parameters.parameters["B"] == Parameter(12.0)
 
 
+@pytest.mark.parametrize("kind", ["odd", "load_dependent"])
+def test_a_joint_at_rest_whose_map_does_not_rise_is_named(kind: str) -> None:
+    """Neither law of a bend fits: a current like the square of the torque, or one beside which nothing shows a bend."""
+    robot = bs.Robot.load("ur5e")
+    t, *moves = fourier(robot, 20.0, 100.0, 1)
+    rest = 1 if kind == "odd" else 0
+    for still, x in zip((moves[0][0, rest], 0.0, 0.0), moves, strict=True):
+        x[:, rest] = still
+    if kind == "load_dependent":
+        others = [j for j in range(robot.dof) if j != 1]
+        for still, x in zip((moves[0][0, others], 0.0, 0.0), moves, strict=True):
+            x[:, others] = still
+    model = drives(robot, inverse_dynamics(without_rotors(robot), *fourier(robot, 15.0, 100.0, 1)[1:]))
+    log = driven(robot, (t, *moves), model, 1, encoder=0.0)
+    if kind == "odd":
+        assert log.current is not None
+        own = log.current[:, rest]
+        log.current[:, rest] = own * np.abs(own) / np.abs(own).max()
+    fit = identify_joint_model(log, robot, maps=[kind], joints=[rest], cutoff_hz=10.0, rest_speed=0.01)
+    assert fit.joints[0].parameters.parameters["A"] == Parameter(0.0)
+    assert {"A", "D", "F"} <= set(fit.joints[0].unseen)
+    assert any(warning.startswith(f"{robot.joints[rest].name}: A cannot be seen") for warning in fit.warnings)
+
+
 def test_payload_that_is_declared_is_not_taken_for_gain() -> None:
     robot = bs.Robot.load("ur5e")
     carrying = with_payload(robot, 4.0, (0.0, 0.0, 0.08))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import bumpstop as bs
 from bumpstop.identification import Payload, identify_dynamics, with_payload
 from bumpstop.identification.motion import lowpass
+from bumpstop.identification.torque_columns import torque_columns, torque_of
 from bumpstop.identification.torque_rows import TorqueRows
 from bumpstop.identification.validation import compare_dynamics
 from bumpstop.model import inverse_dynamics
@@ -65,6 +68,68 @@ def test_torque_is_filtered_before_it_is_thinned() -> None:
     inside = slice(10, -10)
     assert np.abs(lowpass(rows.torque, rows.motion.rate_hz, 12.0)[inside]).max() > 0.5
     assert np.abs(rows.torque_below(12.0)[inside]).max() < 1e-3
+
+
+def test_blocks_are_cut_out_behind_the_filter() -> None:
+    """Rows of a block are those of the whole recording, of which they are spread over all; no recording goes without."""
+    robot = bs.Robot.load("ur5e")
+    logs = [planted(robot, 1, seconds=120.0), planted(robot, 2, seconds=8.0)]
+    whole, blocks = (TorqueRows.of(logs, robot, 5.0, limit=limit) for limit in (None, 2000))
+    assert blocks.rows_whole == whole.rows_whole == whole.motion.t.size
+    assert 1900 < blocks.motion.t.size <= 4000
+    ends = [rows.stop for rows in blocks.stretches]
+    assert blocks.motion.t[0] == whole.motion.t[0]
+    # Blocks of the first recording reach its end; the second follows.
+    assert blocks.motion.t.max() > 119.8
+    assert (np.diff(blocks.motion.t) < 0).sum() == 1
+    first = blocks.motion.t[: ends[-2]]
+    assert np.diff(first).max() < 120 / (len(ends) - 2)
+    for name in NAMES[1:]:
+        truth, own = getattr(whole.motion, name), getattr(blocks.motion, name)[: ends[-2]]
+        on_grid = np.stack([np.interp(first, whole.motion.t[:6000], truth[:6000, j]) for j in range(robot.dof)], axis=1)
+        np.testing.assert_allclose(own, on_grid, atol=0.004 * np.abs(truth).max())
+    assert blocks.torque_below(20.0).shape == blocks.torque.shape
+    # A limit that all rows keep changes nothing, and very many stretches cost no more rows than twice the limit.
+    assert np.array_equal(TorqueRows.of(logs, robot, 5.0, limit=10_000).torque, whole.torque)
+    t = logs[0].t + 0.7 * np.floor(logs[0].t / 1.5)
+    short = replace(logs[0], t=t)
+    assert 500 < TorqueRows.of([short], robot, 5.0, limit=1000).motion.t.size <= 2000
+
+
+def test_a_long_recording_gives_the_parameters_of_all_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fitted in blocks and as a whole: parameters agree within what the rows that are left out can move them."""
+    robot = bs.Robot.load("ur10e")
+    log = planted(robot, 1, seconds=90.0)
+    whole = identify_dynamics(log, robot, cutoff_hz=8.0)
+    monkeypatch.setattr("bumpstop.identification.dynamics_fit.ENOUGH_TO_FIT", 3000)
+    few = identify_dynamics(log, robot, cutoff_hz=8.0)
+    assert few.rows_whole == whole.rows_whole == whole.rows_used == 9000
+    assert 2900 < few.rows_used <= 6000
+    distances = []
+    for j in range(robot.dof):
+        for name in ("coulomb", "viscous"):
+            (own, error), (other, other_error) = (parameter(fit, f"{name}_{j + 1}") for fit in (few, whole))
+            assert other_error < error
+            # The whole is the best of both: their difference has the variance that the whole has less.
+            distances.append((own - other) / np.sqrt(error**2 - other_error**2))
+    # 12 differences at four standard deviations: one chance in 1300 by the normal law.
+    assert np.abs(distances).max() < 4
+    scores = [[score.rmse for score in fit.score(log)] for fit in (few, whole)]
+    # Some ten parameters a joint, and noise of 3000 / 9 independent rows: predictions are worse by 1.5 %, give or take.
+    np.testing.assert_allclose(scores[0], scores[1], rtol=0.05)
+    assert [score.rmse for score in whole.score()] == scores[1]
+
+
+def test_predictions_are_columns_times_values() -> None:
+    """Torque by Newton-Euler of two chains, and the sum of the columns, are two routes to one number."""
+    robot = bs.Robot.load("ur10e")
+    couplings = [[(4, 1.0), (5, -0.5)]]
+    motion = TorqueRows.of([planted(robot, 3, seconds=5.0)], robot, 8.0).motion
+    speeds = np.full(7, 0.2)
+    columns = torque_columns(robot, motion, speeds, couplings, 5 * speeds)
+    values = np.random.default_rng(5).normal(size=columns.shape[2])
+    torque = torque_of(robot, motion, values, speeds, couplings, 5 * speeds)
+    np.testing.assert_allclose(torque, columns @ values, rtol=1e-9, atol=1e-9 * np.abs(torque).max())
 
 
 def test_two_recordings_show_what_one_does_not() -> None:

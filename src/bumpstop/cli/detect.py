@@ -63,8 +63,8 @@ def detect(
     from bumpstop.detection import DetectorSettings, Thresholds
     from bumpstop.detection import detect as run_detector
 
-    law = Thresholds.parse(thresholds)
     given, arm = load_model(model, robot, base, tip)
+    law = Thresholds.parse(thresholds, [joint.name for joint in arm.joints])
     settings = DetectorSettings(
         residual=residual,  # type: ignore[arg-type]
         observer_gain_1_s=observer_gain,
@@ -104,8 +104,8 @@ def detector(
     from bumpstop.detection import Detector, DetectorSettings, Thresholds, save_detector
     from bumpstop.identification import DynamicsFit
 
-    law = Thresholds.parse(thresholds)
     given, arm = load_model(model, robot, base, tip)
+    law = Thresholds.parse(thresholds, [joint.name for joint in arm.joints])
     if isinstance(given, DynamicsFit):
         raise InputError("--model", "fitted dynamics look ahead and cannot run in a loop", "give a joint model")
     settings = DetectorSettings(

@@ -50,7 +50,7 @@ def command(
     found = _found(
         arm,
         q,
-        Thresholds.of(Thresholds.parse(thresholds), arm.dof).constant.tolist(),
+        Thresholds.of(Thresholds.parse(thresholds, [joint.name for joint in arm.joints]), arm.dof).constant.tolist(),
         numbers(direction, "--direction", 3),
         {
             "link": link,

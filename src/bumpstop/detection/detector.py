@@ -68,7 +68,7 @@ class Detector:
         """
         self.robot = robot
         self.model = model
-        self.thresholds = Thresholds.of(thresholds, robot.dof)
+        self.thresholds = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
         self.settings = settings or DetectorSettings()
         self.notes: tuple[str, ...] = ()
         self._drives = MatchedDrives(robot, model, self.thresholds.watched)

@@ -59,7 +59,7 @@ def detect(
         raise InputError("residual", f"{given.residual!r} is not available with fitted dynamics", "valid: 'direct'")
     if model.robot.dof != robot.dof:
         raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
-    law = Thresholds.of(thresholds, robot.dof)
+    law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
     if law.model_errors > 0:
         raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
     motion, residual = model.residual(recording)

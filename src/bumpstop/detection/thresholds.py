@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,7 @@ class Thresholds:
         fast: (n,) of the band-passed channel [Nm], above 0; default: infinite, not watched.
         model_errors: standard errors of the joint model's torque to add.
         period_s: between the samples they were found for [s]; None: not said.
+        joints: names of the joints, for errors; or empty.
     """
 
     constant: FloatArray
@@ -56,21 +57,22 @@ class Thresholds:
     fast: FloatArray | None = None
     model_errors: float = 0.0
     period_s: float | None = None
+    joints: InitVar[Sequence[str]] = ()
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, joints: Sequence[str]) -> None:
         constant = as_float_array(self.constant, "thresholds_Nm", (None,), finite=False)
-        object.__setattr__(self, "constant", _positive(constant, "thresholds_Nm"))
+        object.__setattr__(self, "constant", constant)
+        _check("thresholds_Nm", constant, constant > 0, _WANTED, joints)
         n = constant.size
         for key, name in list(_KEYS.items())[1:]:
             value = getattr(self, name)
             if value is None:
                 value = np.full(n, math.inf if name == "fast" else 0.0)
-            array = as_float_array(value, key, (n,), finite=name != "fast")
+            array = as_float_array(value, key, (n,), finite=False)
             if name == "fast":
-                _positive(array, key)
-            elif (array < 0).any():
-                j = int(np.argmax(array < 0))
-                raise InputError(f"{key}[{j + 1}]", f"is {array[j]:g}", "wanted zero or more")
+                _check(key, array, array > 0, _WANTED, joints)
+            else:
+                _check(key, array, (array >= 0) & np.isfinite(array), "wanted zero or more", joints)
             object.__setattr__(self, name, array)
         if as_number(self.model_errors, "model_errors") < 0:
             raise InputError("model_errors", f"is {self.model_errors}", "wanted zero or more")
@@ -83,35 +85,40 @@ class Thresholds:
         return int(self.constant.size)
 
     @classmethod
-    def of(cls, given: Thresholds | npt.ArrayLike, dof: int) -> Thresholds:
-        """Thresholds, or numbers, for a robot of ``dof`` joints.
+    def of(cls, given: Thresholds | npt.ArrayLike, dof: int, joints: Sequence[str] = ()) -> Thresholds:
+        """Thresholds, or numbers, for a robot of ``dof`` joints, whose names errors say.
 
         Raises:
             InputError: of another length, or none that can be used.
         """
         made = (
-            given if isinstance(given, Thresholds) else cls(as_float_array(given, "thresholds", (None,), finite=False))
+            given
+            if isinstance(given, Thresholds)
+            else cls(as_float_array(given, "thresholds", (None,), finite=False), joints=joints)
         )
         if made.dof != dof:
             raise InputError("thresholds", f"{made.dof} of them", f"the robot has {dof} joints: wanted {dof}")
         return made
 
     @classmethod
-    def parse(cls, text: str) -> Thresholds:
-        """Numbers with commas between them (``20,10,inf``), or the path of a file for :meth:`load`."""
+    def parse(cls, text: str, joints: Sequence[str] = ()) -> Thresholds:
+        """Numbers with commas between them (``20,10,inf``), or the path of a file for :meth:`load`.
+
+        ``joints``: of the robot, whose names errors say.
+        """
         try:
             numbers = [float(part) for part in text.split(",")]
         except ValueError:
-            return cls.load(text)
-        return cls(np.array(numbers))
+            return cls.load(text, joints)
+        return cls(np.array(numbers), joints=joints)
 
     @classmethod
-    def load(cls, path: str | Path) -> Thresholds:
+    def load(cls, path: str | Path, joints: Sequence[str] = ()) -> Thresholds:
         """Read a TOML file, or a JSON object as ``tune`` prints it.
 
         Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
         ``fast_Nm``, ``model_errors``, ``period_s``. Others are refused in TOML and passed over in JSON, where null
-        stands for infinity.
+        stands for infinity. ``joints``: of the robot, whose names errors say.
 
         Raises:
             InputError: the file cannot be read, or holds something else.
@@ -139,7 +146,7 @@ class Thresholds:
                 fields[_KEYS[key]] = _column(value, f"{where}: {key}")
             elif key in known and value is not None:
                 fields[key] = value
-        return cls(**fields)
+        return cls(**fields, joints=joints)
 
     def save(self, path: str | Path) -> None:
         """Write them as TOML, so that :meth:`load` gives equal ones."""
@@ -159,11 +166,13 @@ class Thresholds:
         return [bool(seen) for seen in np.isfinite(self.constant) | np.isfinite(self.fast)]
 
 
-def _positive(array: FloatArray, field: str) -> FloatArray:
-    bad = np.flatnonzero(~(array > 0))
+def _check(key: str, values: FloatArray, usable: npt.NDArray[np.bool_], wanted: str, joints: Sequence[str]) -> None:
+    """Refuse the first of ``values`` (n,) that cannot be used: joints count from 1, and are named where they can be."""
+    bad = np.flatnonzero(~usable)
     if bad.size:
-        raise InputError(f"{field}[{bad[0] + 1}]", f"is {array[bad[0]]:g}", _WANTED)
-    return array
+        j = int(bad[0])
+        name = f" for {joints[j]}" if j < len(joints) else ""
+        raise InputError(f"{key}[{j + 1}]", f"is {values[j]:g}{name}", wanted)
 
 
 def _column(value: Any, where: str) -> FloatArray:

@@ -48,9 +48,7 @@ def choose_cutoff(
     held_out: dict[float, float] = {}
     for candidate in _CUTOFFS_HZ:
         if candidate <= 0.4 * rate:
-            rows = TorqueRows.of(
-                recordings, robot, candidate, payloads, currents=currents, limit=ENOUGH_TO_CHOOSE
-            )
+            rows = TorqueRows.of(recordings, robot, candidate, payloads, currents=currents, limit=ENOUGH_TO_CHOOSE)
             system = System.of(rows, robot, candidate, couplings, SIGN_SHARES[0])
             predicted = system.left_out(system.raw)
             wanted = rows.torque_below(reference)

@@ -219,7 +219,9 @@ class System:
             flat = np.concatenate([matrix[part] for part in parts]).reshape(-1, len(own))
             wanted = np.concatenate([target[part] for part in parts]).ravel()
             others = [triangle for k, triangle in enumerate(self._triangles) if k % _FOLDS != fold]
-            square = (np.concatenate(others, axis=1) * solution.weight[:, None, None]).reshape(-1, self.raw.shape[2] + 1)
+            square = (np.concatenate(others, axis=1) * solution.weight[:, None, None]).reshape(
+                -1, self.raw.shape[2] + 1
+            )
             values = np.linalg.lstsq(square[:, own], square[:, -1], rcond=None)[0]
             every.append(np.tile(values, (joints, 1)))
             told = essential_values(flat, wanted, blocks_of(wanted - flat @ values, joints))

@@ -117,8 +117,6 @@ def _chain_torque(
     centers: FloatArray,
     tensors: FloatArray,
 ) -> FloatArray:
-    kernel = core.Dynamics(
-        chain=robot.chain, mass=masses, center=centers, tensor=tensors, rotor=np.zeros(robot.dof)
-    )
+    kernel = core.Dynamics(chain=robot.chain, mass=masses, center=centers, tensor=tensors, rotor=np.zeros(robot.dof))
     torque: FloatArray = kernel.inverse_dynamics(q, qd, qdd, np.array(gravity), None, 0, np.zeros(3))
     return torque

@@ -96,9 +96,7 @@ class Sight:
             if not errors["inertia"] < sure:
                 found["inertia"] = (0.0, "the joint hardly accelerates, its inertia stays unknown and counts as 0")
         share = dict(zip(law.names, fit.visible.tolist(), strict=True)).get("A", 1.0)
-        if "A" in errors and not (
-            share >= _DEPENDENT and errors["A"] * self.torque < _SURE_BEND * values["B"] ** 2
-        ):
+        if "A" in errors and not (share >= _DEPENDENT and errors["A"] * self.torque < _SURE_BEND * values["B"] ** 2):
             found["A"] = (0.0, "the torques are too small or too much alike to show the map's bend, A is fixed at 0")
         return found
 

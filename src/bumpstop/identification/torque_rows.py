@@ -181,13 +181,15 @@ def _blocks(
     Returns:
         Number of the recording, rows of a stretch, and the first and last time of a block in it [s]; None: all of it.
     """
-    spans = [float(recordings[number].t[rows.stop - 1] - recordings[number].t[rows.start]) for number, rows, _ in stretches]
+    spans = [
+        float(recordings[number].t[rows.stop - 1] - recordings[number].t[rows.start]) for number, rows, _ in stretches
+    ]
     sizes = [span * rate for span, (_, _, rate) in zip(spans, stretches, strict=True)]
     rows_whole = sum(int(size) + 1 for size in sizes)
     if limit is None or rows_whole <= limit:
         return [(number, rows, None) for number, rows, _ in stretches], rows_whole
     # Of very many stretches every so manieth, counted from the first of each recording.
-    every = math.ceil(len(stretches) * _LEAST_BLOCK / limit)
+    every = math.ceil(sum(min(size, _LEAST_BLOCK) for size in sizes) / limit)
     firsts = {number: place for place, (number, _, _) in reversed(list(enumerate(stretches)))}
     kept = [place for place, (number, _, _) in enumerate(stretches) if (place - firsts[number]) % every == 0]
     total = sum(sizes[place] for place in kept)
