@@ -45,7 +45,7 @@ def recorded(*, torques: bool = False) -> Recording:
 
 
 def million_rows(row: Callable[..., None]) -> None:
-    """Print work of the cores, time and memory of ``bumpstop identify``, joint model and dynamics, start of the interpreter included."""
+    """Print work of the cores, time and memory of ``bumpstop identify``, start of the interpreter included."""
     row("", "measured", "target", None)
     for model, kind, *settings in (
         ("joint", "parquet"),

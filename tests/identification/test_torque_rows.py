@@ -71,7 +71,7 @@ def test_torque_is_filtered_before_it_is_thinned() -> None:
 
 
 def test_blocks_are_cut_out_behind_the_filter() -> None:
-    """Rows of a block are those of the whole recording, of which they are spread over all; no recording goes without."""
+    """Rows of a block are those of the whole recording; blocks are spread over it, and no recording goes without."""
     robot = bs.Robot.load("ur5e")
     logs = [planted(robot, 1, seconds=120.0), planted(robot, 2, seconds=8.0)]
     whole, blocks = (TorqueRows.of(logs, robot, 5.0, limit=limit) for limit in (None, 2000))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 # Rows behind the filter that a fit goes through; of more, blocks spread over the time.
-ENOUGH_TO_FIT = 15_000
+ENOUGH_TO_FIT = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,7 +187,7 @@ def identify_dynamics(
     Weighted least squares on the columns that the motion can tell apart; joints weigh by their own residuals. Columns
     and torque pass the same zero-phase filter, which changes nothing in a model that is linear in its parameters.
     Predictions leave out what the recording cannot tell from zero, where held-out fifths are predicted no worse so.
-    Of recordings with more than 15 000 rows behind the filter, blocks spread over the time are fitted, and cut-off and
+    Of recordings with more than 10 000 rows behind the filter, blocks spread over the time are fitted, and cut-off and
     friction are chosen on 4 000.
 
     Args:

@@ -115,7 +115,7 @@ class System:
     def solved(self) -> Solution:
         """Weighted least squares on the independent columns."""
         columns, wanted = self.columns, self.wanted
-        whole = np.linalg.qr(np.concatenate(self._triangles, axis=1), mode="r")
+        whole = _triangle(np.concatenate(self._triangles, axis=1))
         length = np.sqrt((whole[:, :, :-1] ** 2).sum(axis=(0, 1)))
         seen = np.flatnonzero(length > 1e-9 * length.max())
         weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
@@ -147,9 +147,7 @@ class System:
         weights, folds and choices of columns go through these instead.
         """
         return [
-            np.linalg.qr(
-                np.concatenate([self.columns[part], self.wanted[part][:, :, None]], axis=2).transpose(1, 0, 2), mode="r"
-            )
+            _triangle(np.concatenate([self.columns[part], self.wanted[part][:, :, None]], axis=2).transpose(1, 0, 2))
             for part in self._parts()
         ]
 
@@ -321,6 +319,11 @@ def clustered_covariance(matrix: FloatArray, residual: FloatArray, joints: int) 
     lost = 1 - 0.5 / _MEMORIES
     covariance: FloatArray = moved.T @ moved * (1 - 1 / len(blocks)) / np.outer(length, length) / lost
     return covariance
+
+
+def _triangle(rows: FloatArray) -> FloatArray:
+    """Upper triangles (n, up to p, p) with the squares of rows (n, N, p)."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _solution(square: FloatArray, moment: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # A gain is not seen when all the rest makes up its column to this share, or when its standard error is above a quarter
 # of it.
 _DEPENDENT, _KNOWN_TO = 1e-3, 0.25
-# Rows behind the filter that are enough; of more, blocks spread over the time. Every step of the search goes through all.
+# Rows behind the filter that are enough, as every step of the search goes through all of them; of more, blocks.
 _ENOUGH = 8_000
 _ROUNDS = 3  # of the joints' weights
 _STEPS, _DONE = 30, 1e-8  # of the search: most of them, and the change of the cost that ends it

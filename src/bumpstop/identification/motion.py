@@ -43,7 +43,7 @@ def even_grid(t: FloatArray) -> tuple[FloatArray, float]:
 
 
 def onto(grid: FloatArray, t: FloatArray, x: FloatArray) -> FloatArray:
-    """Columns of ``x`` (N, n) at the times of a grid, straight between samples; ``x`` itself where these are its own."""
+    """Columns of ``x`` (N, n) at the times of a grid, straight between samples; ``x`` itself at its own times."""
     if grid.size == t.size and float(np.abs(grid - t).max()) < _EVEN * (t[-1] - t[0]) / t.size:
         return x
     return np.stack([np.interp(grid, t, x[:, j]) for j in range(x.shape[1])], axis=1)
