@@ -174,8 +174,8 @@ def test_refusals() -> None:
 
 def test_default_rate_is_what_the_recording_carries() -> None:
     short, long = residuals(0.02, 1), residuals(0.4, 2)
-    assert tune(short).target == pytest.approx(1 / (5 * 0.02))
-    assert tune([short, short]).target == pytest.approx(1 / (5 * 0.04))
+    assert tune(short).target == pytest.approx(1 / (10 * 0.02))
+    assert tune([short, short]).target == pytest.approx(1 / (10 * 0.04))
     assert tune(long).target == 1.0
     assert not any("No rate" in note for note in tune(long).notes + tune(short, 10.0).notes)
 
@@ -184,7 +184,7 @@ def test_default_rate_is_what_the_recording_carries() -> None:
 def test_real_arms(folder: str, arm: str, cutoff_hz: float) -> None:
     """Model and thresholds from the first half of a recording; the second half must not alarm.
 
-    The default asks for one alarm in five times what the first half shows.
+    The default asks for one alarm in ten times what the first half shows.
     """
     place = SHARED / "data" / folder
     if not place.is_dir():

@@ -27,7 +27,7 @@ def command(
         float | None,
         typer.Option(
             help="Wanted false alarms an hour, of all joints together.",
-            show_default="one in five times the recordings' length, at least 1",
+            show_default="one in ten times the recordings' length, at least 1",
         ),
     ] = None,
     model: ModelFile = None,

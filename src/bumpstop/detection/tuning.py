@@ -17,7 +17,7 @@ from bumpstop.errors import InputError
 FARTHEST = 100
 """Rates below one in so many times the recorded hours are flagged as extrapolated."""
 # What is asked for where no rate is given: so many an hour, or one alarm in so many times the recordings' length.
-_DEFAULT_PER_HOUR, _DEFAULT_REACH = 1.0, 5.0
+_DEFAULT_PER_HOUR, _DEFAULT_REACH = 1.0, 10.0
 _BIASED = 0.3  # of a threshold
 _ENOUGH = 30  # peaks of a joint: with fewer its largest residual says more than a tail fitted to them
 # Of a joint's peaks, how many pass the level that settles its share. A level passed once is chance, and the largest
@@ -113,7 +113,7 @@ def tune(
     Args:
         series: one or several recordings with the same joints and rate.
         per_hour: wanted false alarms an hour, of all joints together; default: what the recordings can carry, one alarm
-            in five times their length, but no fewer than one an hour.
+            in ten times their length, but no fewer than one an hour.
         joints: numbers from 0 of those to watch; default: all.
         confidence: of the intervals, between 0.5 and 0.999.
 
@@ -161,7 +161,7 @@ def tune(
 
 
 def default_per_hour(parts: Sequence[ResidualSeries]) -> float:
-    """False alarms an hour that are wanted if none are told: one in five times the recordings, at least one an hour."""
+    """False alarms an hour that are wanted if none are told: one in ten times the recordings, at least one an hour."""
     hours = sum(len(part.rows) * part.period for part in parts) / 3600
     return max(_DEFAULT_PER_HOUR, 1 / (_DEFAULT_REACH * hours)) if hours > 0 else _DEFAULT_PER_HOUR
 
