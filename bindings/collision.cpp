@@ -2,30 +2,13 @@
 #include "bumpstop/collision/batch.hpp"
 #include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
-#include "common.hpp"
+#include "setup.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace {
 
 using L = NativeLanes;
-
-// Arm, motion, contact point and reaction: all that a stopping curve depends on but the pose and the
-// velocity.
-struct Setup {
-    Chain chain;
-    MotionSettings motion;
-    ContactGeometry contact;
-    Timing timing;
-    ReactionKind reaction = ReactionKind::reverse;
-};
-
-OffsetLaw offset_law(const std::string& kind, double size) {
-    return {kind == "half_normal" ? OffsetKind::half_normal
-            : kind == "uniform"   ? OffsetKind::uniform
-                                  : OffsetKind::fixed,
-            size};
-}
 
 const char* end_name(PathEnd end) {
     switch (end) {
@@ -39,8 +22,6 @@ const char* end_name(PathEnd end) {
             return "horizon";
     }
 }
-
-Vector3 vector3(Vector v) { return {v(0), v(1), v(2)}; }
 
 Setup make_setup(const Chain& chain, int tip_link, Vector tip_point, int task_rows, const std::vector<int>& free_joints,
                  double damping, double step, int substeps, Vector acceleration, Vector velocity, Vector lower,

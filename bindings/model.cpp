@@ -1,6 +1,6 @@
 // Chains and their kinematics.
 #include "bumpstop/model/kinematics.hpp"
-#include "common.hpp"
+#include "registers.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -19,21 +19,6 @@ Chain make_chain(const std::vector<bool>& prismatic, Matrix origin, Tensor rotat
         }
     }
     return Chain(specs);
-}
-
-// Calls visit(first, count, q, posture) for registers of rows of q.
-template <class Visit>
-void for_registers(const Chain& chain, Matrix q, Visit visit) {
-    const std::size_t n = q.shape(0);
-    for (std::size_t first = 0; first < n; first += native_lanes) {
-        L position[max_joints];
-        load_rows(q, first, position);
-        JointAngles<L> angle;
-        angle.set(chain, position);
-        Posture<L> posture;
-        forward_kinematics(chain, position, angle, posture);
-        visit(first, int(std::min<std::size_t>(native_lanes, n - first)), posture);
-    }
 }
 
 NewArray<double>::Array poses(const Chain& chain, Matrix q, int link, Vector point) {

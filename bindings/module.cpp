@@ -11,8 +11,8 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_joint(module);
     bumpstop::bind_detection(module);
     bumpstop::bind_sensitivity(module);
-    bumpstop::bind_foretold_force(module);
     bumpstop::bind_workspace(module);
     bumpstop::bind_collision(module);
+    bumpstop::bind_foretold_force(module);
     bumpstop::bind_trajectory(module);
 }

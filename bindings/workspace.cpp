@@ -1,7 +1,7 @@
 // What a study of the workspace asks of poses: self-collision, and singular values of some columns.
 #include "bumpstop/model/singular_values.hpp"
 #include "bumpstop/study/capsules.hpp"
-#include "common.hpp"
+#include "registers.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -10,22 +10,14 @@ namespace {
 using L = NativeLanes;
 
 NewArray<bool>::Array self_collisions(const Chain& chain, Matrix q, int tip_link, Vector tip_point, double radius) {
-    const std::size_t n = q.shape(0);
-    NewArray<bool> out({n});
+    NewArray<bool> out({q.shape(0)});
     {
         nb::gil_scoped_release unlocked;
         const LinkPoint tip = link_point(chain, tip_link, {tip_point(0), tip_point(1), tip_point(2)});
-        for (std::size_t first = 0; first < n; first += native_lanes) {
-            L position[max_joints];
-            load_rows(q, first, position);
-            JointAngles<L> angle;
-            angle.set(chain, position);
-            Posture<L> posture;
-            forward_kinematics(chain, position, angle, posture);
+        for_registers(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
             const L hit = select(self_collision(chain, posture, tip, radius), L(1.0), L(0.0));
-            for (std::size_t lane = 0; lane < std::min<std::size_t>(native_lanes, n - first); ++lane)
-                out.data[first + lane] = lane_of(hit, int(lane)) > 0.5;
-        }
+            for (int lane = 0; lane < count; ++lane) out.data[first + lane] = lane_of(hit, lane) > 0.5;
+        });
     }
     return out.release();
 }
@@ -41,38 +33,15 @@ NewArray<double>::Array segment_distances(Matrix p, Matrix p_end, Matrix r, Matr
 template <int Rows>
 NewArray<double>::Array singular_values_of_columns(const Chain& chain, Matrix q, int link, Vector point,
                                                    const std::vector<int>& columns) {
-    const std::size_t n = q.shape(0);
-    NewArray<double> out({n, std::size_t(Rows)});
+    NewArray<double> out({q.shape(0), std::size_t(Rows)});
     {
         nb::gil_scoped_release unlocked;
         const LinkPoint place = link_point(chain, link, {point(0), point(1), point(2)});
-        for (std::size_t first = 0; first < n; first += native_lanes) {
-            L position[max_joints];
-            load_rows(q, first, position);
-            JointAngles<L> angle;
-            angle.set(chain, position);
-            Posture<L> posture;
-            forward_kinematics(chain, position, angle, posture);
-            const Point3<L> p = posture.position(place);
-            L row[Rows][max_joints], values[Rows];
-            int count = 0;
-            for (const int j : columns) {
-                if (j > place.link) continue;
-                const Point3<L> linear = linear_column(chain, posture, p, j);
-                row[0][count] = linear.x;
-                row[1][count] = linear.y;
-                row[2][count] = linear.z;
-                if constexpr (Rows == 6) {
-                    const double turns = chain.joint[j].turns;
-                    row[3][count] = posture.axis[j].x * turns;
-                    row[4][count] = posture.axis[j].y * turns;
-                    row[5][count] = posture.axis[j].z * turns;
-                }
-                ++count;
-            }
-            singular_values_of<Rows>(row, count, values);
-            store_rows(values, Rows, first, int(std::min<std::size_t>(native_lanes, n - first)), out.data.get());
-        }
+        for_registers(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
+            L values[Rows];
+            singular_values<Rows>(chain, posture, place, columns.data(), int(columns.size()), values);
+            store_rows(values, Rows, first, count, out.data.get());
+        });
     }
     return out.release();
 }

@@ -162,7 +162,8 @@ def test_single_scenario_is_the_batch_of_one() -> None:
 @pytest.mark.parametrize("per_tick", [0.3, 5.0, 60.0])
 def test_silence_gives_the_mean_of_drawn_ticks(sd: float, per_tick: float) -> None:
     thresholds, a = np.array([10.0, 16.0]), np.array([0.25, -0.5])
-    settings = (a, per_tick, thresholds, np.full(2, sd), np.zeros(2), 1e-3)
+    detector = core.Detector(thresholds, np.full(2, sd), np.zeros(2), 0.0, 0.0, 0.0)
+    settings = (detector, a, per_tick, 1e-3)
     mean, _, silence = core.notice_ramp(*settings, cautious=False)
     _, worst, at_most = core.notice_ramp(*settings, cautious=True)
     assert (np.diff(at_most) <= 0).all()

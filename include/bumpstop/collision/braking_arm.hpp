@@ -240,10 +240,12 @@ class BrakingArm {
         const MaskOf<T> reaches = limited_change(motion_, wanted.free, state, change);
         T off = 0.0, largest = 0.0, largest_rate = 0.0;
         for (int f = 0; f < n; ++f) {
-            if (follows) change[f] = select(reaches, wanted.free[f], change[f]);
+            if (follows) {
+                change[f] = select(reaches, wanted.free[f], change[f]);
+                largest_rate = maximum(largest_rate, absolute(wanted.free[f]));
+            }
             off = maximum(off, absolute(change[f] - history_.combine(weights.predict, f)));
             largest = maximum(largest, absolute(change[f]));
-            largest_rate = maximum(largest_rate, absolute(wanted.free[f]));
         }
         const T allowed = follows ? select(reaches, largest_rate * following_leap_tolerance, largest * tolerance_)
                                   : largest * tolerance_;

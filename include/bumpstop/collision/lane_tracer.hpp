@@ -171,7 +171,7 @@ class LaneTracer {
             const double time = (double(path.ticks) * timing_.period + 1) * motion_.step;
             ++path.ticks;
             for (int j = 0; j < chain_.dof; ++j) path.torque_per_N.push_back(lane_of(torque[j], i));
-            if (time >= detector_.arming_delay - 1e-12) at.survival *= silent;
+            if (detector_.armed(time)) at.survival *= silent;
             if (at.survival < certain_survival) {
                 path.end = PathEnd::certain_detection;
                 at.last_step = step + timing_.latency;

@@ -17,6 +17,8 @@ struct OffsetLaw {
 
     /// A half-normal beyond seven sd has 2.6e-12 of its probability; the law is cut there and normalised.
     static constexpr double reach = 7;
+    inline static const double beyond_reach = std::erfc(reach * 0.70710678118654752440);
+    inline static const double within_reach = std::erf(reach * 0.70710678118654752440);
 
     double largest() const { return kind == OffsetKind::half_normal ? reach * size : size; }
 
@@ -25,7 +27,7 @@ struct OffsetLaw {
     T density(T o) const {
         if (kind == OffsetKind::uniform) return 1 / size;
         const T z = o * (1 / size);
-        const double normalised = 0.79788456080286535588 / (size * std::erf(reach * 0.70710678118654752440));
+        const double normalised = 0.79788456080286535588 / (size * within_reach);
         return exp_negative(T(0.5 * z * z), T(0.0)) * normalised;
     }
     double probability_beyond(double o) const {
@@ -33,9 +35,7 @@ struct OffsetLaw {
         if (o <= 0) return 1;
         if (kind == OffsetKind::uniform) return 1 - o / size;
         if (kind == OffsetKind::fixed) return 1;
-        const double all = std::erf(reach * 0.70710678118654752440);
-        const double beyond = std::erfc(reach * 0.70710678118654752440);
-        return (std::erfc(o / size * 0.70710678118654752440) - beyond) / all;
+        return (std::erfc(o / size * 0.70710678118654752440) - beyond_reach) / within_reach;
     }
 };
 

@@ -34,7 +34,7 @@ class QuietTicks {
     }
 
     double time(int k) const { return (double(k) * period_ + 1) * step_; }
-    bool armed(int k) const { return time(k) >= detector_.arming_delay - 1e-12; }
+    bool armed(int k) const { return detector_.armed(time(k)); }
 
     /// Probability of no alarm in all armed ticks before tick k, and of an alarm among them.
     double silence_before(int k) const { return std::exp(log_silence_[clamped(k)]); }

@@ -87,8 +87,7 @@ class Sampler {
         const int ticks = curve.path.ticks;
         s_.resize(ticks);
         for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, timing.period);
-        while (first_armed_ < ticks &&
-               (double(first_armed_) * timing.period + 1) * motion.step < detector.arming_delay - 1e-12)
+        while (first_armed_ < ticks && !detector.armed((double(first_armed_) * timing.period + 1) * motion.step))
             ++first_armed_;
         for (int w = 0; w < detector.watched; ++w) {
             pair_[w] = detector.joint[w] / 2;

@@ -21,6 +21,8 @@ struct ThresholdDetector {
     /// The observer's first-order filter: the share of the old residual that a tick keeps; 0: the direct residual.
     double filter = 0;
 
+    /// Whether it is armed at this time since the motion began [s].
+    bool armed(double time) const { return time >= arming_delay - 1e-12; }
     /// Ticks are not judged each by itself.
     bool remembers() const { return correlation != 0 || filter != 0; }
 

@@ -62,26 +62,39 @@ void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
     for (int a = columns; a < Rows; ++a) values[a] = 0.0;
 }
 
-/// Those of the Jacobian at a point of a link, largest first: of its linear rows with `Rows` 3 [m/rad], of all with 6,
-/// where m/rad and 1 are mixed.
+/// Those of some joints' columns of the Jacobian at a point of a link, largest first: of the linear rows with `Rows` 3
+/// [m/rad], of all with 6, where m/rad and 1 are mixed. Joints behind the link count for nothing.
 template <int Rows, class T>
-void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPoint& point, T* values) noexcept {
+void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPoint& point, const int* joints,
+                     int count, T* values) noexcept {
     static_assert(Rows == 3 || Rows == 6);
     const Point3<T> p = posture.position(point);
     T row[Rows][max_joints];
-    for (int j = 0; j <= point.link; ++j) {
+    int columns = 0;
+    for (int i = 0; i < count; ++i) {
+        const int j = joints[i];
+        if (j > point.link) continue;
         const Point3<T> linear = linear_column(chain, posture, p, j);
-        row[0][j] = linear.x;
-        row[1][j] = linear.y;
-        row[2][j] = linear.z;
+        row[0][columns] = linear.x;
+        row[1][columns] = linear.y;
+        row[2][columns] = linear.z;
         if constexpr (Rows == 6) {
             const T turns = chain.joint[j].turns;
-            row[3][j] = posture.axis[j].x * turns;
-            row[4][j] = posture.axis[j].y * turns;
-            row[5][j] = posture.axis[j].z * turns;
+            row[3][columns] = posture.axis[j].x * turns;
+            row[4][columns] = posture.axis[j].y * turns;
+            row[5][columns] = posture.axis[j].z * turns;
         }
+        ++columns;
     }
-    singular_values_of<Rows>(row, point.link + 1, values);
+    singular_values_of<Rows>(row, columns, values);
+}
+
+/// Those of the whole Jacobian.
+template <int Rows, class T>
+void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPoint& point, T* values) noexcept {
+    int joints[max_joints];
+    for (int j = 0; j <= point.link; ++j) joints[j] = j;
+    singular_values<Rows>(chain, posture, point, joints, point.link + 1, values);
 }
 
 /// Yoshikawa's measure, sqrt(det(J J')): the product of the singular values.

@@ -2,7 +2,7 @@
 /// An arm that moves along its line, as far as a collision needs it: a few moments of the way, and what lies between.
 #pragma once
 
-#include "bumpstop/collision/line_motion.hpp"
+#include "bumpstop/collision/line_path.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -10,9 +10,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 struct ArmOnLine {
     Chain chain;
     MotionSettings motion;
-    LinkPoint contact;
-    bool along_motion = true;  ///< the normal is the direction of the tip's velocity
-    Vector3 normal{};          ///< else this unit vector, base frame
+    ContactGeometry contact;
     bool from_rest = false;
 };
 
@@ -32,9 +30,9 @@ struct Moment {
 /// J_v' n of the contact point, by joint [Nm/N or 1].
 template <class T>
 void contact_torque(const ArmOnLine& arm, const Posture<T>& posture, const Point3<T>& normal, T* torque) {
-    const Point3<T> p = posture.position(arm.contact);
+    const Point3<T> p = posture.position(arm.contact.point);
     for (int j = 0; j < arm.chain.dof; ++j)
-        torque[j] = j > arm.contact.link ? T(0.0) : dot(linear_column(arm.chain, posture, p, j), normal);
+        torque[j] = j > arm.contact.point.link ? T(0.0) : dot(linear_column(arm.chain, posture, p, j), normal);
 }
 
 template <class T>
@@ -105,7 +103,7 @@ struct ArmAhead {
         if (of.from_rest)
             for (int j = 0; j < of.chain.dof; ++j) first.qd[j] = 0.0;
         const T step = duration * (1.0 / steps);
-        const Point3<T> begin = first.posture.position(of.contact);
+        const Point3<T> begin = first.posture.position(of.contact.point);
         off_speed = turned = 0.0;
         Moment<T> at = first, middle;
         T wanted[max_joints];
@@ -233,7 +231,7 @@ struct ArmAhead {
             qd[m][j] = at.qd[j];
             change[j] = at.qd[j] - first.qd[j];
         }
-        distance[m] = dot(at.posture.position(arm->contact) - begin, normal);
+        distance[m] = dot(at.posture.position(arm->contact.point) - begin, normal);
         speed[m] = dot_joints(*arm, torque[m], at.qd);
         const Point3<T> tip = at.posture.position(arm->motion.tip);
         Point3<T> error{-velocity.x, -velocity.y, -velocity.z};

@@ -29,12 +29,12 @@ template <class T>
 Overrun<T> stop_ahead(const ArmOnLine& arm, const Point3<T>& normal, const Moment<T>& begin) {
     const T time = time_for(arm, begin.qd);
     const double h = arm.motion.substep();
-    const Point3<T> from = begin.posture.position(arm.contact);
+    const Point3<T> from = begin.posture.position(arm.contact.point);
     Moment<T> at;
     const auto way = [&](T x) {
         for (int j = 0; j < arm.chain.dof; ++j) at.q[j] = begin.q[j] + begin.qd[j] * x;
         at.look(arm.chain);
-        return dot(at.posture.position(arm.contact) - from, normal);
+        return dot(at.posture.position(arm.contact.point) - from, normal);
     };
     // Rates fall by equal parts in every sub-step and positions follow the new rates, so the controller ends short of
     // time / 2, where an arm that brakes evenly ends.
@@ -61,7 +61,7 @@ template <class T>
 T reverse_ahead(const ArmOnLine& arm, const Point3<T>& normal, const Point3<T>& velocity, const Moment<T>& begin,
                 int steps, T& bent) {
     const int dof = arm.chain.dof;
-    const Point3<T> from = begin.posture.position(arm.contact);
+    const Point3<T> from = begin.posture.position(arm.contact.point);
     const T step = time_for(arm, begin.qd) * (1.0 / steps);
     const T own = maximum(norm_of(arm, begin.qd), T(1e-300));
     MaskOf<T> forth = T(0.0) < T(1.0);  // until it first turns back
@@ -94,7 +94,7 @@ T reverse_ahead(const ArmOnLine& arm, const Point3<T>& normal, const Point3<T>& 
             at.qd[j] += step * slope[j];
         }
         at.look(arm.chain);
-        const T here = dot(at.posture.position(arm.contact) - from, normal), later = speed_of(at);
+        const T here = dot(at.posture.position(arm.contact.point) - from, normal), later = speed_of(at);
         // Where it turns back within a step the top lies above both ends.
         const MaskOf<T> forward = speed > T(0.0), backward = later < T(0.0);
         const MaskOf<T> turns = forward & backward;
@@ -118,13 +118,13 @@ BrakingAhead<T> braking_ahead(const ArmAhead<T, steps>& path, T time, double lat
     Moment<T> at;
     path.position_at(time, at.q);
     at.look(arm.chain);
-    const Point3<T> noticed = at.posture.position(arm.contact);
+    const Point3<T> noticed = at.posture.position(arm.contact.point);
     if (latency > 0) {
         path.position_at(time + latency, at.q);
         at.look(arm.chain);
     }
     path.rates_at(time + latency, at.qd);
-    const T before = dot(at.posture.position(arm.contact) - noticed, path.normal);
+    const T before = dot(at.posture.position(arm.contact.point) - noticed, path.normal);
     const T stop = time_for(arm, at.qd), own = norm_of(arm, at.qd);
     Moment<T> middle;
     for (int j = 0; j < arm.chain.dof; ++j) middle.q[j] = at.q[j] + at.qd[j] * stop * 0.5;

@@ -13,14 +13,13 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// All but pose and velocity.
 struct ForetoldScenario {
     ArmOnLine arm;
-    WatchedJoints watched;
+    ThresholdDetector detector;  ///< its filter is an observer's
     bool reverse = true;
     double period = 0, latency = 0, duration = 0;  ///< s
     double stiffness = 0;                          ///< N/m
     OffsetKind offset_kind = OffsetKind::uniform;
-    double offset_size = 0;      ///< fixed: m; half-normal: sd in seconds of travel
-    double observer_memory = 0;  ///< share of its old value that an observer keeps from tick to tick
-    double quantile = 0.999;     ///< of the bound
+    double offset_size = 0;   ///< fixed: m; half-normal: sd in seconds of travel
+    double quantile = 0.999;  ///< of the bound
 
     /// What may be missed; where the body's place has a tail, half of it is left to that.
     double rarest() const { return (1 - quantile) * (offset_kind == OffsetKind::half_normal ? 0.5 : 1.0); }
@@ -77,13 +76,13 @@ Start<T> start_of_case(const ForetoldScenario& scenario, const T* q, const Point
     start.at.look(arm.chain);
     start.velocity = velocity;
     start.singular = line_rates(arm, start.at.posture, velocity, start.at.qd);
-    const Point3<T> p = start.at.posture.position(arm.contact);
-    start.normal = {T(arm.normal[0]), T(arm.normal[1]), T(arm.normal[2])};
-    if (arm.along_motion) {
+    const Point3<T> p = start.at.posture.position(arm.contact.point);
+    start.normal = {T(arm.contact.normal[0]), T(arm.contact.normal[1]), T(arm.contact.normal[2])};
+    if (arm.contact.along_motion) {
         Point3<T> drift{T(0.0), T(0.0), T(0.0)};
         for (int f = 0; f < arm.motion.free_count; ++f) {
             const int j = arm.motion.free_joint[f];
-            if (j > arm.contact.link) continue;
+            if (j > arm.contact.point.link) continue;
             const Point3<T> column = linear_column(arm.chain, start.at.posture, p, j);
             drift = {drift.x + column.x * start.at.qd[j], drift.y + column.y * start.at.qd[j],
                      drift.z + column.z * start.at.qd[j]};
@@ -107,7 +106,7 @@ struct Forces {
 template <class T, int steps, bool with_bound>
 Forces<T> forces_ahead(const ForetoldScenario& scenario, const Start<T>& start) {
     const ArmOnLine& arm = scenario.arm;
-    const WatchedJoints& watched = scenario.watched;
+    const ThresholdDetector& detector = scenario.detector;
     const double K = scenario.stiffness, compliance = 1 / K, period = scenario.period, latency = scenario.latency;
     const T approach = maximum(start.approach, T(1e-9));
     T offset, farthest;
@@ -122,18 +121,18 @@ Forces<T> forces_ahead(const ForetoldScenario& scenario, const Start<T>& start) 
         farthest = spread * normal_upper_quantile((1 - scenario.quantile) / 4);
     }
     T own[max_joints];
-    for (int w = 0; w < watched.count; ++w) own[w] = start.torque[watched.joint[w]];
+    for (int w = 0; w < detector.watched; ++w) own[w] = start.torque[detector.joint[w]];
     const double rarest = scenario.rarest();
     const double deviations = rarest < 0.5 ? normal_upper_quantile(rarest) : 0.0;
     const auto missed = [&](double sigmas) {
         T least = unbounded_force;
-        for (int w = 0; w < watched.count; ++w) {
-            const double level = watched.threshold[w] + std::fabs(watched.mean[w]) + sigmas * watched.sd[w];
+        for (int w = 0; w < detector.watched; ++w) {
+            const double level = detector.threshold[w] + std::fabs(detector.mean[w]) + sigmas * detector.sd[w];
             least = minimum(least, level / maximum(absolute(own[w]), T(1e-100)));
         }
         return least;
     };
-    const double keep = scenario.observer_memory;
+    const double keep = scenario.detector.filter;
     const auto unfelt = [&](T force, T per_tick) {  // how far an observer is behind a force that grows evenly
         if (keep == 0) return T(0.0);
         const T rate = -std::log(keep) / per_tick;
@@ -155,14 +154,14 @@ Forces<T> forces_ahead(const ForetoldScenario& scenario, const Start<T>& start) 
     const T tick = maximum(K * period * path.speed_at(offset + noisy * compliance), T(1e-12));
     const auto felt = [&](T force, int w) {
         const T share = path.share_at(offset + force * compliance);
-        return (force - unfelt(force, tick)) * path.torque_of(share, watched.joint[w]);
+        return (force - unfelt(force, tick)) * path.torque_of(share, detector.joint[w]);
     };
     const auto feel = [&](T force, T* residual) {
-        path.torque_at(path.share_at(offset + force * compliance), watched.joint, watched.count, residual);
+        path.torque_at(path.share_at(offset + force * compliance), detector.joint.data(), detector.watched, residual);
         const T counts = force - unfelt(force, tick);
-        for (int w = 0; w < watched.count; ++w) residual[w] *= counts;
+        for (int w = 0; w < detector.watched; ++w) residual[w] *= counts;
     };
-    const T found = notice(watched, felt, feel, own, tick, deviations, false).mean();
+    const T found = notice(detector, felt, feel, own, tick, deviations, false).mean();
 
     if constexpr (!with_bound) {
         const BrakingAhead<T> braking = braking_ahead(
@@ -184,7 +183,7 @@ Forces<T> forces_ahead(const ForetoldScenario& scenario, const Start<T>& start) 
         T first = 0.0, least = 1e300;
         for (int body = 0; body < body_places; ++body) {
             for (int part = 0; part < since; ++part) {
-                const T value = path.torque_of(share_of(force, body, part), watched.joint[w]);
+                const T value = path.torque_of(share_of(force, body, part), detector.joint[w]);
                 if (body == 0 && part == 0) first = value;
                 take_least(value, first, least);
             }
@@ -195,17 +194,17 @@ Forces<T> forces_ahead(const ForetoldScenario& scenario, const Start<T>& start) 
         T first[max_joints], value[max_joints];
         for (int body = 0; body < body_places; ++body) {
             for (int part = 0; part < since; ++part) {
-                path.torque_at(share_of(force, body, part), watched.joint, watched.count, value);
-                for (int w = 0; w < watched.count; ++w) {
+                path.torque_at(share_of(force, body, part), detector.joint.data(), detector.watched, value);
+                for (int w = 0; w < detector.watched; ++w) {
                     if (body == 0 && part == 0) first[w] = value[w], residual[w] = 1e300;
                     take_least(value[w], first[w], residual[w]);
                 }
             }
         }
         const T counts = force - unfelt(force, fast_tick);
-        for (int w = 0; w < watched.count; ++w) residual[w] *= counts;
+        for (int w = 0; w < detector.watched; ++w) residual[w] *= counts;
     };
-    const T worst = notice(watched, felt_at_least, feel_at_least, own, fast_tick, deviations, true).worst(rarest);
+    const T worst = notice(detector, felt_at_least, feel_at_least, own, fast_tick, deviations, true).worst(rarest);
 
     const T last = farthest + minimum(worst, T(unbounded_force)) * compliance;
     const auto braking = [&](T time) { return braking_ahead(path, time, latency, scenario.reverse); };
@@ -243,9 +242,9 @@ Foretold<T> foretell(const ForetoldScenario& scenario, const Start<T>& start, co
     Foretold<T> found;
     found.unnoticed = unbounded_force;
     found.trigger = 0.0;
-    for (int w = 0; w < scenario.watched.count; ++w) {
-        const int j = scenario.watched.joint[w];
-        const T force = scenario.watched.threshold[w] / maximum(absolute(start.torque[j]), T(1e-220));
+    for (int w = 0; w < scenario.detector.watched; ++w) {
+        const int j = scenario.detector.joint[w];
+        const T force = scenario.detector.threshold[w] / maximum(absolute(start.torque[j]), T(1e-220));
         found.trigger = select(force < found.unnoticed, T(double(j)), found.trigger);
         found.unnoticed = minimum(found.unnoticed, force);
     }

@@ -2,21 +2,12 @@
 /// When a growing contact force is noticed: ticks, thresholds and noise, without a path.
 #pragma once
 
-#include "bumpstop/math/functions.hpp"
-#include "bumpstop/model/chain.hpp"
+#include "bumpstop/detection/threshold.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Thresholds and noise of the joints that are watched [Nm].
-struct WatchedJoints {
-    int count = 0;
-    int joint[max_joints];
-    double threshold[max_joints], sd[max_joints], mean[max_joints];
-    bool remembers = false;  ///< noise is correlated from tick to tick: earlier silence then says nothing
-};
-
-inline constexpr int noticing_points =
-    33;  ///< forces at which the hazard is known: some 9 standard deviations in 32 parts
+/// Forces at which the hazard is known: some 9 standard deviations in 32 parts.
+inline constexpr int noticing_points = 33;
 
 /// How probably a force that grows by `per_tick` newtons a tick is still unnoticed.
 ///
@@ -85,11 +76,11 @@ T alarm_probability(T felt, double threshold, double sd) {
 
 /// The least force at which some joint's noiseless residual reaches its level [N]; not below 1e299 where none does.
 template <class T, class Felt>
-T reaches(const WatchedJoints& watched, const Felt& felt, const T* torque, double deviations, double side) {
+T reaches(const ThresholdDetector& detector, const Felt& felt, const T* torque, double deviations, double side) {
     T least = 1e300;
-    for (int w = 0; w < watched.count; ++w) {
+    for (int w = 0; w < detector.watched; ++w) {
         const double level =
-            std::max(0.0, watched.threshold[w] + side * std::fabs(watched.mean[w]) + deviations * watched.sd[w]);
+            std::max(0.0, detector.threshold[w] + side * std::fabs(detector.mean[w]) + deviations * detector.sd[w]);
         const T a = absolute(torque[w]);
         T force = select(a > T(1e-290), level / maximum(a, T(1e-290)), T(1e300));
         if (level > 0) {
@@ -192,21 +183,21 @@ void sum_hazards_at_least(const T* hazard, T width, T per_tick, T* total) {
 /// `deviations` the standard deviations that go with it. `cautious`: no rounding and no mean of the noise may make S
 /// smaller than it is, for `worst`; residuals are then taken for positive.
 template <class T, class Felt, class Feel>
-Noticing<T> notice(const WatchedJoints& watched, const Felt& felt, const Feel& feel, const T* torque, T per_tick,
+Noticing<T> notice(const ThresholdDetector& detector, const Felt& felt, const Feel& feel, const T* torque, T per_tick,
                    double deviations, bool cautious) {
     Noticing<T> found;
     found.per_tick = per_tick;
-    found.low = detail::reaches(watched, felt, torque, -detail::too_far_below, -1.0);
-    const T high = detail::reaches(watched, felt, torque, std::max(4.0, deviations + 0.5), 1.0);
+    found.low = detail::reaches(detector, felt, torque, -detail::too_far_below, -1.0);
+    const T high = detail::reaches(detector, felt, torque, std::max(4.0, deviations + 0.5), 1.0);
     found.width = (high - found.low) * (1.0 / (noticing_points - 1));
     T hazard[noticing_points], total[noticing_points], residual[max_joints];
     for (int i = 0; i < noticing_points; ++i) {
         feel(found.low + found.width * double(i), residual);
         T alarm = 0.0;
-        for (int w = 0; w < watched.count; ++w) {
+        for (int w = 0; w < detector.watched; ++w) {
             const T seen =
-                cautious ? maximum(residual[w] - std::fabs(watched.mean[w]), T(0.0)) : residual[w] + watched.mean[w];
-            const T p = detail::alarm_probability(seen, watched.threshold[w], watched.sd[w]);
+                cautious ? maximum(residual[w] - std::fabs(detector.mean[w]), T(0.0)) : residual[w] + detector.mean[w];
+            const T p = detail::alarm_probability(seen, detector.threshold[w], detector.sd[w]);
             alarm += p * (1.0 - alarm);
         }
         // -log1p(-p), right for small p too.
@@ -219,7 +210,7 @@ Noticing<T> notice(const WatchedJoints& watched, const Felt& felt, const Feel& f
         // Where it falls with the force the least still to come counts.
         for (int i = noticing_points - 2; i >= 0; --i) hazard[i] = minimum(hazard[i], hazard[i + 1]);
     }
-    if (watched.remembers) {
+    if (detector.correlation != 0) {
         std::copy(hazard, hazard + noticing_points, total);
     } else if (cautious) {
         detail::sum_hazards_at_least(hazard, found.width, per_tick, total);

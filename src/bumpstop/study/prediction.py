@@ -100,37 +100,11 @@ def _predict(problem: Problem, q: FloatArray, velocity: FloatArray, quantile: fl
 
 def foretold_scenario(problem: Problem, quantile: float) -> Any:
     """All but pose and velocity for the kernels, where everything is worked out: include/bumpstop/study."""
-    scenario, robot = problem.scenario, problem.robot
-    motion, contact, step = scenario.motion, scenario.contact, scenario.simulation.step_s
-    tip_link, tip_point = robot.frame(None)
-    link, point = problem.contact_point
+    contact = problem.scenario.contact
     half_normal = contact.offset_law == "half_normal"
     return core.ForetoldScenario(
-        chain=robot.chain,
-        tip_link=tip_link,
-        tip_point=tip_point,
-        task_rows=6 if motion.task == "pose" else 3,
-        free_joints=[j for j in range(robot.dof) if j not in problem.held],
-        damping=motion.damping,
-        step=step,
-        substeps=scenario.simulation.substeps,
-        acceleration=problem.joint_acceleration,
-        velocity=np.where(np.isfinite(robot.velocity), robot.velocity, 1e300),
-        lower=robot.lower,
-        upper=robot.upper,
-        contact_link=link,
-        contact_point=point,
-        normal=None if contact.normal is None else np.array(contact.normal) / np.linalg.norm(contact.normal),
-        steps=round(motion.duration_s / step),
-        period=problem.period_steps,
-        latency=problem.latency_steps,
-        from_rest=motion.start == "rest",
-        reverse=scenario.reaction.kind == "reverse",
-        threshold=problem.thresholds,
-        sd=problem.noise_sd,
-        mean=problem.noise_mean,
-        remembers=scenario.detector.noise_correlation != 0,
-        observer_memory=problem.observer_memory,
+        setup=problem.setup,
+        detector=problem.detector,
         stiffness=problem.stiffness,
         offset_kind=contact.offset_law,
         offset_size=contact.offset_sd_s if half_normal else (contact.offset_mm or 0.0) / 1e3,

@@ -1,0 +1,29 @@
+// What a scenario is to the kernels.
+#pragma once
+
+#include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/collision/reaction.hpp"
+#include "common.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+// Arm, motion, contact point and reaction: all that a stopping curve depends on but the pose and the
+// velocity.
+struct Setup {
+    Chain chain;
+    MotionSettings motion;
+    ContactGeometry contact;
+    Timing timing;
+    ReactionKind reaction = ReactionKind::reverse;
+};
+
+inline OffsetLaw offset_law(const std::string& kind, double size) {
+    return {kind == "half_normal" ? OffsetKind::half_normal
+            : kind == "uniform"   ? OffsetKind::uniform
+                                  : OffsetKind::fixed,
+            size};
+}
+
+inline Vector3 vector3(Vector v) { return {v(0), v(1), v(2)}; }
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
