@@ -57,9 +57,9 @@ struct Curve {
     std::vector<double> q;
     StoppingCurve curve;
 
-    FreePaths free_paths() const {
+    FreePaths free_paths(const FreeBody& body) const {
         return bumpstop::free_paths<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, curve,
-                                       q.data());
+                                       body, q.data());
     }
 };
 
@@ -163,7 +163,7 @@ nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double st
     NewArray<double> peak_force({free_runs}), duration({free_runs}), force_at_detection({free_runs});
     {
         nb::gil_scoped_release unlocked;
-        const FreePaths free = body_mass > 0 ? curve.free_paths() : FreePaths{};
+        const FreePaths free = body_mass > 0 ? curve.free_paths({stiffness, body_mass}) : FreePaths{};
         ResidualRecord record;
         if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
         const Sampler<L> sampler(curve.curve, curve.setup.timing, curve.setup.motion, detector, stiffness,
@@ -340,7 +340,7 @@ void bind_collision(nb::module_& module) {
                double offset_size, int refinement, double body_mass) {
                 nb::gil_scoped_release unlocked;
                 LawSettings settings{stiffness, offset_law(offset_kind, offset_size), refinement};
-                const FreePaths free = body_mass > 0 ? self.free_paths() : FreePaths{};
+                const FreePaths free = body_mass > 0 ? self.free_paths({stiffness, body_mass}) : FreePaths{};
                 if (body_mass > 0) {
                     settings.free = &free;
                     settings.body_mass = body_mass;
@@ -423,6 +423,21 @@ void bind_collision(nb::module_& module) {
                 return out;
             },
             "Free contact: values at the Gauss nodes, (slots, order, panels) [N, s, N].")
+        .def(
+            "free_alarms",
+            [](const Law& self) {
+                const FreeAlarms& a = self.law.free_alarms;
+                const std::size_t n = a.pieces(), cells = FreeAlarms::cells, nodes = FreeAlarms::nodes;
+                nb::dict out;
+                out["mass"] = array_of(a.mass, {n, cells});
+                out["edge_force"] = array_of(a.edge_force, {n, cells + 1});
+                out["edge_duration"] = array_of(a.edge_duration, {n, cells + 1});
+                out["node_mass"] = array_of(a.node_mass, {n, nodes});
+                out["node_force"] = array_of(a.node_force, {n, nodes});
+                out["node_duration"] = array_of(a.node_duration, {n, nodes});
+                return out;
+            },
+            "Free contact: false alarms that still reach the body, tick by tick, in cells of offset and at nodes.")
         .def_prop_ro("slots_before", [](const Law& self) { return self.law.pieces.slots_before; })
         .def_prop_ro(
             "coefficients",

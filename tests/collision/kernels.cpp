@@ -107,8 +107,8 @@ void check_memory_and_free_contact(Arm arm) {
         complete_curves<L>(
             arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, &curve, 1,
             [&](int) { return arm.q.data(); }, [](int) { return FarthestTolerance{}; });
-        const FreePaths paths =
-            free_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, curve, arm.q.data());
+        const FreePaths paths = free_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse,
+                                              curve, body, arm.q.data());
         LawSettings settings{body.stiffness, offset, 1, true, &paths, body.mass};
         const ExactLaw law = ExactLawBuilder<L>(curve, arm.timing, arm.motion, arm.detector, settings).build();
         // No body is struck harder than by an arm that never reacts.

@@ -28,10 +28,10 @@ struct Outcomes {
 };
 
 /// Clamped contact: the force follows from where the arm is.
+template <class T>
 struct ClampedContact {
     double stiffness;  ///< N/m
 
-    template <class T>
     struct Collision {
         double stiffness;
         T offset;
@@ -41,10 +41,8 @@ struct ClampedContact {
         // 1 where a detection then is one of this contact.
         T felt(int) const { return 1.0; }
     };
-    template <class T>
-    Collision<T> begin(const int*, T offset) const {
-        return {stiffness, offset};
-    }
+    /// At a node of the panels first .. first + lanes - 1.
+    Collision begin(int, int, const T& offset) const { return {stiffness, offset}; }
 };
 
 /// Works out what happens to bodies of some kind of contact.
@@ -154,10 +152,9 @@ class OutcomeFinder {
 
     template <class Contact>
     void without_memory(const Contact& contact, const Register& at, const GaussRule& rule, Outcomes& out) const {
-        std::vector<typename Contact::template Collision<T>> collision;
+        std::vector<typename Contact::Collision> collision;
         std::vector<Fate> fate(std::size_t(rule.order), Fate(detector_.watched));
-        for (int g = 0; g < rule.order; ++g)
-            collision.push_back(contact.template begin<T>(at.tick, at.offset(rule.node[g])));
+        for (int g = 0; g < rule.order; ++g) collision.push_back(contact.begin(at.first, g, at.offset(rule.node[g])));
         Tick idle;
         for (int w = 0; w < detector_.watched; ++w) idle.add(w, joint_alarm(detector_, w, T(0.0)));
         for (int i = 0; i < at.most_left; ++i) {
@@ -189,7 +186,7 @@ class OutcomeFinder {
         std::vector<TruncatedDensity<T>> density(detector_.watched);
         std::vector<T> work;
         for (int g = 0; g < rule.order; ++g) {
-            const auto collision = contact.template begin<T>(at.tick, at.offset(rule.node[g]));
+            const auto collision = contact.begin(at.first, g, at.offset(rule.node[g]));
             Fate fate(detector_.watched);
             T residual[max_joints];
             for (int w = 0; w < detector_.watched; ++w) {

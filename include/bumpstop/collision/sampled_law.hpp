@@ -4,9 +4,11 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 
-#include "bumpstop/collision/free_impact.hpp"
+#include "bumpstop/collision/free_collision.hpp"
 #include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/detection/threshold.hpp"
 #include "bumpstop/math/philox.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -76,14 +78,8 @@ class Sampler {
     Sampler(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
             const ThresholdDetector& detector, double stiffness, const OffsetLaw& offset, std::uint64_t seed,
             const ResidualRecord* record = nullptr, const FreePaths* free = nullptr, double body_mass = 0)
-        : curve_(curve),
-          detector_(detector),
-          stiffness_(stiffness),
-          offset_(offset),
-          seed_(seed),
-          record_(record),
-          free_(free),
-          body_{stiffness, body_mass} {
+        : curve_(curve), detector_(detector), stiffness_(stiffness), offset_(offset), seed_(seed), record_(record) {
+        if (free != nullptr) reactions_.emplace(*free, FreeBody{stiffness, body_mass});
         const int ticks = curve.path.ticks;
         s_.resize(ticks);
         for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, timing.period);
@@ -147,10 +143,10 @@ class Sampler {
             out.triggers[index[lane]] = 0;
         }
         const IntOf<T> runs = run_lanes<T>(number);
-        if (free_ != nullptr) {
+        if (reactions_) {
             int touch[lanes];
             for (int lane = 0; lane < lanes; ++lane) touch[lane] = first_beyond(lane_of(offset, lane));
-            const FreeCollision<T> collision(*free_, body_, touch, offset);
+            const FreeCollision<T> collision(*reactions_, touch, offset);
             tick_by_tick(number, runs, offset, open, index, used, out, touch, &collision);
             keep_free(collision, touch, index, used, out);
             return;
@@ -328,9 +324,8 @@ class Sampler {
     double stiffness_;
     OffsetLaw offset_;
     std::uint64_t seed_;
-    const ResidualRecord* record_;  ///< measured noise instead of Gaussian; may be null
-    const FreePaths* free_;         ///< of free contact; may be null
-    const FreeBody body_;
+    const ResidualRecord* record_;               ///< measured noise instead of Gaussian; may be null
+    std::optional<FreeReactions<T>> reactions_;  ///< of free contact
     std::vector<double> s_;
     int first_armed_ = 0;
     bool quiet_ = true;  ///< every noise mean lies inside its thresholds

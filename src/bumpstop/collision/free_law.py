@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from bumpstop.collision.problem import Problem
 
 # Cells per panel: inside a panel, which ends where contact begins in another simulation step, forces bend little.
-_CELLS = 16
+_CELLS = 4
+# With fewer panels than these there is time for more cells.
+_FEW_PANELS, _CELLS_OF_FEW = 64, 16
 
 
 class FreeQuantities:
@@ -26,51 +28,80 @@ class FreeQuantities:
 
     def __init__(self, kernel: Any) -> None:
         """Take the kernels' law apart."""
-        self._nodes = kernel.free_nodes()
+        self._nodes, self._alarms = kernel.free_nodes(), kernel.free_alarms()
         coefficients: FloatArray = kernel.coefficients
-        self._before = int(kernel.slots_before)
         self._harmless = float(kernel.harmless)
-        order = coefficients.shape[1]
+        _, order, panels = coefficients.shape
+        cells = _CELLS if panels > _FEW_PANELS else _CELLS_OF_FEW
         node, weight = np.polynomial.legendre.leggauss(order)
-        edge = np.linspace(-1.0, 1.0, _CELLS + 1)
-        self._mass = np.maximum(
-            np.diff(np.einsum("el,slp->sep", antiderivatives(edge, order), coefficients), axis=1), 0
-        )
-        density = np.einsum("gl,slp->sgp", np.polynomial.legendre.legvander(node, order - 1), coefficients)
-        self._node_mass = density * weight[:, None]
+        edge = np.linspace(-1.0, 1.0, cells + 1)
+        legendre = np.polynomial.legendre.legvander
+        below = np.diff(antiderivatives(edge, order), axis=0)
+        self._mass = np.maximum(below @ coefficients, 0)
+        self._node_mass = (legendre(node, order - 1) * weight[:, None]) @ coefficients
         # From the nodes to the ends of the cells: the polynomial through the nodes.
-        to_series = np.linalg.inv(np.polynomial.legendre.legvander(node, order - 1))
-        self._to_edges = np.polynomial.legendre.legvander(edge, order - 1) @ to_series
+        self._to_edges = legendre(edge, order - 1) @ np.linalg.inv(legendre(node, order - 1))
 
     def peak_force(self) -> MixtureDistribution:
         """Peak force [N] of every collision, detected or not; no contact is no force."""
-        return self._distribution("peak_force", slice(None), self._harmless)
+        return self._distribution("peak_force", slice(None), "force", self._harmless)
 
     def contact_time(self) -> MixtureDistribution:
         """Time in contact [s], given contact."""
-        return self._distribution("duration", slice(None), 0.0, positive=True)
+        return self._distribution("duration", slice(None), "duration", positive=True)
 
     def force_at_detection(self) -> MixtureDistribution:
         """Force at the tick of detection [N], given a detection in contact."""
-        return self._distribution("force_at_detection", slice(self._before, -1), 0.0)
+        return self._distribution("force_at_detection", slice(-1))
 
-    def _distribution(self, name: str, slots: slice, at_zero: float, *, positive: bool = False) -> MixtureDistribution:
+    def _distribution(
+        self, name: str, slots: slice, of_alarms: str | None = None, at_zero: float = 0.0, *, positive: bool = False
+    ) -> MixtureDistribution:
         value = self._nodes[name][slots]
-        ends = np.maximum(np.einsum("eg,sgp->sep", self._to_edges, value), 0.0)
-        mass, node_mass = self._mass[slots], self._node_mass[slots]
-        low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
-        cell, point = mass > 0, node_mass != 0
+        edge = np.maximum(self._to_edges @ value, 0.0)
+        pieces = [_Pieces(edge, self._mass[slots], value, self._node_mass[slots])]
+        if of_alarms is not None:
+            alarms = self._alarms
+            pieces.append(
+                _Pieces(
+                    alarms[f"edge_{of_alarms}"],
+                    alarms["mass"],
+                    alarms[f"node_{of_alarms}"],
+                    alarms["node_mass"],
+                )
+            )
+        zero = np.zeros(1 if at_zero > 0 else 0)
+        cells = [piece.cells(positive=positive) for piece in pieces] + [(zero, zero, zero + at_zero)]
+        nodes = [piece.nodes(positive=positive) for piece in pieces] + [(zero, zero + at_zero)]
+        low, high, mass = (np.concatenate(arrays) for arrays in zip(*cells, strict=True))
+        node, node_mass = (np.concatenate(arrays) for arrays in zip(*nodes, strict=True))
+        return MixtureDistribution.of_cells(low=low, high=high, mass=mass, node=node, node_mass=node_mass)
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Values at the ends of cells and at nodes along the second axis, and the probabilities of both."""
+
+    edge: FloatArray
+    mass: FloatArray
+    node: FloatArray
+    node_mass: FloatArray
+
+    def cells(self, *, positive: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Ends and probabilities of the cells that have any; with ``positive`` of those above zero."""
+        left, right = self.edge[:, :-1], self.edge[:, 1:]
+        low, high = np.minimum(left, right), np.maximum(left, right)
+        used = self.mass > 0
         if positive:
-            cell &= high > 0
-            point &= value > 0
-        zero = [0.0] if at_zero > 0 else []
-        return MixtureDistribution.of_cells(
-            low=np.concatenate([low[cell], zero]),
-            high=np.concatenate([high[cell], zero]),
-            mass=np.concatenate([mass[cell], [at_zero] * len(zero)]),
-            node=np.concatenate([value[point], zero]),
-            node_mass=np.concatenate([node_mass[point], [at_zero] * len(zero)]),
-        )
+            used &= high > 0
+        return low[used], high[used], self.mass[used]
+
+    def nodes(self, *, positive: bool) -> tuple[FloatArray, FloatArray]:
+        """Values and probabilities of the nodes."""
+        used = self.node_mass != 0
+        if positive:
+            used &= self.node > 0
+        return self.node[used], self.node_mass[used]
 
 
 def body_displacement(path: FloatArray, offset: float, stiffness: float, mass: float, step: float) -> FloatArray:

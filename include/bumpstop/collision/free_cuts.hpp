@@ -1,0 +1,119 @@
+/// @file
+/// Where what becomes of a free body changes abruptly with its place.
+#pragma once
+
+#include "bumpstop/collision/free_paths.hpp"
+#include "bumpstop/detection/threshold.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Offsets at which the undetected body gets away just at a tick: there it stops being felt. With thresholds also those
+/// about which a joint's residual passes its threshold at a tick, where the noise is narrow.
+class FreeCuts {
+  public:
+    FreeCuts(const FreePaths& paths, const FreeBody& body, const ThresholdDetector* narrow)
+        : paths_(paths), body_(body), impact_(body, paths.step), narrow_(narrow) {}
+
+    /// In ascending order, up to `largest` [m].
+    std::vector<double> operator()(double largest) const {
+        std::vector<double> cuts;
+        Probe before;
+        double reached = -HUGE_VAL;
+        for (int i = std::max(0, paths_.tick_step(-1)); i <= paths_.last_step(); ++i) {
+            const double offset = std::min(paths_.undisturbed(i), largest);
+            if (!(offset > reached)) continue;
+            const Probe here = probe(offset);
+            if (reached >= 0) between(before, here, cuts);
+            before = here;
+            reached = offset;
+        }
+        std::sort(cuts.begin(), cuts.end());
+        return cuts;
+    }
+
+  private:
+    /// The undetected collision with one body.
+    struct Probe {
+        double offset = 0;
+        double parted = HUGE_VAL;   // after the start of the motion, in steps
+        int first = 0;              // tick
+        std::vector<double> force;  // from the first tick on [N]
+
+        double at_tick(int k) const {
+            const std::size_t i = std::size_t(k - first);
+            return k >= first && i < force.size() ? force[i] : 0.0;
+        }
+    };
+
+    Probe probe(double offset) const {
+        const auto& s = paths_.path->s;
+        int i = 0;
+        while (i < paths_.last_step() && !(s[std::size_t(i) + 1] > offset)) ++i;
+        Probe made;
+        made.offset = offset;
+        made.first = i < 1 ? 0 : (i - 1) / paths_.period + 1;
+        ImpactState<double> state;
+        // The first touch comes inside a step.
+        const double rise = paths_.undisturbed(i + 1) - paths_.undisturbed(i);
+        const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
+        for (; i < paths_.last_step() && !(state.parted > 0.5); ++i) {
+            impact_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset, 1.0);
+            if (i % paths_.period == 0) made.force.push_back(state.compression * body_.stiffness);
+        }
+        if (state.parted > 0.5) made.parted = touch + state.since / paths_.step;
+        return made;
+    }
+
+    void between(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
+        for (int k = low.first; k < paths_.path->ticks && paths_.tick_step(k) <= high.parted; ++k) {
+            const double tick = paths_.tick_step(k);
+            if (low.parted < tick && high.parted >= tick && std::isfinite(high.parted))
+                cuts.push_back(root(low, high, [&](const Probe& at) { return at.parted - tick; }));
+            if (narrow_ == nullptr) continue;
+            for (int w = 0; w < narrow_->watched; ++w) pass(w, k, low, high, cuts);
+        }
+    }
+
+    /// Where the residual of a joint passes its threshold at tick k, and twice to eight standard deviations about it.
+    void pass(int w, int k, const Probe& low, const Probe& high, std::vector<double>& cuts) const {
+        const double a =
+            paths_.path->torque_per_N[std::size_t(k) * std::size_t(paths_.path->dof) + std::size_t(narrow_->joint[w])];
+        const double slope = (high.at_tick(k) - low.at_tick(k)) / (high.offset - low.offset);
+        const double width = narrow_->sd[w] / std::fabs(a * slope);
+        for (double side : {-1.0, 1.0}) {
+            const double force = (side * narrow_->threshold[w] - narrow_->mean[w]) / a;
+            if (!(force > 0) || !std::isfinite(force)) continue;
+            if ((low.at_tick(k) > force) == (high.at_tick(k) > force)) continue;
+            const double at = root(low, high, [&](const Probe& body) { return body.at_tick(k) - force; });
+            cuts.push_back(at);
+            for (int n = 2; n <= 8 && width > 0 && std::isfinite(width); n += 2) {
+                cuts.push_back(at - n * width);
+                cuts.push_back(at + n * width);
+            }
+        }
+    }
+
+    /// Where a function of the collision, whose signs differ at two bodies, passes zero.
+    template <class Function>
+    double root(const Probe& low, const Probe& high, Function function) const {
+        double a = low.offset, b = high.offset, fa = function(low), fb = function(high);
+        for (int i = 0; i < 12; ++i) {
+            double middle = a - fa * (b - a) / (fb - fa);
+            // Every third time by halves: a secant may creep.
+            if (!(middle > a && middle < b) || i % 3 == 2) middle = 0.5 * (a + b);
+            const double f = function(probe(middle));
+            if (f == 0) return middle;
+            ((f > 0) == (fa > 0) ? a : b) = middle;
+            ((f > 0) == (fa > 0) ? fa : fb) = f;
+            if (b - a < 1e-9 * (high.offset - low.offset) || std::fabs(f) < 1e-9) return middle;
+        }
+        return 0.5 * (a + b);
+    }
+
+    const FreePaths& paths_;
+    const FreeBody& body_;
+    FreeImpact<double> impact_;
+    const ThresholdDetector* narrow_;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

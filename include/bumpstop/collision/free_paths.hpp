@@ -1,0 +1,211 @@
+/// @file
+/// All that free contact needs of a motion: its path, and the path of every reaction.
+#pragma once
+
+#include "bumpstop/collision/free_impact.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+struct FreePaths {
+    const LinePath* path = nullptr;
+    int period = 0, latency = 0, end_step = 0;  ///< end_step: in which the undetected motion ends
+    double step = 0;
+    std::vector<std::vector<double>> reaction;  ///< by tick, from the step in which it begins on; may be empty
+    std::vector<double> farthest;               ///< by tick: the greatest distance from the tick on
+
+    /// The step after which nothing is known of the undisturbed motion: it goes on for a latency, for the reactions.
+    int last_step() const { return int(path->s.size()) - 1; }
+    /// Distance after a step of the undisturbed motion. Before the start, and after its end, the arm stands.
+    double undisturbed(int i) const { return path->s[std::size_t(std::clamp(i, 0, last_step()))]; }
+    int tick_step(int k) const { return k * period + 1; }
+    int reaction_step(int k) const { return tick_step(k) + latency; }
+
+    void find_farthest() {
+        farthest.clear();
+        for (std::size_t k = 0; k < reaction.size(); ++k) {
+            double most = -HUGE_VAL;
+            for (int i = tick_step(int(k)); i <= reaction_step(int(k)); ++i) most = std::max(most, undisturbed(i));
+            for (double s : reaction[k]) most = std::max(most, s);
+            farthest.push_back(most);
+        }
+    }
+};
+
+/// Where the arm is after a tick `tick`, whose reaction begins a latency later. An arm whose reaction has no path of its
+/// own stands where the motion ends; one that has let its path of return behind it goes on as fast as it last was.
+class PathAfter {
+  public:
+    PathAfter() = default;
+    /// `first`: steps from the tick to the step that is number 0 here.
+    PathAfter(const FreePaths& paths, int tick, int first)
+        : paths_(&paths),
+          own_(&paths.reaction[std::size_t(tick)]),
+          from_(paths.tick_step(tick) + first),
+          lead_(paths.latency - first) {
+        const std::vector<double>& own = *own_;
+        if (own.size() > 1) retreat_ = std::min(0.0, own.back() - own[own.size() - 2]);
+    }
+
+    double at(int i) const {
+        if (i < lead_ || own_->empty()) return paths_->undisturbed(from_ + i);
+        const int last = int(own_->size()) - 1, here = i - lead_;
+        return here <= last ? (*own_)[std::size_t(here)] : own_->back() + (here - last) * retreat_;
+    }
+    /// Steps until the path is a straight one: the arm stands, or goes back for good.
+    int length() const { return lead_ + std::max(1, int(own_->size()) - 1); }
+    bool retreats() const { return retreat_ < 0; }
+
+  private:
+    const FreePaths* paths_ = nullptr;
+    const std::vector<double>* own_ = nullptr;
+    int from_ = 0, lead_ = 0;
+    double retreat_ = 0;  // on the last known step [m]
+};
+
+namespace detail {
+
+/// By tick: an offset below which no body is still touched when the reaction to the tick begins. A body struck at every
+/// tick tells how long contact lasts.
+inline std::vector<double> least_touched(const FreePaths& paths, const FreeBody& body) {
+    const int ticks = paths.path->ticks, last = paths.last_step();
+    std::vector<double> least(std::size_t(ticks), HUGE_VAL);
+    const FreeImpact<double> impact(body, paths.step);
+    double reached = -HUGE_VAL, before = 0;
+    for (int j = 0; j < ticks; ++j) {
+        const int first = paths.tick_step(j);
+        const double offset = paths.undisturbed(first);
+        if (!(offset > reached)) continue;  // whoever stands here has been struck before
+        reached = offset;
+        ImpactState<double> state;
+        int i = first;
+        for (; i < last && !(state.parted > 0.5); ++i)
+            impact.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset, 1.0);
+        // Bodies nearer than this one were struck after the tick before.
+        for (int k = std::max(0, j - 1 - paths.latency / paths.period); k < ticks && paths.reaction_step(k) <= i; ++k)
+            least[std::size_t(k)] = std::min(least[std::size_t(k)], before);
+        before = offset;
+    }
+    return least;
+}
+
+/// Reactions that begin at neighbouring ticks are alike, step by step: in every stretch without a kink a few are
+/// simulated and the others interpolated, where two more in between agree; else its halves are tried.
+class ReactionFamily {
+  public:
+    static constexpr int nodes = 8, checks = 2;
+    static constexpr double tolerance = 1e-8;  ///< [m]: less than a millinewton of the stiffest body
+
+    ReactionFamily(int first, int last, bool kink) : first_(first), last_(last) {
+        if (kink || last - first + 1 < 2 * (nodes + checks)) return;
+        node_ = interpolation_nodes(first, last, nodes);
+        check_ = {(node_[0] + node_[1]) / 2, (node_[nodes / 2] + node_[nodes / 2 - 1]) / 2};
+    }
+
+    /// Ticks to simulate before `fill`.
+    std::vector<int> wanted() const {
+        std::vector<int> ticks = node_;
+        ticks.insert(ticks.end(), check_.begin(), check_.end());
+        for (int k = first_; node_.empty() && k <= last_; ++k) ticks.push_back(k);
+        return ticks;
+    }
+    std::array<ReactionFamily, 2> halves() const {
+        const int middle = (first_ + last_) / 2;
+        return {ReactionFamily(first_, middle, false), ReactionFamily(middle + 1, last_, false)};
+    }
+
+    /// False, and nothing done, where the reactions are not smooth.
+    bool fill(FreePaths& paths) const {
+        if (node_.empty()) return true;
+        std::size_t longest = 0;
+        for (int k : node_) longest = std::max(longest, paths.reaction[std::size_t(k)].size());
+        const Interpolation interpolation(node_);
+        std::array<PathAfter, nodes> at_node;
+        for (std::size_t m = 0; m < nodes; ++m) at_node[m] = PathAfter(paths, node_[m], paths.latency);
+        auto path_of = [&](int k) {
+            double weight[nodes];
+            interpolation.weights(k, weight);
+            // Distances from where the reaction begins.
+            const double begin = paths.undisturbed(paths.reaction_step(k));
+            std::vector<double> path(longest, begin);
+            for (std::size_t m = 0; m < nodes; ++m) {
+                const double from = at_node[m].at(0);
+                for (std::size_t i = 0; i < longest; ++i) path[i] += weight[m] * (at_node[m].at(int(i)) - from);
+            }
+            return path;
+        };
+        for (int k : check_) {
+            const std::vector<double> path = path_of(k);
+            const PathAfter known(paths, k, paths.latency);
+            for (std::size_t i = 0; i < longest; ++i) {
+                if (!(std::fabs(path[i] - known.at(int(i))) <= tolerance)) return false;
+            }
+        }
+        for (int k = first_; k <= last_; ++k) {
+            if (paths.reaction[std::size_t(k)].empty()) paths.reaction[std::size_t(k)] = path_of(k);
+        }
+        return true;
+    }
+
+  private:
+    int first_, last_;
+    std::vector<int> node_, check_;  // ticks; empty: all are simulated
+};
+
+}  // namespace detail
+
+/// The paths of a line motion. Reactions that reverse are followed until every body that they find in contact has been
+/// left behind.
+template <class T, class Pose>
+FreePaths free_paths(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                     const Timing& timing, ReactionKind kind, const StoppingCurve& curve, const FreeBody& body,
+                     Pose pose) {
+    const LinePath& path = curve.path;
+    FreePaths paths{&path,
+                    timing.period,
+                    timing.latency,
+                    int(std::min(path.s.size() - 1, std::size_t(timing.steps))),
+                    motion.step,
+                    {},
+                    {}};
+    paths.reaction.resize(std::size_t(path.ticks));
+    const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
+    const std::vector<double> least =
+        kind == ReactionKind::reverse ? detail::least_touched(paths, body) : std::vector<double>();
+    auto simulate = [&](const std::vector<int>& ticks) {
+        std::vector<ReactionJob> jobs;
+        for (int k : ticks) jobs.push_back({&path, 0, k, {}, {}});
+        simulate_reactions<T>(
+            chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), ReactionDetail::every_step,
+            [&](const ReactionJob&) { return pose; },
+            [&](const ReactionJob& job) {
+                const double at_tick = path.at_tick(job.tick, timing.period);
+                return least.empty() ? at_tick : std::min(at_tick, least[std::size_t(job.tick)]);
+            });
+        for (ReactionJob& job : jobs) paths.reaction[std::size_t(job.tick)] = std::move(job.distance);
+    };
+    std::vector<detail::Stretch> stretches;
+    if (known > 0) detail::cut_at_kinks(motion, timing, path, 0, known, FarthestTolerance{}, stretches);
+    std::vector<detail::ReactionFamily> families;
+    for (const detail::Stretch& stretch : stretches)
+        families.emplace_back(stretch.first, stretch.last, stretch.crosses_kink);
+    while (!families.empty()) {
+        std::vector<int> wanted;
+        for (const detail::ReactionFamily& family : families) {
+            for (int k : family.wanted()) {
+                if (paths.reaction[std::size_t(k)].empty()) wanted.push_back(k);
+            }
+        }
+        simulate(wanted);
+        std::vector<detail::ReactionFamily> rough;
+        for (const detail::ReactionFamily& family : families) {
+            if (family.fill(paths)) continue;
+            const auto halves = family.halves();
+            rough.insert(rough.end(), halves.begin(), halves.end());
+        }
+        families = std::move(rough);
+    }
+    paths.find_farthest();
+    return paths;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
