@@ -43,14 +43,15 @@ Moments peak_force_moments(const ExactLaw& law) {
 template <class T>
 class ExactLawBuilder {
   public:
+    /// `quiet`: the ticks of a motion at least as long, where many laws share them.
     ExactLawBuilder(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-                    const ThresholdDetector& detector, const LawSettings& settings)
+                    const ThresholdDetector& detector, const LawSettings& settings, const QuietTicks* quiet = nullptr)
         : curve_(curve),
           timing_(timing),
           motion_(motion),
           detector_(detector),
           settings_(settings),
-          quiet_(detector, timing, motion.step, curve.path.ticks),
+          quiet_(quiet != nullptr ? *quiet : own_quiet_.emplace(detector, timing, motion.step, curve.path.ticks)),
           find_(curve.path, timing, detector, quiet_),
           cutter_(curve, timing, motion, detector, settings, quiet_),
           order_(cutter_.order()) {
@@ -226,20 +227,28 @@ class ExactLawBuilder {
         for (std::size_t i = 0; i < outcomes.detected.size(); ++i)
             transform_slot(outcomes.detected[i], before + int(i));
         transform_slot(outcomes.survived, pieces.slots - 1);
-        double touching = 0;  // false alarms whose stopping path may arrive
+        // False alarms whose stopping path may arrive are as probable at every place of a panel.
+        double touching = 0;
+        std::vector<double> place;
+        if (before > 0) {
+            std::fill(value.begin(), value.end(), 1.0);
+            place.resize(std::size_t(order_) * n);
+            transform(rule, value, offset, place.data(), n);
+        }
         for (int slot = 0; slot < before; ++slot) {
+            std::vector<double> chance(std::size_t(n), 0.0);
             for (int p = 0; p < real; ++p) {
                 const int k = panels[p].tick + slot - before;
                 if (k < 0 || k >= path.ticks || !quiet_.armed(k)) continue;
-                const double chance = quiet_.silence_before(k) * quiet_.idle(k).alarm;
-                double* series = pieces.series(slot, p);
-                for (int l = 0; l < order_; ++l) {
-                    double c = 0;
-                    for (int g = 0; g < order_; ++g)
-                        c += rule.to_legendre[std::size_t(l) * order_ + g] * offset[std::size_t(g) * n + p];
-                    series[std::size_t(l) * n] = c * chance;
+                chance[std::size_t(p)] = quiet_.silence_before(k) * quiet_.idle(k).alarm;
+                touching += 2 * place[std::size_t(p)] * chance[std::size_t(p)];
+            }
+            double* series = pieces.series(slot, 0);
+            for (int l = 0; l < order_; ++l) {
+                for (int p = 0; p < n; p += lanes) {
+                    const std::size_t at = std::size_t(l) * n + p;
+                    store(load<T>(&place[at]) * load<T>(&chance[std::size_t(p)]), series + at);
                 }
-                touching += 2 * series[0] * 1.0;
             }
         }
         law_.harmless = std::max(0.0, alarm_before_ - touching) + law_.no_contact;
@@ -247,30 +256,39 @@ class ExactLawBuilder {
         triggers(rule, known, weight, real, n);
     }
 
-    /// c_l = sum_g to_legendre[l][g] weight[g] value[g], for all panels. Four l at a time keep the adders
-    /// busy.
+    /// c_l = sum_g to_legendre[l][g] weight[g] value[g], for all panels. Nodes lie in pairs about zero, where Legendre
+    /// polynomials are even or odd: half the products do. Four l at a time keep the adders busy.
     void transform(const GaussRule& rule, const std::vector<double>& value, const std::vector<double>& weight,
                    double* series, int n) const {
+        const int pairs = (order_ + 1) / 2;
         for (int p = 0; p < n; p += lanes) {
-            T product[max_order];
-            for (int g = 0; g < order_; ++g) {
+            T part[2][(max_order + 1) / 2];  // [even or odd polynomials][pair]
+            auto product = [&](int g) {
                 const std::size_t at = std::size_t(g) * n + p;
-                product[g] = load<T>(&value[at]) * load<T>(&weight[at]);
+                return load<T>(&value[at]) * load<T>(&weight[at]);
+            };
+            for (int g = 0; g < pairs; ++g) {
+                const T one = product(g), other = order_ - 1 - g == g ? T(0.0) : product(order_ - 1 - g);
+                part[0][g] = one + other;
+                part[1][g] = one - other;
             }
-            int l = 0;
-            for (; l + 4 <= order_; l += 4) {
-                const double* row = &rule.to_legendre[std::size_t(l) * order_];
-                T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
-                for (int g = 0; g < order_; ++g) {
-                    BUMPSTOP_UNROLL
-                    for (int i = 0; i < 4; ++i) sum[i] += product[g] * row[i * order_ + g];
+            for (int parity = 0; parity < 2; ++parity) {
+                int l = parity;
+                for (; l + 6 < order_; l += 8) {
+                    const double* row = &rule.to_legendre[std::size_t(l) * order_];
+                    T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
+                    for (int g = 0; g < pairs; ++g) {
+                        BUMPSTOP_UNROLL
+                        for (int i = 0; i < 4; ++i) sum[i] += part[parity][g] * row[2 * i * order_ + g];
+                    }
+                    for (int i = 0; i < 4; ++i) store(sum[i], series + std::size_t(l + 2 * i) * n + p);
                 }
-                for (int i = 0; i < 4; ++i) store(sum[i], series + std::size_t(l + i) * n + p);
-            }
-            for (; l < order_; ++l) {
-                T sum = 0.0;
-                for (int g = 0; g < order_; ++g) sum += product[g] * rule.to_legendre[std::size_t(l) * order_ + g];
-                store(sum, series + std::size_t(l) * n + p);
+                for (; l < order_; l += 2) {
+                    T sum = 0.0;
+                    for (int g = 0; g < pairs; ++g)
+                        sum += part[parity][g] * rule.to_legendre[std::size_t(l) * order_ + g];
+                    store(sum, series + std::size_t(l) * n + p);
+                }
             }
         }
     }
@@ -393,7 +411,8 @@ class ExactLawBuilder {
     const MotionSettings& motion_;
     const ThresholdDetector& detector_;
     const LawSettings& settings_;
-    const QuietTicks quiet_;
+    std::optional<QuietTicks> own_quiet_;
+    const QuietTicks& quiet_;
     const OutcomeFinder<T> find_;
     PanelCutter cutter_;
     std::optional<FreeReactions<T>> reactions_;  ///< of free contact

@@ -180,25 +180,52 @@ Moments moments(const LawPieces& pieces, const LawQuantity& quantity, double ext
     return {about, std::sqrt(std::max(0.0, second / total - offset * offset))};
 }
 
-/// The smallest y with P(quantity > y) <= beyond * scale, to 1e-13 of the largest value. `never` is
-/// probability that counts as beyond every y. Infinite where `never` alone is too much.
+namespace detail {
+
+/// A first guess at the y with P(quantity > y) = `allowed`: as if every slot's probability were spread evenly.
+inline double likely_quantile(const LawQuantity& quantity, double allowed, double high) {
+    double low = 0;
+    for (int halving = 0; halving < 20; ++halving) {
+        const double y = 0.5 * (low + high);
+        double beyond = 0;
+        for (std::size_t i = 0; i < quantity.mass.size(); ++i) {
+            if (!(quantity.mass[i] > 0)) continue;
+            const double width = quantity.most[i] - quantity.least[i];
+            beyond += quantity.mass[i] *
+                      (width > 0 ? std::clamp((quantity.most[i] - y) / width, 0.0, 1.0) : double(quantity.most[i] > y));
+        }
+        (beyond > allowed ? low : high) = y;
+    }
+    return 0.5 * (low + high);
+}
+
+}  // namespace detail
+
+/// The smallest y with P(quantity > y) <= allowed, to 1e-13 of the largest value. `never` is probability that counts as
+/// beyond every y. Infinite where `never` alone is too much.
 template <class T>
 double upper_quantile(const LawPieces& pieces, const LawQuantity& quantity, double allowed, double never) {
     if (never > allowed) return std::numeric_limits<double>::infinity();
-    double high = 0;
-    for (double most : quantity.most) high = std::max(high, most);
+    double high = 0, above_zero = never;
+    for (std::size_t i = 0; i < quantity.most.size(); ++i) {
+        high = std::max(high, quantity.most[i]);
+        if (quantity.least[i] > 0) above_zero += quantity.mass[i];
+    }
     double low = 0;
-    if (tail<T>(pieces, quantity, 0.0).probability + never <= allowed) return 0;
+    if (above_zero <= allowed && tail<T>(pieces, quantity, 0.0).probability + never <= allowed) return 0;
     const double resolution = 1e-13 * high;
-    double y = 0.5 * high;
-    // Newton's step where it stays inside the bracket, halving where it does not.
+    double y = detail::likely_quantile(quantity, allowed - never, high);
+    // Newton's step for the logarithm of the tail, which falls like that of a normal law, where the step stays inside the
+    // bracket; halving where it does not.
+    const double wanted = allowed - never;
     for (int iteration = 0; iteration < 200 && high - low > resolution; ++iteration) {
         const TailAt at = tail<T>(pieces, quantity, y);
-        const double excess = at.probability + never - allowed;
+        const double excess = at.probability - wanted;
         (excess > 0 ? low : high) = y;
         double next = 0.5 * (low + high);
         if (at.density > 0) {
-            const double newton = y + excess / at.density;
+            const double step = wanted > 0 ? at.probability * std::log1p(excess / wanted) : excess;
+            const double newton = y + step / at.density;
             if (std::fabs(newton - y) <= resolution) return newton;
             if (newton > low && newton < high) next = newton;
         }

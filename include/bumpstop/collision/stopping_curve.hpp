@@ -108,9 +108,12 @@ inline Summit summit(const ReactionJob& job) {
 /// is not smooth in the tick, as the steps fall differently about the summit; the summit is.
 class OverrunInterpolation {
   public:
-    OverrunInterpolation(Interpolation interpolation, const ReactionJob* jobs)
-        : interpolation_(std::move(interpolation)) {
-        for (int m = 0; m < interpolation_.size(); ++m) summit_.push_back(summit(jobs[m]));
+    /// Through the jobs but number `without`, if it is not below zero.
+    OverrunInterpolation(const ReactionJob* jobs, int count, int without = -1)
+        : interpolation_(ticks_of(jobs, count, without)) {
+        for (int m = 0; m < count; ++m) {
+            if (m != without) summit_.push_back(summit(jobs[m]));
+        }
     }
     double at(int k) const {
         double weight[16];
@@ -126,6 +129,14 @@ class OverrunInterpolation {
     }
 
   private:
+    static std::vector<int> ticks_of(const ReactionJob* jobs, int count, int without) {
+        std::vector<int> ticks;
+        for (int m = 0; m < count; ++m) {
+            if (m != without) ticks.push_back(jobs[m].tick);
+        }
+        return ticks;
+    }
+
     Interpolation interpolation_;
     std::vector<Summit> summit_;
 };
@@ -322,13 +333,13 @@ class Refinement {
 }  // namespace detail
 
 /// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each
-/// stretch and interpolated between; a stretch where a check between the nodes disagrees is halved, down to
+/// stretch and interpolated between; a stretch where the others say something else of one of them is halved, down to
 /// single ticks. `pose(i)` gives the joint positions curve i started in, `tolerance(i)` how well its ticks must be known.
 template <class T, class Pose, class Tolerance>
 void complete_curves(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                      const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose,
                      Tolerance tolerance) {
-    constexpr int nodes = 6, checks = 2;
+    constexpr int nodes = 6, fewest_ticks = 9;
     std::vector<detail::Stretch> pending;
     std::vector<detail::Refinement> rough;
     for (int c = 0; c < count; ++c) {
@@ -365,31 +376,25 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
 
     for (detail::Stretch& stretch : pending) {
         stretch.job = jobs.size();
-        const bool every_tick = stretch.crosses_kink || stretch.ticks() <= nodes + checks;
+        const bool every_tick = stretch.crosses_kink || stretch.ticks() < fewest_ticks;
         const int wanted = every_tick ? stretch.ticks() : nodes;
-        const std::vector<int> tick = interpolation_nodes(stretch.first, stretch.last, wanted);
-        for (int k : tick) add(stretch.curve, k);
-        for (int i = 0; !every_tick && i < checks; ++i) {
-            const std::size_t gap = i == 0 ? 1 : nodes / 2;  // where the nodes leave the widest gaps, and near an end
-            add(stretch.curve, (tick[gap] + tick[gap + 1]) / 2);
-        }
+        for (int k : interpolation_nodes(stretch.first, stretch.last, wanted)) add(stretch.curve, k);
     }
     simulate();
     for (const detail::Stretch& stretch : pending) {
         const ReactionJob* own = &jobs[stretch.job];
-        if (stretch.crosses_kink || stretch.ticks() <= nodes + checks) {
+        if (stretch.crosses_kink || stretch.ticks() < fewest_ticks) {
             for (int i = 0; i < stretch.ticks(); ++i)
                 place(stretch.curve, stretch.first + i, detail::overrun(own[i].distance));
             continue;
         }
-        const detail::OverrunInterpolation overrun(
-            Interpolation(interpolation_nodes(stretch.first, stretch.last, nodes)), own);
         bool smooth = true;
-        for (int i = 0; i < checks; ++i) {
-            const ReactionJob& check = own[nodes + i];
-            const double difference = overrun.at(check.tick) - detail::overrun(check.distance);
+        for (int i : {1, nodes / 2}) {  // near an end, and in the middle
+            const double difference =
+                detail::OverrunInterpolation(own, nodes, i).at(own[i].tick) - detail::overrun(own[i].distance);
             smooth = smooth && std::fabs(difference) <= tolerance(stretch.curve).of(stretch.first, stretch.last);
         }
+        const detail::OverrunInterpolation overrun(own, nodes);
         for (int k = stretch.first; smooth && k <= stretch.last; ++k) {
             const double travelled = overrun.at(k);
             smooth = smooth && travelled >= 0;
