@@ -46,16 +46,21 @@ nb::dict curve(const ArmTrajectory& self, double begin, Vector normal) {
 
 // The exact laws of single contact times; detections of all of them in a row, `contact` says whose each is.
 nb::dict laws(const ArmTrajectory& self, const ThresholdDetector& detector, double stiffness, Vector begin,
-              Matrix normal) {
+              Matrix normal, double body_mass) {
     const std::size_t n = begin.shape(0), dof = std::size_t(self.dof());
     NewArray<double> false_alarm({n}), undetected({n}), no_contact({n}), several({n}), harmless({n}), greatest({n});
+    NewArray<double> undetected_peak({n}), undetected_duration({n});
     NewArray<double> trigger({n, dof});
     std::vector<ContactLaw::Detection> detection;
     std::vector<std::size_t> owner;
     {
         nb::gil_scoped_release unlocked;
+        const QuietTicks quiet(detector, self.timing(), self.step(), self.ticks());
         for (std::size_t i = 0; i < n; ++i) {
-            const ContactLaw law = contact_law<L>(self, begin(i), point3(normal.data() + 3 * i), detector, stiffness);
+            const ContactLaw law =
+                contact_law<L>(self, begin(i), point3(normal.data() + 3 * i), detector, stiffness, quiet, body_mass);
+            undetected_peak.data[i] = law.undetected_peak;
+            undetected_duration.data[i] = law.undetected_duration;
             false_alarm.data[i] = law.false_alarm;
             undetected.data[i] = law.undetected;
             no_contact.data[i] = law.no_contact;
@@ -69,13 +74,16 @@ nb::dict laws(const ArmTrajectory& self, const ThresholdDetector& detector, doub
     }
     const std::size_t m = detection.size();
     NewArray<std::int64_t> contact({m}), tick({m});
-    NewArray<double> probability({m}), farthest({m}), distance({m});
+    NewArray<double> probability({m}), farthest({m}), distance({m}), peak({m}), duration({m}), force({m});
     for (std::size_t i = 0; i < m; ++i) {
         contact.data[i] = std::int64_t(owner[i]);
         tick.data[i] = detection[i].tick;
         probability.data[i] = detection[i].probability;
         farthest.data[i] = detection[i].farthest;
         distance.data[i] = detection[i].distance;
+        peak.data[i] = detection[i].peak;
+        duration.data[i] = detection[i].duration;
+        force.data[i] = detection[i].force;
     }
     nb::dict out;
     out["false_alarm"] = false_alarm.release();
@@ -90,31 +98,57 @@ nb::dict laws(const ArmTrajectory& self, const ThresholdDetector& detector, doub
     out["probability"] = probability.release();
     out["farthest"] = farthest.release();
     out["distance"] = distance.release();
+    out["peak"] = peak.release();
+    out["duration"] = duration.release();
+    out["force"] = force.release();
+    out["undetected_peak"] = undetected_peak.release();
+    out["undetected_duration"] = undetected_duration.release();
     return out;
 }
 
 // One collision for each contact time. Runs are numbered from 0; a run's noise depends on its number alone.
 nb::dict sample(const ArmTrajectory& self, const ThresholdDetector& detector, double stiffness, Vector begin,
-                Matrix normal, std::uint64_t seed, int threads) {
+                Matrix normal, std::uint64_t seed, int threads, std::optional<Matrix> residuals,
+                std::int64_t block_rows, double body_mass) {
     const std::size_t n = begin.shape(0), dof = std::size_t(self.dof());
     NewArray<double> noise({n, dof}), residual({n, dof}), farthest({n}), distance({n}), greatest({n});
+    NewArray<double> peak({n}), duration({n}), force({n});
     NewArray<std::int32_t> tick({n});
     NewArray<std::uint32_t> triggers({n});
     {
         nb::gil_scoped_release unlocked;
         constexpr std::size_t block = 256;
         std::atomic<std::size_t> next{0};
+        ResidualRecord record;
+        if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
         auto one = [&](std::size_t i) {
-            const StoppingCurve curve = self.curve(begin(i), point3(normal.data() + 3 * i), &detector, stiffness);
+            const Point3<double> way = point3(normal.data() + 3 * i);
+            const StoppingCurve curve = self.curve(begin(i), way, &detector, stiffness, body_mass);
             double offset;
+            SampledRuns out{&offset, &tick.data[i], &triggers.data[i], &noise.data[i * dof], &residual.data[i * dof]};
+            out.peak_force = &peak.data[i];
+            out.duration = &duration.data[i];
+            out.force_at_detection = &force.data[i];
+            const bool free = body_mass > 0;
+            // When the body is noticed does not depend on the reactions; of these one is needed.
+            FreePaths paths;
+            if (free) paths = self.free_paths(curve, begin(i), way, self.ticks());
             Sampler<double>(curve, self.timing(), self.settings().motion, detector, stiffness, {OffsetKind::fixed, 0.0},
-                            seed)
-                .run(std::int64_t(i), 1,
-                     {&offset, &tick.data[i], &triggers.data[i], &noise.data[i * dof], &residual.data[i * dof]});
+                            seed, residuals ? &record : nullptr, free ? &paths : nullptr, body_mass)
+                .run(std::int64_t(i), 1, out);
             const int k = tick.data[i];
             farthest.data[i] = k < 0 ? 0 : curve.farthest[std::size_t(k)];
             distance.data[i] = k < 0 ? 0 : curve.path.at_tick(k, self.timing().period);
             greatest.data[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
+            if (!free || k < 0) return;
+            paths = self.free_paths(curve, begin(i), way, k);
+            int first = 0;
+            while (first < curve.path.ticks && !(curve.path.at_tick(first, self.timing().period) > 0)) ++first;
+            const FreeReactions<double> reactions(paths, {stiffness, body_mass});
+            const int since = k - first;
+            const auto outcome = FreeCollision<double>(reactions, &first, 0.0).detected(&since);
+            peak.data[i] = outcome.peak;
+            duration.data[i] = outcome.duration;
         };
         auto work = [&] {
             for (std::size_t first = block * next++; first < n; first = block * next++)
@@ -133,6 +167,11 @@ nb::dict sample(const ArmTrajectory& self, const ThresholdDetector& detector, do
     out["farthest"] = farthest.release();
     out["distance"] = distance.release();
     out["greatest"] = greatest.release();
+    if (body_mass > 0) {
+        out["peak"] = peak.release();
+        out["duration"] = duration.release();
+        out["force"] = force.release();
+    }
     return out;
 }
 
@@ -177,9 +216,23 @@ void bind_trajectory(nb::module_& module) {
             },
             nb::arg("tick"), nb::arg("begin"), "Time [s] from touch until a reversing arm has let go.")
         .def("curve", &curve, nb::arg("begin"), nb::arg("normal"))
-        .def("laws", &laws, nb::arg("detector"), nb::arg("stiffness"), nb::arg("begin"), nb::arg("normal"))
+        .def("laws", &laws, nb::arg("detector"), nb::arg("stiffness"), nb::arg("begin"), nb::arg("normal"),
+             nb::arg("body_mass"))
         .def("sample", &sample, nb::arg("detector"), nb::arg("stiffness"), nb::arg("begin"), nb::arg("normal"),
-             nb::arg("seed"), nb::arg("threads"));
+             nb::arg("seed"), nb::arg("threads"), nb::arg("residuals").none(), nb::arg("block_rows"),
+             nb::arg("body_mass"))
+        .def(
+            "phases",
+            [](const ArmTrajectory& self, const std::vector<int>& tick, Vector begin, Matrix normal, double first) {
+                NewArray<double> out({tick.size(), 2});
+                for (std::size_t i = 0; i < tick.size(); ++i) {
+                    const auto deepest = self.phases(tick[i], begin(i), point3(normal.data() + 3 * i), first);
+                    std::copy(deepest.begin(), deepest.end(), &out.data[2 * i]);
+                }
+                return out.release();
+            },
+            nb::arg("tick"), nb::arg("begin"), nb::arg("normal"), nb::arg("first"),
+            "Greatest distances [m] in the first seconds of contact, and after them, (N, 2).");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -186,12 +186,22 @@ void check_trajectory(const Arm& arm, ReactionKind reaction, double duration) {
     }
     const TrajectorySettings settings{arm.contact.point, arm.motion, 4, arm.timing.latency, reaction};
     const ArmTrajectory trajectory(arm.chain, spline, settings);
+    const QuietTicks quiet(arm.detector, trajectory.timing(), trajectory.step(), trajectory.ticks());
     for (double share : {0.001, 0.3, 0.5, 0.8, 0.999}) {
         const double begin = share * duration, h = 1e-6 * duration;
         const Point3<double> way = trajectory.point_at(begin + h) - trajectory.point_at(begin - h);
         const double length = std::sqrt(dot(way, way));
         const Point3<double> normal{way.x / length, way.y / length, way.z / length};
-        const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000);
+        for (double mass : {2.0, 0.0}) {
+            const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000, quiet, mass);
+            double all = law.harmless + law.undetected;
+            for (const ContactLaw::Detection& one : law.detection) {
+                all += one.probability;
+                require(one.peak >= 0 && one.duration >= 0, "free contact is bounded");
+            }
+            require(std::fabs(all - 1) < 1e-8, "probabilities add up");
+        }
+        const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000, quiet);
         double total = law.harmless + law.undetected;
         for (const ContactLaw::Detection& one : law.detection) {
             total += one.probability;

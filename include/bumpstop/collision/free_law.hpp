@@ -24,13 +24,14 @@ struct FreeNodes {
 /// quadrature over the same offsets.
 struct FreeAlarms {
     static constexpr int cells = 16, nodes = 12;
+    std::vector<int> tick;                          ///< [piece]
     std::vector<double> mass;                       ///< [piece][cell]: probability
     std::vector<double> edge_force, edge_duration;  ///< [piece][cell + 1] [N, s]
     std::vector<double> node_mass;                  ///< [piece][node]
     std::vector<double> node_force, node_duration;  ///< [piece][node] [N, s]
     double total = 0;                               ///< probability of all pieces
 
-    std::size_t pieces() const { return mass.size() / cells; }
+    std::size_t pieces() const { return tick.size(); }
 };
 
 /// The undetected collisions at all nodes of panels, as the outcomes' finder sees them.
@@ -115,6 +116,7 @@ void add_alarms(const FreeReactions<T>& reactions, const OffsetLaw& offset, int 
     const double top = std::min(reactions.paths().farthest[std::size_t(k)], offset.largest());
     const bool fixed = offset.kind == OffsetKind::fixed;
     if (fixed ? !(top >= offset.size && offset.size >= low) : !(top > low)) return;
+    out.tick.push_back(k);
     std::array<double, cells + 1 + nodes> place;
     const GaussRule& rule = gauss_rule(nodes);
     for (int i = 0; i <= cells; ++i) {

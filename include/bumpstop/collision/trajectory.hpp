@@ -125,9 +125,9 @@ class ArmTrajectory {
 
     /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
     /// on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
-    /// the curve ends where contact has been noticed for certain.
-    StoppingCurve curve(double begin, const Point3<double>& normal, const ThresholdDetector* detector,
-                        double stiffness) const {
+    /// the curve ends where contact has been noticed for certain, or a body of a mass above zero [kg] has got away.
+    StoppingCurve curve(double begin, const Point3<double>& normal, const ThresholdDetector* detector, double stiffness,
+                        double body_mass = 0) const {
         StoppingCurve curve;
         LinePath& path = curve.path;
         path.dof = chain_.dof;
@@ -137,6 +137,7 @@ class ArmTrajectory {
         path.s.reserve(std::size_t(steps_) + 1);
         ThresholdDetector nobody;
         CertainDetection<double> certain(detector ? *detector : nobody, timing_, step(), stiffness, 0.0);
+        CertainParting<double> parted({stiffness, body_mass > 0 ? body_mass : 1}, timing_, step(), 0.0);
         const std::size_t n = std::size_t(chain_.dof);
         double greatest = 0;  // distance since contact began
         std::vector<double> torque(n);
@@ -150,7 +151,8 @@ class ArmTrajectory {
             for (std::size_t j = 0; j < n; ++j) torque[j] = touched ? dot(lever_[std::size_t(k) * n + j], normal) : 0.0;
             path.torque_per_N.insert(path.torque_per_N.end(), torque.begin(), torque.end());
             curve.farthest.push_back(farthest(k, begin, origin, normal, greatest));
-            if (detector && certain(path.s.back(), torque.data())) {
+            if (detector &&
+                (body_mass > 0 ? parted(path.s.back(), torque.data()) : certain(path.s.back(), torque.data()))) {
                 path.end = PathEnd::certain_detection;
                 break;
             }
@@ -172,6 +174,42 @@ class ArmTrajectory {
         double u = reaction.u.back();
         while (settings_.reaction == ReactionKind::reverse && u > begin) visit(u -= step());
         return distance;
+    }
+
+    /// What a body that can get away meets on such a curve: the reactions to all ticks whose path arrives, or to one.
+    FreePaths free_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
+                         int only_tick = -1) const {
+        const int end = int(std::min(curve.path.s.size() - 1, std::size_t(steps_)));
+        FreePaths paths{&curve.path, settings_.period, settings_.latency, end, step(), {}, {}};
+        paths.reaction.resize(std::size_t(curve.path.ticks));
+        for (int k = 0; k < curve.path.ticks; ++k) {
+            if (only_tick < 0 ? curve.farthest[std::size_t(k)] > 0 : k == only_tick)
+                paths.reaction[std::size_t(k)] = reaction_distances(k, begin, normal);
+        }
+        paths.find_farthest();
+        // An arm whose reaction does not arrive need not be followed.
+        for (int k = 0; k < curve.path.ticks; ++k) {
+            if (!(curve.farthest[std::size_t(k)] > 0)) paths.farthest[std::size_t(k)] = -HUGE_VAL;
+        }
+        return paths;
+    }
+
+    /// Greatest distances in the first `first` seconds of contact, and after them, of the contact that is noticed at a tick.
+    std::array<double, 2> phases(int tick, double begin, const Point3<double>& normal, double first) const {
+        const Point3<double> origin = point_at(begin);
+        const int turn = int(std::ceil((begin + first) / step() - 1e-9)), reacts = first_step(tick) + settings_.latency;
+        std::array<double, 2> deepest{0, 0};
+        auto meet = [&](int i, double distance) {
+            double& most = deepest[i < turn ? 0 : 1];
+            most = std::max(most, distance);
+        };
+        for (int i = 0; i < std::min(reacts, steps_ + 1); ++i)
+            if (i * step() > begin) meet(i, dot(point_[std::size_t(i)] - origin, normal));
+        const std::vector<double> distance = reaction_distances(tick, begin, normal);
+        for (std::size_t i = 0; i < distance.size(); ++i) meet(reacts + int(i), distance[i]);
+        // An arm that has stopped in contact stays there.
+        if (settings_.reaction == ReactionKind::stop) meet(std::numeric_limits<int>::max(), distance.back());
+        return deepest;
     }
 
     /// From touch until the reversing arm is back where contact began [s]; NaN where it never arrives there.
@@ -263,22 +301,33 @@ class ArmTrajectory {
 struct ContactLaw {
     struct Detection {
         int tick;
-        double probability, farthest, distance;  // distance at the tick; negative: a false alarm
+        double probability, farthest, distance;    // distance at the tick; negative: a false alarm
+        double peak = 0, duration = 0, force = 0;  // of free contact [N, s, N]
     };
     std::vector<Detection> detection;
     double false_alarm, undetected, no_contact, several;
     double harmless;  ///< false alarms whose stopping path does not arrive, and no contact
     double greatest;  ///< distance of the undisturbed motion from contact to its end
+    double undetected_peak = 0, undetected_duration = 0;  ///< of free contact [N, s]
     double trigger[max_joints];
 };
 
+/// `quiet`: the trajectory's ticks without contact. A body of a mass above zero [kg] can get away.
 template <class T>
 ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Point3<double>& normal,
-                       const ThresholdDetector& detector, double stiffness) {
-    const StoppingCurve curve = trajectory.curve(begin, normal, &detector, stiffness);
-    const LawSettings settings{stiffness, {OffsetKind::fixed, 0.0}};
+                       const ThresholdDetector& detector, double stiffness, const QuietTicks& quiet,
+                       double body_mass = 0) {
+    const StoppingCurve curve = trajectory.curve(begin, normal, &detector, stiffness, body_mass);
+    LawSettings settings{stiffness, {OffsetKind::fixed, 0.0}};
+    FreePaths free;
+    if (body_mass > 0) {
+        free = trajectory.free_paths(curve, begin, normal);
+        settings.free = &free;
+        settings.body_mass = body_mass;
+    }
     const ExactLaw law =
-        ExactLawBuilder<T>(curve, trajectory.timing(), trajectory.settings().motion, detector, settings).build();
+        ExactLawBuilder<T>(curve, trajectory.timing(), trajectory.settings().motion, detector, settings, &quiet)
+            .build();
     ContactLaw out;
     out.false_alarm = law.false_alarm;
     out.undetected = law.undetected;
@@ -288,12 +337,31 @@ ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Poin
     out.greatest = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
     std::copy(law.trigger, law.trigger + trajectory.dof(), out.trigger);
     const LawPieces& pieces = law.pieces;
+    const FreeNodes& nodes = law.free;
     for (int slot = 0; slot + 1 < pieces.slots; ++slot) {
         const int k = pieces.first_tick[0] + slot - pieces.slots_before;
         const double probability = 2 * *pieces.series(slot, 0);
         if (k < 0 || k >= curve.path.ticks || !(probability > 0)) continue;
         const double distance = slot < pieces.slots_before ? -1 : curve.path.at_tick(k, trajectory.timing().period);
         out.detection.push_back({k, probability, curve.farthest[std::size_t(k)], distance});
+        if (body_mass > 0) {
+            const std::size_t at = std::size_t(slot) * std::size_t(nodes.panels);
+            out.detection.back().peak = nodes.peak_force[at];
+            out.detection.back().duration = nodes.duration[at];
+            out.detection.back().force = nodes.force_at_detection[at];
+        }
+    }
+    if (!(body_mass > 0) || pieces.slots == 0) return out;
+    const std::size_t never = std::size_t(pieces.slots - 1) * std::size_t(nodes.panels);
+    out.undetected_peak = nodes.peak_force[never];
+    out.undetected_duration = nodes.duration[never];
+    const FreeAlarms& alarms = law.free_alarms;
+    for (std::size_t i = 0; i < alarms.pieces(); ++i) {
+        // All cells of a body at one place are alike.
+        const std::size_t edge = i * (FreeAlarms::cells + 1);
+        out.detection.push_back({alarms.tick[i], alarms.mass[i * FreeAlarms::cells] * FreeAlarms::cells,
+                                 curve.farthest[std::size_t(alarms.tick[i])], -1, alarms.edge_force[edge],
+                                 alarms.edge_duration[edge], 0});
     }
     return out;
 }

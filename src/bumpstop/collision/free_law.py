@@ -184,12 +184,16 @@ class ImpactBounds:
 
 
 def impact_bounds(problem: Problem) -> ImpactBounds | None:
-    """Bounds on the peak force of free contact; None for clamped contact."""
-    mass = problem.body_mass
-    if mass is None:
+    """Bounds on the peak force of free contact along a line; None for clamped contact."""
+    if problem.body_mass is None:
         return None
-    speed, stiffness = problem.approach_speed, problem.stiffness
-    arm = arm_mass(problem)
+    return bounds_at(problem, problem.approach_speed, arm_mass(problem))
+
+
+def bounds_at(problem: Problem, speed: float, arm: float | None) -> ImpactBounds:
+    """The same at an approach speed [m/s] and with an effective mass of the arm [kg], None where it is not known."""
+    mass, stiffness = problem.body_mass, problem.stiffness
+    assert mass is not None
     reduced = None if arm is None else speed * (stiffness * reduced_mass(mass, arm)) ** 0.5
     return ImpactBounds(
         position_driven=speed * (mass * stiffness) ** 0.5,
@@ -205,13 +209,18 @@ def reduced_mass(body: float, arm: float) -> float:
 
 
 def arm_mass(problem: Problem) -> float | None:
-    """Effective mass of the arm at the contact point along the normal [kg]; None where its inertia is not known."""
+    """Effective mass of the arm along the normal at the start of a line [kg]; None where its inertia is not known."""
+    normal = problem.scenario.contact.normal
+    return arm_mass_at(problem, problem.q, np.array(normal if normal is not None else problem.start["point_velocity"]))
+
+
+def arm_mass_at(problem: Problem, q: FloatArray, normal: FloatArray) -> float | None:
+    """The same at joint positions (dof,) [rad or m] along any direction (3,), base frame."""
     if any(joint.inertia is None for joint in problem.robot.joints):
         return None
     contact = problem.scenario.contact
-    normal = np.array(contact.normal if contact.normal is not None else problem.start["point_velocity"])
     try:
-        mass = effective_mass(problem.robot, problem.q, normal / np.linalg.norm(normal), contact.link, contact.point_m)
+        mass = effective_mass(problem.robot, q, normal / np.linalg.norm(normal), contact.link, contact.point_m)
     except InputError:  # a mass matrix without an inverse says nothing
         return None
     return float(mass)

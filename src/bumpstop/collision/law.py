@@ -15,7 +15,7 @@ from bumpstop.collision.contact_time import contact_times, exact_contact_time, s
 from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, ExactDistribution, SampledDistribution
 from bumpstop.collision.free_law import FreeQuantities, ImpactBounds, impact_bounds
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.two_phase import FIRST_PHASE_S, TwoPhaseUse
+from bumpstop.collision.two_phase import FIRST_PHASE_S, TwoPhaseUse, phase_shares
 from bumpstop.collision.verdict import Verdict, judge
 from bumpstop.errors import InputError
 
@@ -192,6 +192,15 @@ class ForceLaw:
         pressure = None if use.pressure is None else use.over(use.pressure, undetected)
         return use.over(use.force, undetected), pressure
 
+    def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
+        """How far detected clamped collisions use the limits of two phases, and the probability of these collisions.
+
+        Args:
+            first: share of its limit that a newton takes in the first half second of contact.
+            later: the same after that.
+        """
+        return phase_shares(self, first, later)
+
     @cached_property
     def impact_bounds(self) -> ImpactBounds | None:
         """Peak force of an undetected free impact by formula; None for clamped contact."""
@@ -285,6 +294,8 @@ def evaluate(
     problem = Problem.from_scenario(scenario)
     if samples is not None:
         _check_sample(samples, seed)
+    elif problem.residuals is not None:
+        samples = RESAMPLED_RUNS
     if problem.trajectory is not None:
         from bumpstop.collision.trajectory_law import exact_trajectory_law, sampled_trajectory_law
 
@@ -292,8 +303,6 @@ def evaluate(
             return exact_trajectory_law(problem, refinement=refinement)
         return sampled_trajectory_law(problem, samples=samples, seed=seed, threads=threads)
     curve = stopping_curve(problem)
-    if samples is None and problem.residuals is not None:
-        samples = RESAMPLED_RUNS
     if samples is None:
         return exact_law(problem, curve, refinement=refinement)
     return sampled_law(problem, curve, samples=samples, seed=seed, threads=threads)

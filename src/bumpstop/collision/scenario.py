@@ -279,16 +279,9 @@ class Scenario(_Table):
                         'has no meaning with motion.kind = "trajectory"',
                         "leave it out: motion.contact_time says when contact begins",
                     )
-            for key, value, wanted in (
-                ("contact.kind", self.contact.kind, "clamped"),
-                ("verdict.clamped_limit", self.verdict.clamped_limit, "quasi_static"),
-            ):
-                if value != wanted:
-                    problem = f'{value!r} is not available with motion.kind = "trajectory"'
-                    raise InputError(key, problem, f"valid: {wanted!r}")
-            if self.detector.residuals is not None:
-                problem = 'is not available with motion.kind = "trajectory"'
-                raise InputError("detector.residuals", problem, "give detector.noise_sd_Nm")
+            if self.contact.arm == "two_mass":
+                problem = "'two_mass' is not available with motion.kind = \"trajectory\""
+                raise InputError("contact.arm", problem, "valid: 'position_driven': the arm's mass changes on the way")
             return self
         if (self.pose_deg is None) == (self.pose_rad is None):
             problem = "is missing" if self.pose_deg is None else "and pose_rad are both given"

@@ -13,10 +13,13 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.contact_begin import ContactTimes, approach, contact_times, draw_times, trajectory_of
 from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, SampledDistribution
+from bumpstop.collision.free_law import ImpactBounds, arm_mass_at, bounds_at
 from bumpstop.collision.law import ForceLaw, StoppingCurve
 from bumpstop.collision.mixture import MixtureDistribution
 from bumpstop.collision.problem import Problem
 from bumpstop.collision.trajectory import Trajectory
+from bumpstop.collision.two_phase import FIRST_PHASE_S
+from bumpstop.errors import InputError
 from bumpstop.kernels import core
 
 
@@ -81,6 +84,32 @@ class _Mixer:
 
 
 @dataclass(frozen=True, eq=False)
+class _Detections:
+    """Detected collisions, single runs or nodes of a quadrature.
+
+    Attributes:
+        tick: of detection (detections,).
+        begin: of contact (detections,) [s].
+        normal: (detections, 3), base frame.
+        mass: probabilities (detections,), None for runs.
+        mixer: of the nodes; None for runs.
+    """
+
+    tick: npt.NDArray[np.int64]
+    begin: FloatArray
+    normal: FloatArray
+    mass: FloatArray | None = None
+    mixer: _Mixer | None = None
+
+    def distribution(self, value: FloatArray) -> tuple[Distribution, float]:
+        """Of a quantity (detections,), and the probability of all of them where that is known."""
+        if self.mixer is None:
+            return SampledDistribution(value), math.nan
+        assert self.mass is not None
+        return self.mixer.distribution(value, self.mass), float(self.mass.sum())
+
+
+@dataclass(frozen=True, eq=False)
 class TrajectoryLaw(ForceLaw):
     """The distribution of one collision over the time of contact and sensor noise.
 
@@ -90,19 +119,41 @@ class TrajectoryLaw(ForceLaw):
     Attributes:
         times: when contact may begin.
         contact_begin: of ``curve`` [s].
-        spans: contact time of a reversing arm [s], or None where it stops.
+        spans: contact time of a reversing arm, or of a body that gets away [s]; None where the arm stops in clamped
+            contact.
+        detections: the detected collisions one by one.
         greatest_undetected: the greatest force of a collision never detected [N].
     """
 
     times: ContactTimes = field(kw_only=True)
     contact_begin: float = field(kw_only=True)
     spans: Distribution | None = field(kw_only=True)
+    detections: _Detections = field(kw_only=True)
     greatest_undetected: float = field(kw_only=True)
 
     @cached_property
     def contact_time(self) -> Distribution | None:
-        """From contact until the reversing arm has let go [s], given that; None where the arm stops in contact."""
+        """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
         return self.spans
+
+    @cached_property
+    def impact_bounds(self) -> ImpactBounds | None:
+        """Peak force by formula of an undetected impact at the contact of ``curve``; None for clamped contact."""
+        if self.problem.body_mass is None:
+            return None
+        q = trajectory_of(self.problem).at(self.contact_begin)
+        arm = arm_mass_at(self.problem, np.ascontiguousarray(q).reshape(-1), self.curve.normal)
+        return bounds_at(self.problem, self.curve.approach_speed, arm)
+
+    def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
+        """See :meth:`ForceLaw.phase_shares`."""
+        own = self.detections
+        deepest = self.kernel.phases(own.tick.tolist(), own.begin, own.normal, FIRST_PHASE_S)
+        share = self.problem.stiffness * np.maximum(deepest[:, 0] * first, deepest[:, 1] * later)
+        found, weight = own.distribution(share)
+        if self.samples is not None:
+            weight = own.tick.size / self.samples
+        return found, weight
 
     def curve_at(self, begin: float) -> StoppingCurve:
         """The stopping curve of a contact that begins at a time of the trajectory [s]."""
@@ -145,7 +196,7 @@ class TrajectoryLaw(ForceLaw):
                 f"In {self.no_contact_probability:.2g} of cases the point turns back within a simulation step, and "
                 "nothing is touched."
             )
-        if self.undetected_probability > NEGLIGIBLE:
+        if self.undetected_probability > NEGLIGIBLE and self.problem.body_mass is None:
             notes.append(
                 f"In {self.undetected_probability:.2g} of cases the motion ends without a detection. They count as "
                 f"over every limit, whatever their force; the greatest of it is {self.greatest_undetected:.4g} N."
@@ -217,23 +268,46 @@ def trajectory_curve(problem: Problem, kernel: Any, begin: float) -> StoppingCur
 
 def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> TrajectoryLaw:
     """Integrate over the time of contact and sensor noise."""
+    if problem.residuals is not None:
+        raise InputError("detector.residuals", "measured residuals have no exact law", "draw it: give samples")
     kernel, times = trajectory_kernel(problem), contact_times(problem, refinement)
     used = np.flatnonzero(times.weight > 0)
     begin, weight, K = times.begin[used], times.weight[used], problem.stiffness
     normal = np.ascontiguousarray(times.normal[used])
-    out = kernel.laws(problem.detector, K, begin, normal)
+    out = kernel.laws(problem.detector, K, begin, normal, problem.moving_mass)
     contact, tick, probability = out["contact"], out["tick"], out["probability"]
-    mass, peak = weight[contact] * probability, K * out["farthest"]
+    free = problem.body_mass is not None
+    mass = weight[contact] * probability
+    peak, undetected_peak = (
+        (out["peak"], out["undetected_peak"]) if free else (K * out["farthest"], K * out["greatest"])
+    )
     after = out["distance"] >= 0
     never = weight * out["undetected"]
     mixer = _Mixer(times, used[contact], tick)
     late = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s - begin[contact]
     false_alarm = float(weight @ out["false_alarm"])
     detected = float(mass[after].sum()) + false_alarm
-    spans = None
-    if problem.scenario.reaction.kind == "reverse":
-        spans = mixer.distribution(kernel.contact_spans(tick.tolist(), begin[contact]), mass)
-    expected = np.bincount(contact, probability * peak, len(begin)) + out["undetected"] * K * out["greatest"]
+    zero = float(weight @ out["harmless"])
+    spans: Distribution | None = None
+    if free:
+        # What goes undetected is like what one more tick detects.
+        missed = np.flatnonzero(never > 0)
+        everything = _Mixer(
+            times,
+            used[np.append(contact, missed)],
+            np.append(tick, np.full(missed.size, kernel.ticks, dtype=tick.dtype)),
+        )
+        all_mass = np.append(mass, never[missed])
+        peak_force = everything.distribution(np.append(peak, undetected_peak[missed]), all_mass, zero=zero)
+        lasts = np.append(out["duration"], out["undetected_duration"][missed])
+        spans = everything.distribution(np.where(lasts > 0, lasts, math.nan), all_mass)
+        force = out["force"]
+    else:
+        peak_force = mixer.distribution(peak, mass, zero=zero, end=(undetected_peak[never > 0], never[never > 0]))
+        if problem.scenario.reaction.kind == "reverse":
+            spans = mixer.distribution(kernel.contact_spans(tick.tolist(), begin[contact]), mass)
+        force = K * out["distance"]
+    expected = np.bincount(contact, probability * peak, len(begin)) + out["undetected"] * undetected_peak
     hardest = float(begin[int(np.argmax(expected))])
     with np.errstate(invalid="ignore"):
         triggers = weight @ out["trigger"] / (detected if detected > 0 else math.nan)
@@ -241,10 +315,8 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         problem=problem,
         curve=trajectory_curve(problem, kernel, hardest),
         kind="exact",
-        peak_force=mixer.distribution(
-            peak, mass, zero=float(weight @ out["harmless"]), end=(K * out["greatest"][never > 0], never[never > 0])
-        ),
-        force_at_detection=mixer.distribution(np.where(after, K * out["distance"], math.nan), mass),
+        peak_force=peak_force,
+        force_at_detection=mixer.distribution(np.where(after, force, math.nan), mass),
         detection_delay=mixer.distribution(np.where(after, late, math.nan), mass),
         trigger_joint_probability=triggers,
         several_joints_probability=float(weight @ out["several"]) / detected if detected > 0 else math.nan,
@@ -255,7 +327,8 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         times=times,
         contact_begin=hardest,
         spans=spans,
-        greatest_undetected=K * float(out["greatest"].max(where=never > 0, initial=0.0)),
+        detections=_Detections(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
+        greatest_undetected=float(undetected_peak.max(where=never > 0, initial=0.0)),
     )
 
 
@@ -264,18 +337,32 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
     kernel, times = trajectory_kernel(problem), contact_times(problem)
     begin = draw_times(times, seed, samples)
     normal, _ = approach(problem, begin)
-    runs = kernel.sample(problem.detector, problem.stiffness, begin, normal, seed, threads)
+    record = problem.residuals
+    runs = kernel.sample(
+        problem.detector,
+        problem.stiffness,
+        begin,
+        normal,
+        seed,
+        threads,
+        None if record is None else record.rows,
+        1 if record is None else record.block_rows,
+        problem.moving_mass,
+    )
     K, tick = problem.stiffness, runs["tick"]
     detected = tick >= 0
     undetected = ~detected & (runs["greatest"] > 0)
     peak = K * np.where(detected, runs["farthest"], runs["greatest"])
     tick_time = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s
     force = K * np.maximum(0.0, runs["distance"])
+    free = problem.body_mass is not None
+    if free:
+        peak, force = runs["peak"], np.where(detected, runs["force"], 0.0)
     felt = detected & (force > 0)
     fired = (runs["triggers"][:, None] >> np.arange(problem.robot.dof, dtype=np.uint32)) & 1
     some = bool(detected.any())
-    spans = None
-    if problem.scenario.reaction.kind == "reverse":
+    spans = SampledDistribution(runs["duration"][runs["duration"] > 0]) if free else None
+    if problem.scenario.reaction.kind == "reverse" and not free:
         lasts = kernel.contact_spans(tick[detected].tolist(), begin[detected])
         spans = SampledDistribution(lasts[np.isfinite(lasts)])
     hardest = float(begin[int(np.argmax(peak))])
@@ -283,7 +370,7 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
         problem=problem,
         curve=trajectory_curve(problem, kernel, hardest),
         kind="sampled",
-        peak_force=SampledDistribution(peak, undetected=undetected),
+        peak_force=SampledDistribution(peak, undetected=None if free else undetected),
         force_at_detection=SampledDistribution(force[felt]),
         detection_delay=SampledDistribution((tick_time - begin)[felt]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(problem.robot.dof, math.nan),
@@ -307,5 +394,8 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
         times=times,
         contact_begin=hardest,
         spans=spans,
+        detections=_Detections(
+            tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])
+        ),
         greatest_undetected=float(peak.max(where=undetected, initial=0.0)),
     )

@@ -44,43 +44,44 @@ class TwoPhaseUse:
         """
         contact = law.scenario.contact
         per_newton = contact.peak_factor / contact.area_cm2
-        force = cls._shares(law, 1 / transient.force_N, 1 / lasting.force_N)
+        force = law.phase_shares(1 / transient.force_N, 1 / lasting.force_N)
         pressure = None
         if transient.pressure_N_cm2 is not None and lasting.pressure_N_cm2 is not None:
-            pressure = cls._shares(law, per_newton / transient.pressure_N_cm2, per_newton / lasting.pressure_N_cm2)
+            pressure = law.phase_shares(per_newton / transient.pressure_N_cm2, per_newton / lasting.pressure_N_cm2)
         return cls(force[0], None if pressure is None else pressure[0], force[1])
-
-    @staticmethod
-    def _shares(law: ForceLaw, first: float, later: float) -> tuple[Distribution, float]:
-        stiffness = law.problem.stiffness
-
-        def share(spans: ContactSpans, tick: int, offset: FloatArray) -> FloatArray:
-            early, late = spans.phases(tick, offset.ravel(), FIRST_PHASE_S)
-            return (stiffness * np.maximum(early * first, late * later)).reshape(offset.shape)
-
-        kernel = law.curve.kernel
-        if law.kind == "sampled":
-            assert law.runs is not None
-            tick, offset = law.runs["tick"], law.runs["offset"]
-            detected = tick >= 0
-            values = np.zeros(int(detected.sum()))
-            ticks = np.unique(tick[detected])
-            if ticks.size:
-                own = {int(k): np.flatnonzero(tick[detected] == k) for k in ticks}
-                offsets = offset[detected]
-                least = np.array([offsets[own[int(k)]].min() for k in ticks])
-                spans = ContactSpans(law.problem, kernel, ticks, least)
-                for k, runs in own.items():
-                    values[runs] = share(spans, k, offsets[runs])
-            return SampledDistribution(values), float(detected.mean())
-        parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
-        for cells in exact_cells(law.problem, kernel, law.kernel):
-            ends, value = share(cells.spans, cells.tick, cells.edge), share(cells.spans, cells.tick, cells.node)
-            low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
-            parts.append((low.ravel(), high.ravel(), cells.mass.ravel(), value.ravel(), cells.node_mass.ravel()))
-        joined = MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-        return joined, joined.total
 
     def over(self, share: Distribution, undetected: float) -> float:
         """P(some limit is passed), undetected collisions counting as over."""
         return min(1.0, (self.weight * share.exceedance(1.0) if self.weight > 0 else 0.0) + undetected)
+
+
+def phase_shares(law: ForceLaw, first: float, later: float) -> tuple[Distribution, float]:
+    """Of a law on a line; see :meth:`bumpstop.ForceLaw.phase_shares`."""
+    stiffness = law.problem.stiffness
+
+    def share(spans: ContactSpans, tick: int, offset: FloatArray) -> FloatArray:
+        early, late = spans.phases(tick, offset.ravel(), FIRST_PHASE_S)
+        return (stiffness * np.maximum(early * first, late * later)).reshape(offset.shape)
+
+    kernel = law.curve.kernel
+    if law.kind == "sampled":
+        assert law.runs is not None
+        tick, offset = law.runs["tick"], law.runs["offset"]
+        detected = tick >= 0
+        values = np.zeros(int(detected.sum()))
+        ticks = np.unique(tick[detected])
+        if ticks.size:
+            own = {int(k): np.flatnonzero(tick[detected] == k) for k in ticks}
+            offsets = offset[detected]
+            least = np.array([offsets[own[int(k)]].min() for k in ticks])
+            spans = ContactSpans(law.problem, kernel, ticks, least)
+            for k, runs in own.items():
+                values[runs] = share(spans, k, offsets[runs])
+        return SampledDistribution(values), float(detected.mean())
+    parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
+    for cells in exact_cells(law.problem, kernel, law.kernel):
+        ends, value = share(cells.spans, cells.tick, cells.edge), share(cells.spans, cells.tick, cells.node)
+        low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
+        parts.append((low.ravel(), high.ravel(), cells.mass.ravel(), value.ravel(), cells.node_mass.ravel()))
+    joined = MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    return joined, joined.total

@@ -1,0 +1,148 @@
+"""Contacts of joint trajectories other than clamped ones: free bodies, two phases, measured noise."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+import bumpstop as bs
+from bumpstop.collision.trajectory_law import TrajectoryLaw
+from collision.test_trajectory import gantry, scenario, trajectory_motion, waves, write_csv
+from collision.test_two_laws import compare
+
+VELOCITY, DURATION, BEGIN = np.array([0.03, -0.02, -0.06]), 0.8, 0.2137
+BODY = {"body": "lower_arm_wrist", "limits": "ts15066", "area_cm2": 2.0}
+
+
+def straight(folder: Path, **changes: Any) -> tuple[bs.Scenario, bs.Scenario]:
+    """The same straight motion as a line and as a trajectory."""
+    gantry(folder)
+    t = np.array([0.0, 0.3, DURATION])
+    write_csv(folder / "path.csv", t, t[:, None] * VELOCITY)
+    contact = changes.pop("contact")
+    offset = {"offset_law": "fixed", "offset_mm": 1e3 * BEGIN * float(np.linalg.norm(VELOCITY))}
+    motion = {"velocity_mm_s": [float(v) for v in 1e3 * VELOCITY], "task": "position", "duration_s": DURATION}
+    line = scenario(folder, motion, pose_rad=[0.0, 0.0, 0.0], contact=contact | offset, **changes)
+    return line, scenario(folder, trajectory_motion(contact_time=BEGIN), contact=contact, **changes)
+
+
+@pytest.mark.parametrize("kind", ["stop", "reverse"])
+@pytest.mark.parametrize(("mass", "latency"), [(0.6, 0.0), (30.0, 0.007)])
+def test_a_free_body_beside_a_straight_trajectory(kind: str, mass: float, latency: float, tmp_path: Path) -> None:
+    line, path = straight(
+        tmp_path,
+        contact={"stiffness_N_m": 20000, "kind": "free", "body_mass_kg": mass},
+        reaction={"kind": kind, "joint_acceleration_rad_s2": [2.0, 1.0, 1.5], "latency_s": latency},
+        detector__noise_sd_Nm=6.0,
+    )
+    expected, found = bs.evaluate(line), bs.evaluate(path)
+    assert expected.false_alarm_probability > 1e-3
+    for name in ("peak_force", "force_at_detection", "detection_delay", "contact_time"):
+        ours, theirs = getattr(found, name), getattr(expected, name)
+        assert ours.mean == pytest.approx(theirs.mean, rel=1e-7), name
+        assert ours.sd == pytest.approx(theirs.sd, rel=1e-6, abs=1e-9), name
+        for p in (0.05, 0.5, 0.95):
+            assert ours.quantile(p) == pytest.approx(theirs.quantile(p), rel=1e-7, abs=1e-9), name
+    assert found.undetected_probability == pytest.approx(expected.undetected_probability, rel=1e-9)
+    assert found.impact_bounds is not None
+    assert expected.impact_bounds is not None
+    assert found.impact_bounds.position_driven == pytest.approx(expected.impact_bounds.position_driven, rel=1e-9)
+    # Single runs too: noise depends on the run alone, not on the kind of the motion.
+    drawn, runs = (bs.evaluate(one, samples=300, seed=4).runs for one in (path, line))
+    assert drawn is not None
+    assert runs is not None
+    np.testing.assert_array_equal(drawn["tick"], runs["tick"])
+    np.testing.assert_allclose(drawn["peak_force"], runs["peak_force"], rtol=1e-7, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["stop", "reverse"])
+def test_exact_and_sampled_agree_on_free_bodies(kind: str, tmp_path: Path) -> None:
+    t, q = waves(31, 0.5, rows=12, size=0.2)
+    write_csv(tmp_path / "path.csv", t, q)
+    compare(
+        scenario(
+            tmp_path,
+            trajectory_motion(),
+            robot="sia5d",
+            contact={"stiffness_N_m": 25000, "kind": "free", "body_mass_kg": 8.0},
+            detector={"thresholds_Nm": [16.0, 12, 16, 12, 9, 9, 5], "noise_sd_Nm": 3.0},
+            reaction={"kind": kind, "joint_acceleration_rad_s2": 6.0, "latency_s": 0.004},
+        ),
+        4_000,
+        seed=6,
+    )
+
+
+def test_two_phases_beside_a_straight_trajectory(tmp_path: Path) -> None:
+    for kind, noise in (("stop", 4.0), ("reverse", 6.0)):
+        line, path = straight(
+            tmp_path,
+            contact=BODY | {"area_cm2": 0.3},
+            reaction={"kind": kind, "joint_acceleration_rad_s2": [2.0, 1.0, 1.5]},
+            detector__noise_sd_Nm=noise,
+            verdict={"clamped_limit": "two_phase"},
+        )
+        expected, found = bs.evaluate(line).verdict, bs.evaluate(path).verdict
+        assert found.p_over_force == pytest.approx(expected.p_over_force, rel=1e-6, abs=1e-9)
+        assert found.p_over_pressure == pytest.approx(expected.p_over_pressure, rel=1e-6, abs=1e-9)
+
+
+def test_phases_are_read_off_the_force_over_time(tmp_path: Path) -> None:
+    t, q = waves(32, 1.4, rows=20, size=0.2)
+    write_csv(tmp_path / "path.csv", t, q)
+    law = bs.evaluate(
+        scenario(
+            tmp_path,
+            trajectory_motion(),
+            robot="sia5d",
+            contact=BODY,
+            detector={"thresholds_Nm": [16.0, 12, 16, 12, 9, 9, 5], "noise_sd_Nm": 3.6},
+            reaction={"kind": "stop", "joint_acceleration_rad_s2": 6.0, "latency_s": 0.3},
+            verdict={"clamped_limit": "two_phase"},
+        ),
+        samples=200,
+        seed=1,
+    )
+    assert isinstance(law, TrajectoryLaw)
+    own, step = law.detections, 1e-3
+    deepest = law.kernel.phases(own.tick.tolist(), own.begin, own.normal, 0.05)
+    assert (deepest[:, 0] < deepest[:, 1]).any()
+    for i in range(0, own.tick.size, 17):
+        curve, tick = law.curve_at(float(own.begin[i])), int(own.tick[i])
+        begin = tick * law.problem.period_steps + 1 + law.problem.latency_steps
+        distance = np.concatenate([curve.distance[:begin], curve.kernel.reaction_paths([tick], [0.0])[0]])
+        turn = math.ceil((own.begin[i] + 0.05) / step - 1e-9)
+        early, late = distance[:turn].max(initial=0.0), max(distance[turn:].max(initial=0.0), distance[-1], 0.0)
+        np.testing.assert_allclose(deepest[i], [early, late], rtol=0, atol=1e-12)
+    assert law.verdict.p_over_force is not None
+
+
+def test_measured_noise_beside_a_straight_trajectory(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    rows = rng.normal(scale=5.0, size=(4000, 3))
+    frame = {"t": np.arange(4000) * 0.004} | {f"residual_{j + 1}": rows[:, j] for j in range(3)}
+    pl.DataFrame(frame).write_parquet(tmp_path / "free.parquet")
+    line, path = straight(
+        tmp_path,
+        contact={"stiffness_N_m": 20000},
+        detector={"thresholds_Nm": [20.0] * 3, "residuals": "free.parquet"},
+    )
+    runs, drawn = (bs.evaluate(one, samples=2000, seed=9).runs for one in (line, path))
+    assert runs is not None
+    assert drawn is not None
+    np.testing.assert_array_equal(drawn["tick"], runs["tick"])
+    np.testing.assert_allclose(drawn["residual"], runs["residual"], atol=1e-7)
+    np.testing.assert_allclose(drawn["peak_force"], runs["peak_force"], atol=1e-6)
+
+
+def test_two_masses_are_refused(tmp_path: Path) -> None:
+    gantry(tmp_path)
+    contact = {"stiffness_N_m": 20000, "kind": "free", "body_mass_kg": 2.0, "arm": "two_mass"}
+    with pytest.raises(bs.InputError, match="'two_mass' is not available with motion.kind") as refused:
+        scenario(tmp_path, trajectory_motion(), contact=contact)
+    assert refused.value.field == "contact.arm"
