@@ -25,7 +25,7 @@ from benchmarks.million_rows import million_rows  # noqa: E402
 from bumpstop import kernels  # noqa: E402
 from bumpstop.model import inverse_dynamics  # noqa: E402
 from bumpstop.plant import line  # noqa: E402
-from collision.cases import control_group, twin_of  # noqa: E402
+from collision.cases import control_group, free, twin_of  # noqa: E402
 from model.dynamics_cases import general_arm, pinocchio_model  # noqa: E402
 from plant.cases import STANDARD, source_plant  # noqa: E402
 
@@ -201,6 +201,14 @@ def main() -> None:
         ours = seconds(lambda p=problem: whole_law(p), 30)  # type: ignore[misc]
         theirs = twin_seconds_per_run(scenario) * TWIN_RUNS
         row(f"complete law, {path.stem}", f"{ours * 1e3:.2f} ms", "<= 1 ms", ours <= 1e-3, f"{theirs / ours:.0f}")
+
+    for what, scenario in (
+        ("free contact, 4.4 kg", free(4.4)),
+        ("free contact, 40 kg, soft", free(40.0, contact__stiffness_N_m=12000)),
+        ("correlated noise", control_group(detector__noise_correlation=0.5)),
+    ):
+        problem = bs.Problem.from_scenario(scenario)
+        row(f"complete law, {what}", f"{seconds(lambda p=problem: whole_law(p), 5) * 1e3:.1f} ms", "", None)  # type: ignore[misc]
 
     scenario = control_group(motion__velocity_mm_s=[0, 0, -10])
     q, velocity = random_poses(bs.Robot.load("sia5d"), BATCH)

@@ -143,6 +143,6 @@ def test_measured_noise_beside_a_straight_trajectory(tmp_path: Path) -> None:
 def test_two_masses_are_refused(tmp_path: Path) -> None:
     gantry(tmp_path)
     contact = {"stiffness_N_m": 20000, "kind": "free", "body_mass_kg": 2.0, "arm": "two_mass"}
-    with pytest.raises(bs.InputError, match="'two_mass' is not available with motion.kind") as refused:
+    with pytest.raises(bs.InputError, match=r"'two_mass' is not available with motion\.kind") as refused:
         scenario(tmp_path, trajectory_motion(), contact=contact)
     assert refused.value.field == "contact.arm"

@@ -21,6 +21,8 @@ struct NoiseMemory {
     double threshold = 0, sd = 0, mean = 0, correlation = 0;
     double innovation = 0;             ///< s
     std::vector<double> node, weight;  ///< on [-1, 1]
+    /// exp(-(a_i - c a_l)^2 / 2) with a_i = node_i threshold / s, [i][l]: how noise moves between the thresholds.
+    std::vector<double> spread;
 
     NoiseMemory(double limit, double noise_sd, double noise_mean, double noise_correlation)
         : threshold(limit), sd(noise_sd), mean(noise_mean), correlation(noise_correlation) {
@@ -36,7 +38,18 @@ struct NoiseMemory {
                 weight.push_back(rule.weight[g] / pieces);
             }
         }
+        if (!(widest() < most_shifted)) return;
+        for (double to : node) {
+            for (double from : node) {
+                const double z = widest() * (to - correlation * from);
+                spread.push_back(std::exp(-0.5 * z * z));
+            }
+        }
     }
+    /// Thresholds in innovations.
+    double widest() const { return threshold / innovation; }
+    /// Shifts times widths from here on would cost digits.
+    static constexpr double most_shifted = 300;
     int size() const { return int(node.size()); }
 };
 
@@ -57,6 +70,38 @@ struct TruncatedDensity {
     }
 };
 
+namespace detail {
+
+/// exp(x), x of either sign and within `NoiseMemory::most_shifted` of zero.
+template <class T>
+T exp_either(T x) {
+    const T below = exp_negative(absolute(x), T(0.0));
+    return select(x > T(0.0), 1.0 / below, below);
+}
+
+/// The density at the nodes where they lie between the thresholds before and after the tick: with the shift d of the
+/// centre, in innovations, exp(-(a_i - c a_l + d)^2 / 2) is a constant times exp(-d a_i - d^2 / 2) exp(d c a_l).
+template <class T>
+void spread_between_thresholds(const NoiseMemory& memory, T shift, T* mass, std::vector<T>& value) {
+    const int n = memory.size();
+    const T away = shift * memory.widest(), constant = 0.5 * shift * shift;
+    for (int l = 0; l < n; ++l) mass[l] *= exp_either(T(away * (memory.correlation * memory.node[l])));
+    for (int i = 0; i < n; ++i) {
+        const double* row = &memory.spread[std::size_t(i) * n];
+        T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
+        int l = 0;
+        for (; l + 4 <= n; l += 4) {
+            BUMPSTOP_UNROLL
+            for (int k = 0; k < 4; ++k) sum[k] += mass[l + k] * row[l + k];
+        }
+        for (; l < n; ++l) sum[0] += mass[l] * row[l];
+        const T all = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+        value[i] = all * exp_either(T(-(away * memory.node[i]) - constant));
+    }
+}
+
+}  // namespace detail
+
 /// The next tick: noise moves on, the noiseless residual becomes `torque`, alarms are taken out. `work` holds two values
 /// a node.
 template <class T>
@@ -68,8 +113,13 @@ AlarmProbability<T> watch_tick(const NoiseMemory& memory, TruncatedDensity<T>& d
     const double furthest = NoiseMemory::reach * memory.sd;
     // Where the residual lies beyond reach of its thresholds the range shrinks to next to nothing, not to less.
     const double least = 1e-3 * std::min(memory.sd, memory.threshold);
-    const T low = minimum(maximum(T(-memory.threshold), centre - furthest), T(memory.threshold - least));
-    const T high = maximum(minimum(T(memory.threshold), centre + furthest), low + least);
+    // There are nodes enough for all that lies between the thresholds, until the centre is well beyond one of them.
+    const double all_within = memory.threshold <= furthest ? memory.threshold + 2 * s : -1.0;
+    const auto whole = absolute(centre) <= T(all_within);
+    const T low = select(whole, T(-memory.threshold),
+                         minimum(maximum(T(-memory.threshold), centre - furthest), T(memory.threshold - least)));
+    const T high =
+        select(whole, T(memory.threshold), maximum(minimum(T(memory.threshold), centre + furthest), low + least));
     const T middle = 0.5 * (low + high), half = 0.5 * (high - low);
     const auto known = density.known > T(0.5);
 
@@ -92,10 +142,18 @@ AlarmProbability<T> watch_tick(const NoiseMemory& memory, TruncatedDensity<T>& d
     T silent = 0.0;
     const bool any_known = any(known), all_known = all(known);
     std::vector<T>& value = density.value;
+    const T shift = (memory.correlation * density.centre - centre) * (1 / s);
+    const T limit = memory.threshold;
+    const bool between = any_known && !memory.spread.empty() &&
+                         all((low == -limit) & (high == limit) & (density.low == -limit) & (density.high == limit) &
+                             (absolute(shift) * (memory.widest() + absolute(shift)) < T(NoiseMemory::most_shifted)));
+    if (between) detail::spread_between_thresholds(memory, shift, mass, value);
     for (int i = 0; i < n; ++i) {
         const T x = middle + half * memory.node[i];
         T sum = 0.0;
-        if (any_known) {
+        if (between) {
+            sum = value[i] * (per_root / s);
+        } else if (any_known) {
             for (int l = 0; l < n; ++l) {
                 const T z = (x - arrival[l]) * (1 / s);
                 const T exponent = 0.5 * z * z;
