@@ -129,10 +129,11 @@ void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const
     const int dof = problem.chain->dof;
     out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : m.mean;
     out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : m.sd;
-    for (int i = 0; i < problem.probabilities; ++i)
-        out.quantile[pose * problem.probabilities + i] = upper_quantile(1 - problem.probability[i]);
+    // A law remembers the forces it was asked for, which helps to find the quantiles.
     for (int i = 0; i < problem.limits; ++i)
         out.exceedance[pose * problem.limits + i] = exceedance(problem.limit[i]) + law.undetected;
+    for (int i = 0; i < problem.probabilities; ++i)
+        out.quantile[pose * problem.probabilities + i] = upper_quantile(1 - problem.probability[i]);
     const double detected = 1 - law.undetected - law.no_contact;
     for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = law.trigger[j] / detected;
     out.false_alarm[pose] = law.false_alarm;

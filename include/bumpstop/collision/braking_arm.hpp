@@ -3,142 +3,24 @@
 #pragma once
 
 #include "bumpstop/collision/line_motion.hpp"
+#include "bumpstop/collision/uneven_history.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int braking_order = 6;           ///< values a leap goes by
 inline constexpr int longest_braking_leap = 128;  ///< sub-steps
 
-/// What the sums over the next `count` sub-steps are of the values known, newest first.
-template <class T>
-struct UnevenWeights {
-    T sum[braking_order];          ///< of the changes: rates gained
-    T sum_of_sums[braking_order];  ///< summed once more: positions gained, in units of the sub-step
-    T predict[braking_order];      ///< the change after them, extrapolated
-    T last[braking_order];         ///< that of the last of them; only where asked for
-};
-
-/// The changes of the rates at the last moments a lane looked at. The moments lie as far apart as its leaps were long,
-/// so no history is lost when a leap is made longer or shorter, and lanes need not agree.
-///
-/// The polynomial through the values is Lagrange's. It is summed over the sub-steps, not integrated, so a leap lands
-/// where the controller does.
-template <class T>
-class UnevenHistory {
-  public:
-    void forget(int lane) {
-        for (int j = 0; j < braking_order; ++j) {
-            // Moments that never were must differ, for nothing to be divided by zero.
-            set_lane(age_[j], lane, double(j));
-            for (T& change : change_[j]) set_lane(change, lane, 0.0);
-        }
-    }
-    /// Where `taken`, the arm has gone `count` sub-steps and then finds this change.
-    void push(const MaskOf<T>& taken, const T& count, const T* change, int free_count) {
-        for (int j = braking_order - 1; j > 0; --j) {
-            age_[j] = select(taken, age_[j - 1] + count, age_[j]);
-            for (int f = 0; f < free_count; ++f) change_[j][f] = select(taken, change_[j - 1][f], change_[j][f]);
-        }
-        for (int f = 0; f < free_count; ++f) change_[0][f] = select(taken, change[f], change_[0][f]);
-    }
-    /// Of a lane that has just begun.
-    void set_first(int lane, const T* change, int free_count) {
-        for (int f = 0; f < free_count; ++f) set_lane(change_[0][f], lane, lane_of(change[f], lane));
-    }
-    T combine(const T (&weight)[braking_order], int f) const {
-        T total = weight[0] * change_[0][f];
-        BUMPSTOP_UNROLL
-        for (int j = 1; j < braking_order; ++j) total += weight[j] * change_[j][f];
-        return total;
-    }
-
-    /// One lane's history in all of them.
-    UnevenHistory spread(int lane, int free_count) const {
-        UnevenHistory one;
-        for (int j = 0; j < braking_order; ++j) {
-            one.age_[j] = lane_of(age_[j], lane);
-            for (int f = 0; f < free_count; ++f) one.change_[j][f] = lane_of(change_[j][f], lane);
-        }
-        return one;
-    }
-
-    /// Every step but the last division is in whole numbers, which doubles hold exactly. A negative count goes back.
-    template <bool WithLast = false>
-    UnevenWeights<T> weights(const T& count) const {
-        constexpr int last = braking_order - 1;
-        // With x the sub-steps from now: product of all (x + age) but the newest moment's, whose age is 0.
-        T product[last + 1] = {T(1.0)};
-        BUMPSTOP_UNROLL
-        for (int j = 1; j <= last; ++j) {
-            product[j] = product[j - 1];
-            BUMPSTOP_UNROLL
-            for (int p = j - 1; p > 0; --p) product[p] = product[p] * age_[j] + product[p - 1];
-            product[0] = product[0] * age_[j];
-        }
-        // Sums of m^p over 0 <= m < count (Faulhaber).
-        const T n = count, m = n - 1.0, twice = m * n * (2.0 * n - 1.0), s1 = 0.5 * m * n, square = s1 * s1;
-        const T power_sum[braking_order + 1] = {
-            n,
-            s1,
-            twice * (1.0 / 6),
-            square,
-            twice * (3.0 * n * m - 1.0) * (1.0 / 30),
-            square * (2.0 * n * m - 1.0) * (1.0 / 3),
-            twice * (3.0 * n * n * n * (n - 2.0) + 3.0 * n + 1.0) * (1.0 / 42),
-        };
-        UnevenWeights<T> weights;
-        auto set = [&](int j, const T* c, int shift, int degree, const T& divisor) {
-            const T inverse = 1.0 / divisor;
-            T sum = c[0] * power_sum[shift], weighted = c[0] * power_sum[shift + 1], value = c[degree];
-            BUMPSTOP_UNROLL
-            for (int p = 1; p <= degree; ++p) {
-                sum += c[p] * power_sum[p + shift];
-                weighted += c[p] * power_sum[p + shift + 1];
-                value = value * n + c[degree - p];
-            }
-            weights.sum[j] = sum * inverse;
-            weights.sum_of_sums[j] = (n * sum - weighted) * inverse;
-            weights.predict[j] = (shift == 1 ? value * n : value) * inverse;
-            if constexpr (WithLast) {
-                T before = c[degree];
-                BUMPSTOP_UNROLL
-                for (int p = 1; p <= degree; ++p) before = before * m + c[degree - p];
-                weights.last[j] = (shift == 1 ? before * m : before) * inverse;
-            }
-        };
-        set(0, product, 0, last, product[0]);
-        BUMPSTOP_UNROLL
-        for (int j = 1; j <= last; ++j) {
-            T rest[last], divisor = -age_[j];
-            rest[last - 1] = 1.0;
-            BUMPSTOP_UNROLL
-            for (int p = last - 1; p > 0; --p) rest[p - 1] = product[p] - age_[j] * rest[p];
-            BUMPSTOP_UNROLL
-            for (int i = 1; i <= last; ++i) {
-                if (i != j) divisor = divisor * (age_[i] - age_[j]);
-            }
-            set(j, rest, 1, last - 1, divisor);
-        }
-        return weights;
-    }
-
-  private:
-    T age_[braking_order];  ///< sub-steps ago
-    T change_[braking_order][max_joints] = {};
-};
-
-/// Extrapolated and true changes may differ by this much, relative to the largest change, for a leap to stand. Roundings
-/// decide about the length of leaps, and instruction sets, which round differently, must still agree to 1e-12.
+/// Changes extrapolated over a leap and those found at its end may differ by this much, relative to the largest change,
+/// for the leap to stand; the difference then corrects the leap, which is some thirty times better. Roundings decide about
+/// the length of leaps, and instruction sets, which round differently, must still agree to 1e-12.
 inline constexpr double braking_leap_tolerance = 1e-11;
 /// The same where 1e-9 m are enough: over 0.5 s at 5 rad/s^2 the positions stay within 1e-10 rad of those of the
 /// sub-steps. And where a reaction matters little, for nothing is gained by more.
-inline constexpr double loose_braking_leap_tolerance = 1e-8;
+inline constexpr double loose_braking_leap_tolerance = 3e-7;
 inline constexpr double loosest_braking_leap_tolerance = 1e-4;
 
-/// Of an arm that follows its line, as of one that brakes, but relative to the largest rate.
-inline constexpr double following_leap_tolerance = 1e-10;
-
-inline constexpr double tracing_leap_tolerance = 1e-8;
+/// Of an arm that follows its line: while it lags behind, and while it has the rates asked for, relative to the largest.
+inline constexpr double tracing_leap_tolerance = 3e-7;
+inline constexpr double following_leap_tolerance = 3e-9;
 
 /// Arms that brake. While the same joint limits the deceleration the changes of the rates are smooth, and many
 /// sub-steps are a leap; where they are not, the controller's sub-steps are taken.
@@ -165,6 +47,7 @@ class BrakingArm {
         history_.forget(lane);
         known_[lane] = 0;
         wish_[lane] = 1;
+        error_[lane] = std::numeric_limits<double>::infinity();
         reached_[lane] = false;
     }
     /// The rates asked for were reached in the last sub-step.
@@ -199,11 +82,12 @@ class BrakingArm {
     template <class Look, class Accept>
     void advance(const int* most, int* gone, Look look, Accept accept) {
         const int n = motion_.free_count;
-        T count;
+        T count, known;
         for (int lane = 0; lane < lanes; ++lane) {
-            const bool leaps = known_[lane] == braking_order && (kind_ == Kind::follows || !reaches_[lane]);
+            const bool leaps = kind_ == Kind::follows || !reaches_[lane];
             gone[lane] = known_[lane] == 0 ? 0 : std::min(leaps ? wish_[lane] : 1, most[lane]);
             set_lane(count, lane, double(gone[lane]));
+            set_lane(known, lane, double(known_[lane]));
         }
         const bool follows = kind_ == Kind::follows;
         const UnevenWeights<T> weights =
@@ -233,25 +117,29 @@ class BrakingArm {
             for (int f = 0; f < n; ++f) wanted.free[f] = 0.0;
             wanted.conditioning = {T(0.0) > T(1.0), T(0.0) > T(1.0)};
             wanted.velocity_limited = T(0.0) > T(1.0);
+            wanted.velocity_load = 0.0;
         } else {
             wanted = resolved_rates(chain_, motion_, posture, target);
         }
-        T change[max_joints];
-        const MaskOf<T> reaches = limited_change(motion_, wanted.free, state, change);
-        T off = 0.0, largest = 0.0, largest_rate = 0.0;
+        T change[max_joints], load[max_joints];
+        const MaskOf<T> reaches = limited_change(motion_, wanted.free, state, change, load);
+        T off = 0.0, largest = 0.0, largest_rate = 0.0, correction[max_joints];
         for (int f = 0; f < n; ++f) {
             if (follows) {
                 change[f] = select(reaches, wanted.free[f], change[f]);
                 largest_rate = maximum(largest_rate, absolute(wanted.free[f]));
             }
-            off = maximum(off, absolute(change[f] - history_.combine(weights.predict, f)));
+            correction[f] = change[f] - history_.combine(weights.predict, f);
+            off = maximum(off, absolute(correction[f]));
             largest = maximum(largest, absolute(change[f]));
         }
         const T allowed = follows ? select(reaches, largest_rate * following_leap_tolerance, largest * tolerance_)
                                   : largest * tolerance_;
         const T error = off / maximum(allowed, T(1e-300));
         look();
-        T stands = 0.0;
+        // Where nothing was gone there is nothing to learn about the length of leaps.
+        const T roughness = error / maximum(history_.error_growth(count, known), T(1e-300));
+        T stands = 0.0, begins = 0.0;
         for (int lane = 0; lane < lanes; ++lane) {
             const int over = gone[lane];
             if (over == 0 && known_[lane] > 0) continue;
@@ -260,7 +148,6 @@ class BrakingArm {
             // Where one regime ends and another begins is found by single sub-steps.
             const bool changes = follows ? reaching != reaches_[lane] || limited != limited_[lane] : reaching;
             if (over > 1 && (!(e <= 1) || changes)) {
-                wish_[lane] = std::max(1, over / 3);
                 gone[lane] = 0;
                 continue;
             }
@@ -280,33 +167,87 @@ class BrakingArm {
                 known_[lane] = 1;
                 continue;
             }
-            // The error of a leap grows with its sixth power.
-            if (known_[lane] == braking_order && e < 0.1)
-                wish_[lane] = e < 1e-4 ? 4 * over : e < 4e-3 ? 2 * over : over + (over + 3) / 4;
-            known_[lane] = follows && changes ? 1 : std::min(known_[lane] + 1, braking_order);
+            // A kink: what was before says nothing about what comes.
+            const bool kink = changes ? follows : over == 1 && e > 1 && e > kink_jump * error_[lane];
+            error_[lane] = kink ? std::numeric_limits<double>::infinity() : e;
+            if (kink) {
+                known_[lane] = 0;
+                set_lane(begins, lane, 1.0);
+            }
+            known_[lane] = std::min(known_[lane] + 1, braking_order);
         }
         const MaskOf<T> stood = stands > T(0.0), stays = !(stood | !(count > T(0.0)));
-        if (any(stays)) {
-            for (int f = 0; f < n; ++f) {
-                const int j = motion_.free_joint[f];
-                state.q[j] = select(stays, q_before[f], state.q[j]);
-                state.qd[j] = select(stays, qd_before[f], state.qd[j]);
-            }
+        // The posture stays the one found before: what the corrections move it by is less than it need be known to.
+        const T to_position = select(has_rates, weights.correct_sum, weights.correct_sum_of_sums) * motion_.substep();
+        const T to_rate = follows ? select(has_rates, weights.correct_last, weights.correct_sum) : weights.correct_sum;
+        for (int f = 0; f < n; ++f) {
+            const int j = motion_.free_joint[f];
+            state.q[j] = select(stays, q_before[f], state.q[j] + to_position * correction[f]);
+            state.qd[j] = select(stays, qd_before[f], state.qd[j] + to_rate * correction[f]);
         }
         history_.push(stood & (count > T(0.0)), count, change, n);
+        if (any(begins > T(0.0))) history_.keep_newest(begins > T(0.0));
+        // The longest next leap whose error will do, by what its error grows with, but none over a kink.
+        T next = count * shortest_ratio;
+        for (double factor : ratio_factors) {
+            const T longer = next * factor;
+            next = select(roughness * history_.error_growth(longer, known) <= T(wished_error), longer, next);
+        }
+        const T kink = count * share_before_kink(load, wanted.velocity_load);
+        next = select(stood, minimum(next, kink - count), select(kink < count, kink, next));
+        const MaskOf<T> moved = stood | !(count > T(0.0));
+        for (int f = 0; f < n; ++f) load_[f] = select(moved, load[f], load_[f]);
+        velocity_load_ = select(moved, wanted.velocity_load, velocity_load_);
+        for (int lane = 0; lane < lanes; ++lane) {
+            if (lane_of(count, lane) > 0) wish_[lane] = known_[lane] < 3 ? 1 : std::max(1, int(lane_of(next, lane)));
+        }
     }
 
   private:
+    /// How much of the last leap lay before the next kink, as far as the loads at its ends can tell: more than all of it
+    /// where the kink is still to come. Kinks are where another joint limits the acceleration, where the rates asked for
+    /// are reached or left, and where a velocity limit begins or ends to matter.
+    T share_before_kink(const T* load, const T& velocity_load) const {
+        const T never = 1e9;
+        T most = load_[0], later = load[0], most_later = load[0];
+        for (int f = 1; f < motion_.free_count; ++f) {
+            const auto greater = load_[f] > most;
+            most = select(greater, load_[f], most);
+            later = select(greater, load[f], later);
+            most_later = maximum(most_later, load[f]);
+        }
+        T share = never;
+        auto cross = [&](const T& before, const T& after) {
+            // Of a difference that falls to zero.
+            const T fall = before - after;
+            share = minimum(share, select(fall > T(0.0), before / maximum(fall, T(1e-300)), never));
+        };
+        for (int f = 0; f < motion_.free_count; ++f) cross(most - load_[f], later - load[f]);
+        const auto lags = most > T(1.0);
+        share = select(lags, share, never);
+        const T sign = select(lags, T(1.0), T(-1.0)), way = select(velocity_load_ > T(1.0), T(1.0), T(-1.0));
+        cross(sign * (most - 1.0), sign * (most_later - 1.0));
+        cross(way * (velocity_load_ - 1.0), way * (velocity_load - 1.0));
+        return share;
+    }
+
     static constexpr int lanes = Scalar<T>::lanes;
+    static constexpr double wished_error = 0.25;  ///< of a leap, relative to what is allowed
+    /// The next leap is this much shorter than the last at most, or any product of some of the factors longer than that.
+    static constexpr double shortest_ratio = 0.125,
+                            ratio_factors[] = {8.0, 2.8284271247461903, 1.6817928305074290, 1.2968395546510096};
+    static constexpr double kink_jump = 10;  ///< of the error of a single sub-step
 
     const Chain& chain_;
     const MotionSettings& motion_;
     const Kind kind_;
     T tolerance_ = 1.0;
     UnevenHistory<T> history_;
-    int known_[lanes] = {};     ///< moments of the history, at most braking_order
-    int wish_[lanes] = {};      ///< length of the next leap
-    bool reaches_[lanes] = {};  ///< the next sub-step will reach the rates asked for
+    T load_[max_joints], velocity_load_ = 0.0;  ///< as of the last look that counted
+    int known_[lanes] = {};                     ///< moments of the history, at most braking_order
+    int wish_[lanes] = {};                      ///< length of the next leap
+    double error_[lanes] = {};                  ///< of the last leap that stood
+    bool reaches_[lanes] = {};                  ///< the next sub-step will reach the rates asked for
     bool reached_[lanes] = {}, poor_[lanes] = {}, poor_now_[lanes] = {}, singular_[lanes] = {}, limited_[lanes] = {};
 };
 

@@ -39,6 +39,7 @@ struct Rates {
     T free[max_columns];  ///< by free joint
     Conditioning<T> conditioning;
     MaskOf<T> velocity_limited;
+    T velocity_load;  ///< the largest rate before it was slowed, relative to its limit
 };
 
 /// Joint rates that move the tip with `velocity` (base frame, m/s) and no rotation, scaled down as a whole
@@ -79,6 +80,7 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
     for (int f = 0; f < n; ++f) {
         over = maximum(over, absolute(rates.free[f]) * (1.0 / motion.velocity_limit[motion.free_joint[f]]));
     }
+    rates.velocity_load = over;
     rates.velocity_limited = over > T(1.0);
     if (any(rates.velocity_limited)) {
         const T scale = 1.0 / maximum(over, T(1.0));
@@ -88,16 +90,18 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
 }
 
 /// How the rates change in one controller sub-step toward `wanted` (by free joint): one ratio scales all joint
-/// accelerations so that none passes its limit. Returns where the wanted rates are reached.
+/// accelerations so that none passes its limit. Returns where the wanted rates are reached. `load`: the changes that are
+/// left, in units of the greatest there may be.
 template <class T>
-MaskOf<T> limited_change(const MotionSettings& motion, const T* wanted, const ArmState<T>& state, T* change) {
+MaskOf<T> limited_change(const MotionSettings& motion, const T* wanted, const ArmState<T>& state, T* change, T* load) {
     const double h = motion.substep();
     const int n = motion.free_count;
     T over = 0.0;
     for (int f = 0; f < n; ++f) {
         const int j = motion.free_joint[f];
         change[f] = wanted[f] - state.qd[j];
-        over = maximum(over, absolute(change[f]) * (1.0 / (motion.acceleration_limit[j] * h)));
+        load[f] = absolute(change[f]) * (1.0 / (motion.acceleration_limit[j] * h));
+        over = maximum(over, load[f]);
     }
     const auto reached = over <= T(1.0);
     if (!all(reached)) {
@@ -110,8 +114,8 @@ MaskOf<T> limited_change(const MotionSettings& motion, const T* wanted, const Ar
 /// One controller sub-step: the rates change, then the positions follow the new rates.
 template <class T>
 MaskOf<T> advance(const Chain& chain, const MotionSettings& motion, const T* wanted, ArmState<T>& state) {
-    T change[max_joints];
-    const auto reached = limited_change(motion, wanted, state, change);
+    T change[max_joints], load[max_joints];
+    const auto reached = limited_change(motion, wanted, state, change, load);
     for (int f = 0; f < motion.free_count; ++f) {
         const int j = motion.free_joint[f];
         // Rates that are reached are taken over, so that no rounding keeps them apart.

@@ -40,7 +40,7 @@ struct FarthestTolerance {
     double of_leaps(int tick) const {
         return probability == nullptr
                    ? braking_leap_tolerance
-                   : std::clamp(10 * of(tick, tick), loose_braking_leap_tolerance, loosest_braking_leap_tolerance);
+                   : std::clamp(300 * of(tick, tick), loose_braking_leap_tolerance, loosest_braking_leap_tolerance);
     }
     /// To either side of a tick without a summit, how far others may lie on straight lines.
     int longest_straight() const { return probability == nullptr ? 0 : 8; }

@@ -1,0 +1,425 @@
+/// @file
+/// When a collision at an offset that varies is detected, for one pose among many.
+#pragma once
+
+#include <optional>
+
+#include "bumpstop/collision/law_pieces.hpp"
+#include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/collision/quiet_ticks.hpp"
+#include "bumpstop/detection/alarm_table.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Clamped contact at an offset that varies, seen by a direct residual with white noise, before anything is known about
+/// stopping paths. Every panel of offsets has eight nodes, which fill whole registers; alarm probabilities come from a
+/// table; panels along a smooth stretch of the path are interpolated from a few. The object keeps its memory for the next
+/// pose.
+template <class T>
+class BatchDetection {
+  public:
+    BatchDetection(const ThresholdDetector& detector, const Timing& timing, const MotionSettings& motion,
+                   const AlarmTable& alarms, double stiffness, OffsetKind offset_kind)
+        : stiffness_(stiffness),
+          detector_(detector),
+          timing_(timing),
+          motion_(motion),
+          alarms_(alarms),
+          offset_kind_(offset_kind) {
+        const GaussRule& rule = gauss_rule(order);
+        for (int g = 0; g < order; ++g) {
+            node_[g] = rule.node[g];
+            weight_[g] = rule.weight[g];
+        }
+    }
+
+    /// Whether laws of this kind can be had here at all.
+    static bool suits(const ThresholdDetector& detector, const AlarmTable& alarms, OffsetKind offset_kind) {
+        return !detector.remembers() && detector.watched > 0 && alarms.usable() && offset_kind != OffsetKind::fixed;
+    }
+
+    double false_alarm = 0, undetected = 0, no_contact = 0;  ///< as of ExactLaw
+    double trigger[max_joints] = {};                         ///< joint over its threshold at the tick of detection
+
+    /// Every offset's fate. False where the noise is too narrow for the panels; then nothing else may be asked for.
+    bool collide(const LinePath& path, const OffsetLaw& offset) {
+        path_ = &path;
+        offset_ = offset;
+        quiet_.emplace(detector_, timing_, motion_.step, path.ticks);
+        begin();
+        if (!cut_panels()) return false;
+        find_outcomes();
+        weigh();
+        return true;
+    }
+
+    /// By tick: how probable a detection there is, at most, that a stopping path matters to.
+    const std::vector<double>& detection() const { return detection_; }
+
+  protected:
+    static constexpr int lanes = Scalar<T>::lanes;
+    static constexpr int order = 8, registers = order / lanes;
+
+    struct Panel {
+        double low, high;
+        int tick, ticks,
+            part;       ///< first tick in contact; how many it holds, 0: unlike others; part of the tick's travel
+        int slots = 0;  ///< ticks from the first on that may detect
+        bool known = false;
+        double mass = 0;  ///< probability of a detection
+        std::size_t value_at = 0, mass_at = 0;
+        double silence = 0, total = 0;  ///< before the panel; of the offset
+    };
+
+    std::size_t end_step() const { return std::min(path_->s.size() - 1, std::size_t(timing_.steps)); }
+
+    void add_end_panels(double low, double high, int tick) {
+        high = std::min(high, offset_.largest());
+        if (!(high > low)) return;
+        int pieces = 1;
+        if (offset_kind_ == OffsetKind::half_normal)
+            pieces = std::max(1, int(std::ceil((high - low) / (widest_density * offset_.size))));
+        for (int i = 0; i < pieces; ++i)
+            panels_.push_back({low + (high - low) * i / pieces, low + (high - low) * (i + 1) / pieces, tick, 0, 0});
+    }
+
+    /// Probabilities of the offset by node, in a register row.
+    void weigh_offsets(const Panel& panel, T (&row)[registers]) const {
+        const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
+        for (int r = 0; r < registers; ++r) {
+            const T o = mid + half * load<T>(node_ + r * lanes);
+            row[r] = offset_.density(o) * half * load<T>(weight_ + r * lanes);
+        }
+    }
+    static double sum(const T (&row)[registers]) {
+        T all = row[0];
+        for (int r = 1; r < registers; ++r) all += row[r];
+        double total = 0;
+        for (int lane = 0; lane < lanes; ++lane) total += lane_of(all, lane);
+        return total;
+    }
+
+    const double stiffness_;
+    double node_[order], weight_[order];
+
+    const LinePath* path_ = nullptr;
+    OffsetLaw offset_;
+    std::optional<QuietTicks> quiet_;
+    std::vector<double> edge_;  ///< panel of tick k: edge_[k]..edge_[k + 1]
+    std::vector<Panel> panels_;
+    std::vector<double> survived_;  ///< [panel][node]: never detected; given contact, then weighed
+    std::vector<double> value_;     ///< [slot][node], panel by panel: probability of a detection then
+    std::vector<double> mass_;      ///< [slot], panel by panel: the same, all nodes together
+    double alarm_before_ = 0;       ///< probability of an alarm before contact
+
+  private:
+    static constexpr int longest_group = 64, most_parts = 16;
+    static constexpr double widest = 0.8;          ///< panel, in standard deviations of the noise
+    static constexpr double widest_density = 0.5;  ///< panel, in standard deviations of the offset
+    static constexpr double rare_alarm = 1e-5;     ///< at an idle tick, for a panel to hold several
+    static constexpr double least_survival = 1e-13;
+    static constexpr int interpolated_from = 8;  ///< panels
+    static constexpr double agreement = 1e-9;    ///< of probabilities interpolated and worked out
+
+    double s_tick(int k) const { return path_->at_tick(k, timing_.period); }
+
+    void begin() {
+        const int ticks = path_->ticks;
+        false_alarm = undetected = no_contact = 0;
+        for (double& joint : trigger) joint = 0;
+        edge_.resize(std::size_t(ticks) + 2);
+        edge_[0] = 0;
+        for (int k = 0; k < ticks; ++k) edge_[k + 1] = std::max(edge_[k], s_tick(k));
+        const auto end = path_->s.begin() + std::ptrdiff_t(end_step()) + 1;
+        edge_[ticks + 1] = std::max(edge_[ticks], *std::max_element(path_->s.begin(), end));
+        panels_.clear();
+        value_.clear();
+        mass_.clear();
+    }
+
+    /// Panels end where a tick comes into contact. Where the arm moves slowly one holds 2, 4, 8 ... ticks, where it moves
+    /// fast a tick's travel is cut into as many.
+    bool cut_panels() {
+        const int ticks = path_->ticks;
+        double gain = 0;  // of the residual in standard deviations, per metre
+        for (int k = 0; k < ticks; ++k) {
+            for (int w = 0; w < detector_.watched; ++w)
+                gain = std::max(gain, std::fabs(path_->torque_per_N[std::size_t(k) * path_->dof + detector_.joint[w]]) *
+                                          stiffness_ / detector_.sd[w]);
+        }
+        double width = gain > 0 ? widest / gain : std::numeric_limits<double>::infinity();
+        if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
+        const double largest = offset_.largest();
+        const bool rare = ticks > 0 && quiet_->idle(ticks - 1).alarm < rare_alarm;
+        for (int k = 0; k < ticks && edge_[k] < largest;) {
+            int group = 1, parts = 1;
+            while (rare && k > 0 && group < longest_group && k + 2 * group <= ticks &&
+                   edge_[k + 2 * group] - edge_[k] <= width)
+                group *= 2;
+            const double low = edge_[k], high = std::min(edge_[k + group], largest);
+            while ((high - low) > parts * width) parts *= 2;
+            if (parts > most_parts) return false;
+            // One that the end of the offsets cuts short is like no other.
+            const int whole = edge_[k + group] <= largest ? group : 0;
+            for (int part = 0; part < parts && high > low; ++part)
+                panels_.push_back(
+                    {low + (high - low) * part / parts, low + (high - low) * (part + 1) / parts, k, whole, part});
+            k += group;
+        }
+        add_end_panels(edge_[ticks], edge_[ticks + 1], ticks);
+        return true;
+    }
+
+    void find_outcomes() {
+        outcome_.clear();
+        outcome_of_.assign(panels_.size(), 0);
+        survived_.assign(panels_.size() * order, 1.0);
+        fired_.assign(panels_.size() * order * std::size_t(detector_.watched), 0.0);
+        // Panels of a kind, tick after tick, are interpolated together; parts of ticks each with their own.
+        std::vector<int>& run = run_;
+        for (std::size_t first = 0; first < panels_.size();) {
+            const Panel& head = panels_[first];
+            std::size_t parts = 1;
+            while (first + parts < panels_.size() && panels_[first + parts].part == int(parts)) ++parts;
+            std::size_t end = first + parts;
+            while (end + parts <= panels_.size() && alike(head, panels_[end], parts, end)) end += parts;
+            for (std::size_t part = 0; part < parts; ++part) {
+                run.clear();
+                for (std::size_t p = first + part; p < end; p += parts) run.push_back(int(p));
+                find_run(0, int(run.size()));
+            }
+            first = end;
+        }
+    }
+
+    /// Whether the `parts` panels from `at` on are a tick's, or a group of ticks', of the same kind as `head`.
+    bool alike(const Panel& head, const Panel& next, std::size_t parts, std::size_t at) const {
+        return next.ticks == head.ticks && next.part == 0 && head.tick > 0 && head.ticks > 0 &&
+               next.tick == panels_[at - 1].tick + head.ticks && quiet_->armed(head.tick) &&
+               (parts == 1 || panels_[at + parts - 1].part == int(parts) - 1) &&
+               (at + parts == panels_.size() || panels_[at + parts].part == 0);
+    }
+
+    /// Fills the panels run_[first .. end - 1].
+    void find_run(int first, int end) {
+        const int count = end - first;
+        if (count < 2 * interpolated_from) {
+            for (int i = first; i < end; ++i) find(run_[std::size_t(i)]);
+            return;
+        }
+        const Interpolation interpolation(interpolation_nodes(first, end - 1, interpolated_from));
+        const std::vector<int>& node = interpolation.nodes();
+        const int check[2] = {(node[0] + node[1]) / 2, (node[3] + node[4]) / 2};
+        for (int i : node) find(run_[std::size_t(i)]);
+        double weight[interpolated_from];
+        for (int i : check) {
+            find(run_[std::size_t(i)]);
+            interpolation.weights(i, weight);
+            if (finished(node) && agrees(node, weight, run_[std::size_t(i)])) continue;
+            const int middle = first + count / 2;
+            find_run(first, middle);
+            find_run(middle, end);
+            return;
+        }
+        for (int i = first; i < end; ++i) {
+            if (panels_[std::size_t(run_[std::size_t(i)])].known) continue;
+            interpolation.weights(i, weight);
+            interpolate(node, weight, run_[std::size_t(i)]);
+        }
+    }
+
+    int longest(const std::vector<int>& node) const {
+        int slots = 0;
+        for (int i : node) slots = std::max(slots, panels_[std::size_t(run_[std::size_t(i)])].slots);
+        return slots;
+    }
+
+    /// Everything at the nodes is detected before the path ends.
+    bool finished(const std::vector<int>& node) const {
+        for (int i : node) {
+            const double* survived = &survived_[std::size_t(run_[std::size_t(i)]) * order];
+            if (*std::max_element(survived, survived + order) > agreement) return false;
+        }
+        return true;
+    }
+
+    bool agrees(const std::vector<int>& node, const double* weight, int p) const {
+        const Panel& panel = panels_[std::size_t(p)];
+        for (int slot = 0; slot < panel.slots; ++slot) {
+            for (int r = 0; r < registers; ++r) {
+                T off = -load<T>(&outcome_[outcome_of_[p] + std::size_t(slot) * order + r * lanes]);
+                for (int m = 0; m < interpolated_from; ++m) {
+                    const int n = run_[std::size_t(node[m])];
+                    if (slot < panels_[std::size_t(n)].slots)
+                        off += weight[m] * load<T>(&outcome_[outcome_of_[n] + std::size_t(slot) * order + r * lanes]);
+                }
+                if (any(absolute(off) > T(agreement))) return false;
+            }
+        }
+        return true;
+    }
+
+    void interpolate(const std::vector<int>& node, const double* weight, int p) {
+        Panel& panel = panels_[std::size_t(p)];
+        panel.known = true;
+        panel.slots = std::min(longest(node), path_->ticks - panel.tick);
+        outcome_of_[std::size_t(p)] = outcome_.size();
+        outcome_.resize(outcome_.size() + std::size_t(panel.slots) * order, 0.0);
+        double* to = &outcome_[outcome_of_[std::size_t(p)]];
+        for (int m = 0; m < interpolated_from; ++m) {
+            const int n = run_[std::size_t(node[m])];
+            const double* from = &outcome_[outcome_of_[n]];
+            const int size = std::min(panel.slots, panels_[std::size_t(n)].slots) * order;
+            for (int i = 0; i < size; i += lanes) store(load<T>(to + i) + weight[m] * load<T>(from + i), to + i);
+        }
+        const std::size_t watched = std::size_t(detector_.watched);
+        for (int i = 0; i < order; ++i) survived_[std::size_t(p) * order + i] = 0;
+        for (int m = 0; m < interpolated_from; ++m) {
+            const std::size_t n = std::size_t(run_[std::size_t(node[m])]);
+            for (std::size_t i = 0; i < order; ++i)
+                survived_[std::size_t(p) * order + i] += weight[m] * survived_[n * order + i];
+            for (std::size_t i = 0; i < order * watched; ++i)
+                fired_[std::size_t(p) * order * watched + i] += weight[m] * fired_[n * order * watched + i];
+        }
+    }
+
+    /// Follows the offsets of a panel from tick to tick.
+    void find(int p) {
+        Panel& panel = panels_[std::size_t(p)];
+        if (panel.known) return;
+        panel.known = true;
+        outcome_of_[std::size_t(p)] = outcome_.size();
+        const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
+        const int watched = detector_.watched;
+        T offset[registers], survival[registers], fired[max_joints][registers];
+        for (int r = 0; r < registers; ++r) {
+            offset[r] = mid + half * load<T>(node_ + r * lanes);
+            survival[r] = 1.0;
+            for (int w = 0; w < watched; ++w) fired[w][r] = 0.0;
+        }
+        for (int k = panel.tick; k < path_->ticks; ++k) {
+            const std::size_t at = outcome_.size();
+            outcome_.resize(at + order);
+            ++panel.slots;
+            if (!quiet_->armed(k)) {
+                std::fill_n(&outcome_[at], order, 0.0);
+                continue;
+            }
+            const double s = s_tick(k);
+            const double* torque = &path_->torque_per_N[std::size_t(k) * path_->dof];
+            T alarm[registers], silent[registers], force[registers], most = 0.0;
+            for (int r = 0; r < registers; ++r) {
+                alarm[r] = 0.0;
+                silent[r] = 1.0;
+                force[r] = maximum(s - offset[r], T(0.0)) * stiffness_;
+            }
+            for (int w = 0; w < watched; ++w) {
+                const double a = torque[detector_.joint[w]];
+                for (int r = 0; r < registers; ++r) {
+                    const T q = alarms_.alarm(w, a * force[r]);
+                    fired[w][r] += survival[r] * q;
+                    alarm[r] += silent[r] * q;
+                    silent[r] = silent[r] * (1.0 - q);
+                }
+            }
+            for (int r = 0; r < registers; ++r) {
+                store(survival[r] * alarm[r], &outcome_[at + std::size_t(r) * lanes]);
+                survival[r] = survival[r] * silent[r];
+                most = maximum(most, survival[r]);
+            }
+            if (all(most < T(least_survival))) break;
+        }
+        for (int r = 0; r < registers; ++r) {
+            store(survival[r], &survived_[std::size_t(p) * order + std::size_t(r) * lanes]);
+            for (int w = 0; w < watched; ++w)
+                store(fired[w][r], &fired_[(std::size_t(p) * watched + w) * order + std::size_t(r) * lanes]);
+        }
+    }
+
+    /// Joins outcomes, offsets and the silence before contact.
+    void weigh() {
+        const std::size_t watched = std::size_t(detector_.watched);
+        const int ticks = path_->ticks;
+        alarm_before_ = 0;
+        contact_from_.assign(std::size_t(ticks) + 1, 0.0);
+        // An alarm before contact matters if its stopping path arrives, and all of them may.
+        detection_.resize(std::size_t(ticks));
+        for (int k = 0; k < ticks; ++k)
+            detection_[std::size_t(k)] = quiet_->silence_before(k) * quiet_->idle(k).alarm *
+                                         offset_.probability_beyond(edge_[std::size_t(k) + 1]);
+        std::size_t values = 0, masses = 0;
+        for (Panel& panel : panels_) {
+            panel.value_at = values;
+            panel.mass_at = masses;
+            values += std::size_t(panel.slots) * order;
+            masses += std::size_t(panel.slots + lanes);  // registers may be read beyond the last
+        }
+        value_.resize(values);
+        mass_.assign(masses, 0.0);
+        for (std::size_t p = 0; p < panels_.size(); ++p) {
+            Panel& panel = panels_[p];
+            T offset[registers], weight[registers], row[registers];
+            weigh_offsets(panel, offset);
+            panel.total = sum(offset);
+            panel.silence = quiet_->silence_before(panel.tick);
+            alarm_before_ += panel.total * quiet_->alarm_before(panel.tick);
+            contact_from_[std::size_t(std::min(panel.tick, ticks))] += panel.total;
+            for (int r = 0; r < registers; ++r) weight[r] = offset[r] * panel.silence;
+            const double* from = outcome_.data() + outcome_of_[p];
+            for (int slot = 0; slot < panel.slots; ++slot) {
+                const std::size_t at = std::size_t(slot) * order;
+                for (int r = 0; r < registers; ++r) {
+                    // Interpolation leaves a little of either sign where there is nothing.
+                    row[r] = weight[r] * maximum(load<T>(from + at + std::size_t(r) * lanes), T(0.0));
+                    store(row[r], &value_[panel.value_at + at + std::size_t(r) * lanes]);
+                }
+                const double mass = sum(row);
+                mass_[panel.mass_at + std::size_t(slot)] = mass;
+                detection_[std::size_t(panel.tick + slot)] += mass;
+                panel.mass += mass;
+            }
+            for (int r = 0; r < registers; ++r)
+                row[r] = weight[r] * load<T>(&survived_[p * order + std::size_t(r) * lanes]);
+            for (int r = 0; r < registers; ++r) store(row[r], &survived_[p * order + std::size_t(r) * lanes]);
+            undetected += sum(row);
+            for (std::size_t w = 0; w < watched; ++w) {
+                for (int r = 0; r < registers; ++r)
+                    row[r] = weight[r] * load<T>(&fired_[(p * watched + w) * order + std::size_t(r) * lanes]);
+                trigger[detector_.joint[w]] += sum(row);
+            }
+        }
+        const double beyond = offset_.probability_beyond(edge_.back());
+        alarm_before_ += beyond * quiet_->alarm_before(ticks);
+        contact_from_.back() += beyond;
+        no_contact = beyond * quiet_->silence_before(ticks);
+        for (int k = 0; k < ticks; ++k)
+            false_alarm += (offset_.probability_beyond(edge_[k]) - offset_.probability_beyond(edge_[k + 1])) *
+                           quiet_->alarm_before(k);
+        false_alarm += offset_.probability_beyond(edge_[ticks]) * quiet_->alarm_before(ticks);
+        share_false_alarms();
+    }
+
+    /// Alarms before contact that no panel holds are split over the joints as those of idle ticks are.
+    void share_false_alarms() {
+        double waiting = 0;  // probability of contact after tick k
+        for (int k = path_->ticks - 1; k >= 0; --k) {
+            waiting += contact_from_[std::size_t(k) + 1];
+            if (!quiet_->armed(k)) continue;
+            const double here = waiting * quiet_->silence_before(k);
+            for (int w = 0; w < detector_.watched; ++w) trigger[detector_.joint[w]] += here * quiet_->idle(k).single[w];
+        }
+    }
+
+    const ThresholdDetector& detector_;
+    const Timing& timing_;
+    const MotionSettings& motion_;
+    const AlarmTable& alarms_;
+    const OffsetKind offset_kind_;
+    std::vector<int> run_;
+    std::vector<std::size_t> outcome_of_;  ///< by panel: where its outcomes begin
+    std::vector<double> outcome_;          ///< [slot][node], panel by panel: detected then, given contact
+    std::vector<double> fired_;            ///< [panel][watched joint][node]: over its threshold when detected
+    std::vector<double> contact_from_, detection_;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

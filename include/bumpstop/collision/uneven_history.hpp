@@ -1,0 +1,162 @@
+/// @file
+/// The changes of an arm's rates at its last moments, which lie unevenly in time.
+#pragma once
+
+#include "bumpstop/model/kinematics.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+inline constexpr int braking_order = 6;  ///< values a leap goes by
+
+/// What the sums over the next `count` sub-steps are of the values known, newest first.
+template <class T>
+struct UnevenWeights {
+    T sum[braking_order];          ///< of the changes: rates gained
+    T sum_of_sums[braking_order];  ///< summed once more: positions gained, in units of the sub-step
+    T predict[braking_order];      ///< the change after them, extrapolated
+    T last[braking_order];         ///< that of the last of them; only where asked for
+    /// What of `sum`, `sum_of_sums` and `last` there is to add for each unit by which the change found after them differs
+    /// from the one extrapolated.
+    T correct_sum, correct_sum_of_sums, correct_last;
+};
+
+/// The age of moments that never were [sub-steps]. A polynomial through such a moment is, over the sub-steps that matter,
+/// the one without it: a short history is one of lower order.
+inline constexpr double long_ago = 1e12;
+
+/// The changes of the rates at the last moments a lane looked at. The moments lie as far apart as its leaps were long,
+/// so no history is lost when a leap is made longer or shorter, and lanes need not agree.
+///
+/// The polynomial through the values is Lagrange's. It is summed over the sub-steps, not integrated, so a leap lands
+/// where the controller does.
+template <class T>
+class UnevenHistory {
+  public:
+    void forget(int lane) {
+        for (int j = 0; j < braking_order; ++j) {
+            set_lane(age_[j], lane, long_ago * j);
+            for (T& change : change_[j]) set_lane(change, lane, 0.0);
+        }
+    }
+    /// Where `taken`, the arm has gone `count` sub-steps and then finds this change.
+    void push(const MaskOf<T>& taken, const T& count, const T* change, int free_count) {
+        for (int j = braking_order - 1; j > 0; --j) {
+            age_[j] = select(taken, age_[j - 1] + count, age_[j]);
+            for (int f = 0; f < free_count; ++f) change_[j][f] = select(taken, change_[j - 1][f], change_[j][f]);
+        }
+        for (int f = 0; f < free_count; ++f) change_[0][f] = select(taken, change[f], change_[0][f]);
+    }
+    /// Forgets what was before the newest moment.
+    void keep_newest(const MaskOf<T>& lane) {
+        for (int j = 1; j < braking_order; ++j) {
+            age_[j] = select(lane, T(long_ago * j), age_[j]);
+            for (T& change : change_[j]) change = select(lane, T(0.0), change);
+        }
+    }
+    /// Of a lane that has just begun.
+    void set_first(int lane, const T* change, int free_count) {
+        for (int f = 0; f < free_count; ++f) set_lane(change_[0][f], lane, lane_of(change[f], lane));
+    }
+    /// What the error of the change extrapolated over `count` sub-steps grows with, of a history of `known` moments.
+    T error_growth(const T& count, const T& known) const {
+        T product = count;
+        BUMPSTOP_UNROLL
+        for (int j = 1; j < braking_order; ++j)
+            product = product * select(known > T(double(j)), count + age_[j], T(1.0));
+        return product;
+    }
+    T combine(const T (&weight)[braking_order], int f) const {
+        T total = weight[0] * change_[0][f];
+        BUMPSTOP_UNROLL
+        for (int j = 1; j < braking_order; ++j) total += weight[j] * change_[j][f];
+        return total;
+    }
+
+    /// One lane's history in all of them.
+    UnevenHistory spread(int lane, int free_count) const {
+        UnevenHistory one;
+        for (int j = 0; j < braking_order; ++j) {
+            one.age_[j] = lane_of(age_[j], lane);
+            for (int f = 0; f < free_count; ++f) one.change_[j][f] = lane_of(change_[j][f], lane);
+        }
+        return one;
+    }
+
+    /// Every step but the last division is in whole numbers, which doubles hold exactly where no moment is long ago. A
+    /// negative count goes back.
+    template <bool WithLast = false>
+    UnevenWeights<T> weights(const T& count) const {
+        constexpr int last = braking_order - 1;
+        // With x the sub-steps from now: product of all (x + age) but the newest moment's, whose age is 0.
+        T product[last + 1] = {T(1.0)};
+        BUMPSTOP_UNROLL
+        for (int j = 1; j <= last; ++j) {
+            product[j] = product[j - 1];
+            BUMPSTOP_UNROLL
+            for (int p = j - 1; p > 0; --p) product[p] = product[p] * age_[j] + product[p - 1];
+            product[0] = product[0] * age_[j];
+        }
+        // Sums of m^p over 0 <= m < count (Faulhaber).
+        const T n = count, m = n - 1.0, a = 0.5 * m * n, aa = a * a, even = a * (2.0 * n - 1.0) * (1.0 / 3);
+        const T power_sum[braking_order + 2] = {
+            n,
+            a,
+            even,
+            aa,
+            even * (6.0 * a - 1.0) * (1.0 / 5),
+            aa * (4.0 * a - 1.0) * (1.0 / 3),
+            even * (12.0 * aa - 6.0 * a + 1.0) * (1.0 / 7),
+            aa * (6.0 * aa - 4.0 * a + 1.0) * (1.0 / 3),
+        };
+        UnevenWeights<T> weights;
+        // Of the polynomial c[0] x^shift + .. + c[degree] x^(shift + degree), over the divisor.
+        auto set = [&](const T* c, int shift, int degree, const T& inverse, T& sum_to, T& sum_of_sums, T& last_value) {
+            T sum = c[0] * power_sum[shift], weighted = c[0] * power_sum[shift + 1];
+            BUMPSTOP_UNROLL
+            for (int p = 1; p <= degree; ++p) {
+                sum += c[p] * power_sum[p + shift];
+                weighted += c[p] * power_sum[p + shift + 1];
+            }
+            sum_to = sum * inverse;
+            sum_of_sums = (n * sum - weighted) * inverse;
+            if constexpr (WithLast) {
+                T before = c[degree];
+                BUMPSTOP_UNROLL
+                for (int p = 1; p <= degree; ++p) before = before * m + c[degree - p];
+                last_value = (shift == 1 ? before * m : before) * inverse;
+            }
+        };
+        auto value_after = [&](const T* c, int degree) {
+            T value = c[degree];
+            BUMPSTOP_UNROLL
+            for (int p = 1; p <= degree; ++p) value = value * n + c[degree - p];
+            return value;
+        };
+        const T after = value_after(product, last), newest = 1.0 / product[0];
+        weights.predict[0] = after * newest;
+        set(product, 0, last, newest, weights.sum[0], weights.sum_of_sums[0], weights.last[0]);
+        set(product, 1, last, 1.0 / maximum(absolute(n * after), T(1e-300)), weights.correct_sum,
+            weights.correct_sum_of_sums, weights.correct_last);
+        BUMPSTOP_UNROLL
+        for (int j = 1; j <= last; ++j) {
+            T rest[last], divisor = -age_[j];
+            rest[last - 1] = 1.0;
+            BUMPSTOP_UNROLL
+            for (int p = last - 1; p > 0; --p) rest[p - 1] = product[p] - age_[j] * rest[p];
+            BUMPSTOP_UNROLL
+            for (int i = 1; i <= last; ++i) {
+                if (i != j) divisor = divisor * (age_[i] - age_[j]);
+            }
+            const T inverse = 1.0 / divisor;
+            weights.predict[j] = n * value_after(rest, last - 1) * inverse;
+            set(rest, 1, last - 1, inverse, weights.sum[j], weights.sum_of_sums[j], weights.last[j]);
+        }
+        return weights;
+    }
+
+  private:
+    T age_[braking_order];  ///< sub-steps ago
+    T change_[braking_order][max_joints] = {};
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
