@@ -1,5 +1,6 @@
-// Derivatives of sampled positions.
+// Derivatives of sampled positions, and the zero-phase filter.
 #include "bumpstop/signal/causal_derivative.hpp"
+#include "bumpstop/signal/zero_phase.hpp"
 #include "common.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -41,6 +42,17 @@ nb::tuple local_polynomial(Vector t, Matrix q, double window, int degree) {
     return nb::make_tuple(position.release(), rate.release(), acceleration.release());
 }
 
+// Passes what lies below the cut-off of columns (N, k), evenly sampled at `rate`.
+NewArray<double>::Array zero_phase_lowpass(Matrix x, int order, double cutoff, double rate, std::size_t padding) {
+    NewArray<double> filtered({x.shape(0), x.shape(1)});
+    {
+        nb::gil_scoped_release unlocked;
+        filter_zero_phase(butterworth(order, cutoff, rate), x.data(), x.shape(0), x.shape(1), padding,
+                          filtered.data.get());
+    }
+    return filtered.release();
+}
+
 }  // namespace
 
 void bind_signal(nb::module_& module) {
@@ -50,6 +62,10 @@ void bind_signal(nb::module_& module) {
                nb::arg("degree"), "Rates and accelerations (N, n) from the samples up to each row.");
     module.def("local_polynomial", &local_polynomial, nb::arg("t"), nb::arg("q"), nb::arg("window"), nb::arg("degree"),
                "Smoothed positions, rates and accelerations (N, n) from the samples on both sides of each row.");
+    module.attr("max_filter_order") = max_filter_order;
+    module.def("zero_phase_lowpass", &zero_phase_lowpass, nb::arg("x"), nb::arg("order"), nb::arg("cutoff"),
+               nb::arg("rate"), nb::arg("padding"),
+               "Columns (N, k) after Butterworth's low-pass, forward and backward, reflected beyond the ends.");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

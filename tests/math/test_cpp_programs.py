@@ -38,6 +38,7 @@ CASES = [
     *((ROOT / "tests/model/min_norm.cpp", build) for build in BUILDS),
     *((ROOT / "tests/model/dynamics.cpp", build) for build in BUILDS),
     *((ROOT / "tests/signal/causal_derivative.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/signal/zero_phase.cpp", build) for build in BUILDS),
     *((ROOT / "tests/joint/joint_torque.cpp", build) for build in BUILDS),
     *((ROOT / "tests/detection/detector.cpp", build) for build in BUILDS),
     *((ROOT / "tests/math/quadrature.cpp", build) for build in ("sanitized", "clang++-14")),

@@ -45,6 +45,43 @@ def test_bad_row_is_dropped_counted_and_located(line: str, reason: str, tmp_path
     assert np.abs(found.q).max() <= 1
 
 
+@pytest.mark.parametrize("size", [1, 7, 64])
+def test_fields_are_counted_across_the_pieces_of_a_text(
+    size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = lines()
+    text[3], text[40], text[41], text[70] = "0.03,0.1", "", "0.41,0.1,0.2,ok,", "0.70,0.1,0.2,ok,,"
+    path = written(tmp_path, text)
+    whole = Recording.load(path, columns=COLUMNS, max_bad=0.1)
+    assert whole.report.rows_read == 199
+    assert [row for row, _ in whole.report.dropped] == [4, 42, 71]
+    monkeypatch.setattr("bumpstop.recording.delimited._AT_ONCE", size)
+    found = Recording.load(path, columns=COLUMNS, max_bad=0.1)
+    assert found.report == whole.report
+    assert (found.q == whole.q).all()
+
+
+@pytest.mark.parametrize("change", ["blanks", "quotes", "returns", "mark", "comments", "no end"])
+def test_the_same_numbers_however_a_text_is_written(change: str, tmp_path: Path) -> None:
+    text = ["t,q_1,q_2", *(f"{0.01 * i!r},{0.1 * i!r},{-0.2 * i!r}" for i in range(50))]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(text) + "\n")
+    plain = Recording.load(path)
+    body = {
+        "blanks": "\n".join(line.replace(",", " , ") for line in text) + "\n",
+        "quotes": "\n".join('"' + line.replace(",", '","') + '"' for line in text) + "\n",
+        "returns": "\r\n".join(text) + "\r\n",
+        "mark": "\ufeff" + "\n".join(text) + "\n",
+        "comments": "# by a logger\n\n" + "\n".join(text) + "\n",
+        "no end": "\n".join(text),
+    }[change]
+    path.write_bytes(body.encode())
+    found = Recording.load(path)
+    assert found.report.rows_dropped == 0
+    assert (found.t == plain.t).all()
+    assert (found.q == plain.q).all()
+
+
 def test_too_many_bad_rows_are_refused(tmp_path: Path) -> None:
     text = lines()
     for i in (3, 5, 7):

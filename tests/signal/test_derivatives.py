@@ -11,7 +11,7 @@ import pytest
 
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
-from bumpstop.signal import causal_derivatives, derivatives, differences, zero_phase_lowpass
+from bumpstop.signal import causal_derivatives, derivatives, differences, filter_even, zero_phase_lowpass
 
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
 METHODS: dict[str, Acceleration] = {
@@ -182,6 +182,21 @@ def test_gain_of_the_lowpass() -> None:
         warped = np.tan(np.pi * hertz / 1000) / np.tan(np.pi * 20 / 1000)
         assert gain == pytest.approx(1 / (1 + warped ** (2 * order)), rel=1e-6)
         assert abs(delay) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("rate", "cutoff", "order"), [(1000, 2, 4), (1000, 60, 4), (125, 8, 3), (94, 40, 10), (250, 1, 1)]
+)
+@pytest.mark.parametrize("columns", [1, 3, 9])
+def test_the_lowpass_is_scipys(rate: float, cutoff: float, order: int, columns: int) -> None:
+    from scipy.signal import butter, sosfiltfilt
+
+    x = np.random.default_rng(3).normal(size=(300, columns)).cumsum(axis=0)
+    sections = butter(order, cutoff, fs=rate, output="sos")
+    reference = sosfiltfilt(sections, x, axis=0, padlen=3 * (2 * ((order + 1) // 2) + 1))
+    # A section's gain at rest is a quotient of two figures, rounded by eps, of the size of (pi cutoff / rate)^2.
+    bound = 300 * np.finfo(float).eps / min(1.0, (np.pi * cutoff / rate) ** 2) * np.abs(x).max()
+    assert filter_even(x, rate, cutoff, order) == pytest.approx(reference, abs=bound)
 
 
 # --- Noise ----------------------------------------------------------------------------------------------------

@@ -283,7 +283,8 @@ def independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, fl
         mixed = solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:])
         mixed = mixed * scale[rest][None, :] / scale[chosen][:, None]
         for i in range(rank):
-            groups[i] = [(int(c), float(k)) for c, k in zip(rest, mixed[i], strict=True) if abs(k) > 1e-3]
+            # By their numbers: which of two alike is pivoted first is a matter of rounding.
+            groups[i] = sorted((int(c), float(k)) for c, k in zip(rest, mixed[i], strict=True) if abs(k) > 1e-3)
     return chosen, groups
 
 

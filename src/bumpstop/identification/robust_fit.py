@@ -152,7 +152,7 @@ def long_run_errors(columns: FloatArray, residual: FloatArray, knee: float) -> t
         residual: (N,).
         knee: residuals beyond count by their size.
     """
-    from scipy.stats import norm, t
+    from scipy.special import ndtri, stdtrit
 
     rows, k = columns.shape
     memory = correlation_time(np.clip(residual, -knee, knee))
@@ -164,7 +164,7 @@ def long_run_errors(columns: FloatArray, residual: FloatArray, knee: float) -> t
     variance = np.einsum("ij,jk,ki->i", inverse, filling, inverse)
     freedom = max(2.0, min(independent - k, 1.5 * rows / window))
     lost = (1 - 0.5 / _WINDOW) * (1 - window / rows) * max(0.1, 1 - k / independent)
-    widened = float(t.ppf(0.975, freedom) / norm.ppf(0.975)) / math.sqrt(lost)
+    widened = float(stdtrit(freedom, 0.975) / ndtri(0.975)) / math.sqrt(lost)
     return widened * np.sqrt(np.maximum(variance, 0.0)), independent
 
 

@@ -57,7 +57,8 @@ def checked(
     good = np.ones(n, dtype=bool)
     for name, value in values.items():
         limit = _limit(name, robot, value.shape[1])
-        if (np.abs(value) <= limit).all():
+        # NaN passes through to both, and compares with nothing.
+        if ((value.max(axis=0, initial=0.0) <= limit) & (value.min(axis=0, initial=0.0) >= -limit)).all():
             continue
         for reason, wrong in (
             ("not a number", np.isnan(value)),
@@ -104,7 +105,8 @@ def _listed(reasons: list[tuple[int, str, str]]) -> tuple[tuple[int, str], ...]:
 
 def _without_empty(raw: RawRecording) -> RawRecording:
     """Leave out what was never recorded: drivers fill it with NaN."""
-    empty = [name for name, x in raw.values.items() if name in NAMES and name != "position" and np.isnan(x).all()]
+    more = {name: x for name, x in raw.values.items() if name in NAMES and name != "position"}
+    empty = [name for name, x in more.items() if np.isnan(x[:1]).all() and np.isnan(x).all()]
     if not empty:
         return raw
     notes = tuple(f"The {name} holds no number at all and is left out." for name in empty)

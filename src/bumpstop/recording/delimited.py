@@ -6,13 +6,15 @@ import re
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.recording.table import Table
+from bumpstop.recording.table import Table, side_by_side
 
 WRONG_COUNT = "wrong field count"
 _BOM = b"\xef\xbb\xbf"
+_AT_ONCE = 1 << 18  # bytes whose marks are looked for
 
 
 def read_delimited(path: Path, header: bool | None) -> Table:
@@ -25,7 +27,9 @@ def read_delimited(path: Path, header: bool | None) -> Table:
     Raises:
         InputError: empty, not text, or without any row of data.
     """
-    body = path.read_bytes().removeprefix(_BOM).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    body = path.read_bytes().removeprefix(_BOM)
+    if b"\r" in body:
+        body = body.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\0" in body[:4096]:
         raise InputError(str(path), "is not a text file", "wanted CSV")
     skipped, first = _first_line(body)
@@ -36,28 +40,45 @@ def read_delimited(path: Path, header: bool | None) -> Table:
     fields = _fields(first.lstrip(b"#").strip() if first.startswith(b"#") else first, separator)
     if header or (header is None and not _are_numbers(fields)):
         names = tuple(text.strip().strip('"') for text in fields)
-        start = body.index(first) + len(first) + 1
-        body = body[start:]
         skipped += 1
-    decimal_comma = separator == b";" and b"," in body[:4096]
+    start = _line_start(body, skipped) if names else 0
+    decimal_comma = separator == b";" and b"," in body[start : start + 4096]
+    if any(mark in body for mark in (b'"', b" ", *(() if separator == b"\t" else (b"\t",)))):
+        body, start = _bare(body[start:], separator), 0
+    return _split(path, body, start, separator, names, skipped if names else 0, decimal_comma)
+
+
+def _line_start(body: bytes, line: int) -> int:
+    """Where a line begins, numbered from 0; the end where there are not so many."""
+    start = 0
+    for _ in range(line):
+        start = body.find(b"\n", start) + 1
+        if start == 0:
+            return len(body)
+    return start
+
+
+def _bare(body: bytes, separator: bytes) -> bytes:
+    """Text without what may stand about numbers: blanks and quotes."""
     if separator == b" ":
         body = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", body))
     else:
         body = body.replace(b" ", b"") if separator == b"\t" else body.replace(b" ", b"").replace(b"\t", b"")
-    body = body.replace(b'"', b"")
-    return _split(path, body, separator, names, skipped, decimal_comma)
+    return body.replace(b'"', b"")
 
 
-def _split(path: Path, body: bytes, separator: bytes, names: tuple[str, ...], skipped: int, comma: bool) -> Table:
-    """Find the rows that have as many fields as the header, or as most rows have where there is none."""
-    if body and not body.endswith(b"\n"):
+def _split(
+    path: Path, body: bytes, start: int, separator: bytes, names: tuple[str, ...], skipped: int, comma: bool
+) -> Table:
+    """Find the rows that have as many fields as the header, or as most rows have where there is none.
+
+    ``start``: where the first of them begins, after ``skipped`` lines.
+    """
+    if len(body) > start and not body.endswith(b"\n"):
         body += b"\n"
-    data = np.frombuffer(body, dtype=np.uint8)
-    ends = np.flatnonzero(data == ord("\n"))
-    starts = np.concatenate([[0], ends[:-1] + 1]) if ends.size else ends
-    marks = np.flatnonzero(data == separator[0])
-    counts = np.searchsorted(marks, ends) - np.searchsorted(marks, starts) + 1
-    filled = ends > starts
+    data = np.frombuffer(body, dtype=np.uint8)[start:]
+    ends, counts = _lines(data, separator)
+    filled = np.diff(ends, prepend=-1) > 1
     if not filled.any():
         raise InputError(str(path), "has no row of data", "wanted rows of numbers")
     usual = int(np.bincount(counts[filled]).argmax())
@@ -66,32 +87,52 @@ def _split(path: Path, body: bytes, separator: bytes, names: tuple[str, ...], sk
         raise InputError(str(path), f"the header names {width} columns, most rows have {usual}")
     good = filled & (counts == width)
     numbers = np.arange(1, ends.size + 1) + skipped
+    lines = numbers
     if not good.all():
-        body = data[np.repeat(good, ends - starts + 1)].tobytes()
+        body, start = data[np.repeat(good, np.diff(ends, prepend=-1))].tobytes(), 0
+        numbers = numbers[good]
     bad = np.flatnonzero(filled & ~good)
 
     def fetch(wanted: list[int]) -> FloatArray:
-        return _parse(body, separator, width, wanted, comma)
+        return _parse(body, body.count(b"\n", 0, start), separator, width, wanted, comma)
 
     return Table(
         names=names,
         width=width,
-        rows=numbers[good],
+        rows=numbers,
         first_row=skipped + 1,
         rows_read=int(filled.sum()),
         numbered="line",
         fetch=fetch,
-        faults=tuple((int(numbers[i]), f"{WRONG_COUNT}: {counts[i]}, not {width}") for i in bad),
+        faults=tuple((int(lines[i]), f"{WRONG_COUNT}: {counts[i]}, not {width}") for i in bad),
     )
 
 
-def _parse(body: bytes, separator: bytes, width: int, wanted: list[int], comma: bool) -> FloatArray:
+def _lines(data: npt.NDArray[np.uint8], separator: bytes) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Where lines end, and how many fields each has; a piece of the text at a time, which stays in the cache."""
+    ends, marks, before = [], [], 0
+    for start in range(0, data.size, _AT_ONCE):
+        piece = data[start : start + _AT_ONCE]
+        places = np.flatnonzero((piece == separator[0]) | (piece == ord("\n")))
+        last = np.flatnonzero(piece[places] == ord("\n"))
+        ends.append(places[last] + start)
+        marks.append(last + before)
+        before += places.size
+    if not ends:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    upto = np.concatenate([[-1], *marks])
+    return np.concatenate(ends), upto[1:] - upto[:-1]
+
+
+def _parse(body: bytes, skipped: int, separator: bytes, width: int, wanted: list[int], comma: bool) -> FloatArray:
+    """Columns of rows that all have ``width`` fields, after so many lines that are left out."""
     import polars as pl
 
     labels = [str(i) for i in range(width)]
     table = pl.read_csv(
         body,
         has_header=False,
+        skip_lines=skipped,
         separator=separator.decode(),
         quote_char=None,
         # Text, not Float64, for the columns that nobody wants: they need not hold numbers.
@@ -101,7 +142,7 @@ def _parse(body: bytes, separator: bytes, width: int, wanted: list[int], comma: 
         encoding="utf8-lossy",
         decimal_comma=comma,
     )
-    return np.stack([table[labels[i]].fill_null(np.nan).to_numpy() for i in wanted], axis=1)
+    return side_by_side([table[labels[i]] for i in wanted])
 
 
 def _first_line(body: bytes) -> tuple[int, bytes]:

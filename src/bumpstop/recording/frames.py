@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.recording.table import Table
+from bumpstop.recording.table import Table, side_by_side
 
 if TYPE_CHECKING:
     import polars as pl
@@ -85,8 +85,8 @@ def _numbers(table: pl.DataFrame, names: list[str]) -> FloatArray:
             column = column.str.strip_chars()
         elif not (column.dtype.is_numeric() or column.dtype == pl.Null):
             raise InputError(f"column {name!r}", f"holds {column.dtype}, not numbers", "wanted numbers")
-        columns.append(column.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy())
-    return np.stack(columns, axis=1)
+        columns.append(column.cast(pl.Float64, strict=False))
+    return side_by_side(columns)
 
 
 def _names(text: str) -> tuple[str, ...]:

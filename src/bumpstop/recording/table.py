@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
+
+if TYPE_CHECKING:
+    import polars as pl
 
 RowNumbers = npt.NDArray[np.int64]
 
@@ -60,3 +64,11 @@ class RawRecording:
     joint_names: tuple[str, ...] = ()
     robot: str = ""
     notes: tuple[str, ...] = ()
+
+
+def side_by_side(columns: Sequence[pl.Series]) -> FloatArray:
+    """Columns of numbers (N,) as a matrix (N, k), NaN where there is none; each stays in one piece in memory."""
+    together = np.empty((len(columns), len(columns[0]) if columns else 0))
+    for own, column in zip(together, columns, strict=True):
+        own[:] = column.fill_null(np.nan).to_numpy()
+    return together.T

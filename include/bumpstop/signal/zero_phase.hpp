@@ -1,0 +1,134 @@
+/// @file
+/// A Butterworth low-pass run forward and backward over even samples: no delay at any frequency.
+///
+/// Units: frequencies in Hz; samples in whatever they are.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+#include <vector>
+
+#include "bumpstop/math/lanes.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// y = (b0 + b1 / z + b2 / z^2) / (1 + a1 / z + a2 / z^2) x
+struct FilterSection {
+    double b0, b1, b2, a1, a2;
+};
+
+inline constexpr int max_filter_order = 10;
+inline constexpr int max_filter_sections = max_filter_order / 2;
+
+/// Sections of a filter, the first `count` of them.
+struct FilterSections {
+    std::array<FilterSection, max_filter_sections> section{};
+    int count = 0;
+};
+
+/// Butterworth's low-pass of `order` (1 to max_filter_order) by the bilinear transform, warped so that its gain at
+/// `cutoff` is 1 / sqrt(2). `cutoff` is above 0 and below half of `rate`.
+inline FilterSections butterworth(int order, double cutoff, double rate) noexcept {
+    const double w = std::tan(std::numbers::pi * cutoff / rate);
+    FilterSections found;
+    for (int pair = 0; pair < order / 2; ++pair) {
+        // Poles of a pair lie at -sin(angle) +- i cos(angle) of the analogue prototype.
+        const double damping = 2 * std::sin(std::numbers::pi * (2 * pair + 1) / (2 * order));
+        const double scale = 1 / (1 + damping * w + w * w), gain = w * w * scale;
+        found.section[found.count++] = {gain, 2 * gain, gain, 2 * (w * w - 1) * scale,
+                                        (1 - damping * w + w * w) * scale};
+    }
+    if (order % 2) {
+        const double gain = w / (1 + w);
+        found.section[found.count++] = {gain, gain, 0, (w - 1) / (1 + w), 0};
+    }
+    return found;
+}
+
+/// Runs sections over samples x[0], x[step], ... (`count` of them) in place, from the state in which the first of them has
+/// stood for ever. A lane is a series.
+template <int sections, class T>
+void run_filter(const FilterSections& filter, T* x, std::ptrdiff_t step, std::size_t count) noexcept {
+    std::array<FilterSection, sections> section;
+    T one[sections], two[sections];
+    T still = *x;
+    BUMPSTOP_UNROLL
+    for (int k = 0; k < sections; ++k) {
+        const FilterSection& s = section[k] = filter.section[k];
+        const T y = still * ((s.b0 + s.b1 + s.b2) / (1 + s.a1 + s.a2));
+        two[k] = still * s.b2 - y * s.a2;
+        one[k] = still * s.b1 - y * s.a1 + two[k];
+        still = y;
+    }
+    for (; count > 0; --count, x += step) {
+        T in = *x;
+        BUMPSTOP_UNROLL
+        for (int k = 0; k < sections; ++k) {
+            const FilterSection& s = section[k];
+            const T y = in * s.b0 + one[k];
+            one[k] = in * s.b1 - y * s.a1 + two[k];
+            two[k] = in * s.b2 - y * s.a2;
+            in = y;
+        }
+        *x = in;
+    }
+}
+
+template <class T>
+void run_filter(const FilterSections& filter, T* x, std::ptrdiff_t step, std::size_t count) noexcept {
+    switch (filter.count) {
+        case 1:
+            return run_filter<1>(filter, x, step, count);
+        case 2:
+            return run_filter<2>(filter, x, step, count);
+        case 3:
+            return run_filter<3>(filter, x, step, count);
+        case 4:
+            return run_filter<4>(filter, x, step, count);
+        default:
+            return run_filter<5>(filter, x, step, count);
+    }
+}
+
+/// Filters `columns` series of `rows` even samples, x and out by rows, forward and backward.
+///
+/// `padding` samples (fewer than `rows`) go before and after by point reflection about the ends, so that these are not
+/// drawn towards zero.
+inline void filter_zero_phase(const FilterSections& filter, const double* x, std::size_t rows, std::size_t columns,
+                              std::size_t padding, double* out) {
+    using L = Lanes<native_lanes>;
+    std::vector<L> series(rows + 2 * padding);
+    for (std::size_t first = 0; first < columns; first += native_lanes) {
+        const int own = int(std::min(columns - first, std::size_t(native_lanes)));
+        for (std::size_t i = 0; i < rows; ++i) {
+            const double* row = x + i * columns + first;
+            L& sample = series[padding + i];
+            if (own == native_lanes) {
+                sample = L::load(row);
+                continue;
+            }
+            sample = L(0.0);
+            for (int lane = 0; lane < own; ++lane) sample.set(lane, row[lane]);
+        }
+        const L begin = series[padding] * L(2.0), end = series[padding + rows - 1] * L(2.0);
+        for (std::size_t k = 1; k <= padding; ++k) {
+            series[padding - k] = begin - series[padding + k];
+            series[padding + rows - 1 + k] = end - series[padding + rows - 1 - k];
+        }
+        run_filter(filter, series.data(), 1, series.size());
+        run_filter(filter, series.data() + series.size() - 1, -1, series.size());
+        for (std::size_t i = 0; i < rows; ++i) {
+            double* row = out + i * columns + first;
+            const L sample = series[padding + i];
+            if (own == native_lanes) {
+                sample.store(row);
+                continue;
+            }
+            for (int lane = 0; lane < own; ++lane) row[lane] = sample[lane];
+        }
+    }
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
