@@ -10,30 +10,33 @@ from identification.test_gains_fit import ALL_GAINS, LOAD, currents
 from validation.findings import Findings
 
 TITLE = "Drive gains of arms of unknown inertia"
-LEAST, MOST = 0.90, 0.99
+LEAST, MOST = 0.92, 0.975
 NOISES_A = (0.05, 0.2)
+_FIRST_SEED = 1000  # lower ones were looked at while the standard errors were made
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Plant gains, fit them with a load in one of two recordings, and count the intervals that hold them."""
-    seeds, seconds = (1, 12.0) if quick else (8, 20.0)
+    seeds, seconds = (1, 12.0) if quick else (20, 20.0)
     findings.say(
         f"Two recordings of {seconds:g} s at 94 Hz, uneven by 10 %, the second with a known load of {LOAD.mass:g} kg, "
-        f"{seeds} pairs of motions; noise of the currents correlated by 0.8 from sample to sample. Inertia, friction "
-        "and gains are unknown to the fit. An interval is the value and 1.96 standard errors either way."
+        f"{seeds} pairs of motions for each arm and noise; noise of the currents correlated by 0.8 from sample to "
+        "sample. Inertia, friction and gains are unknown to the fit. An interval is the value and 1.96 standard errors "
+        "either way."
     )
-    rows, pooled = [], []
+    rows, pooled, pair = [], [], _FIRST_SEED
     for name in ("ur5e",) if quick else ("ur5e", "panda"):
         robot = bs.Robot.load(name)
         truth = ALL_GAINS[: robot.dof]
         loaded = with_payload(robot, LOAD.mass, LOAD.center)
         for noise in NOISES_A:
             scores, shares = [], []
-            for seed in range(seeds):
+            for _ in range(seeds):
                 logs = [
-                    currents(robot, 2 * seed, seconds=seconds, noise=noise),
-                    currents(loaded, 2 * seed + 1, seconds=seconds, noise=noise),
+                    currents(robot, 2 * pair, seconds=seconds, noise=noise),
+                    currents(loaded, 2 * pair + 1, seconds=seconds, noise=noise),
                 ]
+                pair += 1
                 fit = identify_gains(logs, robot, payloads=[None, LOAD], cutoff_hz=15.0)
                 assert fit.gains is not None
                 assert fit.gain_errors is not None

@@ -74,7 +74,8 @@ class CurrentComparison:
     def _scores(self, measured: FloatArray, predicted: FloatArray) -> tuple[JointScore | None, ...]:
         scores: list[JointScore | None] = []
         known: npt.NDArray[np.bool_] = np.all(np.isfinite(predicted), axis=0)
-        smooth, smooth_predicted = (self.rows.filtered(x[:, known], self.filter_hz) for x in (measured, predicted))
+        which = slice(None) if known.all() else known
+        smooth, smooth_predicted = (self.rows.filtered(x[:, which], self.filter_hz) for x in (measured, predicted))
         place = np.cumsum(known) - 1
         for j, joint in enumerate(self.model.joints):
             if not known[j]:

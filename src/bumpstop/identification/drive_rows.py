@@ -103,6 +103,8 @@ class DriveRows:
 
     def of_joints(self, which: Sequence[int]) -> DriveRows:
         """The columns of some joints, from 0."""
+        if list(which) == list(range(self.q.shape[1])):
+            return self
         names = ("q", "qd", "qdd", "torque", "current")
         columns: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, which]) for name in names}
         return replace(self, **columns)
@@ -184,7 +186,7 @@ def drive_rows(
         problem = f"has no stretch of {_LEAST_ROWS} rows and {_LEAST_TRIMS * trim:.3g} s without a gap"
         raise InputError("recording", problem, "wanted a longer recording")
     ends = np.cumsum([0, *(part[0].size for part in parts)])
-    columns = [np.concatenate([part[i] for part in parts]) for i in range(6)]
+    columns = [np.concatenate([part[i] for part in parts]) for i in range(6)] if len(parts) > 1 else list(parts[0])
     stretches = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     t, q, qd, qdd, torque, current = columns
     return DriveRows(t, q, qd, qdd, torque, current, stretches, tuple(rates), cutoff_hz, recorded, left)

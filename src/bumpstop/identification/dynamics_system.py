@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.identification.clusters import blocks_of, clustered_covariance
 from bumpstop.identification.essential import essential_values
 from bumpstop.identification.torque_columns import column_names, speeds_of, torque_columns
-from bumpstop.signal import correlation_time
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
 FIT_PER_CUTOFF = 4.0
 # Columns that the others make up to this share of their length say nothing of their own.
 _DEPENDENT = 1e-4
-# Above this share of its length left beside the others before it, every column can be told apart by Cholesky's method.
-_FIRM = 1e-5
 _RATHER_FIRST = 1e-8  # share of its length that a column counts less than the one before it
 _ROUNDS = 4  # of the joints' weights
 # Held-out fifths are made of so many parts of the rows each, spread over the time: where one stretch of a short
@@ -37,7 +34,6 @@ _ROUNDS = 4  # of the joints' weights
 _FOLDS, _PARTS = 5, 20
 # Parameters are left out of predictions where no joint's held-out error grows by more than this factor.
 _WORST_LOSS = 1.1
-_MEMORIES = 5  # correlation times of the residuals in a block that counts as independent
 _LEAST_SIGN_SPEED = 1e-4  # [rad/s or m/s]
 
 
@@ -115,7 +111,7 @@ class System:
     def solved(self) -> Solution:
         """Weighted least squares on the independent columns."""
         columns, wanted = self.columns, self.wanted
-        whole = _triangle(np.concatenate(self._triangles, axis=1))
+        whole = triangle_of(np.concatenate(self.triangles, axis=1))
         length = np.sqrt((whole[:, :, :-1] ** 2).sum(axis=(0, 1)))
         seen = np.flatnonzero(length > 1e-9 * length.max())
         weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
@@ -140,14 +136,14 @@ class System:
         )
 
     @cached_property
-    def _triangles(self) -> list[FloatArray]:
+    def triangles(self) -> list[FloatArray]:
         """Of every part, joint by joint, a triangle (n, up to parameters + 1, parameters + 1) with the same squares.
 
         Least squares of the rows, columns and what they should add up to side by side, are those of the triangles:
         weights, folds and choices of columns go through these instead.
         """
         return [
-            _triangle(np.concatenate([self.columns[part], self.wanted[part][:, :, None]], axis=2).transpose(1, 0, 2))
+            triangle_of(np.concatenate([self.columns[part], self.wanted[part][:, :, None]], axis=2).transpose(1, 0, 2))
             for part in self._parts()
         ]
 
@@ -216,7 +212,7 @@ class System:
             parts = [part for k, part in enumerate(self._parts()) if k % _FOLDS != fold]
             flat = np.concatenate([matrix[part] for part in parts]).reshape(-1, len(own))
             wanted = np.concatenate([target[part] for part in parts]).ravel()
-            others = [triangle for k, triangle in enumerate(self._triangles) if k % _FOLDS != fold]
+            others = [triangle for k, triangle in enumerate(self.triangles) if k % _FOLDS != fold]
             square = (np.concatenate(others, axis=1) * solution.weight[:, None, None]).reshape(
                 -1, self.raw.shape[2] + 1
             )
@@ -295,55 +291,6 @@ def label_of(names: list[str], seen: np.ndarray, column: int, group: list[tuple[
     )
 
 
-def clustered_covariance(matrix: FloatArray, residual: FloatArray, joints: int) -> FloatArray:
-    """Covariance of the solution that holds where residuals are correlated in time and between joints.
-
-    Blocks of consecutive rows, long against the residuals' memory, count as independent. Each is left out in turn, and
-    the spread of the solutions is the covariance (the jackknife of clusters, CR3 of A. C. Cameron and D. L. Miller, "A
-    practitioner's guide to cluster-robust inference", 2015). A sandwich of the blocks' scores would be too narrow: with
-    some sixty parameters and as many blocks, residuals are visibly smaller than errors.
-
-    Args:
-        matrix: columns (N joints, p), joints side by side.
-        residual: (N joints,) that least squares left.
-        joints: number of them.
-    """
-    length = np.linalg.norm(matrix, axis=0)
-    length[length == 0] = 1.0
-    blocks = blocks_of(residual, joints)
-    whole = matrix.T @ matrix / np.outer(length, length)
-    moved = np.empty((len(blocks), length.size))
-    for place, block in enumerate(blocks):
-        own = matrix[block] / length
-        moved[place] = _solution(whole - own.T @ own, own.T @ residual[block])
-    # Blocks of so many memories of an exponential correlation lose half of one at their seams.
-    lost = 1 - 0.5 / _MEMORIES
-    covariance: FloatArray = moved.T @ moved * (1 - 1 / len(blocks)) / np.outer(length, length) / lost
-    return covariance
-
-
-def _triangle(rows: FloatArray) -> FloatArray:
+def triangle_of(rows: FloatArray) -> FloatArray:
     """Upper triangles (n, up to p, p) with the squares of rows (n, N, p)."""
     return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
-def _solution(square: FloatArray, moment: FloatArray) -> FloatArray:
-    """Of a symmetric system (p, p) of columns of length one; the shortest where columns can hardly be told apart."""
-    from scipy.linalg import LinAlgError, cho_factor, cho_solve
-
-    try:
-        factor = cho_factor(square)
-    except LinAlgError:
-        factor = None
-    if factor is not None and np.diag(factor[0]).min() > _FIRM:
-        solution: FloatArray = cho_solve(factor, moment)
-        return solution
-    return np.asarray(np.linalg.lstsq(square, moment, rcond=1e-13)[0])
-
-
-def blocks_of(residual: FloatArray, joints: int) -> list[slice]:
-    """Runs of rows that are long against the memory of residuals (N * joints,), joints side by side."""
-    rows = residual.size // joints
-    memory = max(correlation_time(residual.reshape(rows, joints)[:, j]) for j in range(joints))
-    number = max(8, min(rows // max(1, math.ceil(_MEMORIES * memory)), 400))
-    return [slice(part[0] * joints, (part[-1] + 1) * joints) for part in np.array_split(np.arange(rows), number)]

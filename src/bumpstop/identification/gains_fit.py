@@ -15,9 +15,10 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.identification.clusters import clustered_covariance
 from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.identification.dynamics_settings import best_friction, choose_cutoff
-from bumpstop.identification.dynamics_system import clustered_covariance, independent, label_of
+from bumpstop.identification.dynamics_system import independent, label_of, triangle_of
 from bumpstop.identification.robust_fit import visible_share
 from bumpstop.identification.torque_rows import TorqueRows, listed
 
@@ -109,12 +110,28 @@ class _Currents:
         carried: (N, n) torque of known loads [Nm].
         wanted: (N, n) currents [A].
         free: joints whose gain is to be found.
+        count: of the rows that these stand for.
     """
 
     columns: FloatArray
     carried: FloatArray
     wanted: FloatArray
     free: np.ndarray
+    count: int
+
+    def condensed(self) -> _Currents:
+        """Rows with the same squares, no more of them than columns: all that the search asks for.
+
+        A joint's residual is linear in its columns, its load and its current, whatever gain and parameters are tried.
+        """
+        together = np.concatenate([self.columns, self.carried[:, :, None], self.wanted[:, :, None]], axis=2)
+        few = triangle_of(together.transpose(1, 0, 2)).transpose(1, 0, 2)
+        return _Currents(few[:, :, :-2], few[:, :, -2], few[:, :, -1], self.free, self.count)
+
+    def spread(self, left: FloatArray) -> FloatArray:
+        """Root mean square (n,) of what is left of the currents or torques (N, n)."""
+        size: FloatArray = np.sqrt((left**2).sum(axis=0) / self.count)
+        return size
 
     def start(self, inverse: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Inverse gains (n,) and values (p,) by linear least squares of torques, k i = Y p + payload."""
@@ -129,8 +146,7 @@ class _Currents:
         weight = 1 / spread
         for _ in range(2):
             found = _least_squares(matrix * weight[None, :, None], target * weight)
-            left = (target - matrix @ found).std(axis=0)
-            weight = 1 / np.maximum(left, 1e-12)
+            weight = 1 / np.maximum(self.spread(target - matrix @ found), 1e-12)
         gains[self.free] = found[: self.free.sum()]
         usual = float(np.median(np.abs(gains[gains != 0]))) if (gains != 0).any() else 1.0
         gains[np.abs(gains) < 1e-3 * usual] = usual
@@ -190,15 +206,16 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
     chosen, groups = independent((columns[:, :, seen] / per_joint[None, :, None]).reshape(-1, seen.size))
     own = [int(seen[c]) for c in chosen]
     free = ~np.isfinite(fixed)
-    problem = _Currents(columns[:, :, own], carried, system.wanted, free)
+    whole = _Currents(columns[:, :, own], carried, system.wanted, free, len(system.wanted))
+    few = whole.condensed()
     inverse = np.where(free, 1.0, 1 / np.where(free, 1.0, fixed))
     spread = np.maximum(np.sqrt(system.held_out()), 1e-6 * usual)
-    inverse, values = problem.start(inverse, spread)
+    inverse, values = few.start(inverse, spread)
     for _ in range(_ROUNDS):
-        inverse, values = problem.solved(inverse, values, spread)
-        residual = system.wanted - problem.predicted(inverse, values)
-        spread = np.maximum(residual.std(axis=0), 1e-9 * usual)
-    matrix = problem.slope(inverse, values, spread).reshape(-1, int(free.sum()) + values.size)
+        inverse, values = few.solved(inverse, values, spread)
+        spread = np.maximum(few.spread(few.wanted - few.predicted(inverse, values)), 1e-9 * usual)
+    residual = whole.wanted - whole.predicted(inverse, values)
+    matrix = whole.slope(inverse, values, spread).reshape(-1, int(free.sum()) + values.size)
     covariance = clustered_covariance(matrix, (residual / spread).ravel(), n)
     spreads = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     errors = np.zeros(n)

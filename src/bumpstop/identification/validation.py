@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -56,7 +57,7 @@ class Comparison:
     filter_hz: float
     given: tuple[JointScore, ...] | None = None
 
-    @property
+    @cached_property
     def error(self) -> FloatArray:
         """Predicted less measured (N, n), eq 3.1."""
         return self.predicted - self.measured
@@ -165,16 +166,18 @@ def compare_estimates(found: CurrentComparison, robot: Robot) -> Comparison:
     """
     rows, scores = found.rows, found.torque_scores()
     known = [j for j, score in enumerate(scores) if score is not None]
+    # A view where all are known: of a long recording there is no need for a copy.
+    which = slice(None) if len(known) == len(scores) else known
     kinds = {joint.name: joint.kind for joint in robot.joints}
     names = tuple(found.model.joints[j].name for j in known)
     return Comparison(
         names=names,
         units=tuple("N" if kinds.get(name) == "prismatic" else "Nm" for name in names),
         t=_one_after_another(rows.t, rows.stretches),
-        qd=rows.qd[:, known],
-        qdd=rows.qdd[:, known],
-        measured=rows.torque[:, known],
-        predicted=found.estimated[:, known],
+        qd=rows.qd[:, which],
+        qdd=rows.qdd[:, which],
+        measured=rows.torque[:, which],
+        predicted=found.estimated[:, which],
         rate_hz=float(np.median(rows.rate_hz)),
         filter_hz=found.filter_hz,
         given=tuple(score for score in scores if score is not None),
