@@ -36,25 +36,48 @@ def joined(log: Recording, other: Recording, gap: float) -> Recording:
 
 
 def test_stretches_never_mix() -> None:
-    """Rows of two recordings are those of each, one after the other; so are those on both sides of a gap."""
+    """Rows of two recordings are those of each, one after the other; on both sides of a gap a period is left away."""
     robot = bs.Robot.load("ur5e")
     logs = [planted(robot, seed, seconds=6.0) for seed in (1, 2)]
     alone = [TorqueRows.of([log], robot, 5.0) for log in logs]
     both = TorqueRows.of(logs, robot, 5.0)
     gap = TorqueRows.of([joined(*logs, 0.7)], robot, 5.0)
     assert [rows.stop - rows.start for rows in both.stretches] == [rows.motion.t.size for rows in alone]
-    for rows in (both, gap):
-        for name in NAMES[1:]:
-            parts = [getattr(own.motion, name) for own in alone]
-            np.testing.assert_allclose(getattr(rows.motion, name), np.concatenate(parts), rtol=1e-9, atol=1e-9)
-        for cutoff in (5.0, 20.0):
-            parts = [own.torque_below(cutoff) for own in alone]
-            np.testing.assert_allclose(rows.torque_below(cutoff), np.concatenate(parts), rtol=1e-8, atol=1e-8)
-            parts = [own.filtered(own.torque, cutoff) for own in alone]
-            np.testing.assert_allclose(rows.filtered(rows.torque, cutoff), np.concatenate(parts), rtol=1e-8, atol=1e-8)
+    assert both.rows_beside_gaps == 0
+    lost = 0.2 * alone[0].rate_hz[0]  # a period of 5 Hz
+    sizes = [rows.stop - rows.start for rows in gap.stretches]
+    assert all(abs(own.motion.t.size - size - lost) < 2 for own, size in zip(alone, sizes, strict=True))
+    assert abs(gap.rows_beside_gaps - 2 * 0.2 * logs[0].rate_hz) <= 2
+    cuts = (slice(None, sizes[0]), slice(-sizes[1], None))
+    for name in NAMES[1:]:
+        parts = [getattr(own.motion, name) for own in alone]
+        np.testing.assert_allclose(getattr(both.motion, name), np.concatenate(parts), rtol=1e-9, atol=1e-9)
+        parts = [part[cut] for part, cut in zip(parts, cuts, strict=True)]
+        np.testing.assert_allclose(getattr(gap.motion, name), np.concatenate(parts), rtol=1e-9, atol=1e-9)
+    for cutoff in (5.0, 20.0):
+        parts = [own.torque_below(cutoff) for own in alone]
+        np.testing.assert_allclose(both.torque_below(cutoff), np.concatenate(parts), rtol=1e-8, atol=1e-8)
+        parts = [own.filtered(own.torque, cutoff) for own in alone]
+        np.testing.assert_allclose(both.filtered(both.torque, cutoff), np.concatenate(parts), rtol=1e-8, atol=1e-8)
     # Without the gap the jump from one to the other is filtered as if the arm had made it.
     through = TorqueRows.of([joined(*logs, 0.01)], robot, 5.0)
     assert np.abs(through.motion.qdd).max() > 2 * np.abs(both.motion.qdd).max()
+
+
+def test_no_spikes_beside_gaps() -> None:
+    """A motion that goes on through lost seconds: what is kept beside them errs no more than elsewhere."""
+    robot = bs.Robot.load("ur5e")
+    t, q, _, qdd = excited(robot, 40.0, 100.0, 3)
+    kept = np.ones(t.size, dtype=bool)
+    for lost in range(3, 39, 3):
+        kept[(t > lost) & (t < lost + 0.5)] = False
+    log = Recording(t=t[kept], q=q[kept], tau=np.zeros_like(q[kept]))
+    rows = TorqueRows.of([log], robot, 5.0)
+    assert len(rows.stretches) == 13
+    error = np.stack([np.interp(rows.motion.t, t, qdd[:, j]) - rows.motion.qdd[:, j] for j in range(6)])
+    middle = (rows.motion.t > 3) & (rows.motion.t < 39)
+    # With nothing left away it is wrong by 2.4 times its root mean square beside a gap, with a period by half of it.
+    assert np.abs(error[:, middle]).max() < 0.6 * np.sqrt((qdd**2).mean())
 
 
 def test_torque_is_filtered_before_it_is_thinned() -> None:

@@ -77,8 +77,7 @@ def identify_dynamics_of(
         typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
     whole = "" if fit.rows_whole <= fit.rows_used else f" of {fit.rows_whole}, in blocks spread over the time"
     typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows{whole}")
-    if fit.rows_left:
-        typer.echo(f"note: {fit.rows_left} rows lie in stretches between gaps too short to use")
+    _print_left(fit.rows_left, fit.rows_beside_gaps, fit.cutoff_hz)
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
         if abs(value) < 2 * error:
             continue
@@ -116,7 +115,8 @@ def validate_dynamics(
     fit = load_fit(model)
     logs = load(fit.robot)
     carried = carried_of(payload, len(logs))
-    scores = fit.score(logs, filter_hz=filter_hz, payloads=carried)
+    rows = fit.rows(logs, payloads=carried)
+    scores = fit.score_rows(rows, filter_hz=filter_hz)
     where = f"on {logs[0].source}" if len(logs) == 1 else f"on {len(logs)} recordings"
     contact = ""
     if out is not None:
@@ -125,13 +125,22 @@ def validate_dynamics(
         )
     if as_json:
         joints = [_score_json(fit, j, score) for j, score in enumerate(scores)]
-        typer.echo(json.dumps({"joints": joints}, allow_nan=False, indent=2))
+        found = {"joints": joints, "rows_left": rows.rows_left, "rows_beside_gaps": rows.rows_beside_gaps}
+        typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return
     _print_scores(fit, scores, filter_hz or fit.cutoff_hz, where)
+    _print_left(rows.rows_left, rows.rows_beside_gaps, fit.cutoff_hz)
     if contact:
         typer.echo(contact)
     if out is not None:
         typer.echo(f"report: {out / 'report.html'}")
+
+
+def _print_left(rows_left: int, beside_gaps: int, cutoff_hz: float) -> None:
+    if rows_left:
+        typer.echo(f"note: {rows_left} rows lie in stretches between gaps too short to use")
+    if beside_gaps:
+        typer.echo(f"note: {beside_gaps} rows within {1 / cutoff_hz:.2g} s of gaps are left away")
 
 
 def _units(fit: DynamicsFit) -> list[str]:
@@ -173,6 +182,7 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
         "rows_used": fit.rows_used,
         "rows_whole": fit.rows_whole,
         "rows_left": fit.rows_left,
+        "rows_beside_gaps": fit.rows_beside_gaps,
         "rows_dropped": sum(log.report.rows_dropped for log in logs),
     }
 

@@ -60,6 +60,9 @@ def identify_joint(
         typer.echo(json.dumps(_identified(fit, logs), allow_nan=False, indent=2))
         return
     _print_fit(fit)
+    if fit.rows_left:
+        typer.echo(f"note: {fit.rows_left} rows lie in stretches between gaps too short to use")
+    typer.echo(f"note: {fit.rows_at_ends} rows within {1 / fit.cutoff_hz:.2g} s of the ends of stretches are left away")
     for log in logs:
         if log.report.rows_dropped:
             typer.echo(f"bad rows: {log.report.rows_dropped} of {log.report.rows_read} dropped from {log.source}")
@@ -106,6 +109,7 @@ def _identified(fit: JointModelFit, logs: Sequence[Recording]) -> dict[str, Any]
         "loss": "huber",
         "warnings": list(fit.warnings),
         "rows_used": fit.rows_used,
+        "rows_at_ends": fit.rows_at_ends,
         "rows_dropped": fit.rows_left + sum(log.report.rows_dropped for log in logs),
     }
 

@@ -46,6 +46,7 @@ class DriveRows:
         cutoff_hz: of the zero-phase filter.
         rows_recorded: of the recordings that lie in a stretch.
         rows_left: of the recordings in stretches too short to filter.
+        rows_at_ends: of the recordings left away at either end of a stretch, where the filter has one side only.
     """
 
     t: FloatArray
@@ -59,6 +60,7 @@ class DriveRows:
     cutoff_hz: float
     rows_recorded: int
     rows_left: int
+    rows_at_ends: int = 0
 
     def filtered(self, x: FloatArray, cutoff_hz: float | None = None) -> FloatArray:
         """Columns (N, ...) after the zero-phase filter, each stretch for itself."""
@@ -164,7 +166,7 @@ def drive_rows(
 
     parts: list[tuple[FloatArray, ...]] = []
     rates: list[float] = []
-    recorded = left = 0
+    recorded = left = at_ends = 0
     trim = 1 / cutoff_hz if trim_s is None else trim_s
     for recording, robot in zip(recordings, robots, strict=True):
         _check(recording, robot)
@@ -182,6 +184,7 @@ def drive_rows(
             parts.append((t, *motion, torque, current))
             rates.append(rate)
             recorded += rows.stop - rows.start
+            at_ends += 2 * round(trim / recording.dt)
     if not parts:
         problem = f"has no stretch of {_LEAST_ROWS} rows and {_LEAST_TRIMS * trim:.3g} s without a gap"
         raise InputError("recording", problem, "wanted a longer recording")
@@ -189,7 +192,7 @@ def drive_rows(
     columns = [np.concatenate([part[i] for part in parts]) for i in range(6)] if len(parts) > 1 else list(parts[0])
     stretches = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     t, q, qd, qdd, torque, current = columns
-    return DriveRows(t, q, qd, qdd, torque, current, stretches, tuple(rates), cutoff_hz, recorded, left)
+    return DriveRows(t, q, qd, qdd, torque, current, stretches, tuple(rates), cutoff_hz, recorded, left, at_ends)
 
 
 def _check(recording: Recording, robot: Robot) -> None:

@@ -70,6 +70,7 @@ class DynamicsFit:
         predicting: values that predictions use, fitted without the parameters that the recording cannot tell from zero,
             which are 0 here; None: predictions use ``values``.
         rows_left: recorded rows in stretches between gaps too short to use.
+        rows_beside_gaps: recorded rows left away within a period of the cut-off of a gap.
         gains: (n,) torque per motor current that were found together with the parameters [Nm/A or N/A]; None: the
             recordings of the fit had torques.
         gain_errors: (n,) standard errors of ``gains``; 0: it was given, infinite: the recordings do not show it, and
@@ -92,6 +93,7 @@ class DynamicsFit:
     covariance: FloatArray | None = None
     predicting: FloatArray | None = None
     rows_left: int = 0
+    rows_beside_gaps: int = 0
     rows_whole: int = 0
     gains: FloatArray | None = None
     gain_errors: FloatArray | None = None
@@ -155,6 +157,10 @@ class DynamicsFit:
             raise InputError("recordings", "there are none", "wanted one or more")
         rows = self.fitted if recordings is None else self.rows(recordings, payloads)
         assert rows is not None
+        return self.score_rows(rows, filter_hz=filter_hz)
+
+    def score_rows(self, rows: TorqueRows, *, filter_hz: float | None = None) -> tuple[JointScore, ...]:
+        """The same of rows that :meth:`rows` has made."""
         predicted = self.predict(rows.motion) + rows.carried
         cutoff = filter_hz or self.cutoff_hz
         smooth, smooth_predicted = rows.torque_below(cutoff), rows.filtered(predicted, cutoff)
@@ -236,6 +242,7 @@ def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
         covariance=solution.covariance,
         predicting=system.essential(solution),
         rows_left=system.rows.rows_left,
+        rows_beside_gaps=system.rows.rows_beside_gaps,
         rows_whole=system.rows.rows_whole,
         fitted=system.rows,
     )

@@ -251,6 +251,7 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
         top_speed=system.top_speed,
         covariance=covariance[count:, count:],
         rows_left=system.rows.rows_left,
+        rows_beside_gaps=system.rows.rows_beside_gaps,
         rows_whole=system.rows.rows_whole,
         gains=gains,
         gain_errors=np.where(hidden, np.inf, errors),

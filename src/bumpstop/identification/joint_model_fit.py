@@ -32,6 +32,7 @@ class JointModelFit:
         held_out: mean over joints of 1 - R2 of held-out fifths, by the cut-off that was tried [Hz].
         rows_used: recorded rows that the fit used.
         rows_left: rows in stretches between gaps too short to use.
+        rows_at_ends: rows left away at the ends of stretches, where the filter has one side only to go by.
     """
 
     model: JointTorqueModel
@@ -42,6 +43,7 @@ class JointModelFit:
     held_out: Mapping[float, float]
     rows_used: int
     rows_left: int
+    rows_at_ends: int
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -119,8 +121,9 @@ def identify_joint_model(
         rows=rows,
         cutoff_hz=settings.cutoff_hz,
         held_out=settings.held_out,
-        rows_used=rows.rows_recorded,
+        rows_used=rows.rows_recorded - rows.rows_at_ends,
         rows_left=rows.rows_left,
+        rows_at_ends=rows.rows_at_ends,
     )
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,8 @@ _LEAST_ROWS, _LEAST_PERIODS = 50, 5.0
 _BLOCKS, _LEAST_BLOCK = 20, 200
 # What is filtered beyond the ends of a block and then cut off, in periods of the cut-off.
 _MARGIN_PERIODS = 2.0
+# Beside a gap the arm moves, and the filter has one side only to go by: so many periods of the cut-off are left away.
+_SEAM_PERIODS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class TorqueRows:
         stretches: rows of each.
         rate_hz: rows a second of each.
         rows_left: recorded rows in stretches too short to use.
+        rows_beside_gaps: recorded rows of the others that are left away within a period of the cut-off of a gap.
         rows_whole: rows that the filter leaves of all stretches; more than N where blocks stand for them.
         recorded: of each stretch the torque on an even grid at the recorded rate, that rate [Hz], and of how many of
             its rows one is kept.
@@ -52,6 +55,7 @@ class TorqueRows:
     stretches: tuple[slice, ...]
     rate_hz: tuple[float, ...]
     rows_left: int
+    rows_beside_gaps: int
     rows_whole: int
     recorded: tuple[tuple[FloatArray, float, int], ...]
     currents: bool = False
@@ -73,6 +77,7 @@ class TorqueRows:
         No more rows are kept than the filter leaves something to say in. Where that is more than ``limit``, blocks
         spread evenly over the time are kept, each a stretch of its own and filtered beyond its ends before it is cut
         out, so that its motion is that of the whole recording. Every recording has one, or more by its length.
+        Beside a gap one period of the cut-off is left away: the filter knows only one side of the motion there.
 
         Args:
             recordings: with torques, or with currents where ``gains`` or ``currents`` are given.
@@ -88,8 +93,8 @@ class TorqueRows:
         """
         if payloads and len(payloads) != len(recordings):
             raise InputError("payloads", f"{len(payloads)} for {len(recordings)} recordings", "wanted one for each")
-        parts, rates, recorded, left, seams = [], [], [], 0, 0
-        usable: list[tuple[int, slice, float]] = []
+        parts, rates, recorded, left, beside_gaps, seams = [], [], [], 0, 0, 0
+        usable: list[_Stretch] = []
         torques = []
         for number, recording in enumerate(recordings):
             if recording.dof != robot.dof:
@@ -101,8 +106,12 @@ class TorqueRows:
                 t = recording.t[rows]
                 if t.size < _LEAST_ROWS or (len(whole) > 1 and t[-1] - t[0] < _LEAST_PERIODS / cutoff_hz):
                     left += t.size
-                else:
-                    usable.append((number, rows, kept_rate(t, cutoff_hz)))
+                    continue
+                first, last = float(t[0]), float(t[-1])
+                first += _SEAM_PERIODS / cutoff_hz if rows.start > 0 else 0.0
+                last -= _SEAM_PERIODS / cutoff_hz if rows.stop < recording.t.size else 0.0
+                beside_gaps += int((t < first).sum() + (t > last).sum())
+                usable.append(_Stretch(number, rows, kept_rate(t, cutoff_hz), first, last))
         chosen, rows_whole = _blocks(recordings, usable, limit)
         for number, rows, span in chosen:
             recording = recordings[number]
@@ -145,6 +154,7 @@ class TorqueRows:
             tuple(slice(a, b) for a, b in pairwise(ends)),
             tuple(rates),
             left,
+            beside_gaps,
             rows_whole,
             tuple(recorded),
             currents,
@@ -168,43 +178,68 @@ class TorqueRows:
         return np.concatenate([lowpass(x, rate, cutoff_hz)[::stride] for x, rate, stride in self.recorded])
 
 
+class _Stretch(NamedTuple):
+    """A part of a recording between gaps.
+
+    Attributes:
+        recording: its number.
+        rows: of it.
+        rate_hz: rows a second behind the filter.
+        first, last: times between which its filtered motion is used [s].
+    """
+
+    recording: int
+    rows: slice
+    rate_hz: float
+    first: float
+    last: float
+
+    @property
+    def size(self) -> float:
+        """Rows behind the filter."""
+        return (self.last - self.first) * self.rate_hz
+
+
 def _blocks(
-    recordings: Sequence[Recording], stretches: list[tuple[int, slice, float]], limit: int | None
+    recordings: Sequence[Recording], stretches: list[_Stretch], limit: int | None
 ) -> tuple[list[tuple[int, slice, tuple[float, float] | None]], int]:
     """What is kept of stretches, and how many rows they have behind the filter.
 
     Args:
         recordings: all.
-        stretches: number of the recording, rows of it, and rows a second behind the filter.
+        stretches: of all recordings.
         limit: as for :meth:`TorqueRows.of`.
 
     Returns:
         Number of the recording, rows of a stretch, and the first and last time of a block in it [s]; None: all of it.
     """
-    spans = [
-        float(recordings[number].t[rows.stop - 1] - recordings[number].t[rows.start]) for number, rows, _ in stretches
-    ]
-    sizes = [span * rate for span, (_, _, rate) in zip(spans, stretches, strict=True)]
-    rows_whole = sum(int(size) + 1 for size in sizes)
+    rows_whole = sum(int(stretch.size) + 1 for stretch in stretches)
+
+    def all_of(own: _Stretch) -> tuple[int, slice, tuple[float, float] | None]:
+        t = recordings[own.recording].t
+        ends = (float(t[own.rows.start]), float(t[own.rows.stop - 1]))
+        # Up to and with the last row; a block ends before the first row of the next.
+        span = None if (own.first, own.last) == ends else (own.first, own.last + 0.5 / own.rate_hz)
+        return own.recording, own.rows, span
+
     if limit is None or rows_whole <= limit:
-        return [(number, rows, None) for number, rows, _ in stretches], rows_whole
+        return [all_of(stretch) for stretch in stretches], rows_whole
     # Of very many stretches every so manieth, counted from the first of each recording.
-    every = math.ceil(sum(min(size, _LEAST_BLOCK) for size in sizes) / limit)
-    firsts = {number: place for place, (number, _, _) in reversed(list(enumerate(stretches)))}
-    kept = [place for place, (number, _, _) in enumerate(stretches) if (place - firsts[number]) % every == 0]
-    total = sum(sizes[place] for place in kept)
+    every = math.ceil(sum(min(stretch.size, _LEAST_BLOCK) for stretch in stretches) / limit)
+    firsts = {stretch.recording: place for place, stretch in reversed(list(enumerate(stretches)))}
+    kept = [own for place, own in enumerate(stretches) if (place - firsts[own.recording]) % every == 0]
+    total = sum(stretch.size for stretch in kept)
     found: list[tuple[int, slice, tuple[float, float] | None]] = []
-    for place in kept:
-        number, rows, rate = stretches[place]
-        own = max(limit * sizes[place] / total, _LEAST_BLOCK)
-        if own >= sizes[place]:
-            found.append((number, rows, None))
+    for stretch in kept:
+        own = max(limit * stretch.size / total, _LEAST_BLOCK)
+        if own >= stretch.size:
+            found.append(all_of(stretch))
             continue
-        count = max(1, min(round(_BLOCKS * sizes[place] / total), int(own / _LEAST_BLOCK)))
-        length, begin = own / count / rate, float(recordings[number].t[rows.start])
-        room = spans[place] - length
-        starts = begin + (np.linspace(0, room, count) if count > 1 else np.array([room / 2]))
-        found += [(number, rows, (start, start + length)) for start in starts.tolist()]
+        count = max(1, min(round(_BLOCKS * stretch.size / total), int(own / _LEAST_BLOCK)))
+        length = own / count / stretch.rate_hz
+        room = stretch.last - stretch.first - length
+        starts = stretch.first + (np.linspace(0, room, count) if count > 1 else np.array([room / 2]))
+        found += [(stretch.recording, stretch.rows, (start, start + length)) for start in starts.tolist()]
     return found, rows_whole
 
 

@@ -142,7 +142,7 @@ def compare_dynamics(
     errors = np.zeros(fit.robot.dof) if fit.gain_errors is None else fit.gain_errors
     known = [j for j in range(fit.robot.dof) if np.isfinite(errors[j])]
     joints = [fit.robot.joints[j] for j in known]
-    scores = fit.score(recordings, filter_hz=filter_hz, payloads=payloads)
+    scores = fit.score_rows(rows, filter_hz=filter_hz)
     return Comparison(
         names=tuple(joint.name for joint in joints),
         units=tuple("N" if joint.kind == "prismatic" else "Nm" for joint in joints),
