@@ -159,6 +159,7 @@ def test_inertias_that_bodies_can_have_are_written_for_other_programs(tmp_path: 
         (("--known", "elbow=2"), "--known: 'elbow=2' cannot be used"),
         (("--known", "elbow_jiont.B=2"), "did you mean 'elbow_joint'?"),
         (("--cutoff", "-3"), "--cutoff: is -3.0"),
+        (("--model", "dynamics", "--cutoff", "nan"), "--cutoff: is nan"),
         (("--shared-motor", "5,6"), "--shared-motor: is for dynamics"),
         (("--from", "30"), "leaves nothing"),
         (("--out", "absent/model.toml"), "--out: 'absent/model.toml' cannot be written"),
@@ -181,6 +182,19 @@ def test_options_that_cannot_be_used(options: tuple[str, ...], message: str, tmp
     assert result.err.startswith("error: ")
     assert result.err.count("\n") == 1
     assert message in result.err
+
+
+def test_an_arm_that_stands_still_shows_no_gain(tmp_path: Path) -> None:
+    """Its torque over its current is a number, but friction may carry any part of the torque."""
+    log = arm_and_logs()[2].between(0, 8)
+    assert log.current is not None
+    current = 1.0 + 0.01 * np.random.default_rng(1).normal(size=log.q.shape)
+    Recording(t=log.t, q=np.tile(log.q[:1], (log.t.size, 1)), current=current).save(tmp_path / "log.parquet")
+    result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, "--json")
+    assert result.status == 0
+    found = strict_json(result.out)
+    assert not any(joint["observable"] for joint in found["joints"])
+    assert sum("friction may carry any part" in warning for warning in found["warnings"]) >= 2
 
 
 def text_of(log: Recording) -> list[str]:
@@ -206,7 +220,11 @@ DAMAGE: dict[str, tuple[Any, str]] = {
     "empty": (lambda lines: [], "is empty"),
     "names alone": (lambda lines: lines[:1], "has no row of data"),
     "constant time": (lambda lines: [lines[0], *("1" + line[line.index(",") :] for line in lines[1:])], "stands still"),
-    "no currents": (lambda lines: [",".join(line.split(",")[:7]) for line in lines], "has no "),
+    "no currents": (
+        lambda lines: [",".join(line.split(",")[:7]) for line in lines],
+        "has neither motor currents nor joint torques",
+    ),
+    "a name twice": (lambda lines: [lines[0].replace("q_2", "q_1"), *lines[1:]], "has 2 columns 'q_1'"),
     "five joints": (lambda lines: [",".join(line.split(",")[:6]) for line in lines], "holds 5 joints"),
     "degrees": (in_degrees, "degrees taken for radians"),
     "few rows": (lambda lines: lines[:30], "stretch of 50 rows"),

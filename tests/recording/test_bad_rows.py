@@ -135,6 +135,31 @@ def test_degrees_for_radians(tmp_path: Path) -> None:
     assert Recording.load(path, robot=robot, columns=columns).q[0, 0] == pytest.approx(np.pi / 2)
 
 
+def test_milliseconds_and_milliamperes_are_suspected(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    t, wave = np.arange(200) * 0.01, np.sin(np.arange(200) * 0.1)[:, None]
+    Recording(t=t, q=wave, current=2 * wave).save(path)
+    assert Recording.load(path).report.notes == ()
+    Recording(t=1000 * t, q=wave, current=2000 * wave).save(path)
+    slow, large = Recording.load(path).report.notes
+    assert slow.startswith("Rows are 10 s apart")
+    assert 'unit = "ms"' in slow
+    assert large.startswith("Currents reach 2000 A")
+    assert 'unit = "mA"' in large
+
+
+def test_a_name_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, ["t,q_1,q_1,other,other", *(f"{0.1 * i},1,2,3,4" for i in range(9))])
+    with pytest.raises(InputError, match="has 2 columns 'q_1'"):
+        Recording.load(path)
+    with pytest.raises(InputError, match="has 2 columns 'other'"):
+        Recording.load(path, columns={"time": {"column": "t"}, "position": {"columns": ["other"]}})
+    assert Recording.load(path, columns={"time": {"column": 1}, "position": {"columns": [2, 3]}}).q[0].tolist() == [
+        1,
+        2,
+    ]
+
+
 def test_robot_tells_what_is_impossible(tmp_path: Path) -> None:
     q = np.zeros((300, 7))
     q[7, 2] = 40.0

@@ -178,3 +178,20 @@ def test_text_without_names_asks_for_a_column_file(tmp_path: Path) -> None:
     (tmp_path / "x.abc").touch()
     with pytest.raises(InputError, match="no known ending"):
         Recording.load(tmp_path / "x.abc")
+
+
+def test_names_of_an_excel_file_are_found_out(tmp_path: Path) -> None:
+    """A first row of numbers is data, also where a number stands in it twice."""
+    pytest.importorskip("fastexcel")
+    pytest.importorskip("xlsxwriter")
+    import polars as pl
+
+    rows = np.column_stack([0.01 * np.arange(60), np.zeros(60), np.zeros(60)])
+    path = tmp_path / "run.xlsx"
+    pl.DataFrame(rows, schema=["a", "b", "c"]).write_excel(path, include_header=False)
+    columns = {"time": {"column": 1}, "position": {"columns": [2, 3]}}
+    assert Recording.load(path, columns=columns).t.size == 60
+    with pytest.raises(InputError, match="has no header; say with --columns"):
+        Recording.load(path)
+    pl.DataFrame(rows, schema=["t", "q_1", "q_2"]).write_excel(path)
+    assert Recording.load(path).t.size == 60

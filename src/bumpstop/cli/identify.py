@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -81,8 +82,13 @@ def identify(
             raise InputError("--model", "is not for a protocol", "leave it out: it finds a joint model")
         identify_by_protocol(protocol, recordings, robot, columns, out, as_json)
         return
+    _frequency("--cutoff", cutoff)
     arm = arm_of(robot, base, tip)
     logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+    for log in logs:
+        if log.current is None and log.tau is None:
+            problem = f"{log.source} has neither motor currents nor joint torques"
+            raise InputError("recording", problem, "wanted current_1 .. or tau_1 .., or a column file that names them")
     if model is None:
         model = "joint" if all(log.current is not None and log.tau is None for log in logs) else "dynamics"
     if model == "joint":
@@ -169,6 +175,7 @@ def validate(
     """Compare what a model predicts with recordings: currents of a joint model, torques of dynamics."""
     from bumpstop.cli.arm_recordings import is_dynamics
 
+    _frequency("--filter", filter_hz)
     if not is_dynamics(model):
         from bumpstop.cli.identify_joint import validate_joint
         from bumpstop.joint import JointTorqueModel
@@ -193,6 +200,11 @@ def validate(
     validate_dynamics(
         model, load, payload=payload, contact_joint=contact_joint, filter_hz=filter_hz, out=out, as_json=as_json
     )
+
+
+def _frequency(option: str, value: float | None) -> None:
+    if value is not None and not 0 < value < math.inf:
+        raise InputError(option, f"is {value}", "wanted a frequency above 0 [Hz]")
 
 
 def _group(text: str, dof: int) -> list[tuple[int, float]]:

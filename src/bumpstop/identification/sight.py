@@ -110,6 +110,11 @@ class Sight:
         return replace(self, blind=True, unseen={**self.unseen, **reasons})
 
 
+# A torque that varies by less than this share of its size, while the joint rests, says nothing of the gain.
+_SAME = 0.02
+_HELD_STILL = "the joint rests and its torque stays the same, friction may carry any part of it: its gain stays unknown"
+
+
 def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[str, float]) -> Sight:
     """Find out what the motion of joint ``j`` can show."""
     from bumpstop.model import mass_matrix
@@ -137,9 +142,11 @@ def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[
         unseen["hysteresis"] = f"the joint does not rest {_RESTS} times after motion both ways"
     values, errors = _linear_fit(rows, j, raw, hysteresis, known)
     gain = float(values[0])
-    blind = "B" not in known and not (gain > 0 and errors[0] < _SURE * gain)
+    # Friction at rest may carry any part of a torque that never changes.
+    held = never and float(raw[:, 0].std()) < _SAME * float(np.abs(raw[:, 0]).max())
+    blind = "B" not in known and (held or not (gain > 0 and errors[0] < _SURE * gain))
     if blind:
-        unseen["B"] = _why_blind(gain, float(errors[0]), raw)
+        unseen["B"] = _HELD_STILL if held else _why_blind(gain, float(errors[0]), raw)
         unseen["inertia"] = _NOT_FROM_GAIN
     near = rows.q[:: max(1, rows.t.size // 50)]
     return Sight(

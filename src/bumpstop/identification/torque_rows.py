@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 # A stretch is used when it has so many rows and lasts so many periods of the cut-off.
 _LEAST_ROWS, _LEAST_PERIODS = 50, 5.0
+_LEAST_KEPT = 16  # behind the filter, as torques pass another
 # Of recordings with more rows than are wanted so many blocks stand for the whole, each of no fewer rows than that.
 _BLOCKS, _LEAST_BLOCK = 20, 200
 # What is filtered beyond the ends of a block and then cut off, in periods of the cut-off.
@@ -91,6 +92,8 @@ class TorqueRows:
         Raises:
             InputError: no torque, other joints, no stretch that is long enough, another number of payloads.
         """
+        if not 0 < cutoff_hz < math.inf:
+            raise InputError("cutoff_hz", f"is {cutoff_hz}", "wanted a frequency above 0 [Hz]")
         if payloads and len(payloads) != len(recordings):
             raise InputError("payloads", f"{len(payloads)} for {len(recordings)} recordings", "wanted one for each")
         parts, rates, recorded, left, beside_gaps, seams = [], [], [], 0, 0, 0
@@ -134,6 +137,9 @@ class TorqueRows:
                 every = every[first * stride : last * stride]
             payload = payloads[number] if payloads else None
             carried = np.zeros_like(motion.q) if payload is None else payload_torque(robot, payload, motion)
+            if motion.t.size < _LEAST_KEPT:
+                problem = f"{cutoff_hz:g} Hz leaves {motion.t.size} rows of {t[-1] - t[0]:.3g} s to fit to"
+                raise InputError("cutoff_hz", problem, f"wanted at least {_LEAST_KEPT}: a higher one")
             parts.append((motion, every[::stride], carried))
             rates.append(motion.rate_hz)
             recorded.append((every, rate, stride))

@@ -22,6 +22,8 @@ _LISTED = 20
 _GAP = 3.0  # median intervals
 _DEG = np.pi / 180
 _ENOUGH = 20_000  # rows that show a unit
+_SLOWEST = 0.9  # [s] between rows; controllers report more often
+_LARGEST_CURRENT = 200.0  # [A]; drives of arms take less
 _MANY_TURNS = 20.0  # [rad]; few arms turn a joint so far
 NAMES = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau", "wrench": "wrench"}
 Mask = npt.NDArray[np.bool_]
@@ -81,7 +83,7 @@ def checked(
         dropped=_listed(reasons),
         counts=counts,
         gaps=gaps_of(kept["t"][:, 0]),
-        notes=tuple(notes),
+        notes=(*notes, *_other_units(kept)),
         numbered=raw.numbered,
     )
     return kept, report
@@ -167,6 +169,25 @@ def _degrees(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
     if fits and (largest[turns] > 2 * bound[turns]).sum() > (1 if turns.sum() > 1 else 0):
         return [f"Positions reach {largest.max():.4g} rad, far beyond the limits; degrees would fit: {hint}."]
     return []
+
+
+def _other_units(values: dict[str, FloatArray]) -> list[str]:
+    """Suspect milliseconds and milliamperes where seconds and amperes were said."""
+    notes = []
+    step = float(np.median(np.diff(values["t"][:, 0])))
+    if step > _SLOWEST:
+        notes.append(
+            f"Rows are {step:.4g} s apart: if these are no seconds, say so in a column file "
+            '(time = { ..., unit = "ms" }).'
+        )
+    if "current" in values:
+        largest = float(np.quantile(np.abs(values["current"][:: max(1, values["t"].size // _ENOUGH)]), 0.99))
+        if largest > _LARGEST_CURRENT:
+            notes.append(
+                f"Currents reach {largest:.4g} A: if they are milliamperes, say so in a column file "
+                '(current = { ..., unit = "mA" }).'
+            )
+    return notes
 
 
 def _disorder(t: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

@@ -90,6 +90,12 @@ def _places(table: Table, name: str, quantity: Quantity, path: Path) -> list[int
             if column not in table.names:
                 known = near_matches(column, table.names) if table.names else "the file has no header: give numbers"
                 raise InputError(where, f"{str(path)!r} has no column {column!r}", known)
+            if table.names.count(column) > 1:
+                raise InputError(
+                    where,
+                    f"{str(path)!r} has {table.names.count(column)} columns {column!r}",
+                    "give their numbers, from 1",
+                )
             places.append(table.names.index(column))
         elif column > table.width:
             raise InputError(where, f"{column} is no column of {str(path)!r}", f"it has {table.width}")
@@ -101,6 +107,10 @@ def _places(table: Table, name: str, quantity: Quantity, path: Path) -> list[int
 def _found(table: Table, path: Path) -> tuple[dict[str, Quantity], bool]:
     """What the names say, and whether they are those of RTDE."""
     names = set(table.names)
+    for name in table.names:
+        if table.names.count(name) > 1 and re.fullmatch(r"t|timestamp|\w+_\d+", name):
+            known = "say with --columns FILE.toml, by numbers, which hold what"
+            raise InputError(str(path), f"has {table.names.count(name)} columns {name!r}", known)
     if "t" in names and "q_1" in names:
         found = {"time": Quantity(columns=("t",))}
         for quantity, stem in _OWN.items():

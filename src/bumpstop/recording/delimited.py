@@ -31,14 +31,14 @@ def read_delimited(path: Path, header: bool | None) -> Table:
     if b"\r" in body:
         body = body.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\0" in body[:4096]:
-        raise InputError(str(path), "is not a text file", "wanted CSV")
+        raise InputError(str(path), "is not a text file", "wanted CSV in UTF-8")
     skipped, first = _first_line(body)
     if not first.strip():
         raise InputError(str(path), "is empty", "wanted rows of numbers")
     separator = _separator(first)
     names: tuple[str, ...] = ()
     fields = _fields(first.lstrip(b"#").strip() if first.startswith(b"#") else first, separator)
-    if header or (header is None and not _are_numbers(fields)):
+    if header or (header is None and not are_numbers(fields)):
         names = tuple(text.strip().strip('"') for text in fields)
         skipped += 1
     start = _line_start(body, skipped) if names else 0
@@ -154,7 +154,7 @@ def _first_line(body: bytes) -> tuple[int, bytes]:
         if line.strip() and not line.lstrip().startswith(b"#"):
             separator = _separator(line)
             fields, named = _fields(line, separator), _fields(comment.lstrip(b"#").strip(), separator)
-            if comment and len(named) == len(fields) and _are_numbers(fields):
+            if comment and len(named) == len(fields) and are_numbers(fields):
                 return skipped - 1, comment
             return skipped, line
         comment = line if line.strip() else comment
@@ -175,7 +175,7 @@ def _fields(line: bytes, separator: bytes) -> list[str]:
     return text.split() if separator == b" " else text.split(separator.decode())
 
 
-def _are_numbers(fields: list[str]) -> bool:
+def are_numbers(fields: list[str]) -> bool:
     """Whether this is a row of data: at least half are numbers, as single ones may be garbage."""
     found = 0
     for text in fields:

@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.recording.delimited import are_numbers
 from bumpstop.recording.table import Table, side_by_side
 
 if TYPE_CHECKING:
@@ -48,24 +49,31 @@ def read_parquet(path: Path) -> Table:
 
 
 def read_excel(path: Path, header: bool | None) -> Table:
-    """Open the first sheet of an Excel file.
+    """Open the first sheet of an Excel file; ``header`` as in a text file.
 
     Raises:
         InputError: damaged, or the package that reads Excel files is not there.
     """
     import polars as pl
 
-    first = 1 if header is False else 2
+    def read(named: bool) -> pl.DataFrame:
+        return pl.read_excel(path, engine="calamine", has_header=named, infer_schema_length=None)
+
+    named = header is not False
     try:
-        table = pl.read_excel(path, engine="calamine", has_header=header is not False, infer_schema_length=None)
+        table = read(named)
+        # A number that stands twice in the first row comes as a name with this ending.
+        if header is None and are_numbers([name.partition("_duplicated_")[0] for name in table.columns]):
+            named, table = False, read(False)
     except ModuleNotFoundError:
         raise InputError(
             str(path), "Excel files need the package fastexcel", "pip install 'bumpstop[recording]'"
         ) from None
     except Exception as error:  # of polars or of calamine
         raise _damaged(path, "Excel", error) from None
+    first = 2 if named else 1
     return Table(
-        names=tuple(table.columns) if header is not False else (),
+        names=tuple(table.columns) if named else (),
         width=table.width,
         rows=np.arange(first, first + table.height),
         first_row=first,
