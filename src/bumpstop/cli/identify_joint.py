@@ -18,6 +18,7 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.identification import CurrentComparison, JointFit, JointModelFit, JointScore
+    from bumpstop.identification.drive_rows import DriveRows
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -60,9 +61,7 @@ def identify_joint(
         typer.echo(json.dumps(_identified(fit, logs), allow_nan=False, indent=2))
         return
     _print_fit(fit)
-    if fit.rows_left:
-        typer.echo(f"note: {fit.rows_left} rows lie in stretches between gaps too short to use")
-    typer.echo(f"note: {fit.rows_at_ends} rows within {1 / fit.cutoff_hz:.2g} s of the ends of stretches are left away")
+    _print_left(fit.rows)
     for log in logs:
         if log.report.rows_dropped:
             typer.echo(f"bad rows: {log.report.rows_dropped} of {log.report.rows_read} dropped from {log.source}")
@@ -95,10 +94,19 @@ def validate_joint(
     where = ", ".join(log.source for log in logs)
     _print_scores(found, currents, f"predicted current [{model.unit}] on {where}, compared at {found.filter_hz:g} Hz")
     _print_scores(found, torques, f"torque estimated from current against Newton-Euler, at {found.filter_hz:g} Hz")
+    _print_left(found.rows)
     for note in found.notes:
         typer.echo(f"note: {note}")
     if out is not None:
         typer.echo(f"report: {out / 'report.html'}")
+
+
+def _print_left(rows: DriveRows) -> None:
+    if rows.rows_left:
+        typer.echo(f"note: {rows.rows_left} rows lie in stretches between gaps too short to use")
+    typer.echo(
+        f"note: {rows.rows_at_ends} rows within {1 / rows.cutoff_hz:.2g} s of the ends of stretches are left away"
+    )
 
 
 def _identified(fit: JointModelFit, logs: Sequence[Recording]) -> dict[str, Any]:
@@ -149,7 +157,8 @@ def _validated(
     for joint, drive, current, torque in zip(arm.joints, found.model.joints, currents, torques, strict=True):
         unit = "N" if joint.kind == "prismatic" else "Nm"
         joints.append({"name": drive.name, **_score(current, found.model.unit), "torque": _score(torque, unit)})
-    return {"joints": joints, "filter_hz": found.filter_hz, "notes": list(found.notes)}
+    left = {"rows_left": found.rows.rows_left, "rows_at_ends": found.rows.rows_at_ends}
+    return {"joints": joints, "filter_hz": found.filter_hz, **left, "notes": list(found.notes)}
 
 
 def _score(score: JointScore | None, unit: str) -> dict[str, Any]:
