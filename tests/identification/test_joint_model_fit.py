@@ -265,3 +265,19 @@ def test_the_swing_of_a_filter_is_not_the_last_motion() -> None:
     assert (held[(t > 2.05) & (t < 3.95)] == 1.0).all()
     assert (held[t > 4.55] == -1.0).all()
     assert (held[t < 0.95] == 0.0).all()
+
+
+def test_a_load_that_nobody_declared_is_suspected() -> None:
+    """Two recordings, 2 kg in the second: fitted as if there were none, they want different gains."""
+    robot = bs.Robot.load("ur5e")
+    loaded = with_payload(robot, 2.0, (0.0, 0.0, 0.08))
+    motions = [fourier(robot, 15.0, 94.0, seed) for seed in (11, 12)]
+    model = drives(robot, inverse_dynamics(without_rotors(robot), *motions[0][1:]), kind="linear")
+    logs = [driven(arm, motion, model, 1) for arm, motion in zip((robot, loaded), motions, strict=True)]
+    options = {"cutoff_hz": 8.0, "rest_speed": 0.01, "maps": ["linear"], "frictions": ["power"]}
+    silent = identify_joint_model(logs, robot, **options)  # type: ignore[arg-type]
+    assert {"shoulder_lift_joint", "elbow_joint"} <= set(silent.in_dispute)
+    assert "the recordings want different gains" in silent.warnings[0]
+    declared = identify_joint_model(logs, [robot, loaded], **options)  # type: ignore[arg-type]
+    assert declared.in_dispute == ()
+    assert not any("different gains" in warning for warning in declared.warnings)

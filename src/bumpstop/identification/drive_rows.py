@@ -47,6 +47,7 @@ class DriveRows:
         rows_recorded: of the recordings that lie in a stretch.
         rows_left: of the recordings in stretches too short to filter.
         rows_at_ends: of the recordings left away at either end of a stretch, where the filter has one side only.
+        recordings: number of the recording of each stretch, from 0; empty: not known.
     """
 
     t: FloatArray
@@ -61,6 +62,7 @@ class DriveRows:
     rows_recorded: int
     rows_left: int
     rows_at_ends: int = 0
+    recordings: tuple[int, ...] = ()
 
     def filtered(self, x: FloatArray, cutoff_hz: float | None = None) -> FloatArray:
         """Columns (N, ...) after the zero-phase filter, each stretch for itself."""
@@ -101,7 +103,7 @@ class DriveRows:
             for name in ("t", "q", "qd", "qdd", "torque", "current")
         }
         stretches = tuple(slice(a, b) for a, b in pairwise(ends))
-        return replace(self, **columns, stretches=stretches, rate_hz=tuple(rates))
+        return replace(self, **columns, stretches=stretches, rate_hz=tuple(rates), recordings=())
 
     def of_joints(self, which: Sequence[int]) -> DriveRows:
         """The columns of some joints, from 0."""
@@ -168,7 +170,8 @@ def drive_rows(
     rates: list[float] = []
     recorded = left = at_ends = 0
     trim = 1 / cutoff_hz if trim_s is None else trim_s
-    for recording, robot in zip(recordings, robots, strict=True):
+    numbers: list[int] = []
+    for number, (recording, robot) in enumerate(zip(recordings, robots, strict=True)):
         _check(recording, robot)
         bare = without_rotors(robot)
         for rows in stretches_of(recording.t):
@@ -183,6 +186,7 @@ def drive_rows(
             torque = inverse_dynamics(bare, *motion, gravity=gravity)
             parts.append((t, *motion, torque, current))
             rates.append(rate)
+            numbers.append(number)
             recorded += rows.stop - rows.start
             at_ends += 2 * round(trim / recording.dt)
     if not parts:
@@ -192,7 +196,9 @@ def drive_rows(
     columns = [np.concatenate([part[i] for part in parts]) for i in range(6)] if len(parts) > 1 else list(parts[0])
     stretches = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     t, q, qd, qdd, torque, current = columns
-    return DriveRows(t, q, qd, qdd, torque, current, stretches, tuple(rates), cutoff_hz, recorded, left, at_ends)
+    return DriveRows(
+        t, q, qd, qdd, torque, current, stretches, tuple(rates), cutoff_hz, recorded, left, at_ends, tuple(numbers)
+    )
 
 
 def _check(recording: Recording, robot: Robot) -> None:

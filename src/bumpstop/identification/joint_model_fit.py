@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError, near_matches
+from bumpstop.identification.agreement import joints_in_dispute
 from bumpstop.identification.drive_rows import DriveRows, drive_rows
 from bumpstop.identification.drive_settings import choose_settings
 from bumpstop.identification.joint_fit import JointFit, fit_joint
@@ -33,6 +34,7 @@ class JointModelFit:
         rows_used: recorded rows that the fit used.
         rows_left: rows in stretches between gaps too short to use.
         rows_at_ends: rows left away at the ends of stretches, where the filter has one side only to go by.
+        in_dispute: joints whose gain differs from recording to recording.
     """
 
     model: JointTorqueModel
@@ -44,11 +46,16 @@ class JointModelFit:
     rows_used: int
     rows_left: int
     rows_at_ends: int
+    in_dispute: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the motion could not show, a sentence for each parameter, with the joint's name."""
-        return tuple(f"{joint.name}: {warning}" for joint in self.joints for warning in joint.warnings)
+        own = tuple(f"{joint.name}: {warning}" for joint in self.joints for warning in joint.warnings)
+        if not self.in_dispute:
+            return own
+        which = ", ".join(self.in_dispute)
+        return (f"{which}: the recordings want different gains: did the arm carry something in one (--payload)?", *own)
 
 
 def identify_joint_model(
@@ -124,6 +131,7 @@ def identify_joint_model(
         rows_used=rows.rows_recorded - rows.rows_at_ends,
         rows_left=rows.rows_left,
         rows_at_ends=rows.rows_at_ends,
+        in_dispute=tuple(joints_in_dispute(model, rows if joints is None else rows.of_joints(list(joints)))),
     )
 
 
