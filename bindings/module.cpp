@@ -14,5 +14,6 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_workspace(module);
     bumpstop::bind_collision(module);
     bumpstop::bind_foretold_force(module);
+    bumpstop::bind_limit_risk(module);
     bumpstop::bind_trajectory(module);
 }

@@ -18,6 +18,7 @@ struct ReactionJob {
     std::vector<double> distance;
     std::vector<int> step;
     double leap_tolerance = braking_leap_tolerance;
+    double enough = std::numeric_limits<double>::infinity();  ///< nothing is asked beyond this distance [m]
 };
 
 /// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
@@ -176,7 +177,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             const bool back = here <= at.turning_point ||
                               (only_peak && (!arm.poor(lane) || arm.reached(lane) || at.gone > at.patience * substeps));
             const bool over = stopping ? arm.reached(lane) : at.retreating >= steps_past_peak * substeps && back;
-            if (!(whole && over) && at.gone < longest_reaction_steps * substeps) continue;
+            if (!(whole && (over || here > at.job->enough)) && at.gone < longest_reaction_steps * substeps) continue;
             if (next < count) {
                 load(lane, jobs[next++]);
             } else {

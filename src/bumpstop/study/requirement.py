@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError, near_matches
-from bumpstop.study.risk import SAME_CURVE, Risk, VariedRisk
+from bumpstop.study.risk import Risk, VariedRisk
 from bumpstop.study.variable import Range, Variable
 
 if TYPE_CHECKING:
@@ -26,13 +26,15 @@ _SPREAD = 10.0
 _PADDING_N_M = (1e3, 1e8)
 _LEAST, _MOST = {"reaction.joint_acceleration_rad_s2": 0.1, "motion.speed": 1e-2}, {"motion.speed": 1e4}
 _SCAN = 14
-# Where the arm cannot follow its line the risk jumps from value to value.
-_FINE_SCAN = 500
-# ... but less where the path stays the same and only what it means changes.
-_SAME_PATH_SCAN = 120
-_PRECISION = 1e-4
+# Where the arm cannot follow its line the risk is less even; the coarse values are among these.
+_FINE_SCAN = 2 * _SCAN - 1
+_PRECISION, _ERRATIC_PRECISION = 1e-4, 1e-3
 _LEAST_RISK = 1e-30
 _ERRATIC = " The arm cannot follow its line here, as near a singularity; values between those looked at may fail."
+_SINGULARITY = (
+    "a singularity before a collision is noticed for certain: whether it gets across or ends there, with collisions "
+    "unnoticed, hangs on the last digits"
+)
 # A fixed offset makes the risk a sawtooth: so many values in each tooth, and so many at most in all.
 _IN_A_TOOTH, _MOST_TEETH_VALUES = 6, 600
 
@@ -45,8 +47,8 @@ class Requirement:
         variable, unit: what was varied.
         value: the harshest that is met, and with it every milder one looked at; None: none is.
         harsher: ``"higher"`` or ``"lower"`` values.
-        binding: ``"force"``, ``"pressure"`` or ``"undetected"``, what the next harsher values fail by; ``"range"``
-            where even the harshest looked at is met.
+        binding: what the next harsher values fail by, ``"force"``, ``"pressure"``, ``"undetected"`` or
+            ``"singularity"``; ``"range"`` where even the harshest looked at is met.
         risk: accepted.
         risk_at_value, false_alarm_at_value: at ``value``, or at the mildest value looked at where none is met.
         false_alarm_ok: that is no more than verdict.max_false_alarm.
@@ -155,33 +157,34 @@ def _range(scenario: Scenario, variable: Variable, low: float | None, high: floa
     return Range.of(variable, list(found), scenario).values[:2]  # type: ignore[return-value]
 
 
+def _binding(failing: Risk) -> str:
+    """What a value fails by."""
+    mostly_deaf = failing.undetected > 0.5 * failing.over
+    return "undetected" if mostly_deaf and failing.binding != "singularity" else failing.binding
+
+
 class _Search:
     def __init__(self, scenario: Scenario, variable: Variable, ends: tuple[float, float], accepted: float) -> None:
         self.scenario, self.variable, self.ends, self.accepted = scenario, variable, ends, accepted
         self.upward = HIGHER_IS_HARSHER[variable.name]
         self.mildest, self.harshest = ends if self.upward else ends[::-1]
         self.quantum = variable.quantum(scenario)
-        self.risks = VariedRisk(
-            scenario, variable, self.mildest if variable.name == "contact.padding" else self.harshest
-        )
+        self.risks = VariedRisk(scenario, variable)
         self.known: dict[float, Risk] = {}
 
     def answer(self) -> Requirement:
         value, fails = self._first_failure(self._scan(_SCAN))
-        erratic = self.risks.leaves_its_line(self.mildest if fails is None else fails)
+        erratic = not self._risk(self.mildest if fails is None else fails).follows
         if erratic and fails != self.mildest:
-            same = self.variable.name in SAME_CURVE
-            value, fails = self._first_failure(self._scan(_SAME_PATH_SCAN if same else _FINE_SCAN))
+            value, fails = self._first_failure(self._scan(_FINE_SCAN))
         if fails == self.mildest:
             return self._none(erratic)
         if fails is None:
             return self._found(value, "range", erratic)
         value, fails = self._refine_teeth(value, fails)
-        value, fails = self._bisect(value, fails)
+        value, fails = self._bisect(value, fails, _ERRATIC_PRECISION if erratic else _PRECISION)
         value = self._rounded(value)
-        beyond = self._risk(fails)
-        mostly_deaf = beyond.undetected > 0.5 * beyond.over
-        return self._found(value, "undetected" if mostly_deaf else beyond.binding, erratic)
+        return self._found(value, _binding(self._risk(fails)), erratic)
 
     def _first_failure(self, values: list[float]) -> tuple[float, float | None]:
         """The last value before the first that fails, and that one; None: none does."""
@@ -198,7 +201,7 @@ class _Search:
         return self.known[value]
 
     def _met(self, value: float) -> bool:
-        return self._risk(value).over <= self.accepted
+        return self._risk(value).met
 
     def _scan(self, count: int) -> list[float]:
         """From the mildest value to the harshest, in even ratios."""
@@ -242,7 +245,7 @@ class _Search:
         start = max(start, self.mildest) if self.upward else min(start, self.mildest)
         return start, travel / deepest / _IN_A_TOOTH
 
-    def _bisect(self, met: float, fails: float) -> tuple[float, float]:
+    def _bisect(self, met: float, fails: float, precision: float) -> tuple[float, float]:
         """Narrow the last step down: by straight lines through the logarithms, and by halves where that is slow."""
         halve = False
         while True:
@@ -252,20 +255,35 @@ class _Search:
                     return met, fails
             else:
                 width = math.log(fails / met)
-                if abs(width) < _PRECISION:
+                if abs(width) < precision:
                     return met, fails
                 share = 0.5 if halve else self._crossing(met, fails)
-                # Just beside the crossing, so that the next one closes the bracket.
-                share = min(max(share + math.copysign(0.3 * _PRECISION / abs(width), 0.5 - share), 0.02), 0.98)
+                # Just beside the crossing, on the side that is farther away, so that the next one closes the bracket.
+                share = min(max(share + math.copysign(0.4 * precision / abs(width), 0.5 - share), 0.02), 0.98)
                 middle = met * math.exp(width * share)
             new = (middle, fails) if self._met(middle) else (met, middle)
             halve = not halve and abs(math.log(new[1] / new[0])) > 0.5 * abs(math.log(fails / met))
             met, fails = new
 
     def _crossing(self, met: float, fails: float) -> float:
-        """Share of the way from the value that is met at which the risk is the accepted one."""
-        low, high = (math.log(max(self._risk(value).over, _LEAST_RISK)) for value in (met, fails))
-        return 0.5 if not high > low else (math.log(self.accepted) - low) / (high - low)
+        """Share of the way from the value that is met at which the risk is the accepted one.
+
+        The line goes through the two values looked at whose risks are nearest to it; where that leads out of the
+        bracket, through its ends.
+        """
+        if self._risk(fails).binding == "singularity":
+            return 0.5
+        accepted = math.log(self.accepted)
+        points = [(math.log(value), math.log(max(risk.over, _LEAST_RISK))) for value, risk in self.known.items()]
+        ends = [(math.log(value), math.log(max(self._risk(value).over, _LEAST_RISK))) for value in (met, fails)]
+        points.sort(key=lambda point: abs(point[1] - accepted))
+        for (x, y), (x2, y2) in (points[:2], ends):
+            if y == y2:
+                continue
+            share = (x + (x2 - x) * (accepted - y) / (y2 - y) - ends[0][0]) / (ends[1][0] - ends[0][0])
+            if 0 < share < 1:
+                return share
+        return 0.5
 
     def _rounded(self, value: float) -> float:
         """To four digits on the safe side, where that is met too."""
@@ -284,13 +302,15 @@ class _Search:
         if binding == "range":
             reason = f"Every value from {self.ends[0]:g} to {self.ends[1]:g} {unit} meets a risk of {self.accepted:g}."
         else:
-            what = {"undetected": "collisions go unnoticed", "force": "the force passes its limit"}.get(
-                binding, "the pressure passes its limit"
-            )
-            beyond = "above" if self.upward else "below"
-            reason = (
-                f"{beyond.capitalize()} {value:g} {unit} {what} for {limits.label} more often than {self.accepted:g}."
-            )
+            beyond = "Above" if self.upward else "Below"
+            reason = f"{beyond} {value:g} {unit} "
+            if binding == "singularity":
+                reason += f"the arm passes {_SINGULARITY}."
+            else:
+                what = {"undetected": "collisions go unnoticed", "force": "the force passes its limit"}.get(
+                    binding, "the pressure passes its limit"
+                )
+                reason += f"{what} for {limits.label} more often than {self.accepted:g}."
         allowed = self.scenario.verdict.max_false_alarm
         if at.false_alarm > allowed:
             reason += f" Alarms before contact there have a probability of {at.false_alarm:.2g}, more than {allowed:g}."
@@ -298,7 +318,12 @@ class _Search:
 
     def _none(self, erratic: bool) -> Requirement:
         at = self._risk(self.mildest)
-        why = f"even at {self.mildest:g} {self.variable.unit} limits are passed with a probability of {at.over:.2g}"
+        binding = _binding(at)
+        mildest = f"even at {self.mildest:g} {self.variable.unit}"
+        if binding == "singularity":
+            reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
+            return self._result(None, binding, at, reason, erratic)
+        why = f"{mildest} limits are passed with a probability of {at.over:.2g}"
         deaf = self.risks.unnoticed
         limit = self.risks.force_limit
         if at.undetected > 0.5 * at.over:
@@ -307,7 +332,6 @@ class _Search:
             why += f": {deaf:.3g} N go unnoticed here, and the limit is {limit:.3g} N"
         elif self.variable.name != "motion.speed":
             why += ": what the arm travels after detection is too much at this speed"
-        binding = "undetected" if at.undetected > 0.5 * at.over else at.binding
         return self._result(None, binding, at, f"No value meets it: {why}.", erratic)
 
     def _result(self, value: float | None, binding: str, at: Risk, reason: str, erratic: bool) -> Requirement:

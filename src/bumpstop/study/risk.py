@@ -8,21 +8,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.collision import Problem, StoppingCurve, exact_law, stopping_curve
+from bumpstop.collision import Problem, exact_law, stopping_curve
 from bumpstop.errors import InputError
+from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
     from bumpstop.study.variable import Variable
 
-# Below this accepted risk a tail is worked out by itself, to keep its digits.
-_FAR = 1e-5
 # Travel in a tick that differs by more than this share is not that of a line at constant speed.
 _OFF_LINE = 1e-3
-# What does not change the path: a stopping curve serves all values but those for which it is too short.
-SAME_CURVE = ("detector.thresholds", "contact.padding")
-# A curve is traced for thresholds so many times the value asked for: most searches end far below the highest.
-_AHEAD = 2.0
+# Below this accepted risk a tail is worked out by itself, to keep its digits.
+_FAR = 1e-5
+# What changes neither the path nor the ticks on it: path and reactions of one value serve all others.
+_SAME_PATH = ("detector.thresholds", "contact.padding")
+# What changes the path itself.
+_NEW_PATH = ("motion.speed", "reaction.joint_acceleration_rad_s2")
 
 
 @dataclass(frozen=True)
@@ -31,16 +32,24 @@ class Risk:
 
     Attributes:
         over: probability of passing the force or the pressure limit, whichever is greater; never detected counts as
-            over, in clamped contact.
+            over, in clamped contact. Where the arm cannot follow its line, a bound: from above where it is less than
+            a tenth of the accepted risk, from below where it is more than ten times as much, and near it to a part in
+            a thousand from above.
         undetected: the part of it that is never detected.
         false_alarm: probability of an alarm before contact.
-        binding: ``"force"`` or ``"pressure"``, the limit passed more often.
+        binding: ``"force"`` or ``"pressure"``, the limit passed more often; ``"singularity"`` where the arm passes one
+            and that alone is the reason.
+        met: the risk is accepted. An arm that passes a singularity on its way may as well stop there, as the last
+            digits of its path will have it, so collisions it would notice beyond count as passing the limit too.
+        follows: the tool has the same travel from tick to tick.
     """
 
     over: float
     undetected: float
     false_alarm: float
     binding: str
+    met: bool
+    follows: bool = True
 
 
 class VariedRisk:
@@ -51,13 +60,12 @@ class VariedRisk:
         evaluations: laws worked out so far.
     """
 
-    def __init__(self, scenario: Scenario, variable: Variable, longest: float) -> None:
+    def __init__(self, scenario: Scenario, variable: Variable) -> None:
         """Prepare a scenario.
 
         Args:
-            scenario: a straight line against a body with limits, with Gaussian noise.
+            scenario: a straight line against a body with limits, with Gaussian noise; its verdict.risk is accepted.
             variable: what is varied.
-            longest: the value whose stopping curve is the longest: the highest thresholds, the softest padding.
 
         Raises:
             InputError: there is no limit for such a contact, or no exact law.
@@ -67,9 +75,7 @@ class VariedRisk:
         self._check()
         self.evaluations = 0
         self._given = variable.value(scenario) if variable.name != "contact.padding" else math.inf
-        self._curve: StoppingCurve | None = None
-        self._traced = -math.inf
-        self._longest = longest
+        self._path = core.KnownPath() if variable.name in _SAME_PATH else None
         self._whole_tail = scenario.verdict.risk < _FAR
 
     def _check(self) -> None:
@@ -82,10 +88,14 @@ class VariedRisk:
         if limits is None:
             raise InputError("contact.body", "is missing", "a requirement needs limits: name a body region")
         if not limits.permitted:
-            raise InputError("contact.body", f"no value can meet it: {limits.reason}", "name another body region")
+            raise InputError(
+                "contact.body", f"no value can meet it: {_clause(limits.reason)}", "name another body region"
+            )
         transient = problem.transient_limits
         if transient is not None and not transient.permitted:
-            raise InputError("contact.body", f"no value can meet it: {transient.reason}", "wanted quasi_static limits")
+            raise InputError(
+                "contact.body", f"no value can meet it: {_clause(transient.reason)}", "wanted quasi_static limits"
+            )
         if problem.residuals is not None:
             raise InputError("detector.residuals", "have no exact law", "give detector.noise_sd_Nm")
 
@@ -96,10 +106,15 @@ class VariedRisk:
 
     @property
     def unnoticed(self) -> float:
-        """The largest force along the normal that no threshold notices, min_j theta_j / |a_j| [N]."""
-        curve = stopping_curve(self.problem)
+        """The largest force along the normal that no threshold notices at the start, min_j theta_j / |a_j| [N]."""
+        problem = self.problem
+        contact = problem.scenario.contact
+        normal = np.array(contact.normal or problem.start["point_velocity"])
+        torque = (normal / np.linalg.norm(normal)) @ problem.robot.jacobian(problem.q, contact.link, contact.point_m)[
+            :3
+        ]
         with np.errstate(divide="ignore"):
-            return float((self.problem.thresholds / np.abs(curve.torque_per_newton[0])).min())
+            return float((problem.thresholds / np.abs(torque)).min())
 
     def _force_limits(self) -> tuple[float, float]:
         limits, contact = self.problem.limits, self.scenario.contact
@@ -109,44 +124,65 @@ class VariedRisk:
             pressure = limits.pressure_N_cm2 * contact.area_cm2 / contact.peak_factor
         return limits.force_N, pressure
 
-    def leaves_its_line(self, value: float) -> bool:
-        """Whether joints cannot follow the line at this value, as near a singularity: the risk is erratic then."""
-        problem = self._varied(value)
-        contact, motion = problem.scenario.contact, problem.scenario.motion
-        if contact.normal is not None or contact.link is not None or any(contact.point_m) or motion.start == "rest":
-            return False
-        step = np.diff(stopping_curve(problem).tick_distance)
-        return bool(step.size and np.ptp(step) > _OFF_LINE * abs(step[0]))
-
     def at(self, value: float) -> Risk:
         """The risk at one value of the variable."""
         self.evaluations += 1
         problem = self._varied(value)
-        curve = self._curve_at(value, problem)
         if problem.body_mass is not None or problem.transient_limits is not None or self._whole_tail:
-            verdict = exact_law(problem, curve).verdict
-            force, pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
-            undetected = exact_law(problem, curve).undetected_probability if problem.body_mass is None else 0.0
-            binding = "pressure" if pressure > force else "force"
-            return Risk(max(force, pressure), undetected, verdict.false_alarm_probability, binding)
-        question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
-        law = curve.kernel.exact_law(*question, 1, 0.0)
-        undetected = min(1.0, max(0.0, float(law.undetected)))
+            return self._at_by_law(problem)
         by_force, by_pressure = self._force_limits()
-        over = float(law.tail("peak_force", np.array([min(by_force, by_pressure)]))[0, 0])
+        accepted = self.scenario.verdict.risk
+        found = core.limit_risk(
+            problem.setup,
+            problem.q,
+            problem.velocity,
+            problem.detector,
+            problem.stiffness,
+            problem.offset_kind,
+            problem.offset_size,
+            min(by_force, by_pressure),
+            accepted,
+            self._path,
+        )
         binding = "pressure" if by_pressure < by_force else "force"
-        return Risk(min(1.0, over + undetected), undetected, float(law.false_alarm), binding)
+        over = min(1.0, found["high"] if found["high"] <= accepted or found["low"] <= accepted else found["low"])
+        met = over <= accepted
+        if met and self.variable.name in _NEW_PATH and found["at_crossing"] > accepted:
+            met, binding = False, "singularity"
+        return Risk(
+            over,
+            min(1.0, found["undetected"]),
+            found["false_alarm"],
+            binding,
+            met,
+            found["follows"] or not self._straight(),
+        )
 
-    def _curve_at(self, value: float, problem: Problem) -> StoppingCurve:
-        """The stopping curve at a value: its own, or one long enough for this value and others."""
-        if self.variable.name not in SAME_CURVE or problem.body_mass is not None:
-            return stopping_curve(problem)
-        if self._curve is None or value > self._traced:
-            # Softer padding needs a longer curve, and so do higher thresholds: these are followed as far as they go.
-            thresholds = self.variable.name == "detector.thresholds"
-            reach = min(self._longest, _AHEAD * value) if thresholds else self._longest
-            self._curve, self._traced = stopping_curve(self._varied(reach)), reach if thresholds else math.inf
-        return self._curve
+    def _at_by_law(self, problem: Problem) -> Risk:
+        """The same by the whole law: for free contact, two phases, and tails too far out for interpolation."""
+        curve = stopping_curve(problem)
+        law = exact_law(problem, curve)
+        verdict = law.verdict
+        force, pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
+        undetected = law.undetected_probability if problem.body_mass is None else 0.0
+        over = max(force, pressure)
+        step = np.diff(curve.tick_distance)
+        follows = not step.size or bool(np.ptp(step) <= _OFF_LINE * abs(step[0]))
+        return Risk(
+            over,
+            undetected,
+            law.false_alarm_probability,
+            "pressure" if pressure > force else "force",
+            over <= self.scenario.verdict.risk,
+            follows or not self._straight(),
+        )
+
+    def _straight(self) -> bool:
+        """Whether the point that hits goes straight on at an even speed, where the arm can follow its line."""
+        contact, motion = self.scenario.contact, self.scenario.motion
+        return not (
+            contact.normal is not None or contact.link is not None or any(contact.point_m) or (motion.start == "rest")
+        )
 
     def _varied(self, value: float) -> Problem:
         """The problem at one value, with what has not changed taken over."""
@@ -181,3 +217,7 @@ class VariedRisk:
                 getattr(problem, attribute)
             new.__dict__[attribute] = problem.__dict__[attribute]
         return new
+
+
+def _clause(sentence: str) -> str:
+    return sentence.rstrip(".")

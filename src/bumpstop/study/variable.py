@@ -109,6 +109,8 @@ class Variable:
     def changes(self, scenario: Scenario, value: float) -> dict[str, Any]:
         """The keys to be changed for this value, as :meth:`Scenario.with_values` takes them."""
         value = float(value)
+        if self.name in ALIASES and not value > 0:
+            raise InputError("--vary", f"{self.name} of {value:g} {self.unit} has no meaning", "wanted a value above 0")
         detector = scenario.detector
         if self.name == "motion.speed":
             assert scenario.motion.velocity_mm_s is not None

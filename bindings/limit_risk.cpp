@@ -1,0 +1,56 @@
+// How probably a collision passes a force.
+#include "bumpstop/study/limit_risk.hpp"
+
+#include "setup.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+namespace {
+
+using L = NativeLanes;
+
+nb::dict limit_risk(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector& detector, double stiffness,
+                    const std::string& offset_kind, double offset_size, double force, double accepted,
+                    KnownPath* known) {
+    LimitRisk found;
+    KnownPath none;
+    {
+        nb::gil_scoped_release unlocked;
+        const LimitQuestion question{stiffness, offset_law(offset_kind, offset_size), force, accepted};
+        KnownPath& path_known = known == nullptr ? none : *known;
+        CertainDetection<double> finished(detector, setup.timing, setup.motion.step, stiffness,
+                                          question.offset.largest());
+        LinePath path;
+        if (!path_known.shortened(setup.timing, finished, path)) {
+            CertainDetection<double> anew(detector, setup.timing, setup.motion.step, stiffness,
+                                          question.offset.largest());
+            LineTracer<double, CertainDetection<double>>(setup.chain, setup.motion, setup.contact, setup.timing, anew)
+                .trace(q.data(), {velocity(0), velocity(1), velocity(2)}, &path, 1);
+            if (known != nullptr) known->path = path;
+        }
+        found = LimitRiskFinder<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, detector,
+                                   q.data(), question, path_known)(std::move(path));
+    }
+    nb::dict out;
+    out["low"] = found.low;
+    out["high"] = found.high;
+    out["undetected"] = found.undetected;
+    out["false_alarm"] = found.false_alarm;
+    out["at_crossing"] = found.at_crossing;
+    out["follows"] = found.follows;
+    out["reactions"] = found.reactions;
+    return out;
+}
+
+}  // namespace
+
+void bind_limit_risk(nb::module_& module) {
+    nb::class_<KnownPath>(module, "KnownPath", "A path as far as it is traced, and the reactions simulated on it.")
+        .def(nb::init<>());
+    module.def("limit_risk", &limit_risk, nb::arg("setup"), nb::arg("q"), nb::arg("velocity"), nb::arg("detector"),
+               nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("force"),
+               nb::arg("accepted"), nb::arg("known").none() = nb::none(),
+               "Bounds of the probability of passing a force, close where it is near the accepted.");
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
