@@ -46,7 +46,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
             tries = _tries_until_failure(scenario, name, mildest if found.value is None else found.value, found.risk)
             if tries is None:
                 lucky.append(number + 1)
-            findings.progress(f"{number + 1}: {name} passes a singularity, value {tries} within 0.5 % fails")
+            findings.progress(f"{number + 1}: {name} passes a singularity, value {tries} tried beyond fails")
         if found.value is None:
             none += 1
             if found.binding != "singularity":
@@ -75,7 +75,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"have an edge. In {off} the arm cannot follow its line, as near a singularity. Values are tried by whole "
         f"laws, in steps of {STEP:.1%} within 10 % of the answer, and of {_FAR_STEP:.0%} from the mild end on, or over "
         f"the whole range. In {passes} the arm passes a singularity, and the answer is that it must not: there up to "
-        f"{_MOST_TRIES} values within {AGREES:.1%} beyond the answer, or the mild end, are tried until one fails."
+        f"{_MOST_TRIES} values within {BEYOND - 1:.0%} beyond the answer, or the mild end, are tried until one fails."
     )
     rows: list[list[Cell]] = []
     for name in names:
@@ -172,6 +172,6 @@ def _tries_until_failure(scenario: bs.Scenario, name: str, value: float, risk: f
     rng = np.random.default_rng(SEED)
     sign = 1 if HIGHER_IS_HARSHER[name] else -1
     for tries in range(1, _MOST_TRIES + 1):
-        if _over(scenario, name, value * (1 + sign * AGREES * rng.uniform())) > risk:
+        if _over(scenario, name, value * (1 + sign * (BEYOND - 1) * rng.uniform())) > risk:
             return tries
     return None

@@ -110,3 +110,25 @@ def test_refuses_by_name(changes: dict[str, Any], arguments: dict[str, Any], fie
     with pytest.raises(InputError) as caught:
         require(scenario(**changes), **arguments)
     assert caught.value.field == field
+
+
+def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
+    case = bs.Scenario.from_dict(
+        {
+            "robot": "ur10e",
+            "pose_rad": [-2.6, -5.31, 1.57, 1.78, -3.66, 5.97],
+            "motion": {"velocity_mm_s": [76, -13, 32]},
+            "contact": {"body": "thigh_knee", "area_cm2": 2.0},
+            "detector": {"thresholds_Nm": [36, 32, 29, 22, 26, 27], "noise_sd_Nm": [7.3, 6.6, 6.0, 4.5, 5.4, 5.6]},
+            "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.0, "latency_s": 0.01},
+        }
+    )
+    found = require(case, "reaction.joint_acceleration_rad_s2")
+    assert found.value is None
+    assert found.binding == "singularity"
+    assert found.erratic
+    # Beside the mildest value the arm gets across at some, and at others it does not.
+    tried = [over(case, found.variable, value) <= found.risk for value in np.linspace(0.98, 1.0, 60) * found.high]
+    assert 0 < sum(tried) < len(tried)
+    # What does not change the path does not change on which side of the singularity it ends.
+    assert require(case, "contact.padding").binding != "singularity"

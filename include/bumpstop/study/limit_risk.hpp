@@ -289,7 +289,8 @@ class LimitRiskFinder {
         });
         std::size_t done = 0;
         std::vector<ReactionJob> jobs;
-        for (;;) {
+        // Few at first, for a rough answer may do; then more, for registers that are full.
+        for (std::size_t at_once = 2 * std::size_t(Scalar<T>::lanes);; at_once *= 2) {
             found.low = found.high = found.undetected;
             for (int k = 0; k < ticks; ++k) {
                 found.low += least[std::size_t(k)];
@@ -300,7 +301,7 @@ class LimitRiskFinder {
                 found.high - found.low <= risk_resolution * found.high)
                 return;
             jobs.clear();
-            for (; done < open.size() && jobs.size() < 2 * std::size_t(Scalar<T>::lanes); ++done)
+            for (; done < open.size() && jobs.size() < at_once; ++done)
                 jobs.push_back({&path, 0, open[done], {}, {}, loose_braking_leap_tolerance, largest});
             simulate_reactions<T>(
                 chain_, motion_, contact_, timing_, kind_, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,

@@ -323,6 +323,7 @@ class _Search:
         if binding == "singularity":
             reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
             return self._result(None, binding, at, reason, erratic)
+        at = self.risks.at(self.mildest, closely=True)
         why = f"{mildest} limits are passed with a probability of {at.over:.2g}"
         deaf = self.risks.unnoticed
         limit = self.risks.force_limit
@@ -347,7 +348,7 @@ class _Search:
             false_alarm_ok=at.false_alarm <= self.scenario.verdict.max_false_alarm,
             low=self.ends[0],
             high=self.ends[1],
-            reason=reason + (_ERRATIC if erratic else ""),
+            reason=reason + (_ERRATIC if erratic and binding != "singularity" else ""),
             erratic=erratic,
             evaluations=self.risks.evaluations,
         )

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _OFF_LINE = 1e-3
 # Below this accepted risk a tail is worked out by itself, to keep its digits.
 _FAR = 1e-5
+# A bound from below that is as much as this says all there is to say.
+_NEARLY_ALL = 0.9
 # What changes neither the path nor the ticks on it: path and reactions of one value serve all others.
 _SAME_PATH = ("detector.thresholds", "contact.padding")
 # What changes the path itself.
@@ -124,26 +126,20 @@ class VariedRisk:
             pressure = limits.pressure_N_cm2 * contact.area_cm2 / contact.peak_factor
         return limits.force_N, pressure
 
-    def at(self, value: float) -> Risk:
-        """The risk at one value of the variable."""
+    def at(self, value: float, *, closely: bool = False) -> Risk:
+        """The risk at one value of the variable; ``closely``: one that is passed is no bound, unless it is near 1."""
         self.evaluations += 1
         problem = self._varied(value)
         if problem.body_mass is not None or problem.transient_limits is not None or self._whole_tail:
             return self._at_by_law(problem)
         by_force, by_pressure = self._force_limits()
         accepted = self.scenario.verdict.risk
-        found = core.limit_risk(
-            problem.setup,
-            problem.q,
-            problem.velocity,
-            problem.detector,
-            problem.stiffness,
-            problem.offset_kind,
-            problem.offset_size,
-            min(by_force, by_pressure),
-            accepted,
-            self._path,
-        )
+        question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
+        place = (problem.setup, problem.q, problem.velocity)
+        force = min(by_force, by_pressure)
+        found = core.limit_risk(*place, *question, force, accepted, self._path)
+        if closely and accepted < found["low"] < _NEARLY_ALL:
+            found = core.limit_risk(*place, *question, force, 1.0, self._path)
         binding = "pressure" if by_pressure < by_force else "force"
         over = min(1.0, found["high"] if found["high"] <= accepted or found["low"] <= accepted else found["low"])
         met = over <= accepted
