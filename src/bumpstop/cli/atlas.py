@@ -90,10 +90,12 @@ def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: 
     if null_space:
         from bumpstop.study.null_space import check_redundant
 
+        if out is None:
+            raise InputError("--null-space", "has no place for its suggestions", "give --out as well")
         check_redundant(study.problem)
 
     def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
-        from bumpstop.report.study_atlas import TrajectoryAtlasPart
+        from bumpstop.report.study_atlas import SuggestionPart, TrajectoryAtlasPart
 
         assert out is not None
         retimed, speed = _slowed(study, rows)
@@ -104,9 +106,12 @@ def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: 
             write_ros(out / "retimed.json", retimed, study.problem.robot)
             summary = summary | {"retimed_duration_s": float(retimed.time[-1])}
         rows.select("waypoint", "t_s", "limit_mm_s").write_csv(out / "speed_limit.csv")
+        parts: list[Any] = [TrajectoryAtlasPart(rows, summary, speed)]
         if null_space:
-            _suggest(study, rows).write_parquet(out / "suggestions.parquet")
-        return "Safe speed along a trajectory", [TrajectoryAtlasPart(rows, summary, speed)], _NOTES
+            suggestions = _suggest(study, rows)
+            suggestions.write_parquet(out / "suggestions.parquet")
+            parts.append(SuggestionPart(rows, suggestions))
+        return "Safe speed along a trajectory", parts, _NOTES
 
     def lines(summary: dict[str, Any]) -> list[str]:
         return [

@@ -83,6 +83,62 @@ class TrajectoryAtlasPart(Part):
         )
 
 
+# Less is not worth a sentence.
+_WORTH_A_WORD = 1.01
+
+
+class SuggestionPart(Part):
+    """What other joint positions with the same pose of the tool would feel."""
+
+    title = "Joint positions that feel better"
+    anchor = "suggestions"
+
+    def __init__(self, rows: pl.DataFrame, suggestions: pl.DataFrame) -> None:
+        self._t = rows["t_s"].to_numpy()
+        self._unnoticed, self._gain = (suggestions[name].to_numpy() for name in ("unnoticed_N", "gain"))
+
+    def content(self) -> list[Html]:
+        """How much is to be gained, and where."""
+        worth = int((self._gain >= _WORTH_A_WORD).sum())
+        text = (
+            "The same pose of the tool can be held by other joint positions, and some of them let less force go "
+            f"unnoticed. At {worth} of {len(self._gain)} waypoints this is at least {100 * _WORTH_A_WORD - 100:.0f} % less. "
+        )
+        if worth:
+            at = int(np.argmax(self._gain))
+            text += (
+                f"The largest gain is at waypoint {at + 1}: {self._unnoticed[at]:.4g} N instead of "
+                f"{self._gain[at] * self._unnoticed[at]:.4g} N."
+            )
+        return [paragraph(text), paragraph("The joint positions are in suggestions.parquet, a row for each waypoint.")]
+
+    def pictures(self) -> list[Picture]:
+        """Unnoticed force over time, as programmed and as suggested."""
+        return [
+            Picture(
+                "suggestions",
+                "Force that goes unnoticed at the waypoints, as programmed and with the joint positions suggested.",
+                "Force along the motion that no joint notices, as programmed and with the joint positions suggested.",
+                self._draw,
+            )
+        ]
+
+    def _draw(self, figure: Figure) -> None:
+        plot = axes(figure)
+        before = self._gain * self._unnoticed
+        plot.plot(self._t, before, color=LAW, label="as programmed")
+        plot.plot(self._t, self._unnoticed, color=EVENT, linestyle=":", linewidth=2.4, label="as suggested")
+        finite = before[np.isfinite(before)]
+        top = float(finite.max()) if finite.size else 1.0
+        plot.set(
+            xlabel="time as programmed [s]",
+            ylabel="unnoticed force [N]",
+            ylim=(0, 1.3 * top),
+            xlim=(self._t[0], self._t[-1]),
+        )
+        plot.legend(loc="upper right", ncols=2, fontsize=8, frameon=True, facecolor="white", edgecolor="none")
+
+
 class WorkspaceAtlasPart(Part):
     """Safe speeds of random poses over their place."""
 
