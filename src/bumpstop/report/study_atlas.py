@@ -102,7 +102,8 @@ class SuggestionPart(Part):
         worth = int((self._gain >= _WORTH_A_WORD).sum())
         text = (
             "The same pose of the tool can be held by other joint positions, and some of them let less force go "
-            f"unnoticed. At {worth} of {len(self._gain)} waypoints this is at least {100 * _WORTH_A_WORD - 100:.0f} % less. "
+            f"unnoticed. At {worth} of {len(self._gain)} waypoints this is at least "
+            f"{100 * _WORTH_A_WORD - 100:.0f} % less. "
         )
         if worth:
             at = int(np.argmax(self._gain))
