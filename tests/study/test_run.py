@@ -124,3 +124,23 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(bs.InputError, match="--out"):
         run(Squares(control_group()), tmp_path / "file" / "below")
+
+
+@pytest.mark.parametrize("name", ["shards/000003.arrow", "rows.parquet"])
+@pytest.mark.parametrize("left", [0, 100])
+def test_a_damaged_file_is_refused_by_name_and_worked_out_anew_without_it(tmp_path: Path, name: str, left: int) -> None:
+    study = Squares(control_group())
+    rows, _ = run(study, tmp_path / "whole")
+    folder = tmp_path / "damaged"
+    if name == "rows.parquet":
+        run(study, folder)
+    else:
+        with pytest.raises(BrokenError):
+            run(study, folder, progress=breaking(5))
+    path = folder / name
+    path.write_bytes(path.read_bytes()[:left])
+    with pytest.raises(bs.InputError, match="is damaged"):
+        run(study, folder)
+    path.unlink()
+    again, _ = run(study, folder)
+    assert again.equals(rows)

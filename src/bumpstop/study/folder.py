@@ -85,10 +85,10 @@ class StudyFolder:
         try:
             if not self.complete:
                 files = [self._shards / f"{number:06d}.arrow" for number in range(self._count)]
-                rows = pl.concat([pl.read_ipc_stream(file) for file in files], rechunk=True)
+                rows = pl.concat([_read(pl.read_ipc_stream, file) for file in files], rechunk=True)
                 self._write_table(rows_file, rows.write_parquet)
             else:
-                rows = pl.read_parquet(rows_file)
+                rows = _read(pl.read_parquet, rows_file)
             shutil.rmtree(self._shards, ignore_errors=True)
             return rows
         except OSError as error:
@@ -131,6 +131,20 @@ class StudyFolder:
     def _unwritable(self, error: OSError) -> InputError:
         problem = f"{str(self.path)!r} cannot be used ({error.filename or self.path}: {error.strerror or error})"
         return InputError("--out", problem, "give another folder")
+
+
+def _read(reader: Callable[[Path], pl.DataFrame], path: Path) -> pl.DataFrame:
+    """A table of this folder; one that somebody else has cut short or written over is refused by name."""
+    import polars as pl
+
+    try:
+        return reader(path)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        # One with a number is the system's: there the file could not be opened at all.
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        problem = f"{str(path)!r} is damaged"
+        raise InputError("--out", problem, "delete that file: what it held is worked out anew") from None
 
 
 def _settings(study: Study, fingerprint: str, command: str) -> str:
