@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -134,12 +134,24 @@ class VariedRisk:
             return self._at_by_law(problem)
         by_force, by_pressure = self._force_limits()
         accepted = self.scenario.verdict.risk
-        question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
-        place = (problem.setup, problem.q, problem.velocity)
-        force = min(by_force, by_pressure)
-        found = core.limit_risk(*place, *question, force, accepted, self._path)
+
+        def ask(accepted: float) -> dict[str, Any]:
+            return core.limit_risk(
+                problem.setup,
+                problem.q,
+                problem.velocity,
+                problem.detector,
+                problem.stiffness,
+                problem.offset_kind,
+                problem.offset_size,
+                min(by_force, by_pressure),
+                accepted,
+                self._path,
+            )
+
+        found = ask(accepted)
         if closely and accepted < found["low"] < _NEARLY_ALL:
-            found = core.limit_risk(*place, *question, force, 1.0, self._path)
+            found = ask(1.0)
         binding = "pressure" if by_pressure < by_force else "force"
         over = min(1.0, found["high"] if found["high"] <= accepted or found["low"] <= accepted else found["low"])
         met = over <= accepted
