@@ -57,6 +57,18 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
     }
 
 
+def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """30 Nm at joint 2 alone: what the columns of the Jacobian there make of it by weighted least squares."""
+    robot, at = Robot.load("ur5e"), (0.1, 0.0, 0.0)
+    link = robot.joints[2].link
+    options = ("--thresholds", "20,20,20,20,20,20", "--direction", "0,3,-4", "--link", link, "--point-m", "0.1,0,0")
+    _, text, _ = run(capsys, "detect", pushed, "--robot", "ur5e", *options, "--json")
+    (event,) = json.loads(text)["events"]
+    lever = robot.jacobian(np.full(6, 0.2 + 0.3 * 0.8), link, at)[:3].T @ [0, 0.6, -0.8]
+    # All noise alike, a third of the threshold: plain least squares over the joints before the link.
+    assert event["force_N"] == pytest.approx(30 * lever[1] / (lever @ lever), rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -67,6 +79,10 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
         (["--robot", "panda", "--thresholds", "1,1,1,1,1,1,1"], "holds 6 joints, panda has 7"),
         (["--robot", "ur5e", "--model", "sia5d", "--thresholds", "1,1,1,1,1,1"], "is for a joint 'joint_s'"),
         (["--robot", "ur5e", "--thresholds", "1,1,1,1,1,1", "--residual", "other"], "'other' is no kind of residual"),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--direction", "0,0,0"], "--direction: has no length"),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--point-m", "0,0"], "--point-m: '0,0' cannot be used"),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--link", "hand"], "'hand'"),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--max-bad", "2"], "--max-bad"),
     ],
 )
 def test_refusals(pushed: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -121,8 +137,13 @@ def test_real_arms_by_their_fitted_dynamics(
             capsys, "detect", *path_and_names, "--model", model, "--thresholds", limits, "--from", split, "--json"
         )
         assert (json.loads(text)["events"] != []) == alarms
-    status, _, err = run(
-        capsys, "detect", *path_and_names, "--model", model, "--thresholds", wide, "--residual", "observer"
-    )
-    assert status == 2
-    assert "'observer' is not available with fitted dynamics" in err
+    for options, what in (
+        (("--residual", "observer"), "'observer'"),
+        (("--payload", 1), "payload_kg"),
+        (("--payload-change", 1), "payload_change_kg"),
+        (("--measured-rates",), "measured_rates"),
+    ):
+        status, _, err = run(capsys, "detect", *path_and_names, "--model", model, "--thresholds", wide, *options)
+        assert status == 2
+        assert what in err
+        assert "is not available with fitted dynamics" in err

@@ -11,6 +11,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.detection import ResidualSeries, Thresholds, blind_forces, tune
+from bumpstop.model import inverse_dynamics
+from bumpstop.recording import Recording
 from cli.support import EXAMPLE, run, strict_json
 from detection.tuning_cases import residuals
 
@@ -120,6 +122,59 @@ def test_score_of_residuals(noise: Path, tmp_path: Path) -> None:
     assert "detected 2 of 3" in run("score", touched, "--labels", labels, "--thresholds", limits).out
 
 
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A recording of joint torque with noise, a UR5e at 250 Hz for 40 s, pushed from 30 s on; and a label of it."""
+    folder = tmp_path_factory.mktemp("loop")
+    robot, t = bs.Robot.load("ur5e"), 0.004 * np.arange(10_000)
+    phase = 0.3 * t[:, None] + np.arange(6)
+    q, qd, qdd = np.sin(phase), 0.3 * np.cos(phase), -0.09 * np.sin(phase)
+    tau = inverse_dynamics(robot, q, qd, qdd) + np.random.default_rng(1).normal(0, 0.5, q.shape)
+    tau[7500:7600, 1] += 60
+    Recording(t=t, q=q, tau=tau).save(folder / "log.parquet")
+    (folder / "labels.csv").write_text("start_s,end_s\n30,30.4\n")
+    return folder / "log.parquet", folder / "labels.csv"
+
+
+@pytest.mark.parametrize("kind", ["direct", "observer"])
+def test_tune_on_the_first_part_and_score_the_rest(kind: str, loop: tuple[Path, Path], tmp_path: Path) -> None:
+    log, labels = loop
+    saved = tmp_path / "thresholds.toml"
+    of = (log, "--robot", "ur5e", "--residual", kind)
+    tuned = run("tune", *of, "--until", 20, "--save", saved)
+    assert tuned.status == 0, tuned.err
+    assert "1 shoulder_pan_joint" in tuned.out
+    filling = 7 if kind == "direct" else 8  # the observer begins at the first row with rates
+    assert f"{filling} of 5001 rows are left out: the detector was blind" in tuned.out
+    found = run("score", *of, "--from", 20, "--labels", labels, "--thresholds", saved, "--json")
+    score = strict_json(found.out)
+    assert (score["detected"], score["missed"], score["false_alarms"]) == (1, 0, 0)
+    # The observer is late by about 1 / K, and by its length the push is well over what noise leaves of the threshold.
+    assert 0 <= score["delay_s"]["max"] <= (0.0 if kind == "direct" else 0.02)
+    # Thresholds of one residual are not those of another.
+    other = "observer" if kind == "direct" else "direct"
+    refused = run("detect", log, "--robot", "ur5e", "--residual", other, "--thresholds", saved)
+    assert (refused.status, refused.out) == (2, "")
+    assert f"residual: is {other!r}; the thresholds were found for {kind!r}" in refused.err
+    if kind == "observer":
+        refused = run("detect", *of, "--observer-gain", 20, "--thresholds", saved)
+        assert "observer_gain_1_s: is 20; the thresholds were found for 50" in refused.err
+        # The noise of an observer with a smaller gain is smaller, and so are its thresholds.
+        slow = strict_json(run("tune", *of, "--observer-gain", 10, "--until", 20, "--json").out)["thresholds_Nm"]
+        assert all(a < 0.7 * b for a, b in zip(slow, Thresholds.load(saved).constant, strict=True))
+
+
+def test_a_part_of_residuals(noise: Path, tmp_path: Path) -> None:
+    """Times count from the first row; both ends belong to the part."""
+    series = ResidualSeries.load(noise)
+    late = tmp_path / "late.parquet"
+    ResidualSeries(series.t + 100, series.rows).save(late)
+    found = strict_json(run("tune", late, "--from", 20, "--until", 60, "--per-hour", 100, "--json").out)
+    wanted = tune(ResidualSeries(series.t[5000:15001], series.rows[5000:15001]), 100.0)
+    assert found["hours"] == pytest.approx(wanted.tail.hours, rel=1e-9)
+    assert found["thresholds_Nm"] == pytest.approx(wanted.thresholds().tolist(), rel=1e-9)
+
+
 def test_sensitivity() -> None:
     pose = "0,30,0,-20,0,-40,0"
     given = ("sia5d", "--pose-deg", pose, "--thresholds", "20,10,20,20,20,20,20")
@@ -146,6 +201,25 @@ def test_sensitivity() -> None:
         (("tune", "NOISE", "--joints", "8"), "--joints: '8' cannot be used; wanted numbers from 1 to 7"),
         (("tune", "NOISE", "--joints", ""), "--joints: '' cannot be used"),
         (("tune", "NOISE", "--robot", "ur5e"), "--robot: has no meaning with the residuals"),
+        (("tune", "NOISE", "--residual", "observer"), "--residual: has no meaning with the residuals"),
+        (("tune", "NOISE", "--from", "70", "--until", "60"), "--from: 70 leaves nothing before 60; valid: 0 to "),
+        (("tune", "LOG", "--robot", "ur5e", "--from", "50"), "--from: 50.0 leaves nothing before"),
+        (("tune", "LOG", "--robot", "ur5e", "--residual", "obsever"), "did you mean 'observer'"),
+        (("tune", "LOG", "--robot", "ur5e", "--model", "sia5d"), "is for a joint 'joint_s', which ur5e has not"),
+        (
+            ("score", "LOG", "--robot", "ur5e", "--labels", "LABELS", "--thresholds", "9,9"),
+            "2 of them; the robot has 6",
+        ),
+        (
+            ("score", "LOG", "--robot", "ur5e", "--labels", "LABELS", "--thresholds", "9,9,-9,9,9,9"),
+            "thresholds_Nm[3]: is -9 for elbow_joint; wanted one number above 0",
+        ),
+        (("score", "NOISE", "--labels", "LABELS", "--thresholds", "9,9,9,9,9,9,0"), "thresholds_Nm[7]: is 0; wanted"),
+        (
+            ("score", "EVENTS", "--labels", "LABELS", "--thresholds", "9"),
+            "--thresholds: has no meaning with the events",
+        ),
+        (("score", "EVENTS", "--labels", "LABELS", "--from", "9"), "--from: has no meaning with the events"),
         (("tune", "NOISE", "--confidence", "2"), "--confidence: is 2"),
         (("tune", "nowhere.parquet"), "--robot: is missing"),
         (("tune", "NOISE", "--scenario", "ur"), "has thresholds for 6 joints; the residuals have 7"),
@@ -167,13 +241,15 @@ def test_sensitivity() -> None:
         ),
     ],
 )
-def test_refusals(arguments: tuple[str, ...], message: str, noise: Path, tmp_path: Path) -> None:
+def test_refusals(
+    arguments: tuple[str, ...], message: str, noise: Path, loop: tuple[Path, Path], tmp_path: Path
+) -> None:
     labels, events = tmp_path / "labels.csv", tmp_path / "events.json"
     labels.write_text("start_s,end_s\n1,2\n")
     events.write_text('{"events": []}')
     places = {
         "NOISE": noise, "LABELS": labels, "LABELS.json": tmp_path / "none.json", "EVENTS": events,
-        "ur": EXAMPLE.parent / "05_ur10e.toml",
+        "ur": EXAMPLE.parent / "05_ur10e.toml", "LOG": loop[0],
     }  # fmt: skip
     done = run(*(places.get(argument, argument) for argument in arguments))
     assert done.status == 2

@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.origin import (
+    Arming,
+    Base,
+    Begin,
+    Carried,
+    Columns,
+    Gain,
+    Kind,
+    MaxBad,
+    MeasuredRates,
+    ModelFile,
+    Origin,
+    RobotName,
+    Tip,
+    Topic,
+    Until,
+    load_model,
+)
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.detection import DetectionRun, DetectorSettings
-    from bumpstop.identification import DynamicsFit
-    from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
 
-ModelFile = Annotated[
-    str | None,
-    typer.Option("--model", help="Joint model (TOML or built-in name), or fitted dynamics; without: recorded torque."),
-]
-RobotName = Annotated[
-    str | None, typer.Option("--robot", help="A built-in name, or the path of a URDF file; default: the model's.")
-]
 Limits = Annotated[
     str, typer.Option("--thresholds", help="Numbers like 20,10,inf, or a file of thresholds.", show_default=False)
 ]
-Kind = Annotated[str, typer.Option("--residual", help="direct or observer.")]
-Gain = Annotated[float, typer.Option("--observer-gain", help="Gain of the observer [1/s].")]
-Arming = Annotated[float, typer.Option("--arming-delay", help="Nothing is judged so long after a motion begins [s].")]
-Carried = Annotated[float, typer.Option("--payload", help="Mass at the tip that the robot does not include [kg].")]
-Base = Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")]
-Tip = Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")]
 
 
 def detect(
@@ -39,9 +43,11 @@ def detect(
     thresholds: Limits,
     model: ModelFile = None,
     robot: RobotName = None,
-    columns: Annotated[Path | None, typer.Option(help="Column file of the recording (TOML).")] = None,
-    begin: Annotated[float | None, typer.Option("--from", help="Begin at this time of the recording [s].")] = None,
-    until: Annotated[float | None, typer.Option(help="End at this time of the recording [s].")] = None,
+    columns: Columns = None,
+    topic: Topic = None,
+    max_bad: MaxBad = 0.01,
+    begin: Begin = None,
+    until: Until = None,
     residual: Kind = "direct",
     observer_gain: Gain = 50.0,
     arming_delay: Arming = 0.0,
@@ -49,9 +55,12 @@ def detect(
     payload_change: Annotated[
         float, typer.Option("--payload-change", help="Look for an undeclared mass of at least this [kg]; 0: do not.")
     ] = 0.0,
-    measured_rates: Annotated[
-        bool, typer.Option("--measured-rates", help="Take joint speeds from the recording, not from its positions.")
-    ] = False,
+    measured_rates: MeasuredRates = False,
+    direction: Annotated[
+        str, typer.Option(metavar="LIST", help="In which the force of an alarm is given, base frame.")
+    ] = "0,0,-1",
+    link: Annotated[str | None, typer.Option(help="Link the force is given at.", show_default="the tip")] = None,
+    point_m: Annotated[str, typer.Option("--point-m", metavar="LIST", help="Where, in that link's frame.")] = "0,0,0",
     rearm: Annotated[float, typer.Option(help="An alarm ends once all was quiet for so long [s].")] = 0.5,
     base: Base = None,
     tip: Tip = None,
@@ -59,26 +68,42 @@ def detect(
     out: Annotated[Path | None, typer.Option("--out", help="Write figures, events and residuals into it.")] = None,
 ) -> None:
     """Run a collision detector over a recording: alarms, and when it was blind."""
-    from bumpstop.cli.arm_recordings import part_of
-    from bumpstop.detection import DetectorSettings, Thresholds
+    from bumpstop.cli.sensitivity import three, unit
+    from bumpstop.detection import Thresholds
     from bumpstop.detection import detect as run_detector
 
-    given, arm = load_model(model, robot, base, tip)
-    law = Thresholds.parse(thresholds, [joint.name for joint in arm.joints])
-    settings = DetectorSettings(
-        residual=residual,  # type: ignore[arg-type]
-        observer_gain_1_s=observer_gain,
-        arming_delay_s=arming_delay,
-        payload_kg=payload,
-        payload_change_kg=payload_change,
+    origin = Origin(
+        model=model,
+        robot=robot,
+        base=base,
+        tip=tip,
+        columns=columns,
+        topic=topic,
+        max_bad=max_bad,
+        begin=begin,
+        until=until,
+        residual=residual,
+        observer_gain=observer_gain,
+        payload=payload,
         measured_rates=measured_rates,
     )
-    log = part_of(recording, columns, arm, begin, until)
+    given, arm = origin.parts
+    law = Thresholds.parse(thresholds, origin.names)
+    settings = replace(
+        origin.settings,
+        arming_delay_s=arming_delay,
+        payload_change_kg=payload_change,
+        link=link,
+        point=three(point_m, "--point-m"),
+        direction=unit(direction, "--direction"),
+    )
+    log = origin.recording(recording)
     run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
+    text = json.dumps(run.to_json() | {"rows_dropped": log.report.rows_dropped}, allow_nan=False, indent=2)
     if out is not None:
-        _write(run, arm, out)
+        _write(run, arm, text, out)
     if as_json:
-        typer.echo(json.dumps(run.to_json(), allow_nan=False, indent=2))
+        typer.echo(text)
         return
     _print(run, arm, settings)
     if log.report.rows_dropped:
@@ -120,46 +145,6 @@ def detector(
     typer.echo(f"detector: {file}")
     for note in made.notes:
         typer.echo(f"note: {note}")
-
-
-def load_model(
-    model: str | None, robot: str | None, base: str | None, tip: str | None
-) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
-    """What ``--model`` and ``--robot`` name; the robot of the model where none is named.
-
-    Raises:
-        InputError: neither says which robot, or a file is neither kind of model.
-    """
-    from bumpstop.identification import load_fit
-    from bumpstop.joint import JointTorqueModel
-
-    named = None if robot is None else _robot(robot, base, tip)
-    if model is None:
-        if named is None:
-            raise InputError("--robot", "is missing", "give a robot, or a model that names one")
-        return None, named
-    if _is_dynamics(model):
-        fit = load_fit(model)
-        if named is not None and named.dof != fit.robot.dof:
-            raise InputError("--robot", f"{named.name} has {named.dof} joints, the model {fit.robot.dof}")
-        return fit, fit.robot
-    joints = JointTorqueModel.load(model)
-    return joints, named if named is not None else _robot(joints.robot, base, tip)
-
-
-def _is_dynamics(model: str) -> bool:
-    import tomllib
-
-    try:
-        return tomllib.loads(Path(model).read_text(encoding="utf-8")).get("kind") == "dynamics"
-    except (OSError, ValueError, RecursionError):
-        return False  # whoever reads it as a joint model says what is wrong
-
-
-def _robot(name: str, base: str | None, tip: str | None) -> Robot:
-    from bumpstop.model import Robot
-
-    return Robot.from_urdf(name, base, tip) if Path(name).suffix or "/" in name else Robot.load(name)
 
 
 def _units(arm: Robot) -> tuple[str, ...]:
@@ -207,7 +192,7 @@ def _print(run: DetectionRun, arm: Robot, settings: DetectorSettings) -> None:
         console.print(f"note: {note}")
 
 
-def _write(run: DetectionRun, arm: Robot, folder: Path) -> None:
+def _write(run: DetectionRun, arm: Robot, events: str, folder: Path) -> None:
     from bumpstop.report.residuals import residual_picture
 
     names = tuple(joint.name for joint in arm.joints)
@@ -216,8 +201,7 @@ def _write(run: DetectionRun, arm: Robot, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "residuals.svg").write_text(drawn.svg, encoding="utf-8")
         (folder / "residuals.png").write_bytes(drawn.png)
-        text = json.dumps(run.to_json(), allow_nan=False, indent=2)
-        (folder / "events.json").write_text(text + "\n", encoding="utf-8")
+        (folder / "events.json").write_text(events + "\n", encoding="utf-8")
         run.save_residuals(folder / "residuals.parquet")
     except OSError as error:
         raise InputError(

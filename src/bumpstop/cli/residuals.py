@@ -2,53 +2,83 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import numpy as np
 
+from bumpstop.cli.origin import Origin
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.detection import DetectionRun, ResidualSeries, Thresholds
+    from bumpstop.recording import Recording
 
-Columns = Annotated[Path | None, typer.Option(help="Column file of the recording (TOML).")]
+# What also has a meaning for residuals that are there already.
+OF_RESIDUALS = ("begin", "until")
 
 
-def load_series(path: Path, model: str | None, robot: str | None, columns: Path | None) -> ResidualSeries:
-    """Residuals of a file that holds them, or of a contact-free recording.
+def load_series(path: Path, origin: Origin) -> tuple[ResidualSeries, list[str]]:
+    """Residuals of a file that holds them, or of a contact-free recording; and what a reader must know of them.
 
     Raises:
-        InputError: a file that cannot be used, or a model given for residuals that need none.
+        InputError: a file that cannot be used, or options for residuals that need none.
     """
     from bumpstop.detection import ResidualSeries, residual_record
 
     if holds_residuals(path):
-        for option, value in (("--model", model), ("--robot", robot), ("--columns", columns)):
-            if value is not None:
-                raise InputError(option, f"has no meaning with the residuals of {str(path)!r}", "leave it out")
-        return ResidualSeries.load(path)
-    from bumpstop.cli.arm_recordings import part_of
-    from bumpstop.cli.detect import load_model
-
-    given, arm = load_model(model, robot, None, None)
-    record = residual_record(part_of(path, columns, arm, None, None), arm, given)
+        return residuals_of(path, origin), []
+    model, arm = origin.parts
+    log = origin.recording(path)
+    record = residual_record(log, arm, model, settings=origin.settings)
     assert record.t is not None
-    return ResidualSeries(record.t, record.rows, str(path))
+    notes = [note for note in record.notes if "resampled" not in note]
+    return ResidualSeries(record.t, record.rows, str(path)), [*dropped(log, path), *notes]
+
+
+def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
+    """Of a file that holds them: the part between ``--from`` and ``--until``.
+
+    Raises:
+        InputError: other options of the origin were given, or nothing is left.
+    """
+    from bumpstop.detection import ResidualSeries
+
+    origin.refuse(f"the residuals of {str(path)!r}", but=OF_RESIDUALS)
+    series = ResidualSeries.load(path)
+    if origin.begin is None and origin.until is None:
+        return series
+    start, length = float(series.t[0]), float(series.t[-1] - series.t[0])
+    low = 0.0 if origin.begin is None else origin.begin
+    high = length if origin.until is None else origin.until
+    first, last = np.searchsorted(series.t, [start + low, math.nextafter(start + high, math.inf)])
+    if last - first < 2:
+        raise InputError("--from", f"{low:g} leaves nothing before {high:g}", f"valid: 0 to {length:.6g} s")
+    return replace(series, t=series.t[first:last], rows=series.rows[first:last])
 
 
 def load_run(
-    path: Path, thresholds: Thresholds, model: str | None, robot: str | None, columns: Path | None, rearm_s: float
-) -> tuple[ResidualSeries, DetectionRun]:
-    """Residuals of a recording, without its blind rows, and what the detector made of them."""
-    from bumpstop.cli.arm_recordings import part_of
-    from bumpstop.cli.detect import load_model
+    path: Path, thresholds: Thresholds, origin: Origin, arming_delay_s: float, rearm_s: float
+) -> tuple[ResidualSeries, DetectionRun, list[str]]:
+    """Residuals of a recording without its blind rows, what the detector made of them, and what to know of them."""
     from bumpstop.detection import ResidualSeries, detect
 
-    given, arm = load_model(model, robot, None, None)
-    run = detect(part_of(path, columns, arm, None, None), arm, given, thresholds, rearm_s=rearm_s)
+    model, arm = origin.parts
+    log = origin.recording(path)
+    settings = replace(origin.settings, arming_delay_s=arming_delay_s)
+    run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
     seen = ~run.blind
-    return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run
+    return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run, [*dropped(log, path), *run.notes]
+
+
+def dropped(log: Recording, path: Path) -> list[str]:
+    """A note of the rows that a reader dropped, if it did."""
+    report = log.report
+    return [f"{path}: {report.rows_dropped} of {report.rows_read} rows dropped while reading."] * (
+        report.rows_dropped > 0
+    )
 
 
 def holds_residuals(path: Path) -> bool:

@@ -9,8 +9,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.detect import ModelFile, RobotName
-from bumpstop.cli.residuals import Columns, holds_residuals, load_run
+from bumpstop.cli.origin import (
+    Arming,
+    Base,
+    Begin,
+    Carried,
+    Columns,
+    Gain,
+    Kind,
+    MaxBad,
+    MeasuredRates,
+    ModelFile,
+    Origin,
+    RobotName,
+    Tip,
+    Topic,
+    Until,
+)
+from bumpstop.cli.residuals import holds_residuals, load_run, residuals_of
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,7 +47,18 @@ def command(
     ] = None,
     model: ModelFile = None,
     robot: RobotName = None,
+    base: Base = None,
+    tip: Tip = None,
     columns: Columns = None,
+    topic: Topic = None,
+    max_bad: MaxBad = 0.01,
+    begin: Begin = None,
+    until: Until = None,
+    residual: Kind = "direct",
+    observer_gain: Gain = 50.0,
+    arming_delay: Arming = 0.0,
+    payload: Carried = 0.0,
+    measured_rates: MeasuredRates = False,
     early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
     late: Annotated[float, typer.Option(help="An event so long after a label still belongs to it [s].")] = 0.25,
     rearm: Annotated[float, typer.Option(help="Quiet time before there may be another event [s].")] = 0.5,
@@ -45,23 +72,44 @@ def command(
         if not 0 <= value < math.inf:
             raise InputError(option, f"is {value}", "wanted zero or more")
     tolerance = Tolerance(early, late)
+    origin = Origin(
+        model=model,
+        robot=robot,
+        base=base,
+        tip=tip,
+        columns=columns,
+        topic=topic,
+        max_bad=max_bad,
+        begin=begin,
+        until=until,
+        residual=residual,
+        observer_gain=observer_gain,
+        payload=payload,
+        measured_rates=measured_rates,
+    )
     known = load_labels(labels)
+    notes: list[str] = []
     if file.suffix == ".json":
+        origin.refuse(f"the events of {str(file)!r}")
+        if thresholds is not None:
+            raise InputError("--thresholds", f"has no meaning with the events of {str(file)!r}", "leave it out")
         found, roc = _of_events(file, known, tolerance), None
     else:
         if thresholds is None:
             raise InputError("--thresholds", "is missing", "residuals and recordings need it: numbers or a file")
-        found, roc = _of_residuals(file, known, thresholds, model, robot, columns, rearm, tolerance)
+        found, roc, notes = _of_residuals(file, known, thresholds, origin, arming_delay, rearm, tolerance)
     report = None
     if out is not None:
         from bumpstop.report.scoring import write_scoring
 
         report = write_scoring(found, roc, out)
     if as_json:
-        whole = found.to_json() | ({"roc": roc.to_json()} if roc is not None else {})
+        whole = found.to_json() | ({"roc": roc.to_json()} if roc is not None else {}) | {"notes": notes}
         typer.echo(json.dumps(whole, allow_nan=False, indent=2))
         return
     _print(found, roc)
+    for note in notes:
+        typer.echo(f"note: {note}")
     if report is not None:
         typer.echo(f"report: {report}")
 
@@ -125,26 +173,29 @@ def _of_residuals(
     file: Path,
     labels: tuple[Label, ...],
     thresholds: str,
-    model: str | None,
-    robot: str | None,
-    columns: Path | None,
+    origin: Origin,
+    arming_delay_s: float,
     rearm_s: float,
     tolerance: Tolerance,
-) -> tuple[Score, Roc]:
+) -> tuple[Score, Roc, list[str]]:
     """Events of a recording are those of the detector; residuals alone are compared with constant thresholds."""
     import numpy as np
 
-    from bumpstop.detection import ResidualSeries, Thresholds, event_times, gaps, roc, scaled_residual, score
+    from bumpstop.detection import Thresholds, event_times, gaps, roc, scaled_residual, score
 
-    given = Thresholds.parse(thresholds)
+    notes: list[str] = []
     if holds_residuals(file):
-        series = ResidualSeries.load(file)
-        times = event_times(series, scaled_residual(series, Thresholds.of(given, series.dof).constant), 1.0, rearm_s)
+        series = residuals_of(file, origin)
+        if arming_delay_s:
+            raise InputError("--arming-delay", f"has no meaning with the residuals of {str(file)!r}", "leave it out")
+        given = Thresholds.parse(thresholds)
+        times = event_times(series, scaled_residual(series, given.constant), 1.0, rearm_s)
         watched, blind = (float(series.t[0]), float(series.t[-1])), gaps(series)
     else:
-        series, run = load_run(file, given, model, robot, columns, rearm_s)
+        given = Thresholds.parse(thresholds, origin.names)
+        series, run, notes = load_run(file, given, origin, arming_delay_s, rearm_s)
         times = np.array([event.t for event in run.events])
         watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()
     whole = score(times, labels, watched, blind=blind, tolerance=tolerance)
     factors = roc(series, given.constant, labels, _FACTORS, rearm_s=rearm_s, tolerance=tolerance)
-    return whole, factors
+    return whole, factors, notes

@@ -51,7 +51,7 @@ def command(
         arm,
         q,
         Thresholds.of(Thresholds.parse(thresholds, [joint.name for joint in arm.joints]), arm.dof).constant.tolist(),
-        numbers(direction, "--direction", 3),
+        unit(direction, "--direction"),
         {
             "link": link,
             "point": numbers(point_m, "--point-m", 3),
@@ -79,6 +79,20 @@ def numbers(text: str, option: str, count: int) -> list[float]:
     return values
 
 
+def three(text: str, option: str) -> tuple[float, float, float]:
+    """A vector of three."""
+    x, y, z = numbers(text, option, 3)
+    return x, y, z
+
+
+def unit(text: str, option: str) -> tuple[float, float, float]:
+    """A direction: a vector of three, made as long as one."""
+    x, y, z = three(text, option)
+    if not (length := math.hypot(x, y, z)) > 0:
+        raise InputError(option, "has no length", "for example 0,0,-1")
+    return x / length, y / length, z / length
+
+
 def _one_or_all(text: str, option: str, dof: int) -> list[float]:
     return numbers(text, option, dof) if "," in text else numbers(text, option, 1) * dof
 
@@ -87,7 +101,7 @@ def _found(
     robot: Robot,
     q: list[float],
     thresholds: list[float],
-    direction: list[float],
+    direction: tuple[float, float, float],
     about: dict[str, Any],
     force_rate: float,
     period: float,
@@ -103,9 +117,7 @@ def _found(
     from bumpstop.model import singular_values
 
     link, point = about["link"], about["point"]
-    if not (length := float(np.linalg.norm(direction))) > 0:
-        raise InputError("--direction", "has no length", "for example 0,0,-1")
-    along = np.array(direction) / length
+    along = np.array(direction)
     blind = blind_forces(robot, q, thresholds, **about)
     columns = robot.jacobian(q, link, point)[:3]
     per_newton = columns.T @ along

@@ -4,13 +4,29 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.detect import ModelFile, RobotName
-from bumpstop.cli.residuals import Columns, joint_numbers, load_series
+from bumpstop.cli.origin import (
+    Base,
+    Begin,
+    Carried,
+    Columns,
+    Gain,
+    Kind,
+    MaxBad,
+    MeasuredRates,
+    ModelFile,
+    Origin,
+    RobotName,
+    Tip,
+    Topic,
+    Until,
+)
+from bumpstop.cli.residuals import holds_residuals, joint_numbers, load_series
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,7 +48,17 @@ def command(
     ] = None,
     model: ModelFile = None,
     robot: RobotName = None,
+    base: Base = None,
+    tip: Tip = None,
     columns: Columns = None,
+    topic: Topic = None,
+    max_bad: MaxBad = 0.01,
+    begin: Begin = None,
+    until: Until = None,
+    residual: Kind = "direct",
+    observer_gain: Gain = 50.0,
+    payload: Carried = 0.0,
+    measured_rates: MeasuredRates = False,
     joints: Annotated[str | None, typer.Option(metavar="LIST", help="Watch these joints only: 1,2,3.")] = None,
     confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
     scenario: Annotated[
@@ -46,32 +72,51 @@ def command(
     from bumpstop.cli.trade import trade
     from bumpstop.detection import tune
 
-    series = [load_series(path, model, robot, columns) for path in recordings]
+    origin = Origin(
+        model=model,
+        robot=robot,
+        base=base,
+        tip=tip,
+        columns=columns,
+        topic=topic,
+        max_bad=max_bad,
+        begin=begin,
+        until=until,
+        residual=residual,
+        observer_gain=observer_gain,
+        payload=payload,
+        measured_rates=measured_rates,
+    )
+    loaded = [load_series(path, origin) for path in recordings]
+    series = [one for one, _ in loaded]
+    recorded = not all(holds_residuals(path) for path in recordings)
     watched = joint_numbers(joints, series[0].dof) if joints is not None else None
     try:
         tuning = tune(series, per_hour, joints=watched, confidence=confidence)
     except InputError as error:
         option = {"per_hour": "--per-hour", "confidence": "--confidence"}.get(error.field, error.field)
         raise InputError(option, error.problem, error.valid) from None
+    tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, notes in loaded for note in notes)))
+    names = origin.names if recorded else []
     points = trade(tuning, scenario or [])
     if save is not None:
-        _save(tuning, series, save)
+        _save(tuning, series, save, origin if recorded else None)
     report = None
     if out is not None:
         from bumpstop.report.tuning import write_tuning
 
-        report = write_tuning(tuning, [point.to_json() for point in points], out)
+        report = write_tuning(tuning, [point.to_json() for point in points], out, names)
     if as_json:
         found = tuning.to_json() | ({"trade": [point.to_json() for point in points]} if scenario else {})
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return
-    _print(tuning, points if scenario else [])
+    _print(tuning, points if scenario else [], names)
     for what, path in (("thresholds", save), ("report", report)):
         if path is not None:
             typer.echo(f"{what}: {path}")
 
 
-def _save(tuning: Tuning, series: list[ResidualSeries], path: Path) -> None:
+def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, origin: Origin | None) -> None:
     import bumpstop
 
     low, high = tuning.per_hour_interval()
@@ -86,13 +131,17 @@ def _save(tuning: Tuning, series: list[ResidualSeries], path: Path) -> None:
     ]
     lines = [*(f"# {' '.join(line.split())}" for line in told), f"thresholds_Nm = [{values}]"]
     lines.append(f"period_s = {series[0].period!r}")
+    if origin is not None:
+        lines.append(f"residual = {json.dumps(origin.residual)}")
+        if origin.residual == "observer":
+            lines.append(f"observer_gain_1_s = {origin.observer_gain!r}")
     try:
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError("--save", f"{str(path)!r} cannot be written ({error.strerror})", "give another file") from None
 
 
-def _print(tuning: Tuning, points: list[TradePoint]) -> None:
+def _print(tuning: Tuning, points: list[TradePoint], names: list[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -102,11 +151,11 @@ def _print(tuning: Tuning, points: list[TradePoint]) -> None:
     console.print(f"{tuning.target:g} false alarms an hour; {percent} interval {low:.3g} to {high:.3g}")
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "threshold", f"{percent} interval"):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="left" if heading == "joint" and names else "right")
     ends = tuning.thresholds_interval()
     for j, (value, below, above) in enumerate(zip(tuning.thresholds(), *ends, strict=True), start=1):
         cells = (f"{value:.4g}", f"{below:.4g} to {above:.4g}") if math.isfinite(value) else ("not watched", "")
-        table.add_row(str(j), *cells)
+        table.add_row(" ".join((str(j), *names[j - 1 : j])), *cells)
     console.print(table)
     if points:
         console.print(_trade_table(points))

@@ -64,12 +64,13 @@ class Detector:
 
         Raises:
             InputError: joints of the model that the robot has not, joints without a model that are watched, thresholds
-                of another length, no inertia, a link that does not exist.
+                of another length or found for another residual, no inertia, a link that does not exist.
         """
         self.robot = robot
         self.model = model
         self.thresholds = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
         self.settings = settings or DetectorSettings()
+        self.thresholds.check_residual(self.settings.residual, self.settings.observer_gain_1_s)
         self.notes: tuple[str, ...] = ()
         self._drives = MatchedDrives(robot, model, self.thresholds.watched)
         _ = robot.dynamics  # says which link has no inertia

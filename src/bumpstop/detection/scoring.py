@@ -15,6 +15,7 @@ from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.labels import Label, checked_labels
 from bumpstop.detection.peaks import clusters
 from bumpstop.detection.residual_file import ResidualSeries
+from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 
 Interval = tuple[float, float]
@@ -263,9 +264,7 @@ def roc(
 
 def scaled_residual(series: ResidualSeries, thresholds: npt.ArrayLike) -> FloatArray:
     """(N,) largest residual of any joint in units of its threshold: an alarm where it is over 1."""
-    theta = as_float_array(thresholds, "thresholds_Nm", (series.dof,), finite=False)
-    if not (theta > 0).all():
-        raise InputError("thresholds_Nm", f"{theta.tolist()}", "wanted more than zero; inf: not watched")
+    theta = Thresholds.of(thresholds, series.dof).constant
     largest: FloatArray = np.abs(series.rows / theta).max(axis=1)
     return largest
 

@@ -50,13 +50,16 @@ def detect(
         rearm_s: as for :meth:`Detector.run`.
 
     Raises:
-        InputError: parts that do not belong together; an observer with fitted dynamics.
+        InputError: parts that do not belong together; with fitted dynamics an observer, payloads or measured rates.
     """
     if not isinstance(model, DynamicsFit):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
     given = settings or DetectorSettings()
     if given.residual != "direct":
         raise InputError("residual", f"{given.residual!r} is not available with fitted dynamics", "valid: 'direct'")
+    for name in ("payload_kg", "payload_change_kg", "measured_rates"):
+        if getattr(given, name):
+            raise InputError(name, "is not available with fitted dynamics", "leave it out, or give a joint model")
     if model.robot.dof != robot.dof:
         raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
     law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])

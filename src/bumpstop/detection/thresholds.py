@@ -7,11 +7,12 @@ import math
 import tomllib
 from dataclasses import InitVar, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.detection.settings import ResidualKind
 from bumpstop.errors import InputError, near_matches
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ _KEYS = {
     "at_rest_Nm": "rest",
     "fast_Nm": "fast",
 }
+_ONE_FOR_ALL = ("model_errors", "period_s", "residual", "observer_gain_1_s")
+_SAME_GAIN = 0.01
 _WANTED = "wanted one number above 0 for each joint; inf: not watched"
 
 
@@ -47,6 +50,8 @@ class Thresholds:
         fast: (n,) of the band-passed channel [Nm], above 0; default: infinite, not watched.
         model_errors: standard errors of the joint model's torque to add.
         period_s: between the samples they were found for [s]; None: not said.
+        residual: kind of residual they were found for; None: not said.
+        observer_gain_1_s: of the observer, if that is the kind; None: not said.
         joints: names of the joints, for errors; or empty.
     """
 
@@ -57,6 +62,8 @@ class Thresholds:
     fast: FloatArray | None = None
     model_errors: float = 0.0
     period_s: float | None = None
+    residual: ResidualKind | None = None
+    observer_gain_1_s: float | None = None
     joints: InitVar[Sequence[str]] = ()
 
     def __post_init__(self, joints: Sequence[str]) -> None:
@@ -78,6 +85,25 @@ class Thresholds:
             raise InputError("model_errors", f"is {self.model_errors}", "wanted zero or more")
         if self.period_s is not None and not as_number(self.period_s, "period_s") > 0:
             raise InputError("period_s", f"is {self.period_s}", "wanted more than zero")
+        if self.residual is not None and self.residual not in get_args(ResidualKind):
+            near = near_matches(str(self.residual), get_args(ResidualKind))
+            raise InputError("residual", f"{self.residual!r} is no kind of residual", near)
+        if self.observer_gain_1_s is not None and not as_number(self.observer_gain_1_s, "observer_gain_1_s") > 0:
+            raise InputError("observer_gain_1_s", f"is {self.observer_gain_1_s}", "wanted more than zero")
+
+    def check_residual(self, residual: str, observer_gain_1_s: float) -> None:
+        """Refuse another residual than they were found for, where they say which.
+
+        Raises:
+            InputError: another kind, or an observer of another gain.
+        """
+        if self.residual is not None and residual != self.residual:
+            raise InputError("residual", f"is {residual!r}", f"the thresholds were found for {self.residual!r}")
+        gain = self.observer_gain_1_s
+        if residual == "observer" and gain is not None and abs(gain - observer_gain_1_s) > _SAME_GAIN * gain:
+            raise InputError(
+                "observer_gain_1_s", f"is {observer_gain_1_s:g}", f"the thresholds were found for {gain:g}"
+            )
 
     @property
     def dof(self) -> int:
@@ -117,8 +143,8 @@ class Thresholds:
         """Read a TOML file, or a JSON object as ``tune`` prints it.
 
         Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
-        ``fast_Nm``, ``model_errors``, ``period_s``. Others are refused in TOML and passed over in JSON, where null
-        stands for infinity. ``joints``: of the robot, whose names errors say.
+        ``fast_Nm``, ``model_errors``, ``period_s``, ``residual``, ``observer_gain_1_s``. Others are refused in TOML and
+        passed over in JSON, where null stands for infinity. ``joints``: of the robot, whose names errors say.
 
         Raises:
             InputError: the file cannot be read, or holds something else.
@@ -134,7 +160,7 @@ class Thresholds:
             data: Any = json.loads(text) if is_json else tomllib.loads(text)
         except (ValueError, RecursionError) as error:
             raise InputError(where, f"is not valid {'JSON' if is_json else 'TOML'}: {error}") from None
-        known = (*_KEYS, "model_errors", "period_s")
+        known = (*_KEYS, *_ONE_FOR_ALL)
         if not isinstance(data, dict) or "thresholds_Nm" not in data:
             raise InputError(where, "has no key 'thresholds_Nm'", _WANTED)
         unknown = [key for key in data if key not in known]
@@ -152,8 +178,11 @@ class Thresholds:
         """Write them as TOML, so that :meth:`load` gives equal ones."""
         lines = [f"{key} = {_toml(getattr(self, name))}" for key, name in _KEYS.items()]
         lines.append(f"model_errors = {float(self.model_errors)!r}")
-        if self.period_s is not None:
-            lines.append(f"period_s = {float(self.period_s)!r}")
+        for key in ("period_s", "observer_gain_1_s"):
+            if (value := getattr(self, key)) is not None:
+                lines.append(f"{key} = {float(value)!r}")
+        if self.residual is not None:
+            lines.append(f'residual = "{self.residual}"')
         try:
             Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
         except OSError as error:

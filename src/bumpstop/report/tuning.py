@@ -24,15 +24,16 @@ if TYPE_CHECKING:
 _STYLES = (("-", LAW), ("--", EVENT), ("-.", INK), (":", LIMIT))
 
 
-def write_tuning(tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path) -> Path:
+def write_tuning(tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path, joints: Sequence[str] = ()) -> Path:
     """Write report.html and figures.
 
     Args:
         tuning: thresholds and the tail they stand on.
         trade: ``per_hour``, ``extrapolated_too_far`` and forces of ``scenarios``, as ``tune --json`` has them.
         folder: made where it is missing.
+        joints: their names, where they are known.
     """
-    parts: list[Part] = [TailPart(tuning)]
+    parts: list[Part] = [TailPart(tuning, joints)]
     if any(point["scenarios"] for point in trade):
         parts.append(TradePart(trade, tuning.target))
     title = f"Thresholds for {tuning.target:g} false alarms an hour"
@@ -45,8 +46,9 @@ class TailPart(Part):
     title = "Thresholds"
     anchor = "tail"
 
-    def __init__(self, tuning: Tuning) -> None:
+    def __init__(self, tuning: Tuning, joints: Sequence[str] = ()) -> None:
         self.tuning = tuning
+        self.joints = joints
 
     def content(self) -> list[Html]:
         """The thresholds with their intervals, and the notes."""
@@ -54,9 +56,9 @@ class TailPart(Part):
         low, high = tuning.per_hour_interval()
         ends = zip(tuning.thresholds(), *tuning.thresholds_interval(), strict=True)
         rows = [
-            (f"joint {j}", number(value), f"{number(below)} to {number(above)}")
+            (" ".join((f"joint {j}", *self.joints[j - 1 : j])), number(value), f"{number(below)} to {number(above)}")
             if math.isfinite(value)
-            else (f"joint {j}", "not watched", "")
+            else (" ".join((f"joint {j}", *self.joints[j - 1 : j])), "not watched", "")
             for j, (value, below, above) in enumerate(ends, start=1)
         ]
         percent = f"{100 * tuning.confidence:g} %"

@@ -1,0 +1,152 @@
+"""What makes residuals of a recording: options that ``detect``, ``tune`` and ``score`` have in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.detection import DetectorSettings
+    from bumpstop.identification import DynamicsFit
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+ModelFile = Annotated[
+    str | None,
+    typer.Option("--model", help="Joint model (TOML or built-in name), or fitted dynamics; without: recorded torque."),
+]
+RobotName = Annotated[
+    str | None, typer.Option("--robot", help="A built-in name, or the path of a URDF file; default: the model's.")
+]
+Base = Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")]
+Tip = Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")]
+Columns = Annotated[Path | None, typer.Option(help="Column file of the recording (TOML).")]
+Topic = Annotated[str | None, typer.Option(help="Topic of a bag that has several with joint states.")]
+MaxBad = Annotated[float, typer.Option(metavar="SHARE", help="Share of bad rows up to which they are dropped.")]
+Begin = Annotated[float | None, typer.Option("--from", help="Begin at this time of the recording [s].")]
+Until = Annotated[float | None, typer.Option("--until", help="End at this time of the recording [s].")]
+Kind = Annotated[str, typer.Option("--residual", help="direct or observer.")]
+Gain = Annotated[float, typer.Option("--observer-gain", help="Gain of the observer [1/s].")]
+Carried = Annotated[float, typer.Option("--payload", help="Mass at the tip that the robot does not include [kg].")]
+MeasuredRates = Annotated[
+    bool, typer.Option("--measured-rates", help="Take joint speeds from the recording, not from its positions.")
+]
+Arming = Annotated[float, typer.Option("--arming-delay", help="Nothing is judged so long after a motion begins [s].")]
+# Fields that are not called as their options are.
+_OPTIONS = {"begin": "from"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """The arm, the part of a recording, and the residual; each field is an option under its name.
+
+    Attributes:
+        model, robot, base, tip: as :func:`load_model` takes them.
+        columns, topic, max_bad: of the recording.
+        begin, until: the part that counts, from the recording's beginning [s].
+        residual, observer_gain, payload, measured_rates: of the detector.
+    """
+
+    model: str | None = None
+    robot: str | None = None
+    base: str | None = None
+    tip: str | None = None
+    columns: Path | None = None
+    topic: str | None = None
+    max_bad: float = 0.01
+    begin: float | None = None
+    until: float | None = None
+    residual: str = "direct"
+    observer_gain: float = 50.0
+    payload: float = 0.0
+    measured_rates: bool = False
+
+    @cached_property
+    def parts(self) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
+        """The model, if there is one, and the robot."""
+        return load_model(self.model, self.robot, self.base, self.tip)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the robot's joints."""
+        return [joint.name for joint in self.parts[1].joints]
+
+    @property
+    def settings(self) -> DetectorSettings:
+        """Of the detector whose residuals they are."""
+        from bumpstop.detection import DetectorSettings
+
+        return DetectorSettings(
+            residual=self.residual,  # type: ignore[arg-type]
+            observer_gain_1_s=self.observer_gain,
+            payload_kg=self.payload,
+            measured_rates=self.measured_rates,
+        )
+
+    def recording(self, path: Path) -> Recording:
+        """The part of a recording that counts."""
+        from bumpstop.cli.arm_recordings import part_of
+
+        return part_of(path, self.columns, self.parts[1], self.begin, self.until, self.topic, self.max_bad)
+
+    def refuse(self, what: str, but: tuple[str, ...] = ()) -> None:
+        """Refuse options that have no meaning with a file of another kind.
+
+        Args:
+            what: the file holds.
+            but: fields that do have a meaning.
+
+        Raises:
+            InputError: one of the other options was given.
+        """
+        for field in fields(self):
+            if field.name not in but and getattr(self, field.name) != field.default:
+                option = "--" + _OPTIONS.get(field.name, field.name).replace("_", "-")
+                raise InputError(option, f"has no meaning with {what}", "leave it out")
+
+
+def load_model(
+    model: str | None, robot: str | None, base: str | None, tip: str | None
+) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
+    """What ``--model`` and ``--robot`` name; the robot of the model where none is named.
+
+    Raises:
+        InputError: neither says which robot, or a file is neither kind of model.
+    """
+    from bumpstop.identification import load_fit
+    from bumpstop.joint import JointTorqueModel
+
+    named = None if robot is None else _robot(robot, base, tip)
+    if model is None:
+        if named is None:
+            raise InputError("--robot", "is missing", "give a robot, or a model that names one")
+        return None, named
+    if _is_dynamics(model):
+        fit = load_fit(model)
+        if named is not None and named.dof != fit.robot.dof:
+            raise InputError("--robot", f"{named.name} has {named.dof} joints, the model {fit.robot.dof}")
+        return fit, fit.robot
+    joints = JointTorqueModel.load(model)
+    return joints, named if named is not None else _robot(joints.robot, base, tip)
+
+
+def _is_dynamics(model: str) -> bool:
+    import tomllib
+
+    try:
+        return tomllib.loads(Path(model).read_text(encoding="utf-8")).get("kind") == "dynamics"
+    except (OSError, ValueError, RecursionError):
+        return False  # whoever reads it as a joint model says what is wrong
+
+
+def _robot(name: str, base: str | None, tip: str | None) -> Robot:
+    from bumpstop.model import Robot
+
+    return Robot.from_urdf(name, base, tip) if Path(name).suffix or "/" in name else Robot.load(name)
