@@ -1,16 +1,22 @@
 // Time of a full tick of the detector for seven joints of a general chain: guard, derivatives, friction map,
 // Newton-Euler, fast channel, thresholds. Every tick is timed by itself; the clock's own time is in it.
 //
-// What is rare at one tick in a thousand is mostly the machine's: interrupts, other programs on the core, caches that
-// they empty. Told apart from the tick by two means: a million ticks are measured five times, and between the ticks an
-// arithmetic of about their length that touches no memory is timed in the same way. It shows what interrupts and lost
-// cores cost, not emptied caches. Prints, of the direct residual, of the observer, and of the direct residual at uneven
-// times, whose derivatives want new weights at every tick [ns]: least median of the five, then least, middle and largest
-// 99.9 %, the worst of all, the mean without the clock, and median and middle 99.9 % of the arithmetic.
+// What is rare at one tick in a thousand is the machine's: interrupts, other programs on the core and beside it, caches
+// that they empty. Four means tell it from the tick. A million ticks are measured five times. Times are counted in a
+// histogram of a few cache lines, as a list of a million would empty caches itself. Between the ticks an arithmetic of
+// about their length that touches no memory, and nothing at all, are timed in the same way: they show what interrupts
+// and lost cores cost, but not emptied caches, and what the clock costs. And the first ticks are repeated: of every
+// tick the least of five is its own time, whatever the machine did meanwhile.
+//
+// Prints, of the direct residual, of the observer, and of the direct residual at uneven times, whose derivatives want
+// new weights at every tick [ns]: least median of the five, then least, middle and largest 99.9 %, the worst of all, the
+// mean without the clock, median and middle 99.9 % of the arithmetic and of nothing, and of the ticks' own times the
+// 99.9 % and the largest.
 #include "bumpstop/detection/detector.hpp"
 
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <cstdio>
 #include <memory>
 #include <vector>
@@ -66,20 +72,34 @@ static void fill(DetectorSample& sample, long tick, bool uneven) {
     }
 }
 
-constexpr long ticks = 1'000'000;
+constexpr long ticks = 1'000'000, own_ticks = 100'000;
 constexpr int repeats = 5;
-constexpr int figures = 8;
+constexpr int figures = 12;
 
-struct Spread {
-    double middle, rare, worst;
+// Counts of times, in nanoseconds.
+class Histogram {
+  public:
+    void add(double time) noexcept {
+        ++count_[std::size_t(std::min(time, double(last)))];
+        worst_ = std::max(worst_, time);
+    }
+    // The time that a share of all is not below; beyond the last one counted, the worst.
+    double upper(double share) const noexcept {
+        long above = 0, all = 0;
+        for (const std::uint32_t count : count_) all += count;
+        for (int time = last; time >= 0; --time)
+            if ((above += count_[std::size_t(time)]) > share * double(all)) return time == last ? worst_ : time;
+        return 0;
+    }
+    double worst() const noexcept { return worst_; }
+
+  private:
+    static constexpr int last = 1 << 16;
+    std::vector<std::uint32_t> count_ = std::vector<std::uint32_t>(last + 1);
+    double worst_ = 0;
 };
 
-static Spread spread_of(std::vector<double>& took) {
-    std::sort(took.begin(), took.end());
-    return {took[ticks / 2], took[ticks - ticks / 1000], took[ticks - 1]};
-}
-
-// Some 290 ns of additions and multiplications that wait for each other.
+// Some 250 ns of additions and multiplications that wait for each other.
 static double arithmetic(double x) {
     for (int i = 0; i < 190; ++i) x = x * 0.999 + 1e-3;
     return x;
@@ -87,59 +107,107 @@ static double arithmetic(double x) {
 
 static double since(Clock::time_point begin) { return double(std::chrono::nanoseconds(Clock::now() - begin).count()); }
 
-static void measure(ResidualKind residual, bool uneven, double* out) {
-    std::vector<double> tick(ticks), plain(ticks);
-    std::array<double, repeats> middle, rare, plain_middle, plain_rare;
-    double worst = 0, sink = 0, x = 0.5;
-    volatile double kept = 0;
-    const auto detector = std::make_unique<Detector>(seven_joints(residual));
+// What all that is measured flows into, so that none of it is left out.
+static volatile double kept = 0;
+
+struct Times {
+    Histogram tick, plain, clock;
+};
+
+static Times spread(Detector& detector, bool uneven) {
+    Times times;
     DetectorSample sample;
-    for (int repeat = 0; repeat < repeats; ++repeat) {
-        detector->reset();
-        for (long i = -1000; i < ticks; ++i) {
-            fill(sample, i, uneven);
-            auto begin = Clock::now();
-            const DetectorOutput& state = detector->update(sample);
-            const double of_tick = since(begin);
-            sink += state.residual[0];
-            begin = Clock::now();
-            x = arithmetic(x);
-            kept = x;
-            const double of_plain = since(begin);
-            if (i < 0) continue;
-            tick[std::size_t(i)] = of_tick;
-            plain[std::size_t(i)] = of_plain;
-        }
-        const Spread ours = spread_of(tick), theirs = spread_of(plain);
-        const auto at = std::size_t(repeat);
-        middle[at] = ours.middle;
-        rare[at] = ours.rare;
-        worst = std::max(worst, ours.worst);
-        plain_middle[at] = theirs.middle;
-        plain_rare[at] = theirs.rare;
+    double sink = 0, x = 0.5;
+    detector.reset();
+    for (long i = -1000; i < ticks; ++i) {
+        fill(sample, i, uneven);
+        auto begin = Clock::now();
+        sink += detector.update(sample).residual[0];
+        const double of_tick = since(begin);
+        begin = Clock::now();
+        kept = x = arithmetic(x);
+        const double of_plain = since(begin);
+        begin = Clock::now();
+        const double of_clock = since(begin);
+        if (i < 0) continue;
+        times.tick.add(of_tick);
+        times.plain.add(of_plain);
+        times.clock.add(of_clock);
     }
-    for (auto* one : {&middle, &rare, &plain_middle, &plain_rare}) std::sort(one->begin(), one->end());
+    kept = sink;
+    return times;
+}
+
+// Of every tick the least time of several repetitions.
+static Histogram own_times(Detector& detector, bool uneven) {
+    std::vector<double> least(own_ticks, 1e300);
+    DetectorSample sample;
+    double sink = 0;
+    for (int repeat = 0; repeat < repeats; ++repeat) {
+        detector.reset();
+        for (long i = -1000; i < own_ticks; ++i) {
+            fill(sample, i, uneven);
+            const auto begin = Clock::now();
+            sink += detector.update(sample).residual[0];
+            const double took = since(begin);
+            if (i >= 0) least[std::size_t(i)] = std::min(least[std::size_t(i)], took);
+        }
+    }
+    kept = sink;
+    Histogram own;
+    for (const double time : least) own.add(time);
+    return own;
+}
+
+// The least mean of a few ticks without a look at the clock between them.
+static double without_clock(Detector& detector, bool uneven) {
     std::array<DetectorSample, 64> samples;
-    double best = 1e300;
+    double best = 1e300, sink = 0;
     for (int repeat = 0; repeat < 2000; ++repeat) {
         for (int k = 0; k < 64; ++k) fill(samples[std::size_t(k)], ticks + 64 * repeat + k, uneven);
         const auto begin = Clock::now();
-        for (const DetectorSample& one : samples) sink += detector->update(one).residual[0];
+        for (const DetectorSample& one : samples) sink += detector.update(one).residual[0];
         best = std::min(best, since(begin) / 64);
     }
     kept = sink;
-    (void)kept;
-    const double all[figures] = {middle[0], rare[0], rare[repeats / 2], rare[repeats - 1],
-                                 worst,     best,    plain_middle[0],   plain_rare[repeats / 2]};
-    std::copy(all, all + figures, out);
+    return best;
+}
+
+static void measure(ResidualKind residual, bool uneven) {
+    const auto detector = std::make_unique<Detector>(seven_joints(residual));
+    constexpr double rare = 1e-3;
+    std::array<std::array<double, repeats>, 6> found;
+    double worst = 0;
+    for (std::size_t repeat = 0; repeat < repeats; ++repeat) {
+        const Times times = spread(*detector, uneven);
+        std::size_t at = 0;
+        for (const Histogram* one : {&times.tick, &times.plain, &times.clock}) {
+            found[at++][repeat] = one->upper(0.5);
+            found[at++][repeat] = one->upper(rare);
+        }
+        worst = std::max(worst, times.tick.worst());
+    }
+    for (auto& one : found) std::sort(one.begin(), one.end());
+    const Histogram own = own_times(*detector, uneven);
+    constexpr int middle = repeats / 2;
+    const double all[figures] = {found[0][0],
+                                 found[1][0],
+                                 found[1][middle],
+                                 found[1].back(),
+                                 worst,
+                                 without_clock(*detector, uneven),
+                                 found[2][middle],
+                                 found[3][middle],
+                                 found[4][middle],
+                                 found[5][middle],
+                                 own.upper(rare),
+                                 own.worst()};
+    for (const double time : all) std::printf("%.1f ", time);
 }
 
 int main() {
-    double out[3][figures];
-    measure(ResidualKind::direct, false, out[0]);
-    measure(ResidualKind::observer, false, out[1]);
-    measure(ResidualKind::direct, true, out[2]);
-    for (const auto& row : out)
-        for (const double time : row) std::printf("%.1f ", time);
+    measure(ResidualKind::direct, false);
+    measure(ResidualKind::observer, false);
+    measure(ResidualKind::direct, true);
     std::printf("\n");
 }
