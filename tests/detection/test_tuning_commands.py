@@ -117,9 +117,17 @@ def test_score_of_residuals(noise: Path, tmp_path: Path) -> None:
     assert detected == sorted(detected, reverse=True)
     rates = {row["factor"]: row["false_alarms_per_hour"] for row in found["roc"]}
     assert rates[0.5] > rates[4.0] == 0
-    assert {path.name for path in out.iterdir()} == {"report.html", "delay.svg", "delay.png", "roc.svg", "roc.png"}
+    drawn = {f"{name}.{ending}" for name in ("delay", "roc", "factors") for ending in ("svg", "png")}
+    assert {path.name for path in out.iterdir()} == {"report.html"} | drawn
     assert "mathdefault" not in (out / "report.html").read_text()
     assert "detected 2 of 3" in run("score", touched, "--labels", labels, "--thresholds", limits).out
+    # Without contacts there is nothing but alarms to show.
+    labels.write_text("start_s,end_s\n")
+    bare = tmp_path / "bare"
+    done = run("score", touched, "--labels", labels, "--thresholds", limits, "--json", "--out", bare)
+    assert strict_json(done.out)["false_alarms"] == found["false_alarms"] + 2
+    assert {path.name for path in bare.iterdir()} == {"report.html", "factors.svg", "factors.png"}
+    assert "missed" not in (bare / "report.html").read_text().split("Other thresholds")[-1]
 
 
 @pytest.fixture(scope="module")

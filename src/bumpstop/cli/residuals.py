@@ -34,7 +34,7 @@ def load_series(path: Path, origin: Origin) -> tuple[ResidualSeries, list[str]]:
     log = origin.recording(path)
     record = residual_record(log, arm, model, settings=origin.settings)
     assert record.t is not None
-    notes = [note for note in record.notes if "resampled" not in note]
+    notes = [note for note in record.notes if "blocks of" not in note]
     return ResidualSeries(record.t, record.rows, str(path)), [*dropped(log, path), *notes]
 
 

@@ -148,7 +148,7 @@ def _print(tuning: Tuning, points: list[TradePoint], names: list[str]) -> None:
     console = Console(highlight=False, markup=False)
     low, high = tuning.per_hour_interval()
     percent = f"{100 * tuning.confidence:g} %"
-    console.print(f"{tuning.target:g} false alarms an hour; {percent} interval {low:.3g} to {high:.3g}")
+    console.print(f"{tuning.target:.4g} false alarms an hour; {percent} interval {low:.3g} to {high:.3g}")
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "threshold", f"{percent} interval"):
         table.add_column(heading, justify="left" if heading == "joint" and names else "right")
@@ -171,7 +171,7 @@ def _trade_table(points: list[TradePoint]) -> Any:
         table.add_column(heading, justify="left" if heading == "scenario" else "right")
     words = {True: "yes", False: "no", None: "-"}
     for point in points:
-        rate = f"{point.per_hour:g}" + (" *" if point.extrapolated else "")
+        rate = f"{point.per_hour:.4g}" + (" *" if point.extrapolated else "")
         for name, forces in point.forces.items():
             cells = ("-" if forces[k] is None else f"{forces[k]:.4g}" for k in ("p50", "p95", "p999", "anywhere"))
             table.add_row(rate, Path(name).stem, *cells, words[forces["acceptable"]])

@@ -15,6 +15,7 @@ from bumpstop.report.section import Part
 from bumpstop.report.words import number
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from bumpstop.detection import Roc, Score
@@ -95,7 +96,7 @@ class RocPart(Part):
         """One row for each factor."""
         roc = self.roc
         rows = [
-            (f"{factor:.4g}", f"{detected} of {roc.labels}", number(rate), _delay(delay))
+            (f"{factor:.4g}", f"{detected} of {roc.labels}", number(rate), _delay(delay) if roc.labels else "-")
             for factor, detected, rate, delay in zip(
                 roc.factor, roc.detected, roc.false_alarms_per_hour, roc.median_delay_s, strict=True
             )
@@ -104,30 +105,77 @@ class RocPart(Part):
         return [table(headings, rows, caption="All thresholds times a factor", numbers=True)]
 
     def pictures(self) -> list[Picture]:
-        """Detections, false alarms and delay against the factor."""
+        """Detections against false alarms; then both, and the delay, against the factor."""
         roc = self.roc
 
-        def draw(figure: Figure) -> None:
+        def draw_roc(figure: Figure) -> None:
+            plot = axes(figure)
+            # From the largest thresholds on, as a person reads a curve from left to right.
+            rates, share = roc.false_alarms_per_hour[::-1], roc.detected[::-1] / roc.labels
+            plot.plot(rates, share, color=LAW, marker="o", markersize=3, clip_on=False)
+            for factor in (0.5, 1.0, 2.0):
+                here = np.flatnonzero(np.abs(roc.factor - factor) < 1e-9)
+                for k in here:
+                    at = (roc.false_alarms_per_hour[k], roc.detected[k] / roc.labels)
+                    plot.plot(*at, "D", color=EVENT, markersize=6, clip_on=False)
+                    plot.annotate(
+                        f"x {factor:g}", at, (7, 0), textcoords="offset points", ha="left", va="center", fontsize=8
+                    )
+            plot.set_xscale("symlog", linthresh=max(1.0, _least(rates)))
+            plain_ticks(plot.xaxis)
+            plot.set_xlim(left=0)
+            plot.set_ylim(-0.05, 1.1)
+            plot.set_xlabel("false alarms an hour")
+            plot.set_ylabel("share of contacts detected")
+            plot.set_title("Detections against false alarms")
+
+        def draw_factors(figure: Figure) -> None:
             upper, middle, lower = stack(figure, [1.0, 1.0, 1.0], left=0.8)
-            upper.plot(roc.factor, roc.detected / max(1, roc.labels), color=LAW, marker="o", markersize=3)
+            upper.plot(roc.factor, roc.detected / roc.labels, color=LAW, marker="o", markersize=3)
             upper.set_ylim(-0.05, 1.05)
             upper.set_ylabel("detected")
-            middle.plot(roc.factor, roc.false_alarms_per_hour, color=LIMIT, marker="s", markersize=3)
-            middle.set_yscale("symlog", linthresh=max(1.0, _least(roc.false_alarms_per_hour)))
-            plain_ticks(middle.yaxis)
-            middle.set_ylim(bottom=0)
-            middle.set_ylabel("false / h")
+            self._draw_alarms(middle)
             lower.plot(roc.factor, 1e3 * roc.median_delay_s, color=INK, marker="^", markersize=3)
             lower.set_ylabel("delay, ms")
-            lower.set_xscale("log")
-            plain_ticks(lower.xaxis, [0.25, 0.5, 1, 2, 4])
-            lower.set_xlabel("factor on the thresholds")
+            _mark_factors(lower)
             for panel in (upper, middle, lower):
                 panel.axvline(1, color=EVENT, linewidth=0.8)
             upper.set_title("What a factor on all thresholds does")
 
+        def draw_alarms(figure: Figure) -> None:
+            plot = axes(figure, left=0.8)
+            self._draw_alarms(plot)
+            _mark_factors(plot)
+            plot.axvline(1, color=EVENT, linewidth=0.8)
+            plot.set_title("What a factor on all thresholds does")
+
+        caption = "Vertical line: the thresholds as they are."
+        if not roc.labels:
+            return [Picture("factors", "False alarms an hour against a factor on all thresholds", caption, draw_alarms)]
         alt = "Share detected, false alarms an hour and median delay against a factor on all thresholds"
-        return [Picture("roc", alt, "Vertical line: the thresholds as they are.", draw, 4.6)]
+        return [
+            Picture(
+                "roc",
+                "Share of contacts detected against false alarms an hour, for factors on all thresholds",
+                "One point for each factor of the table; x 1 are the thresholds as they are.",
+                draw_roc,
+            ),
+            Picture("factors", alt, caption, draw_factors, 4.6),
+        ]
+
+    def _draw_alarms(self, panel: Axes) -> None:
+        rates = self.roc.false_alarms_per_hour
+        panel.plot(self.roc.factor, rates, color=LIMIT, marker="s", markersize=3)
+        panel.set_yscale("symlog", linthresh=max(1.0, _least(rates)))
+        plain_ticks(panel.yaxis)
+        panel.set_ylim(bottom=0)
+        panel.set_ylabel("false / h")
+
+
+def _mark_factors(panel: Axes) -> None:
+    panel.set_xscale("log")
+    plain_ticks(panel.xaxis, [0.25, 0.5, 1, 2, 4])
+    panel.set_xlabel("factor on the thresholds")
 
 
 def _least(values: np.ndarray) -> float:

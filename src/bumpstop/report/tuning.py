@@ -36,7 +36,7 @@ def write_tuning(tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path, 
     parts: list[Part] = [TailPart(tuning, joints)]
     if any(point["scenarios"] for point in trade):
         parts.append(TradePart(trade, tuning.target))
-    title = f"Thresholds for {tuning.target:g} false alarms an hour"
+    title = f"Thresholds for {number(tuning.target)} false alarms an hour"
     return write_document(Document(title, "bumpstop tuning", "tuning", parts), folder)
 
 
@@ -64,8 +64,8 @@ class TailPart(Part):
         percent = f"{100 * tuning.confidence:g} %"
         return [
             paragraph(
-                f"These thresholds stand for {tuning.target:g} false alarms an hour; with {percent} confidence the "
-                f"rate lies between {low:.3g} and {high:.3g}."
+                f"These thresholds stand for {number(tuning.target)} false alarms an hour; with {percent} confidence "
+                f"the rate lies between {low:.3g} and {high:.3g}."
             ),
             table(["", "threshold, Nm", f"{percent} interval"], rows, caption="Thresholds", numbers=True),
             bullets(tuning.notes),
@@ -101,8 +101,8 @@ class TailPart(Part):
         alt = "False alarms an hour falling with a common factor on all thresholds, with interval and recorded peaks"
         caption = (
             f"Shaded: {100 * tuning.confidence:g} % interval. Dots: independent peaks of the recording, each at the "
-            "rate at which it was reached or passed. Hatched: more than 100 times beyond what was recorded."
-        )
+            "rate at which it was reached or passed."
+        ) + (f" Hatched: more than {FARTHEST} times beyond what was recorded." if far > rates[0] else "")
         return [Picture("alarm_rate", alt, caption, draw)]
 
 
@@ -121,7 +121,7 @@ class TradePart(Part):
         words = {True: "yes", False: "no", None: "no limits"}
         rows = [
             (
-                f"{point['per_hour']:g}" + (" (extrapolated)" if point["extrapolated_too_far"] else ""),
+                number(point["per_hour"]) + (" (extrapolated)" if point["extrapolated_too_far"] else ""),
                 Path(name).stem,
                 *(number(math.inf if forces[key] is None else forces[key]) for key in keys),
                 words[forces["acceptable"]],
