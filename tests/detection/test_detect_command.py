@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bumpstop.cli.main import main
+from bumpstop.detection import DetectorSettings, detect
+from bumpstop.identification import load_fit
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording
 
@@ -137,6 +140,18 @@ def test_real_arms_by_their_fitted_dynamics(
             capsys, "detect", *path_and_names, "--model", model, "--thresholds", limits, "--from", split, "--json"
         )
         assert (json.loads(text)["events"] != []) == alarms
+    # Gains that the recordings of the fit did not show: such a joint is watched, but says nothing of forces.
+    fit = load_fit(model)
+    errors = np.where(np.arange(log.dof) == 1, np.inf, 0.0)
+    unscaled = replace(fit, gains=np.ones(log.dof), gain_errors=errors)
+    currents = replace(log, current=log.tau, tau=None)
+    found = detect(currents, fit.robot, unscaled, 0.5 * largest)
+    plain = detect(log, fit.robot, fit, 0.5 * largest)
+    assert f"{fit.robot.joints[1].name}: of unknown gain" in " ".join(found.notes)
+    assert [event.t for event in found.events] == [event.t for event in plain.events]
+    settings = DetectorSettings(noise_sd=tuple(np.where(np.isinf(errors), np.inf, largest / 6)))
+    wanted = detect(log, fit.robot, fit, 0.5 * largest, settings)
+    assert [event.force_along for event in found.events] == [event.force_along for event in wanted.events]
     for options, what in (
         (("--residual", "observer"), "'observer'"),
         (("--payload", 1), "payload_kg"),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import bumpstop as bs
 from bumpstop.arrays import FloatArray
-from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record
+from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record, unknown_joints
 from bumpstop.detection.events import FAULTS
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot, inverse_dynamics
@@ -275,6 +275,36 @@ def test_friction_hides_contacts_at_standstill() -> None:
     assert moving_N == pytest.approx(np.min(np.array([20, 10, 20, 20, 20, 20]) / lever[:6].clip(1e-12)))
     assert resting_N == pytest.approx(np.min((np.array([20, 10, 20, 20, 20, 20]) + zone[:6]) / lever[:6].clip(1e-12)))
     assert any("At standstill friction may hide" in note for note in detector.notes)
+
+
+def gainless(model: JointTorqueModel, number: int) -> JointTorqueModel:
+    """The model, but the recordings did not show how much torque a current of this joint is."""
+    joints = list(model.joints)
+    drive = joints[number]
+    known = {name: value for name, value in drive.parameters.items() if name not in ("A", "B")}
+    joints[number] = replace(drive, map="linear", parameters={"B": None, **known}, current_range=None)
+    return replace(model, joints=tuple(joints))
+
+
+def test_a_joint_of_unknown_gain_is_not_watched_and_blinds_nothing() -> None:
+    """As if the model had not the joint at all: the others are watched as ever."""
+    whole, t = JointTorqueModel.load("sia5d"), DT * np.arange(300)
+    phase = t[:, None] + np.arange(7)
+    log = Recording(t=t, q=0.3 * np.sin(phase), current=np.random.default_rng(2).normal(0, 9, (300, 7)))
+    limits = np.array([20.0, 10, 20, math.inf, 20, 20, math.inf])
+    model = gainless(whole, 3)
+    detector = Detector(SIA5D, model, limits)
+    run, wanted = detector.run(log), Detector(SIA5D, whole, limits).run(log)
+    others = [0, 1, 2, 4, 5, 6]
+    assert not run.blind[10:].any()
+    np.testing.assert_array_equal(run.residual[:, others], wanted.residual[:, others])
+    assert not run.residual[10:, 3].any()
+    assert unknown_joints(SIA5D, model) == [3, 6]
+    assert "joint_u: the joint model does not know its gain B, not watched." in detector.notes
+    assert "joint_t: without a joint model, not watched." in detector.notes
+    assert np.isfinite(detector.dead_zone).all()
+    with pytest.raises(bs.InputError, match="does not know the gain B of joint 'joint_u', which is watched"):
+        Detector(SIA5D, model, [20.0, 10, 20, 20, 20, 20, math.inf])
 
 
 def test_a_declared_payload_is_no_contact_and_an_undeclared_one_is_recognised() -> None:

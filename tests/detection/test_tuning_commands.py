@@ -172,6 +172,19 @@ def test_tune_on_the_first_part_and_score_the_rest(kind: str, loop: tuple[Path, 
         assert all(a < 0.7 * b for a, b in zip(slow, Thresholds.load(saved).constant, strict=True))
 
 
+def test_joints_that_a_model_cannot_tell_are_not_watched(tmp_path: Path) -> None:
+    """The built-in model of the SIA5D has no seventh joint."""
+    t = 0.004 * np.arange(3000)
+    q = 0.2 + 0.02 * t[:, None] * np.ones(7)
+    Recording(t=t, q=q, current=np.random.default_rng(2).normal(0, 9, q.shape)).save(tmp_path / "log.parquet")
+    done = run("tune", tmp_path / "log.parquet", "--model", "sia5d", "--per-hour", 600, "--json")
+    assert done.status == 0, done.err
+    found = strict_json(done.out)
+    assert [value is None for value in found["thresholds_Nm"]] == [False] * 6 + [True]
+    assert "joint_t: without a joint model, not watched." in found["notes"]
+    assert "Not watched: joint 7." in found["notes"]
+
+
 def test_a_part_of_residuals(noise: Path, tmp_path: Path) -> None:
     """Times count from the first row; both ends belong to the part."""
     series = ResidualSeries.load(noise)

@@ -22,8 +22,8 @@ class MatchedDrives:
     Attributes:
         robot: the arm.
         model: of currents; None: recordings have joint torque, and no drive is known.
-        joints: (dof,) of the model, None where it has none for a joint of the robot.
-        unknown: numbers from 0 of joints that the model has not; none without a model.
+        joints: (dof,) of the model, None where it has none for a joint of the robot, or none with a gain.
+        unknown: numbers from 0 of these joints; none without a model.
     """
 
     def __init__(self, robot: Robot, model: JointTorqueModel | None, watched: Sequence[bool]) -> None:
@@ -35,7 +35,8 @@ class MatchedDrives:
             watched: (dof,) joints with a threshold.
 
         Raises:
-            InputError: a joint of the model that the robot has not, or a watched joint that the model has not.
+            InputError: a joint of the model that the robot has not, or a watched joint that the model has not, or has
+                without a gain.
         """
         self.robot = robot
         self.model = model
@@ -46,14 +47,19 @@ class MatchedDrives:
                 raise InputError(
                     "model", f"is for a joint {name!r}, which {robot.name} has not", near_matches(name, own)
                 )
-        self.joints: list[JointParameters | None] = [known.get(name) for name in own]
         kernels = {} if model is None else dict(zip(known, model.kernel, strict=True))
+        # Recordings need not show how much torque a current is: then none can be told, as without a model.
+        self._gainless = {name for name, joint in known.items() if joint.parameters["B"] is None}
+        known = {name: joint for name, joint in known.items() if name not in self._gainless}
+        kernels = {name: kernels[name] for name in known}
+        self.joints: list[JointParameters | None] = [known.get(name) for name in own]
         self._kernels = [kernels.get(name) for name in own]
         self.unknown = [] if model is None else [j for j, joint in enumerate(self.joints) if joint is None]
         for j in self.unknown:
             if watched[j]:
+                lacks = "does not know the gain B of" if own[j] in self._gainless else "has no"
                 raise InputError(
-                    "model", f"has no joint {own[j]!r}, which is watched", "threshold inf leaves a joint unwatched"
+                    "model", f"{lacks} joint {own[j]!r}, which is watched", "threshold inf leaves a joint unwatched"
                 )
 
     def links(self) -> list[tuple[Any, float]]:
@@ -84,9 +90,13 @@ class MatchedDrives:
     def notes(self) -> list[str]:
         """Joints without a drive, and rotors that both robot and model have."""
         notes = []
-        if self.unknown:
-            names = ", ".join(self.robot.joints[j].name for j in self.unknown)
-            notes.append(f"{names}: without a joint model, not watched.")
+        names = [self.robot.joints[j].name for j in self.unknown]
+        for words, of_them in (
+            ("without a joint model", [name for name in names if name not in self._gainless]),
+            ("the joint model does not know its gain B", [name for name in names if name in self._gainless]),
+        ):
+            if of_them:
+                notes.append(f"{', '.join(of_them)}: {words}, not watched.")
         twice = [
             joint.name
             for joint, drive in zip(self.robot.joints, self.joints, strict=True)

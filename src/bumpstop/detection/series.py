@@ -67,6 +67,11 @@ def detect(
         raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
     motion, residual = model.residual(recording)
     detector = Detector(_with_some_inertia(robot), None, law, given)
+    unscaled = np.zeros(robot.dof, dtype=bool) if model.gain_errors is None else np.isinf(model.gain_errors)
+    if unscaled.any():
+        # What is no torque in Nm says nothing of a force.
+        noise = np.where(unscaled, np.inf, detector.noise_sd)
+        detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
     decision = core.DecisionSettings()
     detector.fill_decision(decision)
     fast, threshold, state, unseen, rows, over, over_fast = core.judge(
@@ -87,7 +92,10 @@ def detect(
     blind = _in_gaps(motion.t, recording)
     state[blind] = STATES.index("blind")
     nothing = np.zeros(motion.t.size, dtype=bool)
-    note = "Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."
+    notes = ["Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."]
+    if unscaled.any():
+        names = ", ".join(robot.joints[j].name for j in np.flatnonzero(unscaled))
+        notes.append(f"{names}: of unknown gain: residuals and thresholds are no Nm, and forces do not count them.")
     return DetectionRun(
         t=motion.t,
         residual=residual,
@@ -100,7 +108,7 @@ def detect(
         unseen=unseen != 0,
         payload_changed=nothing,
         events=events,
-        notes=(note, *detector.notes),
+        notes=(*notes, *detector.notes),
     )
 
 
