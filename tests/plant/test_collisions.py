@@ -177,8 +177,11 @@ def test_refusals(changes: dict[str, object]) -> None:
         CollisionExperiment(**({"name": "glass"} | changes))  # type: ignore[arg-type]
 
 
-def test_refused_runs_and_speeds() -> None:
+def test_refused_runs_and_speeds(capsys: pytest.CaptureFixture[str]) -> None:
     made = CollisionExperiment(name="glass")
+    with pytest.raises(SystemExit):
+        main(["experiment", "glass", "--runs", "1", "--speeds", "25,0.5"])
+    assert "--speeds: has 0.5; wanted 1 to 250 mm/s" in capsys.readouterr().err
     with pytest.raises(InputError, match="runs"):
         CollisionTable.measure(made, runs=0)
     with pytest.raises(InputError, match="speed"):

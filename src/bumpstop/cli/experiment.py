@@ -78,9 +78,15 @@ def _number(value: float | None) -> str:
 
 
 def _speeds(text: str | None) -> list[float]:
+    from bumpstop.plant.collisions import FASTEST, SLOWEST
+
     if text is None:
         return []
     try:
-        return [float(part) for part in text.split(",")]
+        speeds = [float(part) for part in text.split(",")]
     except ValueError:
         raise InputError("--speeds", f"is {text!r}", "wanted numbers like 25,50") from None
+    for speed in speeds:
+        if not SLOWEST <= speed / 1e3 <= FASTEST:
+            raise InputError("--speeds", f"has {speed:g}", f"wanted {1e3 * SLOWEST:g} to {1e3 * FASTEST:g} mm/s")
+    return speeds

@@ -42,6 +42,8 @@ ROTORS = (1.0, 1.0, 0.5, 0.35, 0.15, 0.15, 0.05)
 SENSORS = Sensors(rate_hz=250.0, position_step=1e-6)
 PERIOD_S = 0.004
 ARMING_S = 0.5
+# Speeds of the hand [m/s].
+SLOWEST, FASTEST = 1e-3, 0.25
 # Free way before contact: the motion is judged from ARMING_S on.
 _FREE_S = 0.6
 _FREE_M = 0.005
@@ -337,8 +339,8 @@ class CollisionExperiment:
         Raises:
             InputError: the speed cannot be used, mujoco is not installed.
         """
-        if not 1e-3 <= as_number(speed, "speed") <= 0.25:
-            raise InputError("speed", f"is {speed:g} m/s", "wanted 0.001 to 0.25")
+        if not SLOWEST <= as_number(speed, "speed") <= FASTEST:
+            raise InputError("speed", f"is {speed:g} m/s", f"wanted {SLOWEST:g} to {FASTEST:g}")
         rng = np.random.default_rng([6, seed])
         offset = float(rng.random()) * speed * PERIOD_S * float(np.linalg.norm(self._slide))
         plant = self._plant(seed, [self.object(offset)])
