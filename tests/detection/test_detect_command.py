@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bumpstop.cli.main import main
-from bumpstop.detection import DetectorSettings, detect
+from bumpstop.detection import DetectorSettings, blind_forces, detect
 from bumpstop.identification import load_fit
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording
@@ -60,13 +60,30 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
     }
 
 
+def test_poses_in_which_much_goes_unnoticed(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ("detect", pushed, "--robot", "ur5e", "--thresholds", "20,20,20,20,20,inf", "--blind-force")
+    log = Recording.load(pushed)
+    largest = blind_forces(Robot.load("ur5e"), log.q, [20, 20, 20, 20, 20, np.inf]).largest
+    _, text, _ = run(capsys, *given, 0.9 * largest.min(), "--json")
+    (stretch,) = json.loads(text)["blind_poses"]
+    assert stretch == {"start_s": 0.0, "end_s": pytest.approx(1.596), "largest_N": pytest.approx(largest.max())}
+    _, text, _ = run(capsys, *given, 0.9 * largest.min())
+    assert f"from 0.0000 to 1.5960 s up to {largest.max():.4g} N could go unnoticed" in text
+    _, text, _ = run(capsys, *given, 1.1 * largest.max())
+    assert "at no time could more than" in text
+    status, _, err = run(capsys, *given, 0)
+    assert (status, err.startswith("error: --blind-force: is 0")) == (2, True)
+
+
 def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """30 Nm at joint 2 alone: what the columns of the Jacobian there make of it by weighted least squares."""
     robot, at = Robot.load("ur5e"), (0.1, 0.0, 0.0)
     link = robot.joints[2].link
     options = ("--thresholds", "20,20,20,20,20,20", "--direction", "0,3,-4", "--link", link, "--point-m", "0.1,0,0")
     _, text, _ = run(capsys, "detect", pushed, "--robot", "ur5e", *options, "--json")
-    (event,) = json.loads(text)["events"]
+    found = json.loads(text)
+    (event,) = found["events"]
+    assert found["blind_poses"] is None
     lever = robot.jacobian(np.full(6, 0.2 + 0.3 * 0.8), link, at)[:3].T @ [0, 0.6, -0.8]
     # All noise alike, a third of the threshold: plain least squares over the joints before the link.
     assert event["force_N"] == pytest.approx(30 * lever[1] / (lever @ lever), rel=1e-6)

@@ -12,6 +12,7 @@ import bumpstop as bs
 from bumpstop.detection import (
     blind_force_along,
     blind_forces,
+    blind_stretches,
     largest_undetected_force,
     largest_undetected_torque,
     required_torque,
@@ -164,3 +165,33 @@ def test_refusals(given: dict[str, object], message: str) -> None:
     arguments: dict[str, object] = {"q": [0.0] * 6, "thresholds": 10.0} | given
     with pytest.raises(bs.InputError, match=message):
         blind_forces(Robot.load("ur5e"), **arguments)  # type: ignore[arg-type]
+
+
+def test_stretches_of_a_motion_in_which_much_goes_unnoticed() -> None:
+    """The elbow is stretched out twice; a stretch ends only 5 % below the limit, as BlindPoseWatch's warnings do."""
+    robot, t = Robot.load("ur5e"), np.linspace(0, 2, 801)
+    q = np.radians([0, -60, 0, -80, 50, 0]) + np.outer(np.cos(2 * np.pi * t), [0, 0, 1.5, 0, 0, 0])
+    limits = np.array([20.0, 20, 20, 9, 9, 9])
+    largest = blind_forces(robot, q, limits).largest
+    limit = 1.3 * float(np.median(largest))
+    found = blind_stretches(robot, t, q, limits, limit)
+    inside = np.zeros(t.size, dtype=bool)
+    for one in found:
+        rows = (t >= one.start_s) & (t <= one.end_s)
+        inside |= rows
+        assert largest[rows][0] > limit
+        assert one.largest_N == largest[rows].max()
+        assert (largest[rows] > 0.95 * limit).all()
+    assert inside[largest > limit].all()
+    assert len(found) > 1
+    # What the hysteresis adds is there, and lies only between both limits.
+    added = inside & ~(largest > limit)
+    assert added.any()
+    assert (largest[added] > 0.95 * limit).all()
+    assert blind_stretches(robot, t, q, limits, 2 * float(largest.max())) == ()
+    # A joint less, and a direction is not felt at all: any force goes unnoticed, from the first row to the last.
+    nothing = np.array([20.0, 20, *[np.inf] * 4])
+    (whole,) = blind_stretches(robot, t, q, nothing, 1e9)
+    assert (whole.start_s, whole.end_s, whole.to_json()["largest_N"]) == (t[0], t[-1], None)
+    with pytest.raises(bs.InputError, match="limit_N: is 0"):
+        blind_stretches(robot, t, q, limits, 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -61,6 +62,10 @@ def detect(
     ] = "0,0,-1",
     link: Annotated[str | None, typer.Option(help="Link the force is given at.", show_default="the tip")] = None,
     point_m: Annotated[str, typer.Option("--point-m", metavar="LIST", help="Where, in that link's frame.")] = "0,0,0",
+    blind_force: Annotated[
+        float | None,
+        typer.Option("--blind-force", help="Tell poses where more than this could go unnoticed [N]."),
+    ] = None,
     rearm: Annotated[float, typer.Option(help="An alarm ends once all was quiet for so long [s].")] = 0.5,
     base: Base = None,
     tip: Tip = None,
@@ -69,7 +74,7 @@ def detect(
 ) -> None:
     """Run a collision detector over a recording: alarms, and when it was blind."""
     from bumpstop.cli.sensitivity import three, unit
-    from bumpstop.detection import Thresholds
+    from bumpstop.detection import Thresholds, blind_stretches
     from bumpstop.detection import detect as run_detector
 
     origin = Origin(
@@ -99,13 +104,30 @@ def detect(
     )
     log = origin.recording(recording)
     run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
-    text = json.dumps(run.to_json() | {"rows_dropped": log.report.rows_dropped}, allow_nan=False, indent=2)
+    stretches = None
+    if blind_force is not None:
+        if not 0 < blind_force < math.inf:
+            raise InputError("--blind-force", f"is {blind_force}", "wanted more than zero")
+        stretches = blind_stretches(arm, log.t, log.q, law.constant, blind_force, link=link, point=settings.point)
+    more = {
+        "rows_dropped": log.report.rows_dropped,
+        "blind_poses": None if stretches is None else [one.to_json() for one in stretches],
+    }
+    text = json.dumps(run.to_json() | more, allow_nan=False, indent=2)
     if out is not None:
         _write(run, arm, text, out)
     if as_json:
         typer.echo(text)
         return
     _print(run, arm, settings)
+    for one in stretches or ():
+        typer.echo(
+            f"from {one.start_s:.4f} to {one.end_s:.4f} s up to {one.largest_N:.4g} N could go unnoticed"
+            if math.isfinite(one.largest_N)
+            else f"from {one.start_s:.4f} to {one.end_s:.4f} s any force could go unnoticed in some direction"
+        )
+    if stretches == ():
+        typer.echo(f"at no time could more than {blind_force:g} N go unnoticed")
     if log.report.rows_dropped:
         typer.echo(f"rows dropped while reading: {log.report.rows_dropped} of {log.report.rows_read}")
     if out is not None:

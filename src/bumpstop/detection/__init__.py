@@ -9,8 +9,10 @@ from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.scoring import Roc, Score, Tolerance, event_times, gaps, roc, scaled_residual, score
 from bumpstop.detection.sensitivity import (
     BlindForces,
+    BlindStretch,
     blind_force_along,
     blind_forces,
+    blind_stretches,
     largest_undetected_force,
     largest_undetected_torque,
     required_torque,
@@ -23,6 +25,7 @@ from bumpstop.detection.tuning import FARTHEST, Tuning, tune
 __all__ = [
     "FARTHEST",
     "BlindForces",
+    "BlindStretch",
     "DetectionRun",
     "Detector",
     "DetectorSettings",
@@ -37,6 +40,7 @@ __all__ = [
     "Tuning",
     "blind_force_along",
     "blind_forces",
+    "blind_stretches",
     "describe_detector",
     "detect",
     "event_times",

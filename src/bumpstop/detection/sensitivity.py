@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ from bumpstop.kernels import core
 from bumpstop.model import Robot
 
 PerJoint = float | npt.ArrayLike
+# Of the limit: a pose at the edge does not warn at every row.
+_WARNING_ENDS = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +90,68 @@ def blind_forces(
     found = core.blind_forces(np.ascontiguousarray(jacobian), low, high)
     largest, felt, farthest, singular, rank, axes = (value[0] if single else value for value in found)
     return BlindForces(largest, felt, farthest, rank, axes, singular)
+
+
+@dataclass(frozen=True)
+class BlindStretch:
+    """A part of a motion in which more than a given force can go unnoticed.
+
+    Attributes:
+        start_s, end_s: first and last of its times [s].
+        largest_N: largest force that goes unnoticed in it, in any direction [N]; infinite: any.
+    """
+
+    start_s: float
+    end_s: float
+    largest_N: float
+
+    def to_json(self) -> dict[str, float | None]:
+        """For programs; null: any force."""
+        largest = self.largest_N if math.isfinite(self.largest_N) else None
+        return {"start_s": self.start_s, "end_s": self.end_s, "largest_N": largest}
+
+
+def blind_stretches(
+    robot: Robot,
+    t: npt.ArrayLike,
+    q: npt.ArrayLike,
+    thresholds: PerJoint,
+    limit_N: float,
+    *,
+    link: str | None = None,
+    point: npt.ArrayLike = (0.0, 0.0, 0.0),
+) -> tuple[BlindStretch, ...]:
+    """When an arm is in poses where more than a given force can go unnoticed, as ``BlindPoseWatch`` in C++ warns of it.
+
+    A stretch begins at the first row beyond the limit, and ends before the first that is 5 % below it or more.
+
+    Args:
+        robot: as of :func:`blind_forces`, like all but ``t`` and ``limit_N``.
+        t: (N,) times [s].
+        q: (N, dof) positions [rad or m].
+        thresholds: constant ones [Nm or N].
+        limit_N: above 0 [N].
+        link: whose contact the force is; default: the tip.
+        point: in that link's frame [m].
+
+    Raises:
+        InputError: as :func:`blind_forces`; a limit that is not above 0.
+    """
+    if not as_number(limit_N, "limit_N") > 0:
+        raise InputError("limit_N", f"is {limit_N}", "wanted more than 0")
+    times = as_float_array(t, "t", (None,))
+    rows = as_float_array(q, "q", (times.size, robot.dof))
+    largest = np.atleast_1d(blind_forces(robot, rows, thresholds, link=link, point=point).largest)
+    found: list[BlindStretch] = []
+    begin: int | None = None
+    for row, force in enumerate([*largest.tolist(), 0.0]):
+        limit = limit_N if begin is None else _WARNING_ENDS * limit_N
+        if force > limit:
+            begin = row if begin is None else begin
+        elif begin is not None:
+            found.append(BlindStretch(float(times[begin]), float(times[row - 1]), float(largest[begin:row].max())))
+            begin = None
+    return tuple(found)
 
 
 def blind_force_along(
