@@ -79,15 +79,6 @@ class Origin:
         return [joint.name for joint in self.parts[1].joints]
 
     @property
-    def unknown(self) -> list[int]:
-        """Numbers from 0 of joints whose torque a joint model cannot tell."""
-        from bumpstop.detection import unknown_joints
-        from bumpstop.joint import JointTorqueModel
-
-        model, arm = self.parts
-        return unknown_joints(arm, model) if isinstance(model, JointTorqueModel) else []
-
-    @property
     def settings(self) -> DetectorSettings:
         """Of the detector whose residuals they are."""
         from bumpstop.detection import DetectorSettings

@@ -90,11 +90,7 @@ def command(
     loaded = [load_series(path, origin) for path in recordings]
     series = [one for one, _ in loaded]
     recorded = not all(holds_residuals(path) for path in recordings)
-    if joints is not None:
-        watched = joint_numbers(joints, series[0].dof)
-    else:
-        hidden = origin.unknown if recorded else []
-        watched = [j for j in range(series[0].dof) if j not in hidden]
+    watched = joint_numbers(joints, series[0].dof) if joints is not None else None
     try:
         tuning = tune(series, per_hour, joints=watched, confidence=confidence)
     except InputError as error:

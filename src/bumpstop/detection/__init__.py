@@ -1,6 +1,6 @@
 """Detection: residuals, thresholds and their tuning, the detector, where the arm is blind, and scores."""
 
-from bumpstop.detection.detector import Detector, unknown_joints
+from bumpstop.detection.detector import Detector
 from bumpstop.detection.detector_file import describe_detector, save_detector
 from bumpstop.detection.events import DetectionRun, Event
 from bumpstop.detection.labels import Label, load_labels
@@ -55,5 +55,4 @@ __all__ = [
     "scaled_residual",
     "score",
     "tune",
-    "unknown_joints",
 ]

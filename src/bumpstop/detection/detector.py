@@ -370,15 +370,6 @@ class Detector:
         return period
 
 
-def unknown_joints(robot: Robot, model: JointTorqueModel) -> list[int]:
-    """Numbers from 0 of joints whose torque a joint model cannot tell: it has not the joint, or not its gain.
-
-    Raises:
-        InputError: a joint of the model that the robot has not.
-    """
-    return MatchedDrives(robot, model, [False] * robot.dof).unknown
-
-
 def padded(values: npt.ArrayLike, rest: float = 0.0) -> list[float]:
     """As many numbers as the kernels' arrays hold."""
     numbers = [float(value) for value in np.asarray(values)]

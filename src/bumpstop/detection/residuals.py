@@ -12,9 +12,11 @@ from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 from bumpstop.signal import correlation_time
 
-# An interval this far from the feedback period, as a share of it, is a gap.
-_UNEVEN = 0.1
-_MOST_UNEVEN = 0.01  # share of the intervals
+# A row is a tick, wherever in its period it was taken. An interval this far from the feedback period, as a share of
+# it, is a lost tick or one too many: over it the noise forgets what it would have remembered, so that correlations are
+# told too small by at most the share of such intervals.
+_UNEVEN = 0.5
+_MOST_UNEVEN = 0.05  # share of the intervals
 _FEWEST_ROWS = 100
 # A block this many correlation times long keeps nine tenths and more of the correlation inside blocks.
 _TIMES = 10
@@ -152,8 +154,10 @@ def _check_time(t: FloatArray, period: float, where: str, path: str) -> tuple[st
         )
     uneven = int(np.count_nonzero(np.abs(steps - period) > _UNEVEN * period))
     if uneven > _MOST_UNEVEN * steps.size:
-        raise InputError(where, f"{uneven} of {steps.size} intervals of {path!r} are uneven", "at most 1 % may be")
-    return (f"{uneven} uneven intervals of the measured residuals are taken as even.",) if uneven else ()
+        raise InputError(where, f"{uneven} of {steps.size} intervals of {path!r} are uneven", "at most 5 % may be")
+    if not uneven:
+        return ()
+    return (f"{uneven} of {steps.size} intervals of the measured residuals are uneven and taken as even.",)
 
 
 def _first_line(error: Exception) -> str:

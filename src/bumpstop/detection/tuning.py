@@ -114,12 +114,12 @@ def tune(
         series: one or several recordings with the same joints and rate.
         per_hour: wanted false alarms an hour, of all joints together; default: what the recordings can carry, one alarm
             in ten times their length, but no fewer than one an hour.
-        joints: numbers from 0 of those to watch; default: all.
+        joints: numbers from 0 of those to watch; default: all whose residual ever changes.
         confidence: of the intervals, between 0.5 and 0.999.
 
     Raises:
-        InputError: recordings that do not go together, a joint without noise, too few independent peaks, or a rate that
-            is not between 0 and that of the peaks.
+        InputError: recordings that do not go together, a joint in ``joints`` without noise, too few independent peaks,
+            or a rate that is not between 0 and that of the peaks.
     """
     parts = [series] if isinstance(series, ResidualSeries) else list(series)
     dof, period = _common(parts)
@@ -129,14 +129,17 @@ def tune(
     asked, per_hour = per_hour, supported if per_hour is None else per_hour
     if not as_number(per_hour, "per_hour") > 0:
         raise InputError("per_hour", f"is {per_hour}", "wanted more than 0")
-    watched = sorted(set(range(dof) if joints is None else joints))
+    still = [j for j in range(dof) if not np.ptp(np.concatenate([part.rows[:, j] for part in parts])) > 0]
+    watched = sorted(set([j for j in range(dof) if j not in still] if joints is None else joints))
+    if len(still) == dof:
+        raise InputError("residuals", "of no joint ever change", "wanted those of contact-free motion")
     if not watched or not 0 <= watched[0] <= watched[-1] < dof:
         raise InputError("joints", f"{[j + 1 for j in watched]} are not all joints", f"wanted some of 1 to {dof}")
     stretches = [part.rows[rows] for part in parts for rows in part.stretches()]
     shares = np.full(dof, math.inf)
     alone = {j: [np.abs(rows[:, j]) for rows in stretches] for j in watched}
-    for j, size in alone.items():
-        if not np.ptp(np.concatenate(size)) > 0:
+    for j in still:
+        if j in watched:
             raise InputError(f"residual of joint {j + 1}", "never changes", "leave that joint out")
     tails = {j: PeaksOverThreshold.fit(size, period) for j, size in alone.items()}
     shape = float(np.mean([tail.shape for tail in tails.values()]))
@@ -152,6 +155,7 @@ def tune(
     tuning = Tuning(shares, tail, float(per_hour), confidence, ())
     thresholds = tuning.thresholds()
     notes = _notes(tuning, thresholds, stretches, parts)
+    notes += [f"The residual of joint {j + 1} never changes." for j in still]
     if asked is None and supported > _DEFAULT_PER_HOUR:
         notes.append(
             f"No rate was given: {tail.hours:.3g} h carry one alarm in {_DEFAULT_REACH:g} times that, {supported:.3g}"
