@@ -133,7 +133,7 @@ def print_protocol(fit: ProtocolFit) -> None:
         table.add_row(
             joint.experiment.name, *cells, f"{joint.friction_sd:.3g}", joint.map, f"{joint.r2:.4f}", f"{joint.rmse:.3g}"
         )
-    console = Console(highlight=False, markup=False, soft_wrap=True, width=max(Console().width, 160))
+    console = Console(highlight=False, markup=False, soft_wrap=True, width=max(Console().width, 240))
     console.print(table)
     for joint in fit.joints:
         for note in joint.notes:
@@ -162,7 +162,7 @@ def print_beside(beside: GeneralBeside) -> None:
             difference = pair.difference(name)
             cells.append(_cell(pair.pair(name)[1]) + ("" if difference is None else f" ({difference:+.1f})"))
         table.add_row(pair.general.name, *cells, pair.general.parameters.map)
-    console = Console(highlight=False, markup=False, soft_wrap=True, width=max(Console().width, 190))
+    console = Console(highlight=False, markup=False, soft_wrap=True, width=max(Console().width, 240))
     console.print(
         f"general fit of all {beside.rows_used} rows, filtered at {beside.cutoff_hz:g} Hz; in brackets protocol less "
         "general, in combined standard errors"

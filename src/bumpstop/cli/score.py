@@ -136,7 +136,7 @@ def _print(found: Score, roc: Roc | None) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False, markup=False)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
     data = found.to_json()
     low, high = found.false_alarms_per_hour_interval()
     dark = f" ({data['missed_blind']} while blind)" if data["missed_blind"] else ""
