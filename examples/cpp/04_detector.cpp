@@ -1,9 +1,14 @@
-// A control loop at 1 kHz, or as fast as its samples come: a detector from the file that `bumpstop detector` wrote, fed with
-// a recording as CSV (t, then q and the signal of every joint).
+// A control loop: a detector from the file that `bumpstop detector` wrote, fed with a recording as CSV (t, then q and the
+// signal of every joint). With `paced` behind them it waits for the time of every sample, as a loop at 1 kHz does, and
+// tells its longest update; without, it takes one after the other.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "bumpstop/detection/detector_description.hpp"
@@ -42,12 +47,22 @@ int main(int count, char** arguments) {
         std::fprintf(stderr, "error: %s\n", error.c_str());
         return 2;
     }
-    // From here on nothing allocates.
+    using Clock = std::chrono::steady_clock;
+    using Seconds = std::chrono::duration<double>;
+    const bool paced = count > 3 && std::string(arguments[3]) == "paced";
     bumpstop::Detector detector = description->detector();
-    double largest = 0;
-    for (const bumpstop::DetectorSample& sample : read_samples(arguments[2], detector.joints())) {
+    const std::vector<bumpstop::DetectorSample> samples = read_samples(arguments[2], detector.joints());
+    double largest = 0, longest = 0;
+    const Clock::time_point begin = Clock::now();
+    // From here on nothing allocates.
+    for (const bumpstop::DetectorSample& sample : samples) {
+        if (paced && std::isfinite(sample.t))
+            std::this_thread::sleep_until(
+                begin + std::chrono::duration_cast<Clock::duration>(Seconds(sample.t - samples.front().t)));
         const bool before = detector.alarmed();
+        const Clock::time_point sampled = Clock::now();
         const bumpstop::DetectorOutput& out = detector.update(sample);
+        longest = std::max(longest, Seconds(Clock::now() - sampled).count());
         if (out.state != bumpstop::DetectorState::blind)
             for (int j = 0; j < detector.joints(); ++j) largest = std::max(largest, std::fabs(out.residual[j]));
         if (before || !detector.alarmed()) continue;
@@ -59,5 +74,6 @@ int main(int count, char** arguments) {
         std::printf(", %.6f N, likeliest on %s\n", event.contact.force_along,
                     event.contact.link < 0 ? "no link" : description->robot.joints[event.contact.link].link.c_str());
     }
+    if (paced) std::printf("longest update %.1f us\n", 1e6 * longest);
     std::printf("largest residual %.12f Nm\n", largest);
 }

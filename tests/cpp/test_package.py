@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,25 @@ def test_the_loop_sees_what_python_sees(built: Path, tmp_path: Path) -> None:
     # The programs are compiled for different instruction sets.
     largest = float(done.stdout.split()[-2])
     assert largest == pytest.approx(np.nanmax(np.abs(run.residual)), rel=1e-9)
+
+
+def test_the_loop_at_1_khz(built: Path, tmp_path: Path) -> None:
+    """Paced, it takes as long as the recording, and sees the same."""
+    made = detector_of_the_source()
+    detector = Detector(made.robot, made.model, made.thresholds, DetectorSettings(period_s=0.001))
+    save_detector(detector, tmp_path / "arm.detector")
+    t = 5 + 0.001 * np.arange(300)
+    q = 0.3 * np.sin(t[:, None] * np.arange(1, 8))
+    rows = np.hstack([t[:, None], q, np.random.default_rng(1).normal(0, 100, q.shape)])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,q,current", comments="", fmt="%.17g")
+    command = [built / "04_detector", tmp_path / "arm.detector", tmp_path / "log.csv"]
+    quick = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    begin = time.perf_counter()
+    paced = subprocess.run([*command, "paced"], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert time.perf_counter() - begin > 0.299
+    assert "alarm at" in quick[0]
+    assert [line for line in paced if "longest update" not in line] == quick
+    assert len(paced) == len(quick) + 1
 
 
 @pytest.mark.parametrize(
