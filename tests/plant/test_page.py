@@ -13,7 +13,7 @@ import pytest
 from pydantic_core import PydanticUndefined
 
 from bumpstop.plant import Experiment, PlantObject, object_kinds
-from bumpstop.plant.experiment import _TABLES
+from bumpstop.plant.experiment_tables import TABLES
 from docs.test_docs import AS_DOCTEST, blocks, code, read, rows, section
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "plant.md"
@@ -32,12 +32,12 @@ def test_experiment() -> None:
     assert 20 < run.peak_force < 100
 
 
-@pytest.mark.parametrize("table", ["", *_TABLES])
+@pytest.mark.parametrize("table", ["", *TABLES])
 def test_every_key_and_its_default(table: str) -> None:
     heading = "### top level" if not table else f"### `[{table}]`" if table != "object" else "### `[[object]]`"
     text = section("\n" + section(read("docs/plant.md"), "## Every key"), heading)
     documented = {code(row[0])[0]: row[1] for row in rows(text, "key")}
-    model: Any = Experiment if not table else _TABLES[table]
+    model: Any = Experiment if not table else TABLES[table]
     fields = {name: field for name, field in model.model_fields.items() if name != "folder"}
     assert list(documented) == list(fields)
     for name, default in documented.items():
@@ -45,7 +45,7 @@ def test_every_key_and_its_default(table: str) -> None:
         if default == "required":
             assert known is PydanticUndefined, name
         elif default == "none":
-            assert known is None or name in _TABLES, name
+            assert known is None or name in TABLES, name
         else:
             assert tomllib.loads(f"value = {code(default)[0]}")["value"] == known, name
 

@@ -6,9 +6,11 @@ from bumpstop.plant.experiment import Experiment
 from bumpstop.plant.mjcf import mjcf
 from bumpstop.plant.motions import pick_and_place, press, workspace
 from bumpstop.plant.objects import PlantObject, object_kinds
-from bumpstop.plant.plant import Plant, Sample, Servo
+from bumpstop.plant.plant import Plant
 from bumpstop.plant.run import PlantRun, PlantTrace
+from bumpstop.plant.sample import Sample
 from bumpstop.plant.sensors import Sensors
+from bumpstop.plant.servo import Servo
 
 __all__ = [
     "Command",

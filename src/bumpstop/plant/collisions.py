@@ -28,8 +28,9 @@ from bumpstop.model import Robot
 from bumpstop.plant.command import Command, PlantReaction, line
 from bumpstop.plant.drive import Gears, ScatterPer
 from bumpstop.plant.objects import PlantObject
-from bumpstop.plant.plant import Plant, Sample
+from bumpstop.plant.plant import Plant
 from bumpstop.plant.run import PlantRun
+from bumpstop.plant.sample import Sample
 from bumpstop.plant.sensors import Sensors
 
 Where = Literal["hand", "elbow", "forearm"]

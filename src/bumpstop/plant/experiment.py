@@ -5,21 +5,34 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from bumpstop.collision.scenario import as_written
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot
 from bumpstop.plant.command import Command, PlantReaction, along, line
-from bumpstop.plant.drive import Gears, ScatterPer
+from bumpstop.plant.drive import Gears
+from bumpstop.plant.experiment_tables import (
+    TABLES,
+    ExperimentFriction,
+    ExperimentMotion,
+    ExperimentObject,
+    ExperimentReaction,
+    ExperimentSensors,
+    ExperimentServo,
+    ExperimentTable,
+    Three,
+)
 from bumpstop.plant.motions import pick_and_place, press, workspace
 from bumpstop.plant.objects import PlantObject
-from bumpstop.plant.plant import Plant, Sample, Servo
+from bumpstop.plant.plant import Plant
+from bumpstop.plant.sample import Sample
 from bumpstop.plant.sensors import Sensors
+from bumpstop.plant.servo import Servo
 
 if TYPE_CHECKING:
     from bumpstop.plant.run import PlantRun
@@ -27,119 +40,7 @@ if TYPE_CHECKING:
 _MOST_BYTES = 1_000_000
 
 
-def _between(low: float, high: float) -> Any:
-    return Field(ge=low, le=high, allow_inf_nan=False)
-
-
-NotNegative = Annotated[float, _between(0, 1e6)]
-Each = NotNegative | list[NotNegative]
-Three = Annotated[list[Annotated[float, _between(-1e5, 1e5)]], Field(min_length=3, max_length=3)]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-# Keys of [motion] that a kind of motion needs, and those it has beside them.
-_NEEDED = {"line": ("velocity_mm_s", "duration_s"), "press": ("velocity_mm_s", "way_mm"), "trajectory": ("file",)}
-_ALLOWED = {
-    "line": ("start", "task", "held_joints", "joint_acceleration_rad_s2", "hold_s"),
-    "press": ("held_joints", "joint_acceleration_rad_s2"),
-    "trajectory": ("hold_s",),
-    "pick_and_place": ("offset_mm",),
-}
-
-
-class ExperimentMotion(_Table):
-    """What the arm is told to do."""
-
-    kind: Literal["line", "press", "trajectory", "pick_and_place", "workspace_1", "workspace_2"]
-    velocity_mm_s: Three | None = None
-    duration_s: Annotated[float, _between(1e-3, 3600)] | None = None
-    start: Literal["moving", "rest"] = "rest"
-    task: Literal["pose", "position"] = "pose"
-    held_joints: list[int] = []
-    joint_acceleration_rad_s2: Annotated[float, _between(0.1, 1e3)] = 4.5
-    way_mm: Annotated[float, _between(0.1, 1e4)] | None = None
-    offset_mm: Three = [120.0, 0.0, -120.0]
-    file: str | None = None
-    hold_s: Annotated[float, _between(0, 3600)] = 0.0
-
-    @model_validator(mode="after")
-    def _complete(self) -> ExperimentMotion:
-        for key in _NEEDED.get(self.kind, ()):
-            if getattr(self, key) is None:
-                raise InputError(f"motion.{key}", "is missing", f'kind = "{self.kind}" needs it')
-        if self.velocity_mm_s is not None and not any(self.velocity_mm_s):
-            raise InputError("motion.velocity_mm_s", "is zero", "give a direction")
-        allowed = {"kind", *_NEEDED.get(self.kind, ()), *_ALLOWED.get(self.kind, ())}
-        for key in sorted(self.model_fields_set - allowed):
-            raise InputError(f"motion.{key}", f'has no meaning with kind = "{self.kind}"', "leave it out")
-        return self
-
-
-class ExperimentFriction(_Table):
-    """What the gears do beyond the joint model: as :class:`~bumpstop.plant.Gears`."""
-
-    rotor_inertia_kg_m2: Each | None = None
-    load_share: Each = 0.0
-    stribeck_Nm: Each = 0.0
-    stribeck_speed_rad_s: Each = 0.05
-    ripple_Nm: Each = 0.0
-    ripple_per_turn: Each = 200.0
-    presliding_rad: Each = 0.0
-    stiffness_Nm_rad: Annotated[float, Field(gt=0)] | list[Annotated[float, Field(gt=0)]] = float("inf")
-    damping_ratio: Annotated[float, _between(0, 2)] = 0.05
-    scatter: Each | None = None
-    scatter_per: ScatterPer = "sample"
-
-
-class ExperimentSensors(_Table):
-    """Feedback: as :class:`~bumpstop.plant.Sensors`."""
-
-    rate_hz: Annotated[float, _between(1, 1000)] = 250.0
-    jitter_s: Annotated[float, _between(0, 1)] = 0.0
-    loss: Annotated[float, _between(0, 0.9)] = 0.0
-    position_noise_rad: Each = 0.0
-    position_step_rad: Each = 0.0
-    current_noise: Each = 0.0
-    current_step: Each = 0.0
-    force_noise_N: NotNegative = 0.0
-    moment_noise_Nm: NotNegative = 0.0
-
-
-class ExperimentServo(_Table):
-    """The position controller: as :class:`~bumpstop.plant.Servo`."""
-
-    bandwidth_hz: Annotated[float, _between(1, 200)] = 100.0
-    damping_ratio: Annotated[float, _between(0.1, 5)] = 1.0
-
-
-class ExperimentObject(_Table):
-    """Something to press on or to run into."""
-
-    kind: str
-    name: str = ""
-    position_mm: Three | None = None
-    ahead_mm: Annotated[float, _between(0, 1e4)] | None = None
-    normal: Three | None = None
-    stiffness_N_m: Annotated[float, _between(1, 1e7)] | None = None
-    mass_kg: Annotated[float, _between(1e-6, 1e4)] | None = None
-    body_mass_kg: Annotated[float, _between(1e-6, 1e4)] | None = None
-    limits: str = "bgia2011"
-    size_mm: Annotated[list[Annotated[float, _between(1, 1e4)]], Field(min_length=2, max_length=2)] = [60.0, 60.0]
-
-
-class ExperimentReaction(_Table):
-    """When to react, and how: a threshold on the wrist's force."""
-
-    force_N: Annotated[float, _between(1e-3, 1e6)]
-    kind: Literal["reverse", "stop"] = "reverse"
-    joint_acceleration_rad_s2: Annotated[float, _between(0.1, 1e5)] = 4.5
-    latency_s: Annotated[float, _between(0, 10)] = 0.0
-
-
-class Experiment(_Table):
+class Experiment(ExperimentTable):
     """One experiment on the plant. The attributes are the keys of the file, in the file's units (docs/plant.md)."""
 
     robot: str
@@ -149,14 +50,14 @@ class Experiment(_Table):
     pose_deg: list[float] | None = None
     pose_rad: list[float] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    gravity_m_s2: Three = [0.0, 0.0, -9.80665]
+    gravity_m_s2: Three = Field(default=[0.0, 0.0, -9.80665])
     contact_link: str | None = None
-    contact_point_mm: Three = [0.0, 0.0, 0.0]
+    contact_point_mm: Three = Field(default=[0.0, 0.0, 0.0])
     motion: ExperimentMotion | None = None
     friction: ExperimentFriction = ExperimentFriction()
     sensors: ExperimentSensors = ExperimentSensors()
     servo: ExperimentServo = ExperimentServo()
-    object: list[ExperimentObject] = []
+    object: list[ExperimentObject] = Field(default=[])
     reaction: ExperimentReaction | None = None
     folder: Annotated[Path, Field(exclude=True)] = Path()
 
@@ -404,23 +305,13 @@ class Experiment(_Table):
         )
 
 
-_TABLES: dict[str, type[_Table]] = {
-    "motion": ExperimentMotion,
-    "friction": ExperimentFriction,
-    "sensors": ExperimentSensors,
-    "servo": ExperimentServo,
-    "object": ExperimentObject,
-    "reaction": ExperimentReaction,
-}
-
-
 def _explain(error: ValidationError) -> InputError:
     """Pydantic's first complaint as one sentence; an unknown key comes first, as it often explains a missing one."""
     details = error.errors()
     first = next((detail for detail in details if detail["type"] == "extra_forbidden"), details[0])
     keys = [part for part in first["loc"] if part == first["loc"][0] or (isinstance(part, str) and part.isidentifier())]
     number = next((part for part in first["loc"][1:2] if isinstance(part, int)), None)
-    table = _TABLES.get(str(keys[0])) if len(first["loc"]) > 1 else None
+    table = TABLES.get(str(keys[0])) if len(first["loc"]) > 1 else None
     # Behind the key pydantic names the branches of ``number | list``.
     depth = 1 if table is None else 2
     names = [str(key) for key in keys[:depth]]
@@ -428,7 +319,7 @@ def _explain(error: ValidationError) -> InputError:
         names[0] += f"[{number + 1}]"
     field = ".".join(names)
     if first["type"] == "extra_forbidden":
-        model: type[_Table] = Experiment if table is None else table
+        model: type[ExperimentTable] = Experiment if table is None else table
         known = [name for name in model.model_fields if name != "folder"]
         return InputError(field, "is not a key of an experiment", near_matches(names[-1].split("[")[0], known))
     if first["type"] == "value_error":

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 from bumpstop.model import Robot, inverse_dynamics, mass_matrix
 from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction, line
@@ -19,7 +19,9 @@ from bumpstop.plant.drive import Drives, Gears
 from bumpstop.plant.mjcf import mjcf
 from bumpstop.plant.objects import PlantObject
 from bumpstop.plant.run import PlantRun, PlantTrace, SampleLog, sensors_truth, truth_of
+from bumpstop.plant.sample import OnSample, Sample
 from bumpstop.plant.sensors import Channels, SamplePlan, Sensors
+from bumpstop.plant.servo import Servo
 
 if TYPE_CHECKING:
     from bumpstop.joint import JointTorqueModel
@@ -29,51 +31,6 @@ _PER_COMMAND = round(COMMAND_STEP / STEP)
 # A reaction may outlast its motion by so much; samples are planned for it.
 _AFTERWARDS_S = 5.0
 _PUSHES_N = (20.0, 60.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Servo:
-    """The position controller of the joints, which works at every integration step (5 kHz).
-
-    It adds to the torque that the commanded motion needs ``w^2 m (q_wanted - q) + 2 d w m (qd_wanted - qd)``, with m
-    what the joint moves in the start pose.
-
-    Attributes:
-        bandwidth_hz: w over 2 pi.
-        damping_ratio: d.
-    """
-
-    bandwidth_hz: float = 100.0
-    damping_ratio: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name, low, high in (("bandwidth_hz", 1.0, 200.0), ("damping_ratio", 0.1, 5.0)):
-            if not low <= as_number(getattr(self, name), f"servo.{name}") <= high:
-                raise InputError(f"servo.{name}", f"is {getattr(self, name)}", f"wanted {low:g} to {high:g}")
-
-
-@dataclass(frozen=True)
-class Sample:
-    """What a controller knows at a feedback sample, and what only the plant knows.
-
-    Attributes:
-        t: since the start [s].
-        q: as the encoders say (dof,) [rad or m].
-        current: as the amplifiers say (dof,).
-        wrench: as the wrist sensor says (6,).
-        contact_force: true force on each object along its normal (objects,) [N].
-        contact_torque: true torque that the motors must add for it: J_v' n F, summed (dof,) [Nm or N].
-    """
-
-    t: float
-    q: FloatArray
-    current: FloatArray
-    wrench: FloatArray
-    contact_force: FloatArray
-    contact_torque: FloatArray
-
-
-OnSample = Callable[[Sample], "PlantReaction | None"]
 
 
 class Plant:
