@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bumpstop.cli.origin import Origin
 from bumpstop.errors import InputError
 
@@ -44,6 +42,8 @@ def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
     Raises:
         InputError: other options of the origin were given, or nothing is left.
     """
+    import numpy as np
+
     from bumpstop.detection import ResidualSeries
 
     origin.refuse(f"the residuals of {str(path)!r}", but=OF_RESIDUALS)
