@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -207,6 +208,25 @@ def test_residuals_of_a_loop_that_loses_samples_are_noise(noise: Path, tmp_path:
         assert record is not None
         gaps = int(np.count_nonzero(np.diff(np.flatnonzero(kept)) > 1))
         assert f"{gaps} of {kept.sum() - 1} intervals" in record.notes[0]
+
+
+def test_a_wrist_beyond_its_limits_is_told(loop: tuple[Path, Path], tmp_path: Path) -> None:
+    """Some wrists turn without end, and their recordings go on beyond the limits of their files."""
+    log = Recording.load(loop[0])
+    q = log.q.copy()
+    q[:, 5] += 4 * np.pi
+    far = tmp_path / "far.parquet"
+    replace(log, q=q).save(far)
+    refused = run("tune", far, "--robot", "ur5e")
+    assert refused.status == 2
+    assert "the detector is blind in all 10000 rows (outside_limits 10000); wrist_3_joint: at 11.61" in refused.err
+    assert "beyond its limits -6.283 to 6.283 by more than limit_margin = 0.1, in 10000 of 10000 rows" in refused.err
+    thresholds = [
+        strict_json(run("tune", path, "--robot", "ur5e", "--limit-margin", margin, "--until", 20, "--json").out)
+        for path, margin in ((far, 8), (loop[0], 0.1))
+    ]
+    # The angle's sine and cosine differ by rounding.
+    assert thresholds[0]["thresholds_Nm"] == pytest.approx(thresholds[1]["thresholds_Nm"], rel=1e-6)
 
 
 def test_a_part_of_residuals(noise: Path, tmp_path: Path) -> None:

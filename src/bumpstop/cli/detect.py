@@ -18,6 +18,7 @@ from bumpstop.cli.origin import (
     Columns,
     Gain,
     Kind,
+    Margin,
     MaxBad,
     MeasuredRates,
     ModelFile,
@@ -57,6 +58,7 @@ def detect(
         float, typer.Option("--payload-change", help="Look for an undeclared mass of at least this [kg]; 0: do not.")
     ] = 0.0,
     measured_rates: MeasuredRates = False,
+    limit_margin: Margin = 0.1,
     direction: Annotated[
         str, typer.Option(metavar="LIST", help="In which the force of an alarm is given, base frame.")
     ] = "0,0,-1",
@@ -91,6 +93,7 @@ def detect(
         observer_gain=observer_gain,
         payload=payload,
         measured_rates=measured_rates,
+        limit_margin=limit_margin,
     )
     given, arm = origin.parts
     law = Thresholds.parse(thresholds, origin.names)

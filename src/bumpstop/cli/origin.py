@@ -38,6 +38,9 @@ Carried = Annotated[float, typer.Option("--payload", help="Mass at the tip that 
 MeasuredRates = Annotated[
     bool, typer.Option("--measured-rates", help="Take joint speeds from the recording, not from its positions.")
 ]
+Margin = Annotated[
+    float, typer.Option("--limit-margin", help="Positions this far outside their limits are impossible [rad or m].")
+]
 Arming = Annotated[float, typer.Option("--arming-delay", help="Nothing is judged so long after a motion begins [s].")]
 # Fields that are not called as their options are.
 _OPTIONS = {"begin": "from"}
@@ -51,7 +54,7 @@ class Origin:
         model, robot, base, tip: as :func:`load_model` takes them.
         columns, topic, max_bad: of the recording.
         begin, until: the part that counts, from the recording's beginning [s].
-        residual, observer_gain, payload, measured_rates: of the detector.
+        residual, observer_gain, payload, measured_rates, limit_margin: of the detector.
     """
 
     model: str | None = None
@@ -67,6 +70,7 @@ class Origin:
     observer_gain: float = 50.0
     payload: float = 0.0
     measured_rates: bool = False
+    limit_margin: float = 0.1
 
     @cached_property
     def parts(self) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
@@ -88,6 +92,7 @@ class Origin:
             observer_gain_1_s=self.observer_gain,
             payload_kg=self.payload,
             measured_rates=self.measured_rates,
+            limit_margin=self.limit_margin,
         )
 
     def recording(self, path: Path) -> Recording:

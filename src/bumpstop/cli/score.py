@@ -17,6 +17,7 @@ from bumpstop.cli.origin import (
     Columns,
     Gain,
     Kind,
+    Margin,
     MaxBad,
     MeasuredRates,
     ModelFile,
@@ -59,6 +60,7 @@ def command(
     arming_delay: Arming = 0.0,
     payload: Carried = 0.0,
     measured_rates: MeasuredRates = False,
+    limit_margin: Margin = 0.1,
     early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
     late: Annotated[float, typer.Option(help="An event so long after a label still belongs to it [s].")] = 0.25,
     rearm: Annotated[float, typer.Option(help="Quiet time before there may be another event [s].")] = 0.5,
@@ -86,6 +88,7 @@ def command(
         observer_gain=observer_gain,
         payload=payload,
         measured_rates=measured_rates,
+        limit_margin=limit_margin,
     )
     known = load_labels(labels)
     notes: list[str] = []

@@ -17,6 +17,7 @@ from bumpstop.cli.origin import (
     Columns,
     Gain,
     Kind,
+    Margin,
     MaxBad,
     MeasuredRates,
     ModelFile,
@@ -59,6 +60,7 @@ def command(
     observer_gain: Gain = 50.0,
     payload: Carried = 0.0,
     measured_rates: MeasuredRates = False,
+    limit_margin: Margin = 0.1,
     joints: Annotated[str | None, typer.Option(metavar="LIST", help="Watch these joints only: 1,2,3.")] = None,
     confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
     scenario: Annotated[
@@ -86,6 +88,7 @@ def command(
         observer_gain=observer_gain,
         payload=payload,
         measured_rates=measured_rates,
+        limit_margin=limit_margin,
     )
     loaded = [load_series(path, origin) for path in recordings]
     series = [one for one, _ in loaded]

@@ -193,8 +193,21 @@ class Detector:
             unseen=(flags & 4) != 0,
             payload_changed=(flags & 8) != 0,
             events=tuple(self._event(event) for event in events),
-            notes=self.notes,
+            notes=(*self.notes, *self._beyond_limits(rows)),
         )
+
+    def _beyond_limits(self, rows: FloatArray) -> list[str]:
+        """Joints that were where the detector takes no position for true, as they blind it."""
+        margin, notes = self.settings.limit_margin, []
+        for j, joint in enumerate(self.robot.joints):
+            low, high = self.robot.lower[j], self.robot.upper[j]
+            beyond = np.isfinite(rows[:, j]) & ((rows[:, j] < low - margin) | (rows[:, j] > high + margin))
+            if beyond.any():
+                notes.append(
+                    f"{joint.name}: at {rows[beyond, j][0]:.4g}, beyond its limits {low:.4g} to {high:.4g} by more "
+                    f"than limit_margin = {margin:g}, in {np.count_nonzero(beyond)} of {len(rows)} rows: blind there."
+                )
+        return notes
 
     def kernel(self, period_s: float | None = None) -> core.LoopDetector:
         """The detector in the kernels' form, for one sample after another.

@@ -133,10 +133,15 @@ def residual_record(
         Rows with their times; blind rows are left out, and a note counts them.
 
     Raises:
-        InputError: as :func:`detect`; fewer than 100 rows; a feedback period that is no multiple of the recording's.
+        InputError: as :func:`detect`; fewer than 100 rows that are not blind; a feedback period that is no multiple of
+            the recording's.
     """
     run = detect(recording, robot, model, np.full(robot.dof, math.inf), settings)
     seen = np.flatnonzero(~run.blind)
+    if not seen.size:
+        why = ", ".join(f"{name} {rows}" for name, rows in run.blind_rows().items())
+        beyond = " ".join(note for note in run.notes if "beyond its limits" in note)
+        raise InputError("recording", f"the detector is blind in all {run.t.size} rows ({why})", beyond)
     notes = tuple(note for note in run.notes if not note.startswith("No joint is watched"))
     if seen.size < run.t.size:
         notes = (*notes, f"{run.t.size - seen.size} of {run.t.size} rows are left out: the detector was blind.")
