@@ -119,7 +119,7 @@ class RocPart(Part):
                     at = (roc.false_alarms_per_hour[k], roc.detected[k] / roc.labels)
                     plot.plot(*at, "D", color=EVENT, markersize=6, clip_on=False)
                     plot.annotate(
-                        f"x {factor:g}", at, (7, 0), textcoords="offset points", ha="left", va="center", fontsize=8
+                        f"x {factor:g}", at, (6, -4), textcoords="offset points", ha="left", va="top", fontsize=8
                     )
             plot.set_xscale("symlog", linthresh=max(1.0, _least(rates)))
             plain_ticks(plot.xaxis)
