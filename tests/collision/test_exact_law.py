@@ -216,6 +216,22 @@ def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
         np.testing.assert_allclose(one.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-8)
 
 
+@pytest.mark.parametrize("duration_s", [0.198, 0.199, 0.2, 0.201])
+@pytest.mark.parametrize("latency_s", [0.0, 0.003])
+def test_a_batch_ends_with_its_motion_between_two_ticks(duration_s: float, latency_s: float) -> None:
+    """Thresholds nothing reaches: the path ends where the motion does, at a tick (every 4 ms) or between two."""
+    scenario = control_group(
+        detector__thresholds_Nm=[400] * 7, motion__duration_s=duration_s, reaction__latency_s=latency_s
+    )
+    problem = bs.Problem.from_scenario(scenario)
+    batch = bs.evaluate_batch(scenario, problem.q[None], problem.velocity[None], limits_N=[135.0])
+    law = bs.evaluate(scenario)
+    assert batch.end[0] == law.curve.end == "horizon"
+    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=1e-9)
+    assert batch.no_contact_probability[0] == pytest.approx(law.no_contact_probability, abs=1e-9)
+    assert batch.exceedance[0, 0] == pytest.approx(law.peak_force.exceedance(135.0), abs=1e-7)
+
+
 def test_batches_refuse_what_they_cannot_use() -> None:
     base = control_group()
     good_q, good_v = np.tile(bs.Problem.from_scenario(base).q, (3, 1)), np.tile([0, 0, -0.05], (3, 1))

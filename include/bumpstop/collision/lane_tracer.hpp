@@ -96,9 +96,11 @@ class LaneTracer {
         const int last = at.gone / motion_.substeps;
         // Where it will end is found step by step, and so that no step lies far behind, from well before on.
         at.careful = at.careful || arm_.poor(lane) || margin < 0.05;
+        // After the last moment that a path keeps, the steps to its end are looked at one by one.
+        const int last_kept = at.last_step - (at.last_step - 1) % stride_;
         int wanted[lanes], known = 0;
         for (int step = int(path.s.size()); step <= last; ++step) {
-            if (!at.careful && !every_step(step) && (step - 1) % stride_ != 0) continue;
+            if (!at.careful && !every_step(step) && (step - 1) % stride_ != 0 && step <= last_kept) continue;
             wanted[known++] = step;
             if (known == lanes) {
                 if (!record(lane, wanted, known)) return false;
