@@ -66,7 +66,8 @@ class BatchDetection {
             part;       ///< first tick in contact; how many it holds, 0: unlike others; part of the tick's travel
         int slots = 0;  ///< ticks from the first on that may detect
         bool known = false;
-        double mass = 0;  ///< probability of a detection
+        bool sorted = false;  ///< the later a stopping path of its slots begins, the farther it ends
+        double mass = 0;      ///< probability of a detection
         std::size_t value_at = 0, mass_at = 0;
         double silence = 0, total = 0;  ///< before the panel; of the offset
     };
@@ -352,7 +353,7 @@ class BatchDetection {
             panel.value_at = values;
             panel.mass_at = masses;
             values += std::size_t(panel.slots) * order;
-            masses += std::size_t(panel.slots + lanes);  // registers may be read beyond the last
+            masses += std::size_t(panel.slots);
         }
         value_.resize(values);
         mass_.assign(masses, 0.0);

@@ -30,16 +30,13 @@ class BatchLaw : public BatchDetection<T> {
     void stop(const std::vector<double>& farthest) {
         farthest_ = farthest;
         known_.clear();
-        sorted_ = std::is_sorted(farthest.begin(), farthest.end());
-        if (sorted_) {
-            later_mass_ = mass_;
-            for (const Panel& panel : panels_) {
-                for (std::size_t slot = std::size_t(panel.slots); slot-- > 1;)
-                    later_mass_[panel.mass_at + slot - 1] += later_mass_[panel.mass_at + slot];
-            }
+        later_mass_ = mass_;
+        for (Panel& panel : panels_) {
+            const double* first = farthest_.data() + panel.tick;
+            panel.sorted = std::is_sorted(first, first + panel.slots);
+            for (std::size_t slot = std::size_t(panel.slots); slot-- > 1;)
+                later_mass_[panel.mass_at + slot - 1] += later_mass_[panel.mass_at + slot];
         }
-        // Registers may be read beyond the last tick.
-        farthest_.resize(farthest.size() + std::size_t(lanes), 0.0);
         find_early_alarms();
         find_moments();
     }
@@ -51,7 +48,7 @@ class BatchLaw : public BatchDetection<T> {
     TailAt tail(double force) {
         const auto after = std::upper_bound(known_.begin(), known_.end(), force,
                                             [](double value, const KnownTail& known) { return value < known.force; });
-        const TailAt at = sorted_ ? tail_of_sorted(force) : tail_of_any(force);
+        const TailAt at = tail_at(force);
         known_.insert(after, {force, at});
         return at;
     }
@@ -134,56 +131,20 @@ class BatchLaw : public BatchDetection<T> {
         return lower ? below->force + height(*below) * slope(*below) : std::numeric_limits<double>::quiet_NaN();
     }
 
-    /// Where stopping paths end the farther the later they begin, the slots of a panel that pass a force are its last ones.
-    TailAt tail_of_sorted(double force) const {
+    TailAt tail_at(double force) const {
         const double depth = force / stiffness_;
-        TailAt sum{0, 0};
-        int past = 0;  // first tick whose stopping path presses the whole panel harder
-        for (const Panel& panel : panels_) {
-            if (panel.mass == 0) continue;
-            const double high = panel.high + depth, low = panel.low + depth;
-            const int last = panel.tick + panel.slots;
-            past = std::max(past, panel.tick);
-            while (past < last && farthest_[std::size_t(past)] < high) ++past;
-            if (past < last) sum.probability += later_mass_[panel.mass_at + std::size_t(past - panel.tick)];
-            for (int k = std::min(past, last) - 1; k >= panel.tick && farthest_[std::size_t(k)] > low; --k) {
-                const std::size_t slot = std::size_t(k - panel.tick);
-                if (mass_[panel.mass_at + slot] > 0)
-                    add_cut(&value_[panel.value_at + slot * order], farthest_[std::size_t(k)] - depth, panel.low,
-                            panel.high, sum);
-            }
-        }
-        return with_early_alarms(depth, sum);
-    }
-
-    TailAt tail_of_any(double force) const {
-        const double depth = force / stiffness_;
-        T whole = 0.0;
         TailAt sum{0, 0};
         for (const Panel& panel : panels_) {
             if (panel.mass == 0) continue;
-            const T high = panel.high + depth, low = panel.low + depth;
-            const double* farthest = farthest_.data() + panel.tick;
-            const double* mass = &mass_[panel.mass_at];
-            for (int slot = 0; slot < panel.slots; slot += lanes) {
-                const T reach = load<T>(farthest + slot), here = load<T>(mass + slot);
-                const auto over = reach >= high;
-                whole += select(over, here, T(0.0));
-                const auto cut = (reach < high) & (reach > low) & (here > T(0.0));
-                if (!any(cut)) continue;
-                for (int lane = 0; lane < lanes; ++lane) {
-                    if (lane_of(cut, lane))
-                        add_cut(&value_[panel.value_at + std::size_t(slot + lane) * order],
-                                farthest[slot + lane] - depth, panel.low, panel.high, sum);
-                }
+            if (panel.sorted) {
+                add_sorted(panel, depth, sum);
+            } else {
+                add_any(panel, depth, sum);
             }
         }
-        for (int lane = 0; lane < lanes; ++lane) sum.probability += lane_of(whole, lane);
-        return with_early_alarms(depth, sum);
-    }
-
-    TailAt with_early_alarms(double depth, TailAt sum) const {
-        for (const EarlyAlarm& early : early_) {
+        // What begins to stop before contact does not press hard.
+        for (std::size_t i = 0; depth < most_early_ && i < early_.size(); ++i) {
+            const EarlyAlarm& early = early_[i];
             const double cut = early.farthest - depth;
             if (cut >= early.high) {
                 sum.probability += early.mass;
@@ -196,11 +157,35 @@ class BatchLaw : public BatchDetection<T> {
         return sum;
     }
 
+    /// Of a panel whose stopping paths end the farther the later they begin, the last slots pass.
+    void add_sorted(const Panel& panel, double depth, TailAt& sum) const {
+        const double *first = farthest_.data() + panel.tick, *end = first + panel.slots;
+        const double* past = std::lower_bound(first, end, panel.high + depth);
+        if (past < end) sum.probability += later_mass_[panel.mass_at + std::size_t(past - first)];
+        while (past > first && *--past > panel.low + depth)
+            add_slot(panel, std::size_t(past - first), *past - depth, sum);
+    }
+    void add_any(const Panel& panel, double depth, TailAt& sum) const {
+        const double* farthest = farthest_.data() + panel.tick;
+        for (int slot = 0; slot < panel.slots; ++slot) {
+            if (farthest[slot] >= panel.high + depth) {
+                sum.probability += mass_[panel.mass_at + std::size_t(slot)];
+            } else if (farthest[slot] > panel.low + depth) {
+                add_slot(panel, std::size_t(slot), farthest[slot] - depth, sum);
+            }
+        }
+    }
+    void add_slot(const Panel& panel, std::size_t slot, double cut, TailAt& sum) const {
+        if (mass_[panel.mass_at + slot] > 0)
+            add_cut(&value_[panel.value_at + slot * order], cut, panel.low, panel.high, sum);
+    }
+
     /// Alarms before contact whose stopping path reaches the body.
     void find_early_alarms() {
         const int ticks = path_->ticks;
         double touching = 0;
         early_.clear();
+        most_early_ = 0;
         if (quiet_->alarm_before(ticks) > 0) {
             // By tick: the farthest any stopping path gets that begins there or earlier.
             farthest_yet_.assign(farthest_.begin(), farthest_.begin() + ticks);
@@ -219,6 +204,7 @@ class BatchLaw : public BatchDetection<T> {
                     EarlyAlarm early{panel.low, panel.high, farthest_[std::size_t(k)], sum(offset) * chance, {}};
                     for (int r = 0; r < registers; ++r) store(offset[r] * chance, early.value + r * lanes);
                     touching += early.mass;
+                    most_early_ = std::max(most_early_, early.farthest - early.low);
                     early_.push_back(early);
                 }
             }
@@ -314,7 +300,7 @@ class BatchLaw : public BatchDetection<T> {
     std::vector<double> later_mass_;  ///< mass_ of a slot and all later ones of its panel
     std::vector<EarlyAlarm> early_;
     std::vector<KnownTail> known_;  ///< by force
-    bool sorted_ = false;           ///< the later a stopping path begins, the farther it ends
+    double most_early_ = 0;         ///< deepest an early alarm's path gets [m]
     double harmless_ = 0, most_force_ = 0;
     Moments moments_{};
 };

@@ -156,7 +156,7 @@ class UnevenHistory {
 
   private:
     T age_[braking_order];  ///< sub-steps ago
-    T change_[braking_order][max_joints] = {};
+    T change_[braking_order][max_joints];
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
