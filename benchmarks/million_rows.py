@@ -45,7 +45,7 @@ def recorded(*, torques: bool = False) -> Recording:
 
 
 def million_rows(row: Callable[..., None]) -> None:
-    """Print work of the cores, time and memory of ``bumpstop identify``, start of the interpreter included."""
+    """Print time, work of the cores and memory of ``bumpstop identify``, start of the interpreter included."""
     row("", "measured", "target", None)
     for model, kind, *settings in (
         ("joint", "parquet"),
@@ -64,11 +64,10 @@ def million_rows(row: Callable[..., None]) -> None:
             _, status, used = os.wait4(child.pid, 0)
             took = time.perf_counter() - begin
             child.returncode = os.waitstatus_to_exitcode(status)
-            # The cores' work is judged: other programs do not add to it, and alone on two cores it takes less time.
-            work = used.ru_utime + used.ru_stime
-            ok = work < LIMIT_S and child.returncode == 0
+            ok = took < LIMIT_S and child.returncode == 0
             what = " ".join([model, *settings])
-            row(f"identify {what}, 10^6 rows of 7 joints, {kind}, work", f"{work:.1f} s", f"< {LIMIT_S:g} s", ok)
-            row("  time by the clock", f"{took:.1f} s", "", None)
+            row(f"identify {what}, 10^6 rows of 7 joints, {kind}", f"{took:.1f} s", f"< {LIMIT_S:g} s", ok)
+            # Other programs lengthen the time by the clock, waiting threads of a linear algebra library the work.
+            row("  work of all cores", f"{used.ru_utime + used.ru_stime:.1f} s", "", None)
             memory = used.ru_maxrss / 1e6
             row("  memory at most", f"{memory:.2f} GB", f"< {LIMIT_GB:g} GB", memory < LIMIT_GB)
