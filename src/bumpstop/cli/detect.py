@@ -13,21 +13,15 @@ import typer
 from bumpstop.cli.origin import (
     Arming,
     Base,
-    Begin,
     Carried,
-    Columns,
     Gain,
     Kind,
-    Margin,
-    MaxBad,
-    MeasuredRates,
     ModelFile,
     Origin,
     RobotName,
     Tip,
-    Topic,
-    Until,
     load_model,
+    takes_origin,
 )
 from bumpstop.errors import InputError
 
@@ -40,25 +34,16 @@ Limits = Annotated[
 ]
 
 
+@takes_origin
 def detect(
     recording: Annotated[Path, typer.Argument(help="Recording with currents or joint torques.", show_default=False)],
     thresholds: Limits,
-    model: ModelFile = None,
-    robot: RobotName = None,
-    columns: Columns = None,
-    topic: Topic = None,
-    max_bad: MaxBad = 0.01,
-    begin: Begin = None,
-    until: Until = None,
-    residual: Kind = "direct",
-    observer_gain: Gain = 50.0,
+    *,
+    origin: Origin,
     arming_delay: Arming = 0.0,
-    payload: Carried = 0.0,
     payload_change: Annotated[
         float, typer.Option("--payload-change", help="Look for an undeclared mass of at least this [kg]; 0: do not.")
     ] = 0.0,
-    measured_rates: MeasuredRates = False,
-    limit_margin: Margin = 0.1,
     direction: Annotated[
         str, typer.Option(metavar="LIST", help="In which the force of an alarm is given, base frame.")
     ] = "0,0,-1",
@@ -69,8 +54,6 @@ def detect(
         typer.Option("--blind-force", help="Tell poses where more than this could go unnoticed [N]."),
     ] = None,
     rearm: Annotated[float, typer.Option(help="An alarm ends once all was quiet for so long [s].")] = 0.5,
-    base: Base = None,
-    tip: Tip = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Write figures, events and residuals into it.")] = None,
 ) -> None:
@@ -79,22 +62,6 @@ def detect(
     from bumpstop.detection import Thresholds, blind_stretches
     from bumpstop.detection import detect as run_detector
 
-    origin = Origin(
-        model=model,
-        robot=robot,
-        base=base,
-        tip=tip,
-        columns=columns,
-        topic=topic,
-        max_bad=max_bad,
-        begin=begin,
-        until=until,
-        residual=residual,
-        observer_gain=observer_gain,
-        payload=payload,
-        measured_rates=measured_rates,
-        limit_margin=limit_margin,
-    )
     given, arm = origin.parts
     law = Thresholds.parse(thresholds, origin.names)
     settings = replace(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
@@ -57,20 +59,20 @@ class Origin:
         residual, observer_gain, payload, measured_rates, limit_margin: of the detector.
     """
 
-    model: str | None = None
-    robot: str | None = None
-    base: str | None = None
-    tip: str | None = None
-    columns: Path | None = None
-    topic: str | None = None
-    max_bad: float = 0.01
-    begin: float | None = None
-    until: float | None = None
-    residual: str = "direct"
-    observer_gain: float = 50.0
-    payload: float = 0.0
-    measured_rates: bool = False
-    limit_margin: float = 0.1
+    model: ModelFile = None
+    robot: RobotName = None
+    base: Base = None
+    tip: Tip = None
+    columns: Columns = None
+    topic: Topic = None
+    max_bad: MaxBad = 0.01
+    begin: Begin = None
+    until: Until = None
+    residual: Kind = "direct"
+    observer_gain: Gain = 50.0
+    payload: Carried = 0.0
+    measured_rates: MeasuredRates = False
+    limit_margin: Margin = 0.1
 
     @cached_property
     def parts(self) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
@@ -115,6 +117,29 @@ class Origin:
             if field.name not in but and getattr(self, field.name) != field.default:
                 option = "--" + _OPTIONS.get(field.name, field.name).replace("_", "-")
                 raise InputError(option, f"has no meaning with {what}", "leave it out")
+
+
+def takes_origin(command: Callable[..., None]) -> Callable[..., None]:
+    """A command for typer whose keyword ``origin`` is made of the options of :class:`Origin`."""
+    hints = get_type_hints(Origin, include_extras=True)
+    options = {
+        field.name: inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
+        )
+        for field in fields(Origin)
+    }
+    signature = inspect.signature(command, eval_str=True)
+    parameters: list[inspect.Parameter] = []
+    for parameter in signature.parameters.values():
+        parameters += options.values() if parameter.name == "origin" else [parameter]
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        origin = Origin(**{name: given.pop(name) for name in options})
+        command(origin=origin, **given)
+
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return run
 
 
 def load_model(

@@ -9,24 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.origin import (
-    Arming,
-    Base,
-    Begin,
-    Carried,
-    Columns,
-    Gain,
-    Kind,
-    Margin,
-    MaxBad,
-    MeasuredRates,
-    ModelFile,
-    Origin,
-    RobotName,
-    Tip,
-    Topic,
-    Until,
-)
+from bumpstop.cli.origin import Arming, Origin, takes_origin
 from bumpstop.cli.residuals import holds_residuals, load_run, residuals_of
 from bumpstop.errors import InputError
 
@@ -38,6 +21,7 @@ if TYPE_CHECKING:
 _FACTORS = tuple(2 ** (k / 4) for k in range(-8, 9))
 
 
+@takes_origin
 def command(
     file: Annotated[
         Path, typer.Argument(help="Events (JSON of detect), residuals (Parquet), or a recording.", show_default=False)
@@ -46,21 +30,9 @@ def command(
     thresholds: Annotated[
         str | None, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm], for residuals or a recording.")
     ] = None,
-    model: ModelFile = None,
-    robot: RobotName = None,
-    base: Base = None,
-    tip: Tip = None,
-    columns: Columns = None,
-    topic: Topic = None,
-    max_bad: MaxBad = 0.01,
-    begin: Begin = None,
-    until: Until = None,
-    residual: Kind = "direct",
-    observer_gain: Gain = 50.0,
+    *,
+    origin: Origin,
     arming_delay: Arming = 0.0,
-    payload: Carried = 0.0,
-    measured_rates: MeasuredRates = False,
-    limit_margin: Margin = 0.1,
     early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
     late: Annotated[float, typer.Option(help="An event so long after a label still belongs to it [s].")] = 0.25,
     rearm: Annotated[float, typer.Option(help="Quiet time before there may be another event [s].")] = 0.5,
@@ -74,22 +46,6 @@ def command(
         if not 0 <= value < math.inf:
             raise InputError(option, f"is {value}", "wanted zero or more")
     tolerance = Tolerance(early, late)
-    origin = Origin(
-        model=model,
-        robot=robot,
-        base=base,
-        tip=tip,
-        columns=columns,
-        topic=topic,
-        max_bad=max_bad,
-        begin=begin,
-        until=until,
-        residual=residual,
-        observer_gain=observer_gain,
-        payload=payload,
-        measured_rates=measured_rates,
-        limit_margin=limit_margin,
-    )
     known = load_labels(labels)
     notes: list[str] = []
     if file.suffix == ".json":

@@ -10,23 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.origin import (
-    Base,
-    Begin,
-    Carried,
-    Columns,
-    Gain,
-    Kind,
-    Margin,
-    MaxBad,
-    MeasuredRates,
-    ModelFile,
-    Origin,
-    RobotName,
-    Tip,
-    Topic,
-    Until,
-)
+from bumpstop.cli.origin import Origin, takes_origin
 from bumpstop.cli.residuals import holds_residuals, joint_numbers, load_series
 from bumpstop.errors import InputError
 
@@ -35,6 +19,7 @@ if TYPE_CHECKING:
     from bumpstop.detection import ResidualSeries, Tuning
 
 
+@takes_origin
 def command(
     recordings: Annotated[
         list[Path],
@@ -47,20 +32,8 @@ def command(
             show_default="one in ten times the recordings' length, at least 1",
         ),
     ] = None,
-    model: ModelFile = None,
-    robot: RobotName = None,
-    base: Base = None,
-    tip: Tip = None,
-    columns: Columns = None,
-    topic: Topic = None,
-    max_bad: MaxBad = 0.01,
-    begin: Begin = None,
-    until: Until = None,
-    residual: Kind = "direct",
-    observer_gain: Gain = 50.0,
-    payload: Carried = 0.0,
-    measured_rates: MeasuredRates = False,
-    limit_margin: Margin = 0.1,
+    *,
+    origin: Origin,
     joints: Annotated[str | None, typer.Option(metavar="LIST", help="Watch these joints only: 1,2,3.")] = None,
     confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
     scenario: Annotated[
@@ -74,22 +47,6 @@ def command(
     from bumpstop.cli.trade import trade
     from bumpstop.detection import tune
 
-    origin = Origin(
-        model=model,
-        robot=robot,
-        base=base,
-        tip=tip,
-        columns=columns,
-        topic=topic,
-        max_bad=max_bad,
-        begin=begin,
-        until=until,
-        residual=residual,
-        observer_gain=observer_gain,
-        payload=payload,
-        measured_rates=measured_rates,
-        limit_margin=limit_margin,
-    )
     loaded = [load_series(path, origin) for path in recordings]
     series = [one for one, _ in loaded]
     recorded = not all(holds_residuals(path) for path in recordings)
