@@ -54,11 +54,6 @@ class CurrentComparison:
         return self.rows.torque
 
     @property
-    def current_residual(self) -> FloatArray:
-        """Measured less predicted current (N, n) [A]."""
-        return self.rows.current - self.predicted
-
-    @property
     def torque_residual(self) -> FloatArray:
         """Torque estimated from current less that of the motion (N, n) [Nm or N]: the detector's direct residual."""
         return self.estimated - self.rows.torque

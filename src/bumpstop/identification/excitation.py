@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 _DEPENDENT = 1e-8  # of a column of random motion that others make up
 _RANDOM_ROWS = 200
 _ROWS = 60  # of a period, while it is optimised
-_SHARES = np.linspace(0.05, 0.95, 10)  # of the way to the limits that is tried first
 _KEEP = 0.98  # of every limit
 
 

@@ -162,7 +162,7 @@ def fit_joint(
             continue
         if not more:
             try:
-                parameters = _parameters(joint.name, law, fit, unseen, known, sight, task)
+                parameters = _parameters(joint.name, law, fit, known, sight, task)
                 break
             except InputError:
                 if "A" not in law.names:
@@ -224,7 +224,7 @@ def _choose(
         refused = sight.refused(law, fit)
         if not refused:
             try:
-                _parameters(name, law, fit, {}, {}, sight, task)
+                _parameters(name, law, fit, {}, sight, task)
             except InputError as error:
                 refused = error.problem
         held_out = None if refused else task.left_out(law, fit, sight)
@@ -255,7 +255,6 @@ def _parameters(
     name: str,
     law: CurrentLaw,
     fit: RobustFit,
-    unseen: Mapping[str, str],
     known: Mapping[str, float],
     sight: Sight,
     task: _Task,

@@ -42,7 +42,7 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
     Raises:
         InputError: cut short, no such topic, two that could be meant, another message type, other joint names.
     """
-    received, bodies, chosen = _messages(_bag(path), columns, topic or columns.topic)
+    received, bodies, chosen = _messages(_bag(path), topic or columns.topic)
     if not bodies:
         raise InputError(str(path), f"topic {chosen!r} holds no message")
     wanted = columns.joint_names or (tuple(joint.name for joint in robot.joints) if robot is not None else ())
@@ -134,7 +134,7 @@ def _bag(path: Path) -> Path:
     return files[0]
 
 
-def _messages(path: Path, columns: Columns, topic: str) -> tuple[npt.NDArray[np.int64], list[bytes], str]:
+def _messages(path: Path, topic: str) -> tuple[npt.NDArray[np.int64], list[bytes], str]:
     """Times of receiving [ns] and bodies of all messages of the topic, and its name."""
     from rosbags.rosbag2 import Reader
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.markup import Html, bullets, element, paragraph, table
+from bumpstop.report.markup import Html, bullets, element, table
 from bumpstop.report.records import flat
 from bumpstop.report.section import Part
 from bumpstop.study.study import versions
@@ -63,20 +63,6 @@ class StudyAssumptionsPart(Part):
         ]
         notes = [element("h3", "What was assumed"), bullets(self._notes)] if self._notes else []
         return [*notes, element("h3", "What is not claimed"), bullets(claims)]
-
-
-class TextPart(Part):
-    """A part of plain paragraphs under a heading of its own."""
-
-    def __init__(self, title: str, anchor: str, paragraphs: Sequence[str]) -> None:
-        # A part's heading belongs to its class; here every instance has its own.
-        self.title = title  # type: ignore[misc]
-        self.anchor = anchor  # type: ignore[misc]
-        self._paragraphs = paragraphs
-
-    def content(self) -> list[Html]:
-        """The paragraphs."""
-        return [paragraph(text) for text in self._paragraphs]
 
 
 def write_study_report(
