@@ -99,6 +99,20 @@ def test_a_folder_of_another_study_is_refused_by_name(tmp_path: Path, other: Stu
     assert files(tmp_path) == before
 
 
+@pytest.mark.parametrize("complete", [True, False])
+def test_rows_without_settings_are_taken_for_nobodys(tmp_path: Path, complete: bool) -> None:
+    if complete:
+        run(Squares(control_group()), tmp_path)
+    else:
+        with pytest.raises(BrokenError):
+            run(Squares(control_group()), tmp_path, progress=breaking(3))
+    (tmp_path / "settings.toml").unlink()
+    before = files(tmp_path)
+    with pytest.raises(bs.InputError, match=r"without the settings\.toml"):
+        run(Squares(control_group(), seed=1), tmp_path)
+    assert files(tmp_path) == before
+
+
 def test_settings_are_a_scenario_and_say_what_made_the_rows(tmp_path: Path) -> None:
     scenario = control_group(motion__velocity_mm_s=[0.0, 5.0, -20.0])
     run(Squares(scenario, seed=9), tmp_path, command="bumpstop study squares")

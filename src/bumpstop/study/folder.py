@@ -40,7 +40,7 @@ class StudyFolder:
             command: that made it, kept in the settings.
 
         Raises:
-            InputError: it holds another study, or cannot be written.
+            InputError: it holds another study, or rows without settings, or cannot be written.
         """
         self.path = path
         self._shards = path / "shards"
@@ -51,6 +51,7 @@ class StudyFolder:
             if settings.is_file():
                 self._check(settings, print_of, study)
             else:
+                self._refuse_orphans()
                 self._shards.mkdir(parents=True, exist_ok=True)
                 self._write("settings.toml", _settings(study, print_of, command).encode("utf-8"))
             self._shards.mkdir(exist_ok=True)
@@ -66,7 +67,7 @@ class StudyFolder:
         """Numbers of the shards that are there."""
         if self.complete:
             return set(range(self._count))
-        names = (path.stem for path in self._shards.glob("*.arrow"))
+        names = (path.stem for path in self._arrows())
         return {int(name) for name in names if name.isdigit() and int(name) < self._count}
 
     def put(self, number: int, rows: pl.DataFrame) -> None:
@@ -101,6 +102,16 @@ class StudyFolder:
             self._write("summary.json", text.encode("utf-8"))
         except OSError as error:
             raise self._unwritable(error) from None
+
+    def _refuse_orphans(self) -> None:
+        """Rows without settings are of nobody knows what, and must not be taken up."""
+        found = "rows.parquet" if self.complete else next((f"shards/{file.name}" for file in self._arrows()), None)
+        if found is not None:
+            problem = f"{str(self.path)!r} holds {found} without the settings.toml that says what made it"
+            raise InputError("--out", problem, "give another folder, or delete this one")
+
+    def _arrows(self) -> list[Path]:
+        return sorted(self._shards.glob("*.arrow"))
 
     def _check(self, settings: Path, fingerprint: str, study: Study) -> None:
         try:
