@@ -174,6 +174,14 @@ def test_the_guide_meets_the_limits_at_the_least_cost_of_a_grid(priced: Any) -> 
             assert not acceptable(speed, acceleration, period), "a cheaper plan was overlooked"
 
 
+def test_a_key_that_changes_nothing_has_no_law() -> None:
+    study = ParameterStudy.of(control_group(), vary=["verdict.risk=0.1:0.9:4"])
+    (found,) = run(study)[1]["parameters"]
+    assert found["fits"] == []
+    assert found["direction"] == "neither"
+    assert found["derivative"]["mean"] == 0
+
+
 def test_a_guide_that_finds_nothing_says_why() -> None:
     scenario = control_group(motion__velocity_mm_s=[0.0, 0.0, -100.0])
     study = ParameterStudy.of(scenario, vary=["motion.speed=90:100:2"], prices=["motion.speed=1"])
@@ -186,7 +194,8 @@ def test_a_guide_that_finds_nothing_says_why() -> None:
 @pytest.mark.parametrize(
     ("vary", "more", "problem"),
     [
-        (["motion.speed=10:20", "motion.speed=20:30"], {}, "twice"),
+        (["motion.speed=10:20", "motion.speed=20:30"], {}, "names 'motion.speed' twice"),
+        (["contact.padding=1e3:1e4"], {}, "'contact.padding' has no value in the scenario"),
         (["motion.speed=10:20"], {"pairs": ["motion.speed"]}, "KEY,KEY"),
         (["motion.speed=10:20"], {"pairs": ["motion.speed,contact.area_cm2"]}, "is not varied"),
         (["motion.speed=10:20"], {"prices": ["motion.speed=-1"]}, "is no price"),

@@ -79,9 +79,29 @@ def test_says_why_no_value_meets_it() -> None:
     assert "go unnoticed" in found.reason or "never noticed" in found.reason
 
 
+def test_a_small_risk_is_not_said_to_be_that_of_most_collisions() -> None:
+    found = require(scenario(), "motion.speed", risk=1e-300)
+    assert found.value is None
+    assert found.risk_at_value < 1e-3
+    assert "most collisions" not in found.reason
+
+
 def test_whole_range_may_meet_it() -> None:
     found = require(scenario(), "motion.speed", low=5.0, high=20.0)
     assert (found.value, found.binding) == (20.0, "range")
+
+
+def test_padding_is_looked_for_in_a_range_too() -> None:
+    case = scenario(**{"motion.velocity_mm_s": [160.0, 80.0, -160.0]})
+    anywhere = require(case, "contact.padding")
+    assert anywhere.value is not None
+    assert anywhere.binding != "range"
+    ends = Range.parse(f"contact.padding={anywhere.value / 3}:{anywhere.value * 3}", case)
+    found = require(case, "contact.padding", low=ends.low, high=ends.high)
+    assert found.value == pytest.approx(anywhere.value, rel=AGREES)
+    against = Range.parse("contact.padding=3e3:3e4:2", case)
+    softer, harder = (row["value"] for row in require_curve(case, "motion.speed", against))
+    assert softer > harder
 
 
 def test_curve_of_equal_risk_falls_with_the_latency() -> None:

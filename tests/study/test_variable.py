@@ -54,6 +54,13 @@ def test_a_list_with_a_value_for_each_joint_changes_in_proportion() -> None:
     assert changed == pytest.approx([6.0, 3.0, 6.0, 6.0, 12.0, 6.0, 6.0])
 
 
+def test_a_body_without_padding_is_padded_infinitely_hard() -> None:
+    scenario, variable = control_group(), Variable("contact.padding")
+    assert variable.value(scenario) == math.inf
+    assert variable.apply(scenario, math.inf).contact == scenario.contact
+    assert Range.parse("contact.padding=1e3:1e5:3", scenario).high == 1e5
+
+
 def test_speed_keeps_the_direction() -> None:
     scenario = control_group(motion__velocity_mm_s=[30.0, 0.0, -40.0])
     assert Variable("motion.speed").apply(scenario, 10.0).motion.velocity_mm_s == pytest.approx([6.0, 0.0, -8.0])

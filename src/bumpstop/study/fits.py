@@ -10,6 +10,8 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 
+# Less than this share of the largest value is rounding.
+_ROUNDING = 1e-12
 # What a fit must explain of the variance to stand without a better one named beside it.
 R2_WANTED = 0.99
 
@@ -22,7 +24,7 @@ class Fit:
         name: ``"linear"``, ``"quadratic"``, ``"power"`` or ``"constant plus power"``.
         formula: in words, with figures.
         parameters: A, B, C in the order of the formula.
-        r2: share of the variance that it explains; NaN where there is none to explain.
+        r2: share of the variance that it explains.
         fitted: its values at the points (N,).
     """
 
@@ -40,10 +42,14 @@ class Fit:
 def fit_laws(x: FloatArray, y: FloatArray) -> list[Fit]:
     """Fit every law that the points allow: more points than parameters, and powers of positive x only.
 
+    None where y does not vary.
+
     Args:
         x: values (N,), ascending.
         y: what depends on them (N,), finite.
     """
+    if np.ptp(y) <= _ROUNDING * np.abs(y).max():
+        return []
     laws: list[tuple[str, int, Callable[[FloatArray, FloatArray], _Found]]] = [
         ("linear", 2, _linear),
         ("quadratic", 3, _quadratic),
@@ -59,9 +65,8 @@ def fit_laws(x: FloatArray, y: FloatArray) -> list[Fit]:
 
 
 def r_squared(y: FloatArray, fitted: FloatArray) -> float:
-    """Share of the variance that a fit explains; NaN where y does not vary."""
-    variance = float(np.sum((y - y.mean()) ** 2))
-    return float(1 - np.sum((y - fitted) ** 2) / variance) if variance > 0 else float("nan")
+    """Share of the variance of y, which varies, that a fit explains."""
+    return float(1 - np.sum((y - fitted) ** 2) / np.sum((y - y.mean()) ** 2))
 
 
 _Found = tuple[tuple[float, ...], FloatArray, str]

@@ -79,9 +79,14 @@ class ParameterStudy(Study):
             InputError: something in them cannot be used.
         """
         ranges = tuple(Range.parse(text, scenario) for text in (DEFAULT_RANGES if vary is None else vary))
-        by_name = {each.variable.name: each for each in ranges}
-        if len(by_name) != len(ranges):
-            raise InputError("--vary", "names a key twice", "name each once")
+        by_name: dict[str, Range] = {}
+        for each in ranges:
+            name = each.variable.name
+            if name in by_name:
+                raise InputError("--vary", f"names {name!r} twice", "name each key once")
+            if not math.isfinite(each.variable.value(scenario)):
+                raise InputError("--vary", f"{name!r} has no value in the scenario", "give it one with --set first")
+            by_name[name] = each
 
         def varied(field: str, name: str) -> Range:
             if name not in by_name:
@@ -170,7 +175,7 @@ class ParameterStudy(Study):
             "derivative": _derivative(self.scenario, swept, own.filter(own["kind"] == "derivative")),
         }
         if fits:
-            best = max(fits, key=lambda fit: fit.r2 if math.isfinite(fit.r2) else -math.inf)
+            best = max(fits, key=lambda fit: fit.r2)
             wanted = next((fit for fit in fits if named and fit.name == named[0]), None)
             result["source_law"] = wanted.name if wanted else None
             result["better_law"] = best.name if wanted is None or not wanted.r2 >= R2_WANTED else None

@@ -328,7 +328,7 @@ class _Search:
         deaf = self.risks.unnoticed
         limit = self.risks.force_limit
         if at.undetected > 0.5 * at.over:
-            why += ", as most collisions are never noticed"
+            why += ", mostly by collisions that are never noticed"
         elif self.variable.name != "detector.thresholds" and deaf > limit:
             why += f": {deaf:.3g} N go unnoticed here, and the limit is {limit:.3g} N"
         elif self.variable.name != "motion.speed":

@@ -76,7 +76,7 @@ class VariedRisk:
         self.problem = Problem.from_scenario(scenario)
         self._check()
         self.evaluations = 0
-        self._given = variable.value(scenario) if variable.name != "contact.padding" else math.inf
+        self._given = variable.value(scenario)
         self._path = core.KnownPath() if variable.name in _SAME_PATH else None
         self._whole_tail = scenario.verdict.risk < _FAR
 

@@ -74,7 +74,7 @@ class Variable:
         return int(found[1]) if found else None
 
     def value(self, scenario: Scenario) -> float:
-        """Its value in a scenario.
+        """Its value in a scenario; of ``contact.padding`` infinity where there is none.
 
         Raises:
             InputError: it is no numeric key, or the scenario has no value there.
@@ -93,6 +93,8 @@ class Variable:
             from bumpstop.collision import Problem
 
             return Problem.from_scenario(scenario).body_stiffness
+        if self.name == "contact.padding" and scenario.contact.padding_N_m is None:
+            return math.inf
         found = self._lookup(scenario)
         if isinstance(found, bool) or not isinstance(found, int | float):
             raise self._unusable(found)
@@ -272,7 +274,8 @@ class Range:
         if len(taken) < 2:
             step = variable.quantum(scenario)
             steps = f" in steps of {step:g}" if step else ""
-            raise InputError("--vary", f"{variable.name!r} has {len(taken)} values{steps}", "wanted at least 2")
+            only = "only one value" if taken else "no value"
+            raise InputError("--vary", f"{variable.name!r} has {only}{steps}", "wanted at least 2")
         for value in (taken[0], taken[-1]):
             variable.apply(scenario, value)
         return cls(variable, taken)
