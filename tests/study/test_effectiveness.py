@@ -122,6 +122,7 @@ def test_a_body_without_a_limit_for_free_contact_is_reported_and_not_judged() ->
         ({"areas_cm2": [-1.0]}, "--area"),
         ({"highest_speed_mm_s": 1.0}, "--highest-speed"),
         ({"highest_speed_mm_s": float("inf")}, "--highest-speed"),
+        ({"highest_speed_mm_s": 2e5}, "--highest-speed"),
     ],
 )
 def test_bad_choices_are_refused_by_name(options: dict[str, Any], field: str) -> None:

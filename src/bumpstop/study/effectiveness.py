@@ -32,6 +32,7 @@ AREAS_CM2 = (1.0, 2.0)
 HIGHEST_SPEED_MM_S = 250.0
 LOWEST_SPEED_MM_S = 1.0
 SPEED_STEP_MM_S = 0.1
+_FASTEST_MM_S = 1e5  # that a scenario takes
 _SCAN = 10
 
 
@@ -101,9 +102,10 @@ class EffectivenessStudy(Study):
             _ascending("--area", areas_cm2, AREAS_CM2),
             highest_speed_mm_s,
         )
-        if not LOWEST_SPEED_MM_S < highest_speed_mm_s < math.inf:
+        if not LOWEST_SPEED_MM_S < highest_speed_mm_s <= _FASTEST_MM_S:
             problem = f"{highest_speed_mm_s:g} mm/s cannot be used"
-            raise InputError("--highest-speed", problem, f"wanted more than {LOWEST_SPEED_MM_S:g} mm/s")
+            valid = f"wanted more than {LOWEST_SPEED_MM_S:g} mm/s, and at most {_FASTEST_MM_S:g} mm/s"
+            raise InputError("--highest-speed", problem, valid)
         study._check_directions()
         return study
 

@@ -70,6 +70,8 @@ class WorkspaceStudy(Study):
             raise InputError("motion.kind", "a workspace study moves along straight lines", "wanted 'line'")
         if (self.poses > 0) == (self.grid > 0):
             raise InputError("--poses", "and --grid: give one of them", "for example --poses 1000")
+        if self.poses and self.grid_directions != 1:
+            raise InputError("--grid-directions", "has no meaning without --grid", "leave it out")
         if self.grid and self.speed_sd_mm_s:
             raise InputError("--speed-sd", "has no meaning with --grid, where nothing is drawn", "leave it out")
         if not 0 <= self.speed_sd_mm_s < math.inf:
