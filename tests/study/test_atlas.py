@@ -20,7 +20,7 @@ from bumpstop.study import run
 from bumpstop.study.atlas import TrajectoryAtlas, WorkspaceAtlas
 from bumpstop.study.null_space import feel_better
 from bumpstop.study.retiming import retime
-from bumpstop.study.speed_limit import force_limit
+from bumpstop.study.risk import allowed_force
 from bumpstop.study.trajectory_writing import write_csv, write_ros
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -58,7 +58,7 @@ def test_limits_are_tight_where_the_formula_expects_none() -> None:
     q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
     speed = rows["limit_mm_s"].to_numpy() / 1e3
-    limit = force_limit(study._line_problem)
+    limit = allowed_force(study._line_problem)
     assert rows.filter(rows["unnoticed_N"] > 0.7 * limit).height >= 5
     for factor, safe in ((1.0, True), (1.0101, False)):
         laws = evaluate_batch(study.scenario, q, direction * (factor * speed)[:, None], limits_N=[limit])

@@ -157,8 +157,7 @@ class ContactLimits:
         Raises:
             InputError: an argument outside those ranges.
         """
-        by_pressure = self._force_at_pressure_limit_N(area_cm2, peak_factor)
-        return min(self.force_N, by_pressure)
+        return min(self.force_N, self.force_at_pressure_limit_N(area_cm2, peak_factor))
 
     def governing(self, area_cm2: float, peak_factor: float = 1.0) -> Literal["force", "pressure"]:
         """Which limit is reached first as the force grows; ``"force"`` when both are reached together.
@@ -172,10 +171,19 @@ class ContactLimits:
         Raises:
             InputError: an argument outside those ranges.
         """
-        by_pressure = self._force_at_pressure_limit_N(area_cm2, peak_factor)
+        by_pressure = self.force_at_pressure_limit_N(area_cm2, peak_factor)
         return "pressure" if by_pressure < self.force_N else "force"
 
-    def _force_at_pressure_limit_N(self, area_cm2: float, peak_factor: float) -> float:
+    def force_at_pressure_limit_N(self, area_cm2: float, peak_factor: float = 1.0) -> float:
+        """Force at which the pressure reaches its limit, p area / peak_factor [N]; infinite without a pressure limit.
+
+        Args:
+            area_cm2: contact area [cm2], finite and above 0.
+            peak_factor: highest over mean pressure in that area [1], finite and at least 1.
+
+        Raises:
+            InputError: an argument outside those ranges.
+        """
         # The comparisons are written so that NaN fails them.
         if not 0.0 < area_cm2 < math.inf:
             raise InputError("contact.area_cm2", f"{area_cm2!r} is no contact area", "a finite number of cm2 above 0")

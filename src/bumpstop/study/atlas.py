@@ -14,7 +14,8 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision import Problem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.arms import Arms
-from bumpstop.study.speed_limit import SpeedLimits, force_limit, foretold_speed, speed_limits, stop_gain
+from bumpstop.study.risk import allowed_force
+from bumpstop.study.speed_limit import SpeedLimits, foretold_speed, speed_limits, stop_gain
 from bumpstop.study.study import Study, check_risk
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ class Atlas(Study):
                 gain = stop_gain(problem, Arms(problem, q, around).unlimited_rates(q))
             torque = np.einsum("nij,ni->nj", jacobian, around)
             accepted = self.scenario.verdict.risk
-            speed = np.nan_to_num(foretold_speed(problem, torque, gain, force_limit(problem), accepted))
+            speed = np.nan_to_num(foretold_speed(problem, torque, gain, allowed_force(problem), accepted))
             lower = speed < best
             best[lower], worst[lower] = speed[lower], around[lower]
         return worst
@@ -233,7 +234,7 @@ class TrajectoryAtlas(Atlas):
         torque = np.einsum("nij,ni->nj", Arms(problem, q, own).linear_jacobian(q), own)
         more = (speed > _STANDS) & ~(gain <= _TURNS_MORE * straight)
         allowed = foretold_speed(
-            problem, torque, np.where(more, gain, 0.0), force_limit(problem), self.scenario.verdict.risk
+            problem, torque, np.where(more, gain, 0.0), allowed_force(problem), self.scenario.verdict.risk
         )
         lower = more & (allowed < found.speed)
         return SpeedLimits(

@@ -240,10 +240,12 @@ class _Laws:
         assert limits is not None
         if self._two_phases:
             return law.verdict.p_over_force, law.verdict.p_over_pressure
-        pressure = limits.pressure_N_cm2
-        allowed = None if pressure is None else pressure * area / law.scenario.contact.peak_factor
         force = law.peak_force
-        return force.exceedance(limits.force_N), None if allowed is None else force.exceedance(allowed)
+        over_force = force.exceedance(limits.force_N)
+        if limits.pressure_N_cm2 is None:
+            return over_force, None
+        allowed = limits.force_at_pressure_limit_N(area, law.scenario.contact.peak_factor)
+        return over_force, force.exceedance(allowed)
 
     def judged(self, speed: float, area: float) -> tuple[bool, str]:
         """Whether a speed is acceptable on an area, and what stands against it or comes nearest to.

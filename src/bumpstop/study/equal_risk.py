@@ -7,23 +7,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.study.risk import allowed_force
 
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.collision import Problem, Scenario
+    from bumpstop.collision import Scenario
     from bumpstop.study.variable import Range
 
 # Accepted probabilities of passing a limit, one family of curves each.
 RISKS = (0.1, 0.01, 1e-3, 1e-4)
 _FINE = 129
-
-
-def allowed_force(problem: Problem) -> float:
-    """Largest peak force within both limits of the body [N]; the problem has limits."""
-    assert problem.limits is not None
-    contact = problem.scenario.contact
-    return problem.limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
 
 
 def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.DataFrame) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.study.equal_risk import allowed_force
+from bumpstop.study.risk import allowed_force
 from bumpstop.study.variable import Range, Variable
 
 if TYPE_CHECKING:

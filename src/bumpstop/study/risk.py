@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +25,13 @@ _NEARLY_ALL = 0.9
 _SAME_PATH = ("detector.thresholds", "contact.padding")
 # What changes the path itself.
 _NEW_PATH = ("motion.speed", "reaction.joint_acceleration_rad_s2")
+
+
+def allowed_force(problem: Problem) -> float:
+    """Largest peak force within both limits of the body [N]; the problem has limits."""
+    assert problem.limits is not None
+    contact = problem.scenario.contact
+    return problem.limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,7 @@ class VariedRisk:
     @property
     def force_limit(self) -> float:
         """Peak force [N] at which the first limit is passed: that of the force, or of the pressure over the area."""
-        return min(self._force_limits())
+        return allowed_force(self.problem)
 
     @property
     def unnoticed(self) -> float:
@@ -121,10 +127,7 @@ class VariedRisk:
     def _force_limits(self) -> tuple[float, float]:
         limits, contact = self.problem.limits, self.scenario.contact
         assert limits is not None
-        pressure = math.inf
-        if limits.pressure_N_cm2 is not None:
-            pressure = limits.pressure_N_cm2 * contact.area_cm2 / contact.peak_factor
-        return limits.force_N, pressure
+        return limits.force_N, limits.force_at_pressure_limit_N(contact.area_cm2, contact.peak_factor)
 
     def at(self, value: float, *, closely: bool = False) -> Risk:
         """The risk at one value of the variable; ``closely``: one that is passed is no bound, unless it is near 1."""

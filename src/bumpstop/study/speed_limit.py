@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bumpstop.collision import Problem, evaluate_batch
 from bumpstop.study.arms import Arms
+from bumpstop.study.risk import allowed_force
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -38,15 +39,6 @@ class SpeedLimits:
     risk: FloatArray
     by: npt.NDArray[np.str_]
     laws: int
-
-
-def force_limit(problem: Problem) -> float:
-    """Peak force [N] at which the limit of force, or of pressure over the area, is passed; infinite without limits."""
-    limits, contact = problem.limits, problem.scenario.contact
-    if limits is None:
-        return np.inf
-    pressure = limits.pressure_N_cm2
-    return min(limits.force_N, np.inf if pressure is None else pressure * contact.area_cm2 / contact.peak_factor)
 
 
 def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float) -> FloatArray:
@@ -94,7 +86,7 @@ def speed_limits(
         threads: for the exact laws.
     """
     problem = Problem.from_scenario(scenario)
-    limit, accepted = force_limit(problem), scenario.verdict.risk
+    limit, accepted = allowed_force(problem), scenario.verdict.risk
     arms = Arms(problem, q, direction)
     torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -214,9 +214,9 @@ class WorkspaceStudy(Study):
         limits, contact = self._problem.limits, self.scenario.contact
         if limits is None:
             return []
-        by_pressure = limits.pressure_N_cm2
-        force = [limits.force_N]
-        return force if by_pressure is None else [*force, by_pressure * contact.area_cm2 / contact.peak_factor]
+        if limits.pressure_N_cm2 is None:
+            return [limits.force_N]
+        return [limits.force_N, limits.force_at_pressure_limit_N(contact.area_cm2, contact.peak_factor)]
 
     @property
     def edges(self) -> FloatArray:
