@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -181,6 +182,54 @@ def test_workspace_does_not_depend_on_threads() -> None:
     assert (run(study)[0]["limit_mm_s"] > 0).any()
 
 
+GANTRY = """<robot name="gantry"><link name="l0"/>{}</robot>"""
+SLIDE = """<link name="l{0}"/><joint name="j{0}" type="prismatic"><parent link="l{1}"/><child link="l{0}"/>
+<axis xyz="{2}"/><limit lower="4" upper="9" velocity="2" effort="100"/></joint>"""
+
+
+def test_poses_lie_all_over_the_joints_ranges(tmp_path: Path) -> None:
+    slides = "".join(SLIDE.format(j + 1, j, axis) for j, axis in enumerate(("1 0 0", "0 1 0", "0 0 1")))
+    (tmp_path / "gantry.urdf").write_text(GANTRY.format(slides))
+    scenario = bs.Scenario.from_dict(
+        {
+            "robot": str(tmp_path / "gantry.urdf"),
+            "pose_rad": [5.0, 6.0, 7.0],
+            "motion": {"velocity_mm_s": [0, 0, -50], "task": "position"},
+            "contact": {"body": "lower_arm_wrist", "limits": "ts15066"},
+            "detector": {"thresholds_Nm": [50, 50, 50], "noise_sd_Nm": 5.0, "feedback_period_s": 0.004},
+            "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 5.0},
+        }
+    )
+    q = run(WorkspaceAtlas(scenario, poses=100, cone_deg=0.0))[0].select("q_1", "q_2", "q_3").to_numpy()
+    assert q.min() >= 4
+    assert q.max() <= 9
+    # Of a hundred draws none in the lowest or the highest tenth has one chance in 37 000.
+    assert (q.min(axis=0) < 4.5).all()
+    assert (q.max(axis=0) > 8.5).all()
+
+
+def test_a_long_trajectory_takes_the_direction_of_the_nearest_waypoint_that_moves(tmp_path: Path) -> None:
+    """As many rows as two minutes at 250 Hz: nothing may grow with their square."""
+    t = np.arange(30_000) / 250
+    still = (t < 20) | (t > 100)
+    share = np.where(still, np.where(t < 20, 0.0, 1.0), 0.5 - 0.5 * np.cos(math.pi * (t - 20) / 80))
+    begin = TrajectoryAtlas(load_scenario(PICK)).trajectory.position[0]
+    rows = np.column_stack([t, begin + share[:, None] * np.array([0.5, 0.1, 0, 0, 0, 0, 0])])
+    header = ",".join(["t", *(f"q_{j + 1}" for j in range(7))])
+    np.savetxt(tmp_path / "long.csv", rows, delimiter=",", header=header, comments="", fmt="%.10g")
+    study = TrajectoryAtlas(load_scenario(PICK, {"motion.file": str(tmp_path / "long.csv")}))
+    tracemalloc.start()
+    direction = study.direction
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 5000 * len(t)
+    moves = np.flatnonzero(np.linalg.norm(study.tip_velocity, axis=1) > 1e-6)
+    for row in (0, moves[0] - 1, moves[0], moves[-1], moves[-1] + 1, len(t) - 1):
+        nearest = moves[np.abs(moves - row).argmin()]
+        velocity = study.tip_velocity[nearest]
+        assert np.allclose(direction[row], velocity / np.linalg.norm(velocity))
+
+
 @pytest.mark.parametrize(
     ("path", "changes", "settings", "field"),
     [
@@ -192,6 +241,7 @@ def test_workspace_does_not_depend_on_threads() -> None:
         (LINE, {"contact.kind": "free"}, {}, "contact.kind"),
         (LINE, {"contact.kind": "free", "contact.body": "skull_forehead"}, {}, "contact.body"),
         (LINE, {"verdict.clamped_limit": "two_phase"}, {}, "verdict.clamped_limit"),
+        (LINE, {"motion.held_joints": [1, 2, 3, 4, 5, 6]}, {}, "motion.held_joints"),
     ],
 )
 def test_refuses_by_name(path: Path, changes: dict[str, Any], settings: dict[str, Any], field: str) -> None:

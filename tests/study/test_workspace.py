@@ -269,6 +269,11 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
         (SLOW, {"grid": 100}, "--grid"),
         (control_group(contact__kind="free", contact__body_mass_kg=1.0), {"poses": 1}, "contact.kind"),
         (control_group(contact__normal=[0.0, 0.0, -1.0]), {"poses": 1}, "contact.link"),
+        (
+            control_group(contact__limits="ts15066", verdict__clamped_limit="two_phase"),
+            {"poses": 1},
+            "verdict.clamped_limit",
+        ),
         (control_group(detector__arming_delay_s=0.1), {"poses": 1, "foretell": True}, "--foretell"),
     ],
 )

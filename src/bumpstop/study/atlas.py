@@ -14,6 +14,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision import Problem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.arms import Arms
+from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.risk import allowed_force
 from bumpstop.study.speed_limit import SpeedLimits, foretold_speed, speed_limits, stop_gain
 from bumpstop.study.study import Study, check_risk
@@ -180,7 +181,10 @@ class TrajectoryAtlas(Atlas):
         moves = np.flatnonzero(speed > _STANDS)
         if not moves.size:
             raise InputError("motion.file", "the tip does not move", "wanted a trajectory that moves it")
-        nearest = moves[np.abs(np.arange(len(speed))[:, None] - moves).argmin(axis=1)]
+        rows = np.arange(len(speed))
+        after = np.searchsorted(moves, rows).clip(max=moves.size - 1)
+        before = (after - 1).clip(min=0)
+        nearest = moves[np.where(np.abs(rows - moves[before]) <= np.abs(moves[after] - rows), before, after)]
         return np.asarray(self.tip_velocity[nearest] / speed[nearest][:, None])
 
     @property
@@ -266,7 +270,7 @@ class WorkspaceAtlas(Atlas):
     """A row for every random pose: the highest speed that is safe in all directions of a cone, or in every direction.
 
     Attributes:
-        poses: number of them, each joint even between its limits.
+        poses: number of them, each joint even between its limits; a joint without limits turns once.
         seed: of the poses.
     """
 
@@ -280,6 +284,7 @@ class WorkspaceAtlas(Atlas):
         if not 1 <= self.poses <= MOST_POSES:
             raise InputError("--poses", f"{self.poses} cannot be used", f"wanted 1 to {MOST_POSES}")
         self._check()
+        joint_ranges(self._line_problem)
 
     @cached_property
     def _line(self) -> Scenario:
@@ -295,9 +300,10 @@ class WorkspaceAtlas(Atlas):
         count = min(SHARD_ROWS, self.poses - number * SHARD_ROWS)
         problem = self._line_problem
         rng = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, number]))
-        low, high = np.maximum(problem.robot.lower, -math.pi), np.minimum(problem.robot.upper, math.pi)
+        low, high = problem.q.copy(), problem.q.copy()
+        for j, *ends in joint_ranges(problem):
+            low[j], high[j] = ends
         q = rng.uniform(low, high, (count, problem.robot.dof))
-        q[:, problem.held] = problem.q[problem.held]
         own = np.tile(problem.velocity / np.linalg.norm(problem.velocity), (count, 1))
         direction = self._worst(q, own, math.radians(self.cone_deg), _SPHERE) if self.cone_deg > 0 else own
         found = speed_limits(self.scenario, q, direction, np.full(count, self.cap_mm_s / 1e3))

@@ -15,6 +15,7 @@ from bumpstop.kernels import core
 from bumpstop.study import foretold
 from bumpstop.study.capsules import self_collision, thickest_links
 from bumpstop.study.directions import DirectionLaw, draw_directions, spread_directions
+from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
 
 if TYPE_CHECKING:
@@ -86,8 +87,10 @@ class WorkspaceStudy(Study):
         if self.foretell:
             foretold.check(self._problem)
         # Everything a shard would refuse, it refuses here, before any work.
-        if not len(self._ranges):
-            raise InputError("motion.held_joints", "hold every joint", "at least one must move")
+        _ = self._ranges
+        if self.scenario.verdict.clamped_limit == "two_phase":
+            problem = "'two_phase' has two limits at once"
+            raise InputError("verdict.clamped_limit", problem, "wanted 'quasi_static' for a workspace")
         self._laws(self._problem.q[None], np.array([[*self._own * self._speed / 1e3]]))
         thickest = 1e3 * thickest_links(self._problem.robot, self._problem.q)
         if self.link_radius_mm > thickest:
@@ -141,21 +144,10 @@ class WorkspaceStudy(Study):
 
     @cached_property
     def _ranges(self) -> list[tuple[int, float, float]]:
-        """Moving joints with the range they are drawn from; a joint without limits turns once."""
+        """Moving joints with the range they are drawn from, inside the robot's own limits whatever is ignored."""
         from bumpstop.collision import Problem
 
-        problem = Problem.from_scenario(self.scenario)
-        found = []
-        for j, joint in enumerate(problem.robot.joints):
-            if j in problem.held:
-                continue
-            low, high = joint.lower, joint.upper
-            if not (math.isfinite(low) and math.isfinite(high)):
-                if joint.kind == "prismatic":
-                    raise InputError("robot", f"joint {j + 1} slides without limits", "wanted limits to draw between")
-                low, high = -math.pi, math.pi
-            found.append((j, low, high))
-        return found
+        return joint_ranges(Problem.from_scenario(self.scenario))
 
     @property
     def _speed(self) -> float:
