@@ -50,6 +50,14 @@ def test_words_for_people(name: str) -> None:
     assert "rows in" in result.out
 
 
+def test_an_atlas_without_a_safe_speed_says_that_nothing_is_retimed(tmp_path: Path) -> None:
+    path = EXAMPLE.parent / "06_pick_and_place_trajectory.toml"
+    result = run("study", "atlas", path, "--out", tmp_path, "--set", "contact.area_cm2=0.0001")
+    assert result.status == 3
+    assert "at 76 of them no speed is safe, so there is no slower trajectory" in result.out
+    assert not (tmp_path / "retimed.csv").exists()
+
+
 def test_settings_repeat_the_study(tmp_path: Path) -> None:
     first = run("study", "workspace", EXAMPLE, "--json", "--out", tmp_path / "a", *QUICK["workspace"])
     again = run("study", "workspace", tmp_path / "a" / "settings.toml", "--json", "--poses", 20, "--speed-sd", 2)

@@ -13,7 +13,6 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import bumpstop as bs
-from bumpstop.arrays import FloatArray
 from bumpstop.collision import evaluate_batch, load_scenario
 from bumpstop.collision.trajectory import Trajectory
 from bumpstop.errors import InputError
@@ -67,7 +66,7 @@ def test_limits_are_tight_where_the_formula_expects_none() -> None:
 
 
 def test_slowed_down_no_collision_passes_the_limits(pick: TrajectoryAtlas, found: Any, tmp_path: Path) -> None:
-    retimed = retime(pick.trajectory, pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
+    retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
     write_csv(tmp_path / "slow.csv", retimed)
     before = bs.evaluate(pick.scenario)
     after = bs.evaluate(pick.scenario.with_values({"motion.file": str(tmp_path / "slow.csv")}))
@@ -78,10 +77,6 @@ def test_slowed_down_no_collision_passes_the_limits(pick: TrajectoryAtlas, found
     # The laws of trajectories share no code with those of lines. Undetected ones meet an arm that stands still.
     assert detected_over(before) > 0.1
     assert detected_over(after) <= pick.scenario.verdict.risk
-
-
-def pace(rows: Any) -> FloatArray:
-    return np.asarray(np.minimum(1.0, rows["limit_mm_s"].to_numpy() / np.maximum(rows["speed_mm_s"].to_numpy(), 1e-9)))
 
 
 def wavy(rng: np.random.Generator, rows: int, with_velocity: bool) -> Trajectory:
@@ -125,6 +120,38 @@ def test_retimed_keeps_limits_and_path(seed: int, with_velocity: bool) -> None:
     assert np.abs(spline(t) - trajectory.at(moment)).max() < 1e-9
 
 
+@pytest.mark.parametrize("gap", [0.5, 20.0])
+def test_waypoints_far_apart_keep_the_path_too(gap: float) -> None:
+    rng = np.random.default_rng(3)
+    trajectory = Trajectory(gap * np.arange(6), rng.uniform(-2, 2, (6, 3)), None)
+    found = retime(trajectory, rng.uniform(0.2, 1, 6), np.full(3, 3.0), np.full(3, 9.0))
+    spline = CubicHermiteSpline(found.time, found.position, found.velocity)
+    # Between two rows the pace changes evenly in time, which tells where on the path the middle lies.
+    pace = np.linalg.norm(found.velocity, axis=1) / np.linalg.norm(trajectory.at(found.path_time, 1), axis=1)
+    dt = np.diff(found.time)
+    moment = found.path_time[:-1] + dt * (3 * pace[:-1] + pace[1:]) / 8
+    assert np.abs(spline(found.time[:-1] + dt / 2) - trajectory.at(moment)).max() < 1e-9
+
+
+def test_waypoints_too_far_apart_are_refused() -> None:
+    rng = np.random.default_rng(3)
+    trajectory = Trajectory(np.arange(6.0), rng.uniform(-1e4, 1e4, (6, 3)), None)
+    with pytest.raises(InputError, match="closer together"):
+        retime(trajectory, rng.uniform(0.2, 1, 6), np.full(3, 1e5), np.full(3, 1e6))
+
+
+def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
+    pick: TrajectoryAtlas, found: Any, tmp_path: Path
+) -> None:
+    retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
+    write_csv(tmp_path / "slow.csv", retimed)
+    again = TrajectoryAtlas(pick.scenario.with_values({"motion.file": str(tmp_path / "slow.csv")}))
+    rows, summary = run(again)
+    assert rows.height > 2 * found.height
+    assert summary["acceptable"]
+    assert (again.pace(rows) == 1).all()
+
+
 def test_nothing_to_slow_down_changes_nothing() -> None:
     trajectory = wavy(np.random.default_rng(1), 50, True)
     found = retime(trajectory, np.ones(50), np.full(6, 1e3), np.full(6, 1e4))
@@ -143,7 +170,7 @@ def test_a_slow_place_is_braked_for_in_time() -> None:
 
 
 def test_files_read_back(pick: TrajectoryAtlas, found: Any, tmp_path: Path) -> None:
-    retimed = retime(pick.trajectory, pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
+    retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
     write_csv(tmp_path / "slow.csv", retimed)
     write_ros(tmp_path / "slow.json", retimed, pick.problem.robot)
     for name in ("slow.csv", "slow.json"):

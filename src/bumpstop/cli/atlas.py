@@ -114,8 +114,11 @@ def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: 
         return "Safe speed along a trajectory", parts, _NOTES
 
     def lines(summary: dict[str, Any]) -> list[str]:
+        none = summary["none_safe"]
+        unsafe = [f"at {none} of them no speed is safe, so there is no slower trajectory"] if none else []
         return [
             f"{summary['over']} of {summary['waypoints']} waypoints are passed faster than is safe",
+            *unsafe,
             f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
             f"({summary['lowest_at_s']:.4g} s)",
         ]
@@ -130,11 +133,11 @@ def _slowed(study: TrajectoryAtlas, rows: pl.DataFrame) -> tuple[Retimed | None,
 
     from bumpstop.study.retiming import retime
 
-    limit, speed = rows["limit_mm_s"].to_numpy(), rows["speed_mm_s"].to_numpy()
-    if (limit == 0).any():
+    speed = rows["speed_mm_s"].to_numpy()
+    if (rows["limit_mm_s"] == 0).any():
         return None, None
-    pace = np.minimum(1.0, limit / np.maximum(speed, 1e-9))
-    retimed = retime(study.trajectory, pace, study.problem.robot.velocity, study.problem.joint_acceleration)
+    limits = study.problem.robot.velocity, study.problem.joint_acceleration
+    retimed = retime(study.trajectory, study.pace(rows), *limits)
     rate = study.trajectory.at(study.trajectory.time, 1)
     new = np.linalg.norm(retimed.velocity[retimed.waypoint], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):

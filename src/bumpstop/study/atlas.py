@@ -16,7 +16,7 @@ from bumpstop.errors import InputError
 from bumpstop.study.arms import Arms
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.risk import allowed_force
-from bumpstop.study.speed_limit import SpeedLimits, foretold_speed, speed_limits, stop_gain
+from bumpstop.study.speed_limit import CLOSE, SpeedLimits, foretold_speed, speed_limits, stop_gain
 from bumpstop.study.study import Study, check_risk
 
 if TYPE_CHECKING:
@@ -247,6 +247,17 @@ class TrajectoryAtlas(Atlas):
             np.where(lower, "turning", found.by),
             found.laws,
         )
+
+    def pace(self, rows: pl.DataFrame) -> FloatArray:
+        """Greatest pace at every waypoint, 0 to 1, with which the whole trajectory keeps to the limits of its rows.
+
+        All 1 where it keeps to them as it is. Else it stays below every limit by as much as the search leaves open, so
+        that what lies between two waypoints, whose own limits were not looked for, keeps to them too.
+        """
+        if not rows["over"].any():
+            return np.ones(rows.height)
+        limit, speed = rows["limit_mm_s"].to_numpy(), rows["speed_mm_s"].to_numpy()
+        return np.asarray(np.minimum(1.0, (1 - CLOSE) * limit / np.maximum(speed, 1e3 * _STANDS)))
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
         least = rows["limit_mm_s"].arg_min()

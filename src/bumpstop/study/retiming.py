@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _SHARE = 0.98
 # Between two rows of the output a cubic is this near to the path [rad or m].
 _PATH = 5e-10
-_MOST_PARTS = 64
+_MOST_PARTS = 1024  # between two waypoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,8 @@ def retime(
         acceleration_limit: of the joints (dof,) [rad/s2 or m/s2].
 
     Raises:
-        InputError: a waypoint allows no pace at all, or no pace keeps the acceleration limits.
+        InputError: a waypoint allows no pace at all, no pace keeps the acceleration limits, or waypoints are too far
+            apart for rows between them that keep to the path.
     """
     u = trajectory.time
     if (pace <= 0).any():
@@ -174,8 +175,12 @@ def _written(trajectory: Trajectory, x: FloatArray) -> Retimed:
         position = trajectory.at(moment)
         position[::parts] = trajectory.position
         velocity = trajectory.at(moment, 1) * speed[:, None]
-        if parts >= _MOST_PARTS or _strays(trajectory, time, position, velocity, moment, speed) <= _PATH:
+        strays = _strays(trajectory, time, position, velocity, moment, speed)
+        if strays <= _PATH:
             break
+        if parts >= _MOST_PARTS:
+            problem = f"{parts} rows between two waypoints still stray by {strays:.2g} from the path"
+            raise InputError("trajectory", problem, "give waypoints that are closer together")
         parts *= 2
     acceleration = trajectory.at(moment, 2) * speed[:, None] ** 2
     acceleration += trajectory.at(moment, 1) * np.append(change[piece], change[-1])[:, None]

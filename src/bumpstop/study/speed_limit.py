@@ -20,7 +20,7 @@ SLOWEST = 1e-3  # m/s; slower arms are not looked at
 _FIRST = 5e-3  # m/s; the first guess is no slower: laws of slow arms are long
 # The search ends by itself, mostly after five; late ones look at the middle too, so that none can go on for long.
 _ROUNDS = 48
-_CLOSE = 0.01  # between a speed that is met and one that is not
+CLOSE = 0.01  # between a speed that is met and one that is not
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def speed_limits(
         ):
             at[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
         risk[open_[good]] = over[good]
-        done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + _CLOSE)) | (fails <= SLOWEST * (1 + 1e-9))
+        done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + CLOSE)) | (fails <= SLOWEST * (1 + 1e-9))
         open_ = open_[~done[open_]]
         trial[open_] = _next(
             met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_], cap[open_],
@@ -155,10 +155,10 @@ def _next(
         number: of the round, from 0.
     """
     # Where even what is missed passes the limit, nothing tells how far it is up: steps of 1 % would never arrive.
-    least = min(2.0, (1 + _CLOSE) ** (2 ** min(number, 7)))
+    least = min(2.0, (1 + CLOSE) ** (2 ** min(number, 7)))
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.log(limit / low) / np.log(high / low)
-        between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * _CLOSE)
+        between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * CLOSE)
         if number > 8 and number % 3 == 2:
             between = np.sqrt(met * fails)
         between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
