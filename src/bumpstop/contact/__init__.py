@@ -5,14 +5,9 @@ Detection on Industrial Serial Manipulators, The University of Texas at Austin, 
 """
 
 from bumpstop.contact.clamped import clamped_force, pressure_N_cm2
-from bumpstop.contact.limits import (
-    ContactKind,
-    ContactLimits,
-    LimitTable,
-    PressureArea,
-    Region,
-    builtin_tables,
-)
+from bumpstop.contact.contact_limits import ContactLimits
+from bumpstop.contact.limits import LimitTable, builtin_tables
+from bumpstop.contact.regions import ContactKind, PressureArea, Region
 
 __all__ = [
     "ContactKind",
