@@ -19,7 +19,7 @@ sys.path.insert(0, str(REPOSITORY / "tests"))
 
 import bumpstop as bs  # noqa: E402
 import twin  # noqa: E402
-import twin.twin as twin_module  # noqa: E402
+import twin.library as twin_library  # noqa: E402
 from benchmarks import studies  # noqa: E402
 from benchmarks.million_rows import million_rows  # noqa: E402
 from bumpstop import kernels  # noqa: E402
@@ -192,7 +192,7 @@ def study_rows() -> None:
 
 def main() -> None:
     """Print the table."""
-    twin_module.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[kernels.target])
+    twin_library.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[kernels.target])
     print(
         f"kernels: {kernels.target}; one core; the twin needs {TWIN_RUNS} runs for a distribution like the source's\n"
     )

@@ -1,300 +1,23 @@
-"""Python side of the slow twin: compiles twin.cpp on first use and calls it through ctypes.
+"""Calling the slow twin: nothing here imports the library under test.
 
 Units are SI (m, rad, s, N, Nm); for a prismatic joint read m for rad and N for Nm. Joints and links are
-counted from zero, and link j is the one that joint j moves. Nothing here imports the library under test.
+counted from zero, and link j is the one that joint j moves.
 """
 
 from __future__ import annotations
 
 import ctypes
-import functools
-import hashlib
 import math
-import os
-import shlex
-import subprocess
-import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any, Literal
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
-
-MAX_JOINTS = 16
-SOURCE = Path(__file__).with_name("twin.cpp")
-
-# No fused multiply-adds: where the compiler may contract a * b + c, results differ from machine to machine.
-DEFAULT_FLAGS = (
-    "-O2",
-    "-std=c++20",
-    "-shared",
-    "-fPIC",
-    "-ffp-contract=off",
-    "-Wall",
-    "-Wextra",
-    "-Werror",
-)
-
-IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
-# --- What a run is made of ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One joint of a serial chain, described as in a URDF."""
-
-    kind: Literal["revolute", "prismatic"]
-    origin_m: Sequence[float]  # in the frame of the link before it
-    axis: Sequence[float]  # in the joint's own frame; any length
-    origin_rotation: npt.ArrayLike = IDENTITY  # 3 x 3, from the joint's frame to that of the link before it
-
-
-@dataclass(frozen=True, kw_only=True)
-class TwinSettings:
-    """Arm, motion, contact, detector and reaction of a simulated collision.
-
-    A value that belongs to each joint may be one number for all of them.
-    """
-
-    # Arm
-    joints: Sequence[Joint]
-    tip_m: Sequence[float] = (0.0, 0.0, 0.0)  # in the last link's frame
-    held_joints: Sequence[int] = ()  # these do not move
-
-    # Motion
-    start_position: Sequence[float]
-    velocity_m_s: Sequence[float]  # of the tip
-    task: Literal["pose", "position"] = "pose"  # hold the tip's orientation, or let it go
-    start: Literal["moving", "rest"] = "moving"
-    duration_s: float = 5.0  # a run without detection ends here
-    singular_tolerance: float = 1e-7  # singular values below this share of the largest are dropped
-    damping: float = 0.0  # lambda of the damped pseudo-inverse (then nothing is dropped); 0 is exact
-    max_speed: float | Sequence[float] = math.inf
-
-    # Contact
-    stiffness_N_m: float = 75_000.0
-    contact_link: int | None = None  # None: the tip
-    contact_point_m: Sequence[float] = (0.0, 0.0, 0.0)  # in that link's frame
-    normal: Sequence[float] | None = None  # None: the direction the contact point moves in at the start
-    per_axis_walls: bool = False  # three walls across x, y, z instead of one plane
-    mirrored_walls: bool = True  # ... each of which is also felt, mirrored, behind the start, as in the source
-
-    # Detector
-    thresholds_Nm: float | Sequence[float]  # inf: that joint is not watched
-    period_steps: int = 4  # simulation steps between two feedback ticks
-    arming_delay_s: float = 0.0  # ticks before this time are not checked
-    noise_sd_Nm: float | Sequence[float] = 0.0  # for simulate_seeded only
-    noise_mean_Nm: float | Sequence[float] = 0.0  # for simulate_seeded only
-
-    # Reaction and simulation
-    reaction: Literal["reverse", "stop"] = "reverse"
-    max_acceleration: float | Sequence[float]
-    latency_steps: int = 0  # 0: the reaction begins in the step after the one of the detection
-    run_length_slip: bool = False  # the source's signed joint speed in the time simulated after detection
-    run_until_free: bool = False  # go on until a reversing arm has left the contact; changes contact_end_s only
-    release_limit_s: float = 5.0  # ... but no longer than this
-    step_s: float = 0.001
-    substeps: int = 5  # controller sub-steps in a simulation step
-
-
-@dataclass(frozen=True)
-class TwinRuns:
-    """What came out of each run. Maxima are taken from the step of detection on, as in the source.
-
-    Values that do not exist (a detection time without detection) are NaN, the tick is -1.
-    """
-
-    detected: npt.NDArray[np.bool_]
-    false_alarm: npt.NDArray[np.bool_]  # detected while the contact force was zero
-    detection_tick: npt.NDArray[np.int32]
-    trigger_mask: npt.NDArray[np.uint32]  # bit j: joint j over its threshold at that tick
-    detection_time_s: Floats
-    end_time_s: Floats
-    force_at_detection_N: Floats
-    force_at_end_N: Floats
-    max_force_N: Floats
-    max_force_axis_N: Floats  # (runs, 3)
-    max_compression_m: Floats
-    max_deflection_m: Floats  # the source's: distance to the surface, on whichever side of it
-    max_deflection_axis_m: Floats  # (runs, 3)
-    max_travel_m: Floats  # along the normal, from the start
-    contact_start_s: Floats  # interpolated between steps
-    contact_end_s: Floats
-    residual_at_detection_Nm: Floats  # (runs, joints)
-    noise_at_detection_Nm: Floats  # (runs, joints)
-
-    def __len__(self) -> int:
-        return len(self.detected)
-
-    @property
-    def contact_duration_s(self) -> Floats:
-        return self.contact_end_s - self.contact_start_s
-
-    def triggered(self, joint: int) -> npt.NDArray[np.bool_]:
-        """Whether a joint was over its threshold at the tick of detection."""
-        over: npt.NDArray[np.bool_] = (self.trigger_mask & np.uint32(1 << joint)) != 0
-        return over
-
-
-@dataclass(frozen=True)
-class TwinTrace:
-    """One run, one row per simulation step. `run` is what `simulate` would have said about it."""
-
-    time_s: Floats
-    position: Floats  # (steps, joints)
-    velocity: Floats  # (steps, joints)
-    point_m: Floats  # (steps, 3), the contact point
-    travel_m: Floats  # s, along the normal from the start
-    force_N: Floats
-    contact_torque_Nm: Floats  # (steps, joints), the residual without noise
-    residual_Nm: Floats  # (steps, joints), NaN between ticks and where the noise given has ended
-    start_point_m: Floats
-    normal: Floats
-    run: TwinRuns
-
-
-# --- The same in C++ ----------------------------------------------------------------------------------------
-
-_Int = ctypes.c_int32
-_Real = ctypes.c_double
-_IntPerJoint = _Int * MAX_JOINTS
-_RealPerJoint = _Real * MAX_JOINTS
-
-
-class _Problem(ctypes.Structure):
-    """Field by field the `Problem` of twin.cpp."""
-
-    _fields_ = (
-        ("joint_count", _Int),
-        ("kind", _IntPerJoint),
-        ("held", _IntPerJoint),
-        ("origin_xyz", (_Real * 3) * MAX_JOINTS),
-        ("origin_rotation", (_Real * 9) * MAX_JOINTS),
-        ("axis", (_Real * 3) * MAX_JOINTS),
-        ("tip", _Real * 3),
-        ("task", _Int),
-        ("start_at_rest", _Int),
-        ("start_position", _RealPerJoint),
-        ("velocity", _Real * 3),
-        ("duration", _Real),
-        ("singular_tolerance", _Real),
-        ("damping", _Real),
-        ("max_speed", _RealPerJoint),
-        ("max_acceleration", _RealPerJoint),
-        ("contact_at_tip", _Int),
-        ("contact_link", _Int),
-        ("contact_point", _Real * 3),
-        ("normal_given", _Int),
-        ("normal", _Real * 3),
-        ("stiffness", _Real),
-        ("per_axis_walls", _Int),
-        ("mirrored_walls", _Int),
-        ("period_steps", _Int),
-        ("threshold", _RealPerJoint),
-        ("arming_delay", _Real),
-        ("noise_mean", _RealPerJoint),
-        ("noise_sd", _RealPerJoint),
-        ("reaction", _Int),
-        ("latency_steps", _Int),
-        ("run_length_slip", _Int),
-        ("run_until_free", _Int),
-        ("release_limit", _Real),
-        ("step", _Real),
-        ("substeps", _Int),
-    )
-
-
-# Field by field the `Run` of twin.cpp.
-_RUN = np.dtype(
-    [
-        ("detected", np.int32),
-        ("false_alarm", np.int32),
-        ("detection_tick", np.int32),
-        ("trigger_mask", np.uint32),
-        ("detection_time_s", np.float64),
-        ("end_time_s", np.float64),
-        ("force_at_detection_N", np.float64),
-        ("force_at_end_N", np.float64),
-        ("max_force_N", np.float64),
-        ("max_force_axis_N", np.float64, 3),
-        ("max_compression_m", np.float64),
-        ("max_deflection_m", np.float64),
-        ("max_deflection_axis_m", np.float64, 3),
-        ("max_travel_m", np.float64),
-        ("contact_start_s", np.float64),
-        ("contact_end_s", np.float64),
-        ("residual_at_detection_Nm", np.float64, MAX_JOINTS),
-        ("noise_at_detection_Nm", np.float64, MAX_JOINTS),
-    ],
-    align=True,
-)
-
-# The fields of TwinTrace that C++ fills, in the order of `TraceArrays` in twin.cpp.
-_TRACE_FIELDS = (
-    "time_s",
-    "position",
-    "velocity",
-    "point_m",
-    "travel_m",
-    "force_N",
-    "contact_torque_Nm",
-    "residual_Nm",
-)
-
-
-def build(compiler: str | None = None, flags: Sequence[str] | None = None, cache_dir: str | Path | None = None) -> Path:
-    """Compile twin.cpp, unless this was done before, and return the path of the shared object.
-
-    Args:
-        compiler: a command, default `$CXX` or else `c++`.
-        flags: replace the default flags.
-        cache_dir: where shared objects are kept, default a folder of this user's below the system's temporary
-            one. A file's name holds a digest of source, compiler and flags, so variants live side by side.
-    """
-    command = shlex.split(compiler or os.environ.get("CXX") or "c++")
-    options = list(DEFAULT_FLAGS if flags is None else flags)
-    folder = Path(cache_dir or Path(tempfile.gettempdir()) / f"bumpstop-twin-{os.getuid()}")
-    digest = hashlib.sha256(SOURCE.read_bytes() + "\0".join([*command, *options]).encode()).hexdigest()
-    library = folder / f"twin-{digest[:16]}.so"
-    if library.exists():
-        return library
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    # Under a name of its own first, so that tests running side by side never load half a file.
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        unfinished = Path(scratch) / library.name
-        done = subprocess.run(
-            [*command, *options, "-o", str(unfinished), str(SOURCE)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode:
-            raise RuntimeError(f"{shlex.join(command)} could not compile {SOURCE.name}:\n{done.stderr}")
-        unfinished.replace(library)
-    return library
-
-
-@functools.cache
-def _library() -> ctypes.CDLL:
-    library = ctypes.CDLL(str(build()))
-    for function in ("twin_problem_size", "twin_run_size", "twin_tick_count"):
-        getattr(library, function).restype = ctypes.c_int64
-    for function in ("twin_simulate", "twin_simulate_seeded", "twin_trace"):
-        getattr(library, function).restype = ctypes.c_int32
-    for function in ("twin_forward_kinematics", "twin_jacobian", "twin_pseudo_inverse"):
-        getattr(library, function).restype = None
-    if library.twin_problem_size() != ctypes.sizeof(_Problem) or library.twin_run_size() != _RUN.itemsize:
-        raise RuntimeError("twin.py and twin.cpp disagree about the layout of Problem or Run")
-    return library
-
-
-# --- Calling it ---------------------------------------------------------------------------------------------
+from .library import MAX_JOINTS, RUN, TRACE_FIELDS, Int, Problem, Real, library
+from .results import Floats, TwinRuns, TwinTrace
+from .settings import TwinSettings
 
 
 def simulate(settings: TwinSettings, offsets: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> TwinRuns:
@@ -318,8 +41,8 @@ def simulate(settings: TwinSettings, offsets: npt.ArrayLike, noise: npt.ArrayLik
         raise ValueError(f"noise has shape {drawn.shape}, should be ({len(rows)}, ticks, {joints})")
     if drawn.shape[1] < ticks:
         raise ValueError(f"noise has {drawn.shape[1]} ticks, the run {ticks}")
-    results = np.zeros(len(rows), dtype=_RUN)
-    status = _library().twin_simulate(
+    results = np.zeros(len(rows), dtype=RUN)
+    status = library().twin_simulate(
         ctypes.byref(problem),
         ctypes.c_int64(len(rows)),
         _pointer(rows),
@@ -338,8 +61,8 @@ def simulate_seeded(settings: TwinSettings, offsets: npt.ArrayLike, seed: int) -
     """
     problem = _problem(settings)
     rows = _offset_rows(settings, offsets)
-    results = np.zeros(len(rows), dtype=_RUN)
-    status = _library().twin_simulate_seeded(
+    results = np.zeros(len(rows), dtype=RUN)
+    status = library().twin_simulate_seeded(
         ctypes.byref(problem),
         ctypes.c_int64(len(rows)),
         _pointer(rows),
@@ -372,13 +95,13 @@ def trace(settings: TwinSettings, offset: npt.ArrayLike, noise: npt.ArrayLike | 
 
     widths = dict.fromkeys(("position", "velocity", "contact_torque_Nm", "residual_Nm"), (joints,))
     widths["point_m"] = (3,)
-    result = np.zeros(1, dtype=_RUN)
+    result = np.zeros(1, dtype=RUN)
     start_point, normal = np.zeros(3), np.zeros(3)
     while True:
-        arrays = {name: np.zeros((capacity, *widths.get(name, ()))) for name in _TRACE_FIELDS}
-        pointers = (ctypes.c_void_p * len(_TRACE_FIELDS))(*(a.ctypes.data for a in arrays.values()))
+        arrays = {name: np.zeros((capacity, *widths.get(name, ()))) for name in TRACE_FIELDS}
+        pointers = (ctypes.c_void_p * len(TRACE_FIELDS))(*(a.ctypes.data for a in arrays.values()))
         steps = ctypes.c_int64()
-        status = _library().twin_trace(
+        status = library().twin_trace(
             ctypes.byref(problem),
             _pointer(row),
             _pointer(drawn),
@@ -400,7 +123,7 @@ def trace(settings: TwinSettings, offset: npt.ArrayLike, noise: npt.ArrayLike | 
 
 def tick_count(settings: TwinSettings) -> int:
     """Number of feedback ticks in a run without detection."""
-    return int(_library().twin_tick_count(ctypes.byref(_problem(settings))))
+    return int(library().twin_tick_count(ctypes.byref(_problem(settings))))
 
 
 def half_normal_offsets(settings: TwinSettings, runs: int, rng: np.random.Generator, sd_s: float = 0.1) -> Floats:
@@ -420,8 +143,8 @@ def forward_kinematics(
     """Rotation (3, 3) of a link and place (3,) of a point given in its frame; by default of the tip."""
     problem, q, link, point = _kinematics_arguments(settings, position, link, point_m)
     rotation, place = np.zeros((3, 3)), np.zeros(3)
-    _library().twin_forward_kinematics(
-        ctypes.byref(problem), _pointer(q), _Int(link), _pointer(point), _pointer(rotation), _pointer(place)
+    library().twin_forward_kinematics(
+        ctypes.byref(problem), _pointer(q), Int(link), _pointer(point), _pointer(rotation), _pointer(place)
     )
     return rotation, place
 
@@ -435,7 +158,7 @@ def jacobian(
     """Geometric Jacobian (6, joints), linear rows first, of a point in a link's frame; default: the tip."""
     problem, q, link, point = _kinematics_arguments(settings, position, link, point_m)
     result = np.zeros((6, len(settings.joints)))
-    _library().twin_jacobian(ctypes.byref(problem), _pointer(q), _Int(link), _pointer(point), _pointer(result))
+    library().twin_jacobian(ctypes.byref(problem), _pointer(q), Int(link), _pointer(point), _pointer(result))
     return result
 
 
@@ -445,8 +168,8 @@ def pseudo_inverse(matrix: npt.ArrayLike, tolerance: float = 1e-7, damping: floa
     if a.ndim != 2 or max(a.shape) > MAX_JOINTS:
         raise ValueError(f"matrix has shape {a.shape}, should have two dimensions of at most {MAX_JOINTS}")
     result = np.zeros(a.shape[::-1])
-    _library().twin_pseudo_inverse(
-        _pointer(a), _Int(a.shape[0]), _Int(a.shape[1]), _Real(tolerance), _Real(damping), _pointer(result)
+    library().twin_pseudo_inverse(
+        _pointer(a), Int(a.shape[0]), Int(a.shape[1]), Real(tolerance), Real(damping), _pointer(result)
     )
     return result
 
@@ -454,7 +177,7 @@ def pseudo_inverse(matrix: npt.ArrayLike, tolerance: float = 1e-7, damping: floa
 # --- Helpers ------------------------------------------------------------------------------------------------
 
 
-def _problem(settings: TwinSettings) -> _Problem:
+def _problem(settings: TwinSettings) -> Problem:
     """The settings as C++ wants them; refuses what would make it read past its arrays or make no sense."""
     s = settings
     joints = len(s.joints)
@@ -471,7 +194,7 @@ def _problem(settings: TwinSettings) -> _Problem:
     if s.per_axis_walls and (not at_tip or s.normal is not None):
         raise ValueError("per_axis_walls stand across the tip's velocity: no contact_link, no normal")
 
-    p = _Problem()
+    p = Problem()
     p.joint_count = joints
     for j, joint in enumerate(s.joints):
         p.kind[j] = ("revolute", "prismatic").index(joint.kind)
@@ -531,7 +254,7 @@ def _contact_place(settings: TwinSettings, link: int | None, point_m: Sequence[f
 
 def _kinematics_arguments(
     settings: TwinSettings, position: npt.ArrayLike, link: int | None, point_m: Sequence[float]
-) -> tuple[_Problem, Floats, int, Floats]:
+) -> tuple[Problem, Floats, int, Floats]:
     q = np.array(_values("position", position, len(settings.joints)))
     link, point = _contact_place(settings, link, point_m)
     return _problem(settings), q, link, np.array(point)
