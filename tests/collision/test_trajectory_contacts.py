@@ -12,8 +12,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.trajectory_law import TrajectoryLaw
-from collision.test_trajectory import gantry, scenario, trajectory_motion, waves, write_csv
 from collision.test_two_laws import compare
+from collision.trajectory_cases import gantry, scenario, trajectory_motion, waves, write_csv
 
 VELOCITY, DURATION, BEGIN = np.array([0.03, -0.02, -0.06]), 0.8, 0.2137
 BODY = {"body": "lower_arm_wrist", "limits": "ts15066", "area_cm2": 2.0}
