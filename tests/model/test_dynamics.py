@@ -1,15 +1,13 @@
-"""Dynamics by other routes: Pinocchio, MuJoCo, energy, statics and the functions of each other; and bad input."""
+"""Dynamics by other routes: Pinocchio and MuJoCo; rows and targets; and bad input."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 import pytest
 
@@ -23,58 +21,13 @@ from bumpstop.model import (
     effective_mass,
     gravity_torque,
     inverse_dynamics,
-    manipulability,
     mass_matrix,
     robots,
     singular_values,
 )
 from model.dynamics_cases import general_arm, mujoco_model, pinocchio_model, random_inertia, with_inertia
-from model.test_kinematics import positions, random_robots
-
-Floats = npt.NDArray[np.float64]
-GRAVITY = np.array([1.5, -2.5, -9.3])  # along no axis
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Positions, rates and accelerations (N, dof); a wrench (N, 6) at a point of a link."""
-
-    q: Floats
-    qd: Floats
-    qdd: Floats
-    wrench: Floats
-    link: int
-    point: Floats
-
-
-@dataclass(frozen=True)
-class Dynamics:
-    tau: Floats  # (N, dof), with gravity and the wrench
-    mass: Floats  # (N, dof, dof)
-    coriolis: Floats  # (N, dof)
-    gravity: Floats  # (N, dof)
-
-
-def random_motion(robot: Robot, count: int, rng: np.random.Generator) -> Motion:
-    return Motion(
-        q=positions(robot, count, rng),
-        qd=rng.normal(size=(count, robot.dof)),
-        qdd=3 * rng.normal(size=(count, robot.dof)),
-        wrench=30 * rng.normal(size=(count, 6)),
-        link=int(rng.integers(robot.dof)),
-        point=rng.uniform(-0.5, 0.5, 3),
-    )
-
-
-def ours(robot: Robot, m: Motion) -> Dynamics:
-    link = robot.joints[m.link].link
-    return Dynamics(
-        tau=inverse_dynamics(robot, m.q, m.qd, m.qdd, gravity=GRAVITY, wrench=m.wrench, link=link, point=m.point),
-        mass=mass_matrix(robot, m.q),
-        coriolis=coriolis_torque(robot, m.q, m.qd),
-        gravity=gravity_torque(robot, m.q, gravity=GRAVITY),
-    )
-
+from model.random_chains import Floats, positions
+from model.random_motions import GRAVITY, Dynamics, Motion, ours, random_arms, random_motion
 
 # --- The other routes -------------------------------------------------------------------------------------------------
 
@@ -152,12 +105,6 @@ ROUTES = {"pinocchio": by_pinocchio, "mujoco": by_mujoco}
 Route = Callable[[Robot, Motion], Dynamics]
 
 
-@cache
-def random_arms() -> tuple[Robot, ...]:
-    rng = np.random.default_rng(21)
-    return tuple(with_inertia(robot, rng) for robot in random_robots())
-
-
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
 @pytest.mark.parametrize("name", robots())
 def test_builtin_robots(name: str, route: Route) -> None:
@@ -227,168 +174,6 @@ def test_a_urdf(tmp_path: Path) -> None:
     found = ours(robot, m)
     assert_same(found, pinocchio_dynamics(pin.buildModelFromXML(URDF), np.zeros(3), m), m)
     assert_same(found, mujoco_dynamics(mujoco.MjModel.from_xml_string(URDF), m), m)
-
-
-# --- Energy and statics -----------------------------------------------------------------------------------------------
-
-
-def energy(robot: Robot, q: Floats, qd: Floats) -> Floats:
-    """Kinetic and potential energy (N,) [J], from mass matrix and positions of the centres of mass."""
-    kinetic = 0.5 * np.einsum("ni,nij,nj->n", qd, mass_matrix(robot, q), qd)
-    potential = np.zeros(len(q))
-    for joint in robot.joints:
-        assert joint.inertia is not None
-        potential -= joint.inertia.mass * robot.pose(q, joint.link, joint.inertia.center)[:, :3, 3] @ GRAVITY
-    total: Floats = kinetic + potential
-    return total
-
-
-def test_energy_balance() -> None:
-    # The power of the motors is the rate of the energy: along a motion, by differences of eighth order.
-    rng = np.random.default_rng(26)
-    h, coefficients = 0.02, np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
-    for robot in (general_arm(), *random_arms()[:60]):
-        q, qd, qdd = positions(robot, 1, rng)[0], rng.uniform(-0.2, 0.2, robot.dof), rng.uniform(-0.2, 0.2, robot.dof)
-        t = h * np.arange(-4, 5)[:, None]
-        e = energy(robot, q + qd * t + 0.5 * qdd * t**2, qd + qdd * t)
-        rate = coefficients @ (e[5:] - e[3::-1]) / h
-        power = qd @ inverse_dynamics(robot, q, qd, qdd, gravity=GRAVITY)
-        assert abs(rate - power) <= 1e-10 * np.abs(e).max()
-
-
-def test_coriolis_forces_are_quadratic_and_the_wrench_linear() -> None:
-    rng = np.random.default_rng(27)
-    for robot in random_arms()[:30]:
-        m = random_motion(robot, 4, rng)
-        once, twice = coriolis_torque(robot, m.q, m.qd), coriolis_torque(robot, m.q, 2 * m.qd)
-        assert np.abs(twice - 4 * once).max() <= 1e-12 * (1 + np.abs(twice).max())
-        link = robot.joints[m.link].link
-        rest = np.zeros_like(m.q)
-        pushed = inverse_dynamics(robot, m.q, rest, rest, gravity=(0, 0, 0), wrench=m.wrench, link=link, point=m.point)
-        known = -np.einsum("nij,ni->nj", robot.jacobian(m.q, link, m.point), m.wrench)
-        assert np.abs(pushed - known).max() <= 1e-12 * (1 + np.abs(known).max())
-
-
-def test_mass_matrix_by_columns_symmetric_and_positive() -> None:
-    rng = np.random.default_rng(28)
-    for robot in (general_arm(), *random_arms()):
-        q = positions(robot, 3, rng)
-        mass = mass_matrix(robot, q)
-        rest = np.zeros_like(q)
-        for j in range(robot.dof):
-            unit = np.broadcast_to(np.eye(robot.dof)[j], q.shape)
-            column = inverse_dynamics(robot, q, rest, unit, gravity=(0, 0, 0))
-            assert np.abs(mass[:, :, j] - column).max() <= 1e-12 * np.abs(mass).max()
-        assert np.array_equal(mass, mass.transpose(0, 2, 1))
-        assert (np.linalg.eigvalsh(mass)[:, 0] > 0).all()
-
-
-def test_a_payload_adds_its_own_share() -> None:
-    rng = np.random.default_rng(29)
-    for robot in random_arms()[:40]:
-        last = robot.joints[-1]
-        assert last.inertia is not None
-        bare, load, place = last.inertia, 3.5, rng.uniform(-0.3, 0.3, 3)
-        mass = bare.mass + load
-        center = (bare.mass * np.array(bare.center) + load * place) / mass
-        tensor = np.array(bare.tensor)
-        for part, r in ((bare.mass, np.array(bare.center) - center), (load, place - center)):
-            tensor = tensor + part * (r @ r * np.eye(3) - np.outer(r, r))
-        loaded = LinkInertia(
-            mass=mass, center=tuple(center.tolist()), tensor=tuple(tuple(row) for row in tensor.tolist())
-        )
-        heavier = replace(robot, joints=(*robot.joints[:-1], replace(last, inertia=loaded)))
-        q = positions(robot, 3, rng)
-        J = robot.jacobian(q, last.link, place)[:, :3]
-        added = mass_matrix(heavier, q) - mass_matrix(robot, q)
-        assert np.abs(added - load * J.transpose(0, 2, 1) @ J).max() <= 1e-11 * np.abs(mass_matrix(heavier, q)).max()
-        held = gravity_torque(heavier, q, gravity=GRAVITY) - gravity_torque(robot, q, gravity=GRAVITY)
-        scale = 1 + np.abs(gravity_torque(heavier, q, gravity=GRAVITY)).max()
-        assert np.abs(held + load * J.transpose(0, 2, 1) @ GRAVITY).max() <= 1e-11 * scale
-
-
-def test_signs_of_a_pendulum() -> None:
-    # A point of 2 kg, 0.5 m along x from a joint that lifts it when it turns about -y.
-    link = LinkInertia(mass=2.0, center=(0.5, 0.0, 0.0))
-    joint = Joint(name="j", link="l", axis=(0.0, -1.0, 0.0), inertia=link, rotor_inertia=0.25)
-    robot = Robot(name="pendulum", joints=(joint,), tip_origin=(0.5, 0.0, 0.0))
-    assert gravity_torque(robot, [0.0]) == pytest.approx([2.0 * 9.80665 * 0.5])
-    assert mass_matrix(robot, [0.3]) == pytest.approx(np.array([[2.0 * 0.5**2 + 0.25]]))
-    # The environment carries the weight: the motor has nothing to do.
-    carried = inverse_dynamics(robot, [0.0], [0.0], [0.0], wrench=[0, 0, 2.0 * 9.80665, 0, 0, 0])
-    assert carried == pytest.approx([0.0], abs=1e-12)
-    # A moment that turns it up does the motor's work too.
-    assert inverse_dynamics(robot, [0.0], [0.0], [0.0], gravity=(0, 0, 0), wrench=[0, 0, 0, 0, -3, 0]) == pytest.approx(
-        [-3.0]
-    )
-    assert inverse_dynamics(robot, [0.0], [0.0], [2.0], gravity=(0, 0, 0)) == pytest.approx([2.0 * 0.75])
-    # Pushed up at its mass, the rotor adds its inertia over the square of the arm.
-    assert effective_mass(robot, [0.0], (0.0, 0.0, 1.0)) == pytest.approx(2.0 + 0.25 / 0.5**2)
-
-
-def test_coriolis_force_on_a_slide() -> None:
-    # A bead of 3 kg runs outward on a turning rod: 2 m r r' w' about the axis, -m r w^2 along the rod.
-    bead = LinkInertia(mass=3.0)
-    rod = Joint(name="a", link="rod", inertia=LinkInertia(mass=0.0))
-    slide = Joint(name="b", link="bead", kind="prismatic", axis=(1.0, 0.0, 0.0), inertia=bead)
-    robot = Robot(name="rod", joints=(rod, slide))
-    assert coriolis_torque(robot, [0.4, 0.7], [1.5, 0.2]) == pytest.approx(
-        [2 * 3.0 * 0.7 * 0.2 * 1.5, -3.0 * 0.7 * 1.5**2]
-    )
-
-
-# --- Effective mass, singular values ----------------------------------------------------------------------------------
-
-
-def test_effective_mass_by_a_linear_solve() -> None:
-    rng = np.random.default_rng(30)
-    for robot in (general_arm(), *random_arms()):
-        m = random_motion(robot, 4, rng)
-        n = rng.normal(size=(4, 3))
-        n /= np.linalg.norm(n, axis=1)[:, None]
-        link = robot.joints[m.link].link
-        found = effective_mass(robot, m.q, n, link, m.point)
-        for i in range(4):
-            row = n[i] @ robot.jacobian(m.q[i], link, m.point)[:3]
-            mobility = row @ np.linalg.solve(mass_matrix(robot, m.q[i]), row)
-            # Relative to what the joints could do, as a push may miss them by a hair.
-            scale = (row @ row + 1e-3) / np.linalg.eigvalsh(mass_matrix(robot, m.q[i]))[0]
-            assert abs(1 / found[i] - mobility) <= 1e-10 * scale
-        assert np.array_equal(effective_mass(robot, m.q, n[0], link, m.point)[:1], found[:1])
-
-
-def test_effective_mass_of_what_cannot_move() -> None:
-    joint = Joint(name="j", link="l", inertia=LinkInertia(mass=2.0, center=(0.5, 0.0, 0.0)))
-    robot = Robot(name="door", joints=(joint,), tip_origin=(0.5, 0.0, 0.0))
-    assert effective_mass(robot, [0.0], (0.0, 0.0, 1.0)) == np.inf
-    assert effective_mass(robot, [0.0], (0.0, 1.0, 0.0)) == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize(("rows", "count"), [("linear", 3), ("all", 6)])
-def test_singular_values_by_numpy(rows: str, count: int) -> None:
-    rng = np.random.default_rng(31)
-    for robot in (*map(Robot.load, robots()), *random_robots()):
-        q = np.concatenate([positions(robot, 3, rng), np.zeros((1, robot.dof))])
-        link, point = robot.joints[int(rng.integers(robot.dof))].link, rng.uniform(-0.5, 0.5, 3)
-        found = singular_values(robot, q, link, point, rows=rows)  # type: ignore[arg-type]
-        known = np.zeros((4, count))
-        some = np.linalg.svd(robot.jacobian(q, link, point)[:, :count], compute_uv=False)
-        known[:, : some.shape[1]] = some
-        scale = known[:, :1] + 1e-300
-        assert (np.abs(found - known) <= 1e-13 * scale).all()
-        measure = manipulability(robot, q, link, point, rows=rows)  # type: ignore[arg-type]
-        assert (np.abs(measure - known.prod(axis=1)) <= 1e-12 * scale[:, 0] ** count).all()
-
-
-def test_small_singular_values_keep_their_digits() -> None:
-    # Two links nearly stretched out: the smaller value goes with the sine of the elbow.
-    joints = (Joint(name="a", link="one"), Joint(name="b", link="two", origin=(1.0, 0.0, 0.0)))
-    robot = Robot(name="planar", joints=joints, tip_origin=(1.0, 0.0, 0.0))
-    for elbow in 10.0 ** -np.arange(1, 8):
-        largest, smallest, none = singular_values(robot, [0.3, elbow])
-        assert largest * smallest == pytest.approx(np.sin(elbow), rel=1e-12 / elbow * 1e-3 + 1e-13)
-        assert none == 0
-        assert manipulability(robot, [0.3, elbow]) == 0
 
 
 # --- Rows and targets -------------------------------------------------------------------------------------------------
