@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given, settings
 
 from bumpstop.collision import Problem, Scenario, load_scenario
-from bumpstop.collision.scenario import MADE_BY, as_written
+from bumpstop.collision.scenario import MADE_BY
+from bumpstop.collision.scenario_words import as_written
 from bumpstop.errors import InputError, near_matches
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "01_hand_downward.toml"

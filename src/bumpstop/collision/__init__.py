@@ -4,7 +4,8 @@ from bumpstop.collision.batch import BatchLaws, evaluate_batch
 from bumpstop.collision.distribution import Distribution
 from bumpstop.collision.law import ForceLaw, StoppingCurve, evaluate, exact_law, sampled_law, stopping_curve
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.scenario import Scenario, load_scenario
+from bumpstop.collision.scenario import Scenario
+from bumpstop.collision.scenario_file import load_scenario
 from bumpstop.collision.verdict import Verdict
 
 __all__ = [

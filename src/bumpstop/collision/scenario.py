@@ -1,18 +1,16 @@
-"""Scenarios: the file a person writes, read strictly."""
+"""Scenarios: the tables a person writes, checked strictly."""
 
 from __future__ import annotations
 
 import math
-import re
-import reprlib
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from bumpstop.errors import InputError, near_matches
+from bumpstop.collision.scenario_words import as_written, explain, short, unknown_key, words
+from bumpstop.errors import InputError
 
 
 def _between(low: float, high: float) -> Any:
@@ -32,10 +30,6 @@ JointAcceleration = Annotated[float, _between(0.1, 1e5)]
 _LEAST_SPEED_MM_S = 1e-3
 _LEAST_SUBSTEP_S = 1e-6
 _LEAST_THRESHOLD_NM, _LARGEST_THRESHOLD_NM = 1e-6, 1e9
-# Beyond this it is no scenario, but perhaps a recording or a device that never ends.
-_MOST_BYTES = 1_000_000
-_MOST_DOTS = 500  # in a line
-
 # The table that ``settings.toml`` has more than a scenario.
 MADE_BY = "made_by"
 
@@ -86,10 +80,12 @@ class Motion(_Table):
                 raise InputError(f"motion.{key}", f'has no meaning with kind = "{self.kind}"', "leave it out")
         if self.kind == "trajectory":
             if self.file is None:
-                raise InputError("motion.file", "is missing", f"wanted {_words(('motion', 'file'))}")
+                raise InputError("motion.file", "is missing", f"wanted {words(Scenario, ('motion', 'file'))}")
             return self
         if self.velocity_mm_s is None:
-            raise InputError("motion.velocity_mm_s", "is missing", f"wanted {_words(('motion', 'velocity_mm_s'))}")
+            raise InputError(
+                "motion.velocity_mm_s", "is missing", f"wanted {words(Scenario, ('motion', 'velocity_mm_s'))}"
+            )
         if not any(self.velocity_mm_s):
             raise InputError(
                 "motion.velocity_mm_s", "is zero", "an arm that does not move hits nothing: give a direction"
@@ -177,7 +173,7 @@ class Detector(_Table):
                 raise InputError(
                     f"detector.thresholds_Nm[{j}]",
                     f"{threshold:g} cannot be used",
-                    f"wanted a number from {_short(_LEAST_THRESHOLD_NM)} to {_short(_LARGEST_THRESHOLD_NM)}, or inf to "
+                    f"wanted a number from {short(_LEAST_THRESHOLD_NM)} to {short(_LARGEST_THRESHOLD_NM)}, or inf to "
                     "leave the joint unwatched",
                 )
         return self
@@ -219,7 +215,7 @@ class Simulation(_Table):
             raise InputError(
                 "simulation.substeps",
                 f"{self.substeps} in a step of {self.step_s:g} s are {self.step_s / self.substeps:g} s each",
-                f"wanted at least {_short(_LEAST_SUBSTEP_S)} s",
+                f"wanted at least {short(_LEAST_SUBSTEP_S)} s",
             )
         return self
 
@@ -307,11 +303,11 @@ class Scenario(_Table):
         if isinstance(tables.get(MADE_BY), dict):
             del tables[MADE_BY]
         if "folder" in tables:
-            raise _unknown_key(("folder",))
+            raise unknown_key(cls, ("folder",))
         try:
             return cls.model_validate({**tables, "folder": Path(folder)})
         except ValidationError as error:
-            raise _explain(error) from None
+            raise explain(cls, error) from None
 
     def with_values(self, changes: dict[str, Any]) -> Scenario:
         """A copy with some keys changed.
@@ -349,186 +345,3 @@ def set_key(data: dict[str, Any], key: str, value: Any) -> None:
     if not tables and last in ("pose_deg", "pose_rad"):
         data.pop("pose_rad" if last == "pose_deg" else "pose_deg", None)
     here[last] = value
-
-
-def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Scenario:
-    """Read a scenario file.
-
-    Args:
-        path: of a TOML file.
-        changes: dotted keys and values that replace those of the file before it is checked.
-
-    Raises:
-        InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
-    """
-    path = Path(path)
-    wanted = "wanted a scenario file"
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read ({error.strerror})", wanted) from None
-    except ValueError as error:  # a NUL character in the path
-        raise InputError(str(path), f"cannot be read ({error})", wanted) from None
-    if len(content) > _MOST_BYTES:
-        raise InputError(str(path), f"is longer than {_MOST_BYTES} bytes", wanted)
-    try:
-        # Editors on Windows begin UTF-8 files with a mark that TOML does not know.
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            str(path), f"is not UTF-8 text (byte {error.start + 1})", f"{wanted}, saved as UTF-8"
-        ) from None
-    data = _parse(text, str(path))
-    for key, value in (changes or {}).items():
-        set_key(data, key, value)
-    return Scenario.from_dict(data, path.parent)
-
-
-def _parse(text: str, path: str) -> dict[str, Any]:
-    shallow = "tables one level deep"
-    # The parser takes time with the square of a key's depth.
-    if any(line.partition("#")[0].count(".") > _MOST_DOTS for line in text.splitlines()):
-        raise InputError(path, "is nested too deeply", f"wanted {shallow}")
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(path, f"is not valid TOML: {error}") from None
-    except RecursionError:
-        raise InputError(path, "is nested too deeply", f"wanted {shallow}") from None
-    except ValueError:
-        raise InputError(path, "holds a number of thousands of digits", "wanted numbers below 1e10") from None
-
-
-class _AsWritten(reprlib.Repr):
-    """Values as a scenario file spells them, cut where they are long."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxlevel, self.maxlist, self.maxstring = 3, 16, 60
-
-    def repr_bool(self, value: bool, level: int) -> str:
-        return "true" if value else "false"
-
-    def repr_NoneType(self, value: None, level: int) -> str:
-        return "None"
-
-    def repr_int(self, value: int, level: int) -> str:
-        return str(value) if abs(value) < 10**40 else "a number of more than 40 digits"
-
-    def repr_float(self, value: float, level: int) -> str:
-        return repr(value)
-
-    def repr_dict(self, value: dict[Any, Any], level: int) -> str:
-        return "a table"
-
-    def repr_instance(self, value: Any, level: int) -> str:
-        # Dates and times; whatever else a program may pass is named by its type alone.
-        return value.isoformat() if hasattr(value, "isoformat") else f"a value of type {type(value).__name__}"
-
-
-as_written = _AsWritten().repr
-
-
-def _short(number: float) -> str:
-    """Without the zeros and pluses of ``1e+06``."""
-    return re.sub(r"e([+-])0*", lambda match: "e" + match[1].strip("+"), f"{number:g}")
-
-
-def _unknown_key(path: tuple[Any, ...]) -> InputError:
-    *tables, key = path
-    model: Any = Scenario
-    for table in tables:
-        model = model.model_fields[table].annotation
-    names = [name for name in model.model_fields if name != "folder"]
-    return InputError(
-        ".".join(_key_as_written(part) for part in path), "is not a key of a scenario", near_matches(str(key), names)
-    )
-
-
-def _key_as_written(key: Any) -> str:
-    return key if isinstance(key, str) and re.fullmatch("[A-Za-z0-9_-]{1,60}", key) else as_written(key)
-
-
-def _explain(error: ValidationError) -> InputError:
-    """Turn pydantic's first complaint into one sentence with the field, the value and what would be valid."""
-    details = error.errors()
-    for detail in details:
-        # An unknown key often explains a missing one.
-        if detail["type"] in ("extra_forbidden", "invalid_key"):
-            return _unknown_key(detail["loc"])
-    first = details[0]
-    path, index = _place(first["loc"])
-    # Of a key that takes a number or a list, the complaint about an item of the list says most.
-    for detail in details:
-        item = _place(detail["loc"])
-        if index is None and item[0] == path and item[1] is not None:
-            first, index = detail, item[1]
-    if first["type"] == "value_error":
-        cause: InputError = first["ctx"]["error"]
-        return InputError(cause.field, cause.problem, cause.valid)
-    field = ".".join(path)
-    if first["type"] == "missing":
-        return InputError(field, "is missing", f"wanted {_words(path)}")
-    if index is not None:
-        field = f"{field}[{index + 1}]"
-    value = first["input"]
-    rows = isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
-    written = f"[[{field}]]" if rows else as_written(value)
-    return InputError(field, f"{written} cannot be used", f"wanted {_words(path, item=index is not None)}")
-
-
-def _place(location: tuple[int | str, ...]) -> tuple[tuple[str, ...], int | None]:
-    """Dotted key and index in its list. Behind the key pydantic also names the branches of ``number | list``."""
-    depth = 2 if len(location) > 1 and _is_table(str(location[0])) else 1
-    index = next((part for part in location[depth:] if isinstance(part, int)), None)
-    return tuple(str(part) for part in location[:depth]), index
-
-
-def _is_table(key: str) -> bool:
-    annotation = Scenario.model_fields[key].annotation
-    return isinstance(annotation, type) and issubclass(annotation, _Table)
-
-
-def _words(path: tuple[str, ...], *, item: bool = False) -> str:
-    """What may stand at a key, or in its list, in words."""
-    model: Any = Scenario
-    for table in path[:-1]:
-        model = model.model_fields[table].annotation
-    if len(path) == 1 and _is_table(path[0]):
-        table_model: Any = Scenario.model_fields[path[0]].annotation
-        required = table_model.model_json_schema().get("required", [])
-        return f"a table: [{path[0]}]" + (f" with {' and '.join(required)}" if required else "")
-    schema = model.model_json_schema()["properties"][path[-1]]
-    if item:
-        schema = next(branch["items"] for branch in schema.get("anyOf", [schema]) if "items" in branch)
-    return _schema_words(schema)
-
-
-def _schema_words(schema: dict[str, Any]) -> str:
-    if "anyOf" in schema:
-        branches = [branch for branch in schema["anyOf"] if branch["type"] != "null"]
-        if len(branches) > 1 and branches[1]["type"] != "array":
-            return " or ".join(_schema_words(branch) for branch in branches)
-        if len(branches) > 1:
-            return f"{_schema_words(branches[0])}, or a list of one per joint"
-        return _schema_words(branches[0])
-    choices = schema.get("enum", [schema["const"]] if "const" in schema else [])
-    if choices:
-        *others, last = (repr(choice) for choice in choices)
-        return f"{', '.join(others)} or {last}" if others else last
-    if schema["type"] == "string":
-        return str(schema["description"])
-    if schema["type"] == "array":
-        items = _schema_words(schema["items"])
-        if "minItems" in schema:
-            return f"a list of {schema['minItems']} {items.removeprefix('a ').replace('number', 'numbers', 1)}"
-        if schema["items"]["type"] == "integer":
-            return f"a list of {items.removeprefix('a ').replace('number', 'numbers', 1)}"
-        return f"a list of {items.removeprefix('a ').replace('number', 'numbers', 1)}, one per joint"
-    words = "a whole number" if schema["type"] == "integer" else "a number"
-    if "exclusiveMinimum" in schema:
-        return f"{words} above {_short(schema['exclusiveMinimum'])} and below {_short(schema['exclusiveMaximum'])}"
-    if "minimum" in schema:
-        return f"{words} from {_short(schema['minimum'])} to {_short(schema['maximum'])}"
-    return words

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from bumpstop.collision.scenario import as_written
+from bumpstop.collision.scenario_words import as_written
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot
