@@ -1,8 +1,9 @@
 """Collisions: scenario, stopping curve, force law, verdict."""
 
 from bumpstop.collision.batch import BatchLaws, evaluate_batch
+from bumpstop.collision.curve import StoppingCurve, stopping_curve
 from bumpstop.collision.distribution import Distribution
-from bumpstop.collision.law import ForceLaw, StoppingCurve, evaluate, exact_law, sampled_law, stopping_curve
+from bumpstop.collision.law import ForceLaw, evaluate, exact_law, sampled_law
 from bumpstop.collision.problem import Problem
 from bumpstop.collision.scenario import Scenario
 from bumpstop.collision.scenario_file import load_scenario

@@ -12,10 +12,12 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.contact_time import contact_times, exact_contact_time, sampled_contact_time
+from bumpstop.collision.curve import StoppingCurve, stopping_curve
 from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, ExactDistribution, SampledDistribution
 from bumpstop.collision.free_law import FreeQuantities, ImpactBounds, impact_bounds
+from bumpstop.collision.notes import notes_of
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.two_phase import FIRST_PHASE_S, TwoPhaseUse, phase_shares
+from bumpstop.collision.two_phase import TwoPhaseUse, phase_shares
 from bumpstop.collision.verdict import Verdict, judge
 from bumpstop.errors import InputError
 
@@ -25,42 +27,6 @@ if TYPE_CHECKING:
 
 # Runs of a law that can only be sampled, where their number is not given.
 RESAMPLED_RUNS = 100_000
-
-
-@dataclass(frozen=True, eq=False)
-class StoppingCurve:
-    """Where the contact point is at every feedback tick, and the farthest it still gets if the arm reacts there.
-
-    Attributes:
-        kernel: the kernels' curve.
-        tick_time: (ticks,) [s] after the start of the motion.
-        tick_distance: s(k), (ticks,) distance along the contact normal [m].
-        farthest: s_stop(k), (ticks,) [m].
-        torque_per_newton: a(k) = J_v' n, (ticks, dof): residual per newton of contact force [Nm/N or 1].
-        distance: (steps + 1,) distance after every simulation step [m]; entry 0 is the start.
-        start, normal: contact point at the start [m] and contact normal, base frame (3,).
-        approach_speed: of the contact point along the normal at full speed [m/s].
-        end: why the curve ends: ``"horizon"``, ``"joint_limit"``, ``"singularity"``, ``"certain_detection"`` or
-            ``"trajectory"``, with the trajectory.
-        end_joint: the joint at its limit, from 1, or None.
-    """
-
-    kernel: Any
-    tick_time: FloatArray
-    tick_distance: FloatArray
-    farthest: FloatArray
-    torque_per_newton: FloatArray
-    distance: FloatArray
-    start: FloatArray
-    normal: FloatArray
-    approach_speed: float
-    end: Literal["horizon", "joint_limit", "singularity", "certain_detection", "trajectory"]
-    end_joint: int | None
-
-    @property
-    def ticks(self) -> int:
-        """Number of feedback ticks."""
-        return int(self.tick_time.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +175,7 @@ class ForceLaw:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What was assumed, and what was cut short."""
-        return tuple(_notes(self))
+        return tuple(notes_of(self))
 
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""
@@ -237,42 +203,6 @@ class ForceLaw:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
-    """Trace the motion of a problem and the reaction to every feedback tick.
-
-    Args:
-        problem: a checked scenario.
-        whole: trace to the end of the motion. By default the curve ends where even the farthest body would have been
-            noticed for certain, which is all that a law needs.
-    """
-    if problem.trajectory is not None:
-        raise InputError("motion.kind", "a trajectory has a stopping curve for every time of contact", "wanted 'line'")
-    kernel = problem.setup.trace(
-        problem.q,
-        problem.velocity,
-        None if whole else problem.detector,
-        problem.stiffness,
-        problem.largest_offset,
-        problem.moving_mass,
-    )
-    period, step = problem.period_steps, problem.scenario.simulation.step_s
-    distance = kernel.distance
-    index = np.arange(kernel.ticks) * period + 1
-    return StoppingCurve(
-        kernel=kernel,
-        tick_time=index * step,
-        tick_distance=distance[index],
-        farthest=kernel.farthest,
-        torque_per_newton=kernel.torque_per_newton,
-        distance=distance,
-        start=kernel.start,
-        normal=kernel.normal,
-        approach_speed=kernel.approach_speed,
-        end=kernel.end,
-        end_joint=kernel.end_joint + 1 if kernel.end == "joint_limit" else None,
-    )
 
 
 def evaluate(
@@ -417,88 +347,6 @@ def _check_sample(samples: int, seed: int) -> None:
 
 def _horizon(problem: Problem) -> int:
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
-
-
-def _notes(law: ForceLaw) -> list[str]:
-    problem = law.problem
-    scenario, limits = problem.scenario, problem.limits
-    notes = list(problem.notes)
-    contact, detector = scenario.contact, scenario.detector
-    notes.extend(_contact_notes(law))
-    notes.extend(_noise_notes(law))
-    notes.extend(law.motion_notes())
-    if contact.peak_factor == 1 and limits is not None:
-        notes.append("Pressure is taken as even over the contact area (peak factor 1).")
-    if limits is not None:
-        notes.append(
-            f"Limits: {limits.table}, {limits.label}; force: {limits.force_source} (status: {limits.force_status})."
-        )
-    transient = problem.transient_limits
-    if transient is not None and limits is not None:
-        notes.append(
-            f"Contact is judged in two phases: by {transient.force_N:g} N in its first {FIRST_PHASE_S:g} s, by "
-            f"{limits.force_N:g} N after them."
-        )
-    notes.extend(law.end_notes())
-    unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
-    if unwatched:
-        notes.append(f"Not watched: joint {', '.join(unwatched)}.")
-    if detector.arming_delay_s > 0:
-        notes.append(f"The detector is blind for the first {detector.arming_delay_s:g} s.")
-    notes.append("This is an engineering estimate, not a certified safety function.")
-    return notes
-
-
-def _contact_notes(law: ForceLaw) -> list[str]:
-    problem = law.problem
-    if problem.body_mass is None:
-        return [
-            "The arm is position-driven: contact does not slow it, and the body is clamped behind a linear spring of "
-            f"{problem.stiffness:g} N/m."
-        ]
-    notes = [
-        f"The body can get away: a mass of {problem.body_mass:g} kg behind a linear spring of {problem.stiffness:g} "
-        "N/m, judged by transient limits. Contact ends where body and arm part."
-    ]
-    bounds = law.impact_bounds
-    assert bounds is not None
-    if problem.scenario.contact.arm == "two_mass":
-        notes.append(
-            f"Arm and body are two masses: {problem.moving_mass:.4g} kg reduced, the arm's share from its "
-            f"{bounds.status} inertia."
-        )
-    else:
-        notes.append("The arm is position-driven: contact does not slow it.")
-    undetected = f"Undetected, the impact comes to {bounds.position_driven:.4g} N"
-    if bounds.reduced_mass is None:
-        notes.append(f"{undetected}; the arm's inertia is not known, so there is no bound by the reduced mass.")
-    else:
-        notes.append(
-            f"{undetected}, or {bounds.reduced_mass:.4g} N if the arm gives way as a free mass of "
-            f"{bounds.arm_mass:.4g} kg (its inertia is {bounds.status})."
-        )
-    return notes
-
-
-def _noise_notes(law: ForceLaw) -> list[str]:
-    problem, detector = law.problem, law.scenario.detector
-    notes = []
-    if problem.residuals is not None:
-        notes.append("Noise is measured: its correlation between joints and in time is kept within blocks.")
-    elif detector.noise_correlation != 0:
-        notes.append(
-            f"Noise is Gaussian, correlated by {detector.noise_correlation:g} from tick to tick, independent from "
-            "joint to joint."
-        )
-    else:
-        notes.append("Noise is Gaussian and white: independent from tick to tick and joint to joint.")
-    if detector.residual == "observer":
-        notes.append(
-            f"The residual is a momentum observer's with gain {detector.observer_gain_1_s:g} 1/s: it follows a contact "
-            f"torque with a time constant of {1e3 / detector.observer_gain_1_s:.3g} ms. The noise given is that of the "
-            "observer's residual."
-        )
-    return notes
 
 
 def _end_time(law: ForceLaw) -> float:

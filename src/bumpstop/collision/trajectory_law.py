@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.contact_begin import ContactTimes, approach, contact_times, draw_times, trajectory_of
+from bumpstop.collision.curve import StoppingCurve
 from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, SampledDistribution
 from bumpstop.collision.free_law import ImpactBounds, arm_mass_at, bounds_at
-from bumpstop.collision.law import ForceLaw, StoppingCurve
+from bumpstop.collision.law import ForceLaw
 from bumpstop.collision.mixture import MixtureDistribution
 from bumpstop.collision.problem import Problem
 from bumpstop.collision.trajectory import Trajectory

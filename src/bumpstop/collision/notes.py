@@ -1,0 +1,95 @@
+"""Notes of a law: what was assumed, and what was cut short."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision.two_phase import FIRST_PHASE_S
+
+if TYPE_CHECKING:
+    from bumpstop.collision.law import ForceLaw
+
+
+def notes_of(law: ForceLaw) -> list[str]:
+    """All of them, in the order in which they are read."""
+    problem = law.problem
+    scenario, limits = problem.scenario, problem.limits
+    notes = list(problem.notes)
+    contact, detector = scenario.contact, scenario.detector
+    notes.extend(_contact_notes(law))
+    notes.extend(_noise_notes(law))
+    notes.extend(law.motion_notes())
+    if contact.peak_factor == 1 and limits is not None:
+        notes.append("Pressure is taken as even over the contact area (peak factor 1).")
+    if limits is not None:
+        notes.append(
+            f"Limits: {limits.table}, {limits.label}; force: {limits.force_source} (status: {limits.force_status})."
+        )
+    transient = problem.transient_limits
+    if transient is not None and limits is not None:
+        notes.append(
+            f"Contact is judged in two phases: by {transient.force_N:g} N in its first {FIRST_PHASE_S:g} s, by "
+            f"{limits.force_N:g} N after them."
+        )
+    notes.extend(law.end_notes())
+    unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
+    if unwatched:
+        notes.append(f"Not watched: joint {', '.join(unwatched)}.")
+    if detector.arming_delay_s > 0:
+        notes.append(f"The detector is blind for the first {detector.arming_delay_s:g} s.")
+    notes.append("This is an engineering estimate, not a certified safety function.")
+    return notes
+
+
+def _contact_notes(law: ForceLaw) -> list[str]:
+    problem = law.problem
+    if problem.body_mass is None:
+        return [
+            "The arm is position-driven: contact does not slow it, and the body is clamped behind a linear spring of "
+            f"{problem.stiffness:g} N/m."
+        ]
+    notes = [
+        f"The body can get away: a mass of {problem.body_mass:g} kg behind a linear spring of {problem.stiffness:g} "
+        "N/m, judged by transient limits. Contact ends where body and arm part."
+    ]
+    bounds = law.impact_bounds
+    assert bounds is not None
+    if problem.scenario.contact.arm == "two_mass":
+        notes.append(
+            f"Arm and body are two masses: {problem.moving_mass:.4g} kg reduced, the arm's share from its "
+            f"{bounds.status} inertia."
+        )
+    else:
+        notes.append("The arm is position-driven: contact does not slow it.")
+    undetected = f"Undetected, the impact comes to {bounds.position_driven:.4g} N"
+    if bounds.reduced_mass is None:
+        notes.append(f"{undetected}; the arm's inertia is not known, so there is no bound by the reduced mass.")
+    else:
+        notes.append(
+            f"{undetected}, or {bounds.reduced_mass:.4g} N if the arm gives way as a free mass of "
+            f"{bounds.arm_mass:.4g} kg (its inertia is {bounds.status})."
+        )
+    return notes
+
+
+def _noise_notes(law: ForceLaw) -> list[str]:
+    problem, detector = law.problem, law.scenario.detector
+    notes = []
+    if problem.residuals is not None:
+        notes.append("Noise is measured: its correlation between joints and in time is kept within blocks.")
+    elif detector.noise_correlation != 0:
+        notes.append(
+            f"Noise is Gaussian, correlated by {detector.noise_correlation:g} from tick to tick, independent from "
+            "joint to joint."
+        )
+    else:
+        notes.append("Noise is Gaussian and white: independent from tick to tick and joint to joint.")
+    if detector.residual == "observer":
+        notes.append(
+            f"The residual is a momentum observer's with gain {detector.observer_gain_1_s:g} 1/s: it follows a contact "
+            f"torque with a time constant of {1e3 / detector.observer_gain_1_s:.3g} ms. The noise given is that of the "
+            "observer's residual."
+        )
+    return notes
