@@ -14,23 +14,20 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 from bumpstop.model import Robot, inverse_dynamics, mass_matrix
-from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction, line
+from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction
 from bumpstop.plant.drive import Drives, Gears
 from bumpstop.plant.mjcf import mjcf
 from bumpstop.plant.objects import PlantObject
 from bumpstop.plant.run import PlantRun, PlantTrace, SampleLog, sensors_truth, truth_of
 from bumpstop.plant.sample import OnSample, Sample
 from bumpstop.plant.sensors import Channels, SamplePlan, Sensors
-from bumpstop.plant.servo import Servo
+from bumpstop.plant.servo import PER_COMMAND, STEP, Servo, between
 
 if TYPE_CHECKING:
     from bumpstop.joint import JointTorqueModel
 
-STEP = 2e-4
-_PER_COMMAND = round(COMMAND_STEP / STEP)
 # A reaction may outlast its motion by so much; samples are planned for it.
 _AFTERWARDS_S = 5.0
-_PUSHES_N = (20.0, 60.0)
 
 
 class Plant:
@@ -139,25 +136,11 @@ class Plant:
         moved: FloatArray = np.diag(mass_matrix(self._geared, q)).copy()
         soft = self._twist[0]
         moved[soft] = self.drives.inertia[soft]
-        w = 2 * math.pi * self.servo.bandwidth_hz
-        kp = moved * w * w
-        return kp, 2 * self.servo.damping_ratio * w * moved
+        return self.servo.gains(moved)
 
     def _controls(self, command: Command, kp: FloatArray, kv: FloatArray) -> FloatArray:
         """What the servo is told at every integration step (steps, dof)."""
-        share = (np.arange(_PER_COMMAND) / _PER_COMMAND)[:, None]
-        q0, q1, v0, v1 = command.q[:-1, None], command.q[1:, None], command.qd[:-1, None], command.qd[1:, None]
-        # Cubic Hermite between milliseconds.
-        s2, s3 = share**2, share**3
-        q = (
-            (2 * s3 - 3 * s2 + 1) * q0
-            + (3 * s2 - 2 * s3) * q1
-            + COMMAND_STEP * ((s3 - 2 * s2 + share) * v0 + (s3 - s2) * v1)
-        )
-        qd = v0 + share * (v1 - v0)
-        qdd = np.broadcast_to((v1 - v0) / COMMAND_STEP, q.shape)
-        n = self.robot.dof
-        q, qd, qdd = (np.ascontiguousarray(part.reshape(-1, n)) for part in (q, qd, qdd))
+        q, qd, qdd = between(command)
         needed = inverse_dynamics(self._geared, q, qd, qdd, gravity=self.gravity)
         return np.asarray(q + (kv * qd + needed) / kp)
 
@@ -233,7 +216,7 @@ class Plant:
             # The gears resist anew every millisecond; their damping acts at every step.
             resisting[motor] = damping
             applied[motor] = -against
-            end = step + _PER_COMMAND
+            end = step + PER_COMMAND
             while step < end:
                 upto = min(end, next_sample[sample])
                 for row in controls[step - first_control : upto - first_control]:
@@ -254,22 +237,22 @@ class Plant:
                         answer = on_sample(self._sample(log, plans[0], sample))
                         if answer is not None:
                             late = (step * STEP + answer.latency_s) / COMMAND_STEP
-                            turn_at = math.ceil(late - 1e-6) * _PER_COMMAND
+                            turn_at = math.ceil(late - 1e-6) * PER_COMMAND
                     sample += 1
             motor_q, motor_qd = np.array(qpos[motor]), np.array(qvel[motor])
-            row_of_trace = step // _PER_COMMAND - 1
+            row_of_trace = step // PER_COMMAND - 1
             trace.note(row_of_trace, self.joint_positions(), motor_qd, gained / STEP, given, against, damping)
             if self.objects:
                 trace.contact_force[row_of_trace] = self._contact_forces()
             if turn_at is not None and answer is not None and reacted is None and step >= min(turn_at, last):
-                knot = step // _PER_COMMAND
+                knot = step // PER_COMMAND
                 turned = command.reaction(knot, answer)
                 controls, first_control = self._controls(turned, kp, kv), step
                 room = round(_AFTERWARDS_S / STEP)
                 last = step + min(len(controls), room)
                 reacted = step * STEP
             damping, against, slope, base = drives.resist(motor_q, motor_qd, given)
-        t: FloatArray = np.arange(_PER_COMMAND, step + 1, _PER_COMMAND).astype(np.float64) * STEP
+        t: FloatArray = np.arange(PER_COMMAND, step + 1, PER_COMMAND).astype(np.float64) * STEP
         return log.cut(sample), trace.cut(t), plans, reacted
 
     def _run(
@@ -282,7 +265,7 @@ class Plant:
         reacted: float | None,
     ) -> PlantRun:
         """What one recorder made of a motion."""
-        last = round(len(trace.t) * _PER_COMMAND)
+        last = round(len(trace.t) * PER_COMMAND)
         reached = int(np.searchsorted(plan.step, last, side="right"))
         kept = np.flatnonzero(plan.kept[:reached])
         rows = np.searchsorted(log.step, plan.step[kept])
@@ -374,44 +357,9 @@ class Plant:
         Raises:
             InputError: the arm cannot move along the normal there.
         """
-        pose = as_float_array(q, "q", (self.robot.dof,))
-        n = np.array(thing.direction)
-        touch = self.robot.pose(pose, *self.contact)[:3, 3]
-        # A hair's breadth away, so that no rounding begins inside; the difference of the pushes does not know it.
-        x, y, z = (touch + 1e-6 * n).tolist()
-        held = replace(thing, position=(x, y, z), body_mass=None)
-        pushed = Plant(
-            self.robot,
-            self.joint_model,
-            # What swings must have come to rest: damping changes when it does, not where.
-            friction=replace(self.gears, damping_ratio=1.0),
-            objects=[held],
-            servo=self.servo,
-            contact_link=self.contact[0],
-            contact_point=self.contact[1],
-            gravity=self.gravity,
-        )
-        ways, forces = [], []
-        for force in _PUSHES_N:
-            way, seconds = force / thing.stiffness, 0.2
-            begin = pose
-            command = line(
-                self.robot,
-                begin,
-                tuple((n * way / seconds).tolist()),
-                duration=seconds,
-                start="rest",
-                joint_acceleration=4.5,
-                task="pose" if self.robot.dof >= 6 else "position",
-                hold=0.3,
-            )
-            run = pushed.run(command)
-            end = self.robot.pose(command.q[-1], *self.contact)[:3, 3]
-            ways.append(float(n @ (end - touch)))
-            forces.append(float(run.trace.contact_force[-1, 0]))
-        if not ways[1] - ways[0] > 1e-9:
-            raise InputError("series_stiffness", "the arm does not move along the object's normal here")
-        return (forces[1] - forces[0]) / (ways[1] - ways[0])
+        from bumpstop.plant.static_push import series_stiffness
+
+        return series_stiffness(self, q, thing)
 
     def truth(self) -> dict[str, Any]:
         """What the plant is made of, for a TOML file."""

@@ -201,7 +201,7 @@ def truth_of(plant: Plant) -> dict[str, Any]:
     import mujoco
 
     from bumpstop.joint.model import OF_FRICTION
-    from bumpstop.plant.plant import STEP
+    from bumpstop.plant.servo import STEP
 
     drives = plant.drives
     joints = []
