@@ -25,6 +25,33 @@ def check_refusal(result: Result, *words: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("study", "atlas", EXAMPLE, "--cap", "fast"), "--cap: 'fast' cannot be used; wanted a number"),
+        (
+            ("study", "effectiveness", EXAMPLE, "--speed", "9", "--speed", "1,5"),
+            "--speed: '1,5' cannot be used;",
+        ),
+        (("require", EXAMPLE, "--vary", "motion.speed", "--risk", ""), "--risk: '' cannot be used; wanted a number"),
+        (("experiment", "glass", "--runs", "2.5"), "--runs: '2.5' cannot be used; wanted a whole number"),
+        (("experiment", "glass", "--seed", "1e3"), "--seed: '1e3' cannot be used; wanted a whole number"),
+    ],
+)
+def test_an_option_that_takes_a_number_names_what_was_written(arguments: tuple[object, ...], words: str) -> None:
+    check_refusal(run(*arguments), words)
+
+
+@pytest.mark.parametrize("option", [("--out", ""), ("--out=",), ("-o", "")])
+def test_an_empty_folder_is_not_the_current_one(
+    option: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    command = ("experiment", "glass") if "-o" in option else ("evaluate", EXAMPLE)
+    check_refusal(run(*command, *option), "--out: is empty; wanted a folder")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
     ("change", "words"),
     [
         ("contact.area_cm2=0", "contact.area_cm2: 0 cannot be used; wanted a number from 0.0001 to 10000"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
@@ -26,7 +27,7 @@ from bumpstop.cli import (
     study,
     tune,
 )
-from bumpstop.errors import BumpstopError
+from bumpstop.errors import BumpstopError, InputError
 
 app = typer.Typer(
     name="bumpstop",
@@ -83,8 +84,10 @@ def _root(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; the last line on stderr of a failure is ``error: ...``."""
     status = 0
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        result = app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
+        _refuse_empty_folder(given)
+        result = app(args=given, standalone_mode=False)
         status = result if isinstance(result, int) else 0
         if status == _INTERRUPTED:
             raise KeyboardInterrupt
@@ -108,8 +111,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(status)
 
 
+def _refuse_empty_folder(arguments: list[str]) -> None:
+    """Of a path that is empty, as an unset variable of a shell is, Python makes the current folder."""
+    if "--out=" in arguments or any(first in ("--out", "-o") and not then for first, then in pairwise(arguments)):
+        raise InputError("--out", "is empty", "wanted a folder")
+
+
 def _usage_message(error: Any) -> str:
     if isinstance(error, typer.BadParameter) and error.param is not None and error.message:
+        # Numbers are read by pydantic, whose words leave out what was written.
+        for complaint in getattr(error.__cause__, "errors", list)()[:1]:
+            for kind, wanted in (("float", "a number"), ("int", "a whole number")):
+                if complaint["type"].startswith(kind):
+                    return f"{error.param.opts[0]}: {str(complaint['input'])[:80]!r} cannot be used; wanted {wanted}"
         return f"{error.param.opts[0]}: {error.message.removeprefix('Value error, ')}"
     return f"{str(error.format_message()).rstrip('.')}; see bumpstop --help"
 
