@@ -1,6 +1,7 @@
 """The report's parts: what is drawn and counted, words for numbers, safe HTML."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -91,3 +92,10 @@ def test_markup_escapes_all_but_markup():
     assert element("p", "a < b", Html("<b>c</b>"), class_='"x"') == '<p class="&quot;x&quot;">a &lt; b<b>c</b></p>'
     assert "<thead>" not in table(("", ""), [("<a>", "b")], caption="c")
     assert "&lt;a&gt;" in table(("h", ""), [("<a>", "b")], caption="c")
+
+
+def test_a_tiny_accepted_risk_is_told_apart_from_a_greater_one():
+    reason = evaluate({"verdict.risk": 1e-25}).verdict.reason
+    assert "less than 0.0001 %" not in reason
+    passed, accepted = (float(text) for text in re.findall(r"([0-9.e-]+) %", reason)[:2])
+    assert passed > accepted == 1e-23

@@ -81,6 +81,9 @@ class Verdict:
         return result
 
 
+_NEXT_TO_NOTHING = 1e-6  # a probability that is not spelt out
+
+
 def judge(
     peak_force: Distribution,
     pressure: Distribution | None,
@@ -141,18 +144,24 @@ def _reason(
     if transient is not None:
         force = f"{transient.force_N:g} N at first or {force} later"
         pressure = f"{transient.pressure_N_cm2 or 0:g} N/cm2 at first or {pressure} later"
+    # Where what is accepted is itself next to nothing, figures must be told apart there.
+    tiny = min(settings.risk, settings.max_false_alarm) < _NEXT_TO_NOTHING
+
+    def said(p: float) -> str:
+        return f"{100 * p:.2g} %" if tiny and 0 < p < _NEXT_TO_NOTHING else percent(p)
+
     faults = []
     if p_force > settings.risk:
-        faults.append(f"the peak force exceeds {force} with probability {percent(p_force)}")
+        faults.append(f"the peak force exceeds {force} with probability {said(p_force)}")
     if p_pressure is not None and p_pressure > settings.risk:
-        faults.append(f"the pressure exceeds {pressure} with probability {percent(p_pressure)}")
-    accepted = f", more than the accepted {percent(settings.risk)}" if faults else ""
+        faults.append(f"the pressure exceeds {pressure} with probability {said(p_pressure)}")
+    accepted = f", more than the accepted {said(settings.risk)}" if faults else ""
     if undetected > settings.risk:
-        faults.append(f"{percent(undetected)} of collisions are never detected")
+        faults.append(f"{said(undetected)} of collisions are never detected")
     if false_alarm > settings.max_false_alarm:
         faults.append(
-            f"a false alarm comes before contact with probability {percent(false_alarm)} (accepted: "
-            f"{percent(settings.max_false_alarm)})"
+            f"a false alarm comes before contact with probability {said(false_alarm)} (accepted: "
+            f"{said(settings.max_false_alarm)})"
         )
     if faults:
         sentence = " and ".join(faults[:2]) + accepted
@@ -162,8 +171,8 @@ def _reason(
     worst = max(p_force, p_pressure or 0.0)
     what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
     return (
-        f"{what} the limits for {limits.label} with probability {percent(worst)}, "
-        f"within the accepted {percent(settings.risk)}."
+        f"{what} the limits for {limits.label} with probability {said(worst)}, "
+        f"within the accepted {said(settings.risk)}."
     )
 
 
@@ -173,7 +182,7 @@ def percent(p: float) -> str:
         return "none"
     if p <= 0 or p >= 1:  # sums of many shares may pass one by a rounding
         return "0 %" if p <= 0 else "100 %"
-    if p < 1e-6:
+    if p < _NEXT_TO_NOTHING:
         return "less than 0.0001 %"
     if p > 1 - 1e-6:
         return "over 99.9999 %"
