@@ -2,7 +2,7 @@
 #include "bumpstop/model/dynamics.hpp"
 
 #include "bumpstop/model/singular_values.hpp"
-#include "common.hpp"
+#include "registers.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -27,19 +27,6 @@ Dynamics make_dynamics(const Chain& chain, Vector mass, Matrix center, Tensor te
         }
     }
     return {chain, Inertias(chain, links)};
-}
-
-// Calls visit(first, count, q, angle) for registers of rows of q.
-template <class Visit>
-void for_registers(const Chain& chain, Matrix q, Visit visit) {
-    const std::size_t n = q.shape(0);
-    for (std::size_t first = 0; first < n; first += native_lanes) {
-        L position[max_joints];
-        load_rows(q, first, position);
-        JointAngles<L> angle;
-        angle.set(chain, position);
-        visit(first, int(std::min<std::size_t>(native_lanes, n - first)), position, angle);
-    }
 }
 
 Point3<L> load_vectors(Matrix vectors, std::size_t first, int column = 0) {
@@ -136,9 +123,7 @@ NewArray<double>::Array singular_values_of_rows(const Chain& chain, Matrix q, in
     {
         nb::gil_scoped_release unlocked;
         const LinkPoint place = link_point(chain, link, {point(0), point(1), point(2)});
-        for_registers(chain, q, [&](std::size_t first, int count, const L* position, const JointAngles<L>& angle) {
-            Posture<L> posture;
-            forward_kinematics(chain, position, angle, posture);
+        for_postures(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
             L values[Rows];
             singular_values<Rows>(chain, posture, place, values);
             store_rows(values, Rows, first, count, out.data.get());
@@ -153,9 +138,7 @@ NewArray<double>::Array manipulability_of_rows(const Chain& chain, Matrix q, int
     {
         nb::gil_scoped_release unlocked;
         const LinkPoint place = link_point(chain, link, {point(0), point(1), point(2)});
-        for_registers(chain, q, [&](std::size_t first, int count, const L* position, const JointAngles<L>& angle) {
-            Posture<L> posture;
-            forward_kinematics(chain, position, angle, posture);
+        for_postures(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
             const L measure = manipulability<Rows>(chain, posture, place);
             store_rows(&measure, 1, first, count, out.data.get());
         });

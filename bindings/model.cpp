@@ -26,7 +26,7 @@ NewArray<double>::Array poses(const Chain& chain, Matrix q, int link, Vector poi
     {
         nb::gil_scoped_release unlocked;
         const LinkPoint place = link_point(chain, link, {point(0), point(1), point(2)});
-        for_registers(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
+        for_postures(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
             const Point3<L> p = posture.position(place);
             const Point3<L>&x = posture.frame_x[link], &y = posture.frame_y[link], &z = posture.axis[link];
             const Matrix3& to = chain.joint[link].to_link;
@@ -53,7 +53,7 @@ NewArray<double>::Array jacobians(const Chain& chain, Matrix q, int link, Vector
     {
         nb::gil_scoped_release unlocked;
         const LinkPoint place = link_point(chain, link, {point(0), point(1), point(2)});
-        for_registers(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
+        for_postures(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
             const Point3<L> p = posture.position(place);
             for (int j = 0; j <= link; ++j) {
                 const Point3<L> linear = linear_column(chain, posture, p, j);

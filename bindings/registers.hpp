@@ -6,7 +6,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Calls visit(first, count, posture) for registers of rows of q.
+// Calls visit(first, count, position, angle) for registers of rows of q.
 template <class Visit>
 void for_registers(const Chain& chain, Matrix q, Visit visit) {
     const std::size_t n = q.shape(0);
@@ -15,10 +15,20 @@ void for_registers(const Chain& chain, Matrix q, Visit visit) {
         load_rows(q, first, position);
         JointAngles<NativeLanes> angle;
         angle.set(chain, position);
-        Posture<NativeLanes> posture;
-        forward_kinematics(chain, position, angle, posture);
-        visit(first, int(std::min<std::size_t>(native_lanes, n - first)), posture);
+        visit(first, int(std::min<std::size_t>(native_lanes, n - first)), position, angle);
     }
+}
+
+// Calls visit(first, count, posture) for registers of rows of q.
+template <class Visit>
+void for_postures(const Chain& chain, Matrix q, Visit visit) {
+    for_registers(
+        chain, q,
+        [&](std::size_t first, int count, const NativeLanes* position, const JointAngles<NativeLanes>& angle) {
+            Posture<NativeLanes> posture;
+            forward_kinematics(chain, position, angle, posture);
+            visit(first, count, posture);
+        });
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

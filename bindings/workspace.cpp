@@ -14,7 +14,7 @@ NewArray<bool>::Array self_collisions(const Chain& chain, Matrix q, int tip_link
     {
         nb::gil_scoped_release unlocked;
         const LinkPoint tip = link_point(chain, tip_link, {tip_point(0), tip_point(1), tip_point(2)});
-        for_registers(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
+        for_postures(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
             const L hit = select(self_collision(chain, posture, tip, radius), L(1.0), L(0.0));
             for (int lane = 0; lane < count; ++lane) out.data[first + lane] = lane_of(hit, lane) > 0.5;
         });
@@ -37,7 +37,7 @@ NewArray<double>::Array singular_values_of_columns(const Chain& chain, Matrix q,
     {
         nb::gil_scoped_release unlocked;
         const LinkPoint place = link_point(chain, link, {point(0), point(1), point(2)});
-        for_registers(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
+        for_postures(chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
             L values[Rows];
             singular_values<Rows>(chain, posture, place, columns.data(), int(columns.size()), values);
             store_rows(values, Rows, first, count, out.data.get());
