@@ -9,16 +9,39 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 inline constexpr int max_task_rows = 6;
 inline constexpr int max_columns = max_joints + max_task_rows;
 
-/// Sum of products as a tree: a chain of dependent additions would set the speed of everything below.
-template <class T>
-T dot_product(const T* a, const T* b, int n) {
-    T sum[3] = {a[0] * b[0], T(0.0), T(0.0)};
-    if (n > 1) sum[1] = a[1] * b[1];
-    if (n > 2) sum[2] = a[2] * b[2];
-    BUMPSTOP_UNROLL
-    for (int j = 3; j < n; ++j) sum[j % 3] += a[j] * b[j];
-    return (sum[0] + sum[1]) + sum[2];
-}
+/// The `n` entries of a row: `Columns` of them, where that is known when compiling.
+template <int Columns, class T>
+struct RowOf {
+    /// Sum of products as a tree: a chain of dependent additions would set the speed of everything below.
+    static T dot(const T* a, const T* b, int n) {
+        T sum[3] = {a[0] * b[0], T(0.0), T(0.0)};
+        if (n > 1) sum[1] = a[1] * b[1];
+        if (n > 2) sum[2] = a[2] * b[2];
+        if constexpr (Columns > 0) {
+            BUMPSTOP_UNROLL
+            for (int j = 3; j < Columns; ++j) sum[j % 3] += a[j] * b[j];
+        } else {
+            int j = 3;
+            for (; j + 2 < n; j += 3) {
+                sum[0] += a[j] * b[j];
+                sum[1] += a[j + 1] * b[j + 1];
+                sum[2] += a[j + 2] * b[j + 2];
+            }
+            if (j < n) sum[0] += a[j] * b[j];
+            if (j + 1 < n) sum[1] += a[j + 1] * b[j + 1];
+        }
+        return (sum[0] + sum[1]) + sum[2];
+    }
+    /// to += factor * from.
+    static void add(T* to, const T& factor, const T* from, int n) {
+        if constexpr (Columns > 0) {
+            BUMPSTOP_UNROLL
+            for (int j = 0; j < Columns; ++j) to[j] += factor * from[j];
+        } else {
+            for (int j = 0; j < n; ++j) to[j] += factor * from[j];
+        }
+    }
+};
 
 /// How far the rows are from dependent, by the sine of the angle between a row and those before it. The sine
 /// has no unit, so rotations and translations need no common scale.
@@ -39,34 +62,30 @@ struct Conditioning {
 /// `row` and `target` are overwritten.
 template <int Rows, int Columns, class T>
 Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x) {
-    const int n = Columns > 0 ? Columns : columns;
+    using Row = RowOf<Columns, T>;
     T inverse[Rows], before[Rows];
     BUMPSTOP_UNROLL
-    for (int c = 0; c < Rows; ++c) before[c] = dot_product(row[c], row[c], n);
+    for (int c = 0; c < Rows; ++c) before[c] = Row::dot(row[c], row[c], columns);
     T singular_margin = 1.0, poor_margin = 1.0;
     BUMPSTOP_UNROLL
     for (int c = 0; c < Rows; ++c) {
         const T* u = row[c];
         // A row that vanishes would divide by zero; its rate then stays finite and the caller sees the sine.
-        const T square = c == 0 ? before[0] : dot_product(u, u, n);
+        const T square = c == 0 ? before[0] : Row::dot(u, u, columns);
         inverse[c] = 1.0 / maximum(square, T(1e-200));
         singular_margin = minimum(singular_margin, square - 1e-12 * before[c]);
         poor_margin = minimum(poor_margin, square - 1e-4 * before[c]);
         BUMPSTOP_UNROLL
         for (int d = c + 1; d < Rows; ++d) {
-            const T shared = dot_product(u, row[d], n) * inverse[c];
-            BUMPSTOP_UNROLL
-            for (int j = 0; j < n; ++j) row[d][j] -= shared * u[j];
+            const T shared = Row::dot(u, row[d], columns) * inverse[c];
+            Row::add(row[d], -shared, u, columns);
             target[d] -= shared * target[c];
         }
     }
-    for (int j = 0; j < n; ++j) x[j] = 0.0;
+    for (int j = 0; j < columns; ++j) x[j] = 0.0;
     BUMPSTOP_UNROLL
-    for (int c = Rows - 1; c >= 0; --c) {
-        const T factor = (target[c] - dot_product(row[c], x, n)) * inverse[c];
-        BUMPSTOP_UNROLL
-        for (int j = 0; j < n; ++j) x[j] += factor * row[c][j];
-    }
+    for (int c = Rows - 1; c >= 0; --c)
+        Row::add(x, (target[c] - Row::dot(row[c], x, columns)) * inverse[c], row[c], columns);
     return {singular_margin <= T(0.0), poor_margin <= T(0.0)};
 }
 
