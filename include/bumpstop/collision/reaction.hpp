@@ -19,10 +19,12 @@ struct ReactionJob {
     std::vector<int> step;
     double leap_tolerance = braking_leap_tolerance;
     double enough = std::numeric_limits<double>::infinity();  ///< nothing is asked beyond this distance [m]
+    const double* q = nullptr;  ///< joint positions the path started in: held joints keep theirs
+    double return_to = 0;       ///< distance [m] behind which a point that reverses is back
 };
 
 /// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
-/// `return_to(job)`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
+/// `return_to`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
 /// the point retreats for good: on the way back nothing brings it forward again unless a singularity is near. Near
 /// one, it is followed until the reverse rates are reached, or half again the time has passed that the slowest joint
 /// needs to stop, and 50 ms more: the source's own length of a run after detection. A reaction that stops is followed
@@ -74,12 +76,11 @@ inline int longest_leap(const RunningReaction& at, int substeps, bool only_peak)
     return std::max(landing, to_step);
 }
 
-/// Lets every lane take the next of the jobs as soon as it is done with one. `pose_of(job)` gives the joint positions
-/// its path started in: held joints keep theirs. What becomes of a job does not depend on the others.
-template <class T, class PoseOf, class ReturnTo>
+/// Lets every lane take the next of the jobs as soon as it is done with one. What becomes of a job does not depend on
+/// the others.
+template <class T>
 void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail,
-                        PoseOf pose_of, ReturnTo return_to) {
+                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail) {
     constexpr int lanes = Scalar<T>::lanes;
     const int n = motion.free_count, substeps = motion.substeps;
     const bool only_peak = detail == ReactionDetail::only_peak;
@@ -93,7 +94,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     if (count == 0) return;
     auto load = [&](int lane, ReactionJob& job) {
         const LinePath& path = *job.path;
-        const double* q = pose_of(job);
+        const double* q = job.q;
         const double* rs = &path.reaction_state[std::size_t(job.tick) * 2 * n];
         for (int j = 0; j < chain.dof; ++j) {
             set_lane(arm.state.q[j], lane, q[j]);
@@ -118,7 +119,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         RunningReaction& at = running[lane];
         at = RunningReaction{};
         at.job = &job;
-        at.turning_point = return_to(job);
+        at.turning_point = job.return_to;
         at.patience = (0.05 + 1.5 * stop_time) / motion.step;
         at.here = path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency];
         job.distance.assign(1, at.here);
@@ -186,6 +187,18 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             }
         }
     }
+}
+
+/// As above, of jobs that are still to be told where they begin and return to: `pose_of(job)` and `return_to(job)`.
+template <class T, class PoseOf, class ReturnTo>
+void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail,
+                        PoseOf pose_of, ReturnTo return_to) {
+    for (ReactionJob* job = jobs; job < jobs + count; ++job) {
+        job->q = pose_of(*job);
+        job->return_to = return_to(*job);
+    }
+    simulate_reactions<T>(chain, motion, contact, timing, kind, jobs, count, detail);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
