@@ -94,20 +94,13 @@ Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetect
             double largest_offset, double body_mass) {
     nb::gil_scoped_release unlocked;
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
-    const Point3<double> v{velocity(0), velocity(1), velocity(2)};
+    PathIsOver is_over = NeverFinished{};
     if (detector != nullptr && body_mass > 0) {
-        CertainParting<double> finished({stiffness, body_mass}, setup.timing, setup.motion.step, largest_offset);
-        LineTracer<double, CertainParting<double>>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
-            .trace(result.q.data(), v, &result.curve.path, 1);
+        is_over = CertainParting<double>({stiffness, body_mass}, setup.timing, setup.motion.step, largest_offset);
     } else if (detector != nullptr) {
-        CertainDetection<double> finished(*detector, setup.timing, setup.motion.step, stiffness, largest_offset);
-        LineTracer<double, CertainDetection<double>>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
-            .trace(result.q.data(), v, &result.curve.path, 1);
-    } else {
-        NeverFinished finished;
-        LineTracer<double, NeverFinished>(setup.chain, setup.motion, setup.contact, setup.timing, finished)
-            .trace(result.q.data(), v, &result.curve.path, 1);
+        is_over = CertainDetection<double>(*detector, setup.timing, setup.motion.step, stiffness, largest_offset);
     }
+    result.curve.path = trace_line(setup, result.q.data(), velocity, is_over);
     complete_curves<L>(
         setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve, 1,
         [&](int) { return result.q.data(); }, [](int) { return FarthestTolerance{}; });
@@ -152,9 +145,10 @@ struct Law {
     }
 };
 
-nb::dict sample(const Curve& curve, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
-                double offset_size, std::uint64_t seed, std::int64_t first_run, std::int64_t runs, bool with_noise,
-                int threads, std::optional<Matrix> residuals, std::int64_t block_rows, double body_mass) {
+nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, double stiffness,
+                     const std::string& offset_kind, double offset_size, std::uint64_t seed, std::int64_t first_run,
+                     std::int64_t runs, bool with_noise, int threads, std::optional<Matrix> residuals,
+                     std::int64_t block_rows, double body_mass) {
     const std::size_t n = std::size_t(runs), dof = std::size_t(curve.setup.chain.dof);
     NewArray<double> offset({n}), noise({with_noise ? n : 0, dof}), residual({with_noise ? n : 0, dof});
     NewArray<std::int32_t> tick({n});
@@ -363,7 +357,7 @@ void bind_collision(nb::module_& module) {
             },
             nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("force"),
             "P(peak force > force) of detected collisions, with all its digits however small.")
-        .def("sample", &sample, nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"),
+        .def("sample", &sample_runs, nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"),
              nb::arg("offset_size"), nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("with_noise"),
              nb::arg("threads"), nb::arg("residuals").none() = nb::none(), nb::arg("block_rows") = 1,
              nb::arg("body_mass") = 0.0);

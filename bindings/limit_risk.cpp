@@ -18,14 +18,11 @@ nb::dict limit_risk(const Setup& setup, Vector q, Vector velocity, const Thresho
         nb::gil_scoped_release unlocked;
         const LimitQuestion question{stiffness, offset_law(offset_kind, offset_size), force, accepted};
         KnownPath& path_known = known == nullptr ? none : *known;
-        CertainDetection<double> finished(detector, setup.timing, setup.motion.step, stiffness,
-                                          question.offset.largest());
+        const CertainDetection<double> certain(detector, setup.timing, setup.motion.step, stiffness,
+                                               question.offset.largest());
         LinePath path;
-        if (!path_known.shortened(setup.timing, finished, path)) {
-            CertainDetection<double> anew(detector, setup.timing, setup.motion.step, stiffness,
-                                          question.offset.largest());
-            LineTracer<double, CertainDetection<double>>(setup.chain, setup.motion, setup.contact, setup.timing, anew)
-                .trace(q.data(), {velocity(0), velocity(1), velocity(2)}, &path, 1);
+        if (CertainDetection<double> finished = certain; !path_known.shortened(setup.timing, finished, path)) {
+            path = trace_line(setup, q.data(), velocity, certain);
             if (known != nullptr) known->path = path;
         }
         found = LimitRiskFinder<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, detector,

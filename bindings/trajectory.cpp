@@ -107,9 +107,9 @@ nb::dict laws(const ArmTrajectory& self, const ThresholdDetector& detector, doub
 }
 
 // One collision for each contact time. Runs are numbered from 0; a run's noise depends on its number alone.
-nb::dict sample(const ArmTrajectory& self, const ThresholdDetector& detector, double stiffness, Vector begin,
-                Matrix normal, std::uint64_t seed, int threads, std::optional<Matrix> residuals,
-                std::int64_t block_rows, double body_mass) {
+nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& detector, double stiffness, Vector begin,
+                         Matrix normal, std::uint64_t seed, int threads, std::optional<Matrix> residuals,
+                         std::int64_t block_rows, double body_mass) {
     const std::size_t n = begin.shape(0), dof = std::size_t(self.dof());
     NewArray<double> noise({n, dof}), residual({n, dof}), farthest({n}), distance({n}), greatest({n});
     NewArray<double> peak({n}), duration({n}), force({n});
@@ -218,7 +218,7 @@ void bind_trajectory(nb::module_& module) {
         .def("curve", &curve, nb::arg("begin"), nb::arg("normal"))
         .def("laws", &laws, nb::arg("detector"), nb::arg("stiffness"), nb::arg("begin"), nb::arg("normal"),
              nb::arg("body_mass"))
-        .def("sample", &sample, nb::arg("detector"), nb::arg("stiffness"), nb::arg("begin"), nb::arg("normal"),
+        .def("sample", &sample_contacts, nb::arg("detector"), nb::arg("stiffness"), nb::arg("begin"), nb::arg("normal"),
              nb::arg("seed"), nb::arg("threads"), nb::arg("residuals").none(), nb::arg("block_rows"),
              nb::arg("body_mass"))
         .def(
