@@ -3,9 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/hand_downward
+# Kernels for the instruction sets that this machine runs. INSTRUCTION_SETS=all compiles the others, too.
+INSTRUCTION_SETS ?= runnable
 # The packages of an extra, without building the project once more for them.
 EXTRA = $(BIN)/python -c 'import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])'
-SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find include bindings src -type f -not -name '*.pyc')
+SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find include bindings cmake src -type f -not -name '*.pyc')
 
 .PHONY: build run test validate bench lint format clean
 
@@ -18,7 +20,7 @@ $(VENV)/.created:
 	touch $@
 
 $(VENV)/.built: $(VENV)/.created $(SOURCES)
-	$(BIN)/pip install --quiet .
+	$(BIN)/pip install --quiet --config-settings=cmake.define.BUMPSTOP_INSTRUCTION_SETS=$(INSTRUCTION_SETS) .
 	touch $@
 
 # The verdict may be "not acceptable" (exit status 3): the job is done all the same.
