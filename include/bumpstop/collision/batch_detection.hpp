@@ -13,7 +13,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Clamped contact at an offset that varies, seen by a direct residual with white noise, before anything is known about
 /// stopping paths. Every panel of offsets has eight nodes, which fill whole registers; alarm probabilities come from a
-/// table; panels along a smooth stretch of the path are interpolated from a few. The object keeps its memory for the next
+/// table, one polynomial for a panel; panels along a smooth stretch of the path are interpolated from a few. The object keeps its memory for the next
 /// pose.
 template <class T>
 class BatchDetection {
@@ -115,7 +115,6 @@ class BatchDetection {
 
   private:
     static constexpr int longest_group = 64, most_parts = 16;
-    static constexpr double widest = 0.8;          ///< panel, in standard deviations of the noise
     static constexpr double widest_density = 0.5;  ///< panel, in standard deviations of the offset
     static constexpr double rare_alarm = 1e-5;     ///< at an idle tick, for a panel to hold several
     static constexpr double least_survival = 1e-13;
@@ -148,7 +147,7 @@ class BatchDetection {
                 gain = std::max(gain, std::fabs(path_->torque_per_N[std::size_t(k) * path_->dof + detector_.joint[w]]) *
                                           stiffness_ / detector_.sd[w]);
         }
-        double width = gain > 0 ? widest / gain : std::numeric_limits<double>::infinity();
+        double width = gain > 0 ? AlarmTable::widest / gain : std::numeric_limits<double>::infinity();
         if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
         const double largest = offset_.largest();
         const bool rare = ticks > 0 && quiet_->idle(ticks - 1).alarm < rare_alarm;
@@ -314,10 +313,12 @@ class BatchDetection {
                 silent[r] = 1.0;
                 force[r] = maximum(s - offset[r], T(0.0)) * stiffness_;
             }
+            const double nearest = std::max(s - panel.high, 0.0), farthest = std::max(s - panel.low, 0.0);
+            const double central = 0.5 * (nearest + farthest) * stiffness_;
             for (int w = 0; w < watched; ++w) {
-                const double a = torque[detector_.joint[w]];
+                const AlarmTable::Near near = alarms_.near(w, torque[detector_.joint[w]], central);
                 for (int r = 0; r < registers; ++r) {
-                    const T q = alarms_.alarm(w, a * force[r]);
+                    const T q = near.alarm(force[r]);
                     fired[w][r] += survival[r] * q;
                     alarm[r] += silent[r] * q;
                     silent[r] = silent[r] * (1.0 - q);

@@ -8,118 +8,105 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Values of cubics that lie in a row in memory, four coefficients each, lowest power first; lane i takes cubic index[i]
-/// at x.
-template <class T>
-T cubic_of_lane(const double* cubics, IntOf<T> index, T x) {
-    if constexpr (Scalar<T>::lanes == 1) {
-        const double* c = cubics + 4 * index;
-        return c[0] + x * (c[1] + x * (c[2] + x * c[3]));
-    } else if constexpr (Scalar<T>::lanes % 4 == 0) {
-        // A cubic is a register of four; four of them, transposed, are the coefficients of four lanes.
-        using Four = typename Register<4>::Real;
-        Four power[Scalar<T>::lanes / 4][4];
-        for (int i = 0; i < Scalar<T>::lanes / 4; ++i) {
-            Four row[4];
-            for (int lane = 0; lane < 4; ++lane)
-                std::memcpy(&row[lane], cubics + 4 * index.v[4 * i + lane], sizeof row[lane]);
-            const Four even01 = __builtin_shufflevector(row[0], row[1], 0, 4, 2, 6);
-            const Four odd01 = __builtin_shufflevector(row[0], row[1], 1, 5, 3, 7);
-            const Four even23 = __builtin_shufflevector(row[2], row[3], 0, 4, 2, 6);
-            const Four odd23 = __builtin_shufflevector(row[2], row[3], 1, 5, 3, 7);
-            power[i][0] = __builtin_shufflevector(even01, even23, 0, 1, 4, 5);
-            power[i][1] = __builtin_shufflevector(odd01, odd23, 0, 1, 4, 5);
-            power[i][2] = __builtin_shufflevector(even01, even23, 2, 3, 6, 7);
-            power[i][3] = __builtin_shufflevector(odd01, odd23, 2, 3, 6, 7);
-        }
-        T c[4];
-        for (int p = 0; p < 4; ++p) {
-            if constexpr (Scalar<T>::lanes == 4) {
-                c[p] = T::of(power[0][p]);
-            } else {
-                c[p] = T::of(__builtin_shufflevector(power[0][p], power[1][p], 0, 1, 2, 3, 4, 5, 6, 7));
-            }
-        }
-        return c[0] + x * (c[1] + x * (c[2] + x * c[3]));
-    } else {
-        T c[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
-        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
-            const double* row = cubics + 4 * index.v[lane];
-            for (int p = 0; p < 4; ++p) set_lane(c[p], lane, row[p]);
-        }
-        return c[0] + x * (c[1] + x * (c[2] + x * c[3]));
-    }
-}
-
-/// P(|r| > threshold) of every watched joint as cubics in |r + mean|, 1/64 of a standard deviation long each. Chebyshev's
-/// nodes leave an error of 1.4 / 3072 / 64^4 = 3e-11, as no fourth derivative of the normal distribution is above 1.4.
+/// P(|r| > threshold) of every watched joint for forces that lie close together, as those on a panel of offsets do: all of
+/// them are served by one polynomial in |r + mean|, whose coefficients no lane has to gather. Chebyshev's nodes leave an
+/// error of 2 (reach / 2)^12 / 12! times the twelfth derivative of the normal distribution, which is below 1e4: 1e-12.
 class AlarmTable {
   public:
+    /// Residuals for which one polynomial is asked may lie so far apart [standard deviations of the noise].
+    static constexpr double widest = 0.8;
+
     explicit AlarmTable(const ThresholdDetector& detector) {
         for (int w = 0; w < detector.watched; ++w) {
             sharp_ = sharp_ || !(detector.sd[w] > 0) || detector.threshold[w] > 1e3 * detector.sd[w];
             if (sharp_) return;
             Joint& joint = joint_[w];
             joint.mean = detector.mean[w];
-            joint.per_sd = pieces_per_sd / detector.sd[w];
-            joint.first = cubic_.size();
+            joint.per_sd = 1 / detector.sd[w];
+            joint.first = piece_.size();
             // The last piece is 1: ten standard deviations above the threshold nothing is silent.
-            const int last = int(std::ceil((detector.threshold[w] / detector.sd[w] + 10) * pieces_per_sd));
-            joint.last = last;
-            for (int i = 0; i < last; ++i) {
-                double value[4];
-                for (int n = 0; n < 4; ++n) {
-                    const double c = (i + node(n)) / joint.per_sd;
-                    value[n] = joint_alarm(detector, w, c - detector.mean[w]).alarm;
+            joint.last = int(std::ceil((detector.threshold[w] / detector.sd[w] + 10) * pieces_per_sd));
+            for (int i = 0; i < joint.last; ++i) {
+                Piece value;
+                for (int n = 0; n < terms; ++n) {
+                    const double c = (i / pieces_per_sd + reach * node(n)) * detector.sd[w];
+                    value[std::size_t(n)] = joint_alarm(detector, w, c - detector.mean[w]).alarm;
                 }
-                append(value);
+                piece_.push_back(powers(value));
             }
-            for (double c : {1.0, 0.0, 0.0, 0.0}) cubic_.push_back(c);
+            piece_.push_back({1.0});
         }
     }
     /// Without noise, or with hardly any, the probability is a step that no table holds.
     bool usable() const { return !sharp_; }
 
-    /// Of watched joint w for the noiseless residual r (without the noise mean).
-    template <class T>
-    T alarm(int w, T r) const {
+  private:
+    static constexpr int terms = 12;
+    static constexpr double pieces_per_sd = 8;
+    /// Of a piece to either side of its centre [standard deviations].
+    static constexpr double reach = 0.5 * (widest + 1 / pieces_per_sd);
+    using Piece = std::array<double, terms>;  ///< coefficients, lowest power first
+
+  public:
+    /// A joint's probability of an alarm for forces near each other.
+    class Near {
+      public:
+        template <class T>
+        T alarm(T force) const {
+            const T x = force * slope_ + shift_;
+            T value = (*piece_)[terms - 1];
+            BUMPSTOP_UNROLL
+            for (int p = terms - 2; p >= 0; --p) value = value * x + (*piece_)[std::size_t(p)];
+            return value;
+        }
+
+      private:
+        friend class AlarmTable;
+        const Piece* piece_;
+        double slope_, shift_;  ///< of the place in the piece, -1 to 1
+    };
+
+    /// Of watched joint w, whose noiseless residual (without the noise mean) is `torque_per_N` times the force, about
+    /// that force.
+    Near near(int w, double torque_per_N, double force) const {
         const Joint& joint = joint_[w];
-        const T place = minimum(absolute(r + joint.mean) * joint.per_sd, T(joint.last));
-        const T shifted = place + rounding_shift;
-        const IntOf<T> index = bits_of(shifted) & IntOf<T>(0x7FFFFFFF);
-        return cubic_of_lane<T>(&cubic_[joint.first], index, place - (shifted - rounding_shift));
+        const double at = (torque_per_N * force + joint.mean) * joint.per_sd, sign = at < 0 ? -1.0 : 1.0;
+        const int index = int(std::min(std::fabs(at) * pieces_per_sd + 0.5, double(joint.last)));
+        Near near;
+        near.piece_ = &piece_[joint.first + std::size_t(index)];
+        near.slope_ = sign * torque_per_N * joint.per_sd / reach;
+        near.shift_ = (sign * joint.mean * joint.per_sd - index / pieces_per_sd) / reach;
+        return near;
     }
 
   private:
-    static constexpr double pieces_per_sd = 64;
     struct Joint {
-        double mean = 0, per_sd = 0, last = 0;
+        double mean = 0, per_sd = 0;
+        int last = 0;
         std::size_t first = 0;
     };
 
-    /// Chebyshev's nodes on [-1/2, 1/2]: piece i is centred on i.
-    static double node(int n) { return -0.5 * std::cos(std::numbers::pi * (n + 0.5) / 4); }
+    /// Chebyshev's nodes on [-1, 1].
+    static double node(int n) { return -std::cos(std::numbers::pi * (n + 0.5) / terms); }
 
-    void append(const double (&value)[4]) {
+    /// Of the polynomial that takes these values at the nodes.
+    static Piece powers(Piece d) {
         // Newton's divided differences, then powers.
-        double x[4], d[4];
-        for (int n = 0; n < 4; ++n) {
-            x[n] = node(n);
-            d[n] = value[n];
+        for (int order = 1; order < terms; ++order)
+            for (int n = terms - 1; n >= order; --n)
+                d[std::size_t(n)] = (d[std::size_t(n)] - d[std::size_t(n - 1)]) / (node(n) - node(n - order));
+        Piece c{d[terms - 1]};
+        for (int n = terms - 2; n >= 0; --n) {
+            for (int p = terms - 1; p > 0; --p)
+                c[std::size_t(p)] = c[std::size_t(p - 1)] - node(n) * c[std::size_t(p)];
+            c[0] = d[std::size_t(n)] - node(n) * c[0];
         }
-        for (int order = 1; order < 4; ++order)
-            for (int n = 3; n >= order; --n) d[n] = (d[n] - d[n - 1]) / (x[n] - x[n - order]);
-        double c[4] = {d[3], 0, 0, 0};
-        for (int n = 2; n >= 0; --n) {
-            for (int p = 3; p > 0; --p) c[p] = c[p - 1] - x[n] * c[p];
-            c[0] = d[n] - x[n] * c[0];
-        }
-        for (double power : c) cubic_.push_back(power);
+        return c;
     }
 
     bool sharp_ = false;
     std::array<Joint, max_joints> joint_{};
-    std::vector<double> cubic_;
+    std::vector<Piece> piece_;
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
