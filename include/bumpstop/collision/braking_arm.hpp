@@ -194,7 +194,8 @@ class BrakingArm {
             next = select(roughness * history_.error_growth(longer, known) <= T(wished_error), longer, next);
         }
         const T kink = count * share_before_kink(load, wanted.velocity_load);
-        next = select(stood, minimum(next, kink - count), select(kink < count, kink, next));
+        // A leap undone may have failed for another reason than the kink foretold, so it is halved at least.
+        next = select(stood, minimum(next, kink - count), select(kink < count, minimum(kink, 0.5 * count), next));
         const MaskOf<T> moved = stood | !(count > T(0.0));
         for (int f = 0; f < n; ++f) load_[f] = select(moved, load[f], load_[f]);
         velocity_load_ = select(moved, wanted.velocity_load, velocity_load_);
