@@ -6,7 +6,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int braking_order = 6;  ///< values a leap goes by
+inline constexpr int braking_order = 7;  ///< values a leap goes by
 
 /// What the sums over the next `count` sub-steps are of the values known, newest first.
 template <class T>
@@ -107,6 +107,7 @@ class UnevenHistory {
             aa * (4.0 * a - 1.0) * (1.0 / 3),
             even * (12.0 * aa - 6.0 * a + 1.0) * (1.0 / 7),
             aa * (6.0 * aa - 4.0 * a + 1.0) * (1.0 / 3),
+            even * (((40.0 * a - 40.0) * a + 18.0) * a - 3.0) * (1.0 / 15),
         };
         UnevenWeights<T> weights;
         // Of the polynomial c[0] x^shift + .. + c[degree] x^(shift + degree), over the divisor.

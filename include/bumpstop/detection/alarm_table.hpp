@@ -97,8 +97,7 @@ class AlarmTable {
                 d[std::size_t(n)] = (d[std::size_t(n)] - d[std::size_t(n - 1)]) / (node(n) - node(n - order));
         Piece c{d[terms - 1]};
         for (int n = terms - 2; n >= 0; --n) {
-            for (int p = terms - 1; p > 0; --p)
-                c[std::size_t(p)] = c[std::size_t(p - 1)] - node(n) * c[std::size_t(p)];
+            for (int p = terms - 1; p > 0; --p) c[std::size_t(p)] = c[std::size_t(p - 1)] - node(n) * c[std::size_t(p)];
             c[0] = d[std::size_t(n)] - node(n) * c[0];
         }
         return c;
