@@ -11,9 +11,9 @@ inline constexpr int longest_braking_leap = 128;  ///< sub-steps
 
 /// Changes extrapolated over a leap and those found at its end may differ by this much, relative to the largest change,
 /// for the leap to stand; the difference then corrects the leap, which is some thirty times better. Roundings decide about
-/// the length of leaps, and instruction sets, which round differently, must still agree to 1e-12: with ten times this they
-/// differ by 2e-12 where the arm is fast.
-inline constexpr double braking_leap_tolerance = 1e-11;
+/// the length of leaps, and instruction sets, which round differently, must still agree to 1e-12: with 1e-10 they differ by
+/// 2e-12 where the arm is fast.
+inline constexpr double braking_leap_tolerance = 5e-12;
 /// The same in batches, where 1e-9 m are enough: over 0.5 s at 5 rad/s^2 the positions stay within 1e-10 rad of those of
 /// the sub-steps. And where a reaction matters little, for nothing is gained by more.
 inline constexpr double loose_braking_leap_tolerance = 3e-7;
@@ -46,6 +46,10 @@ class BrakingArm {
     void begin(int lane, double leap_tolerance) {
         set_lane(tolerance_, lane, leap_tolerance);
         history_.forget(lane);
+        for (int f = 0; f < motion_.free_count; ++f) {
+            set_lane(from_[f], lane, lane_of(state.q[motion_.free_joint[f]], lane));
+            set_lane(travelled_[f], lane, 0.0);
+        }
         known_[lane] = 0;
         wish_[lane] = 1;
         error_[lane] = std::numeric_limits<double>::infinity();
@@ -96,10 +100,10 @@ class BrakingArm {
         T following = 0.0;  // 1: the values known are the rates themselves, which the arm has
         for (int lane = 0; follows && lane < lanes; ++lane) set_lane(following, lane, reaches_[lane] ? 1.0 : 0.0);
         const MaskOf<T> has_rates = following > T(0.0);
-        T q_before[max_joints], qd_before[max_joints];
+        T travelled_before[max_joints], qd_before[max_joints];
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
-            q_before[f] = state.q[j];
+            travelled_before[f] = travelled_[f];
             qd_before[f] = state.qd[j];
             const T sum = history_.combine(weights.sum, f);
             T gained = count * state.qd[j] + history_.combine(weights.sum_of_sums, f), rate = state.qd[j] + sum;
@@ -108,7 +112,8 @@ class BrakingArm {
                 rate = select(has_rates, history_.combine(weights.last, f), rate);
                 rate = select(count > T(0.0), rate, state.qd[j]);
             }
-            state.q[j] += motion_.substep() * gained;
+            travelled_[f] += motion_.substep() * gained;
+            state.q[j] = from_[f] + travelled_[f];
             state.qd[j] = rate;
         }
         state.refresh_angles(chain_);
@@ -183,7 +188,8 @@ class BrakingArm {
         const T to_rate = follows ? select(has_rates, weights.correct_last, weights.correct_sum) : weights.correct_sum;
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
-            state.q[j] = select(stays, q_before[f], state.q[j] + to_position * correction[f]);
+            travelled_[f] = select(stays, travelled_before[f], travelled_[f] + to_position * correction[f]);
+            state.q[j] = from_[f] + travelled_[f];
             state.qd[j] = select(stays, qd_before[f], state.qd[j] + to_rate * correction[f]);
         }
         history_.push(stood & (count > T(0.0)), count, change, n);
@@ -244,6 +250,9 @@ class BrakingArm {
     const MotionSettings& motion_;
     const Kind kind_;
     T tolerance_ = 1.0;
+    /// Positions are kept as those of the beginning and what was gained since, by free joint: so roundings of the former do
+    /// not add up.
+    T from_[max_joints], travelled_[max_joints];
     UnevenHistory<T> history_;
     T load_[max_joints], velocity_load_ = 0.0;  ///< as of the last look that counted
     int known_[lanes] = {};                     ///< moments of the history, at most braking_order
