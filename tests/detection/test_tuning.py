@@ -176,7 +176,7 @@ def test_refusals() -> None:
 def test_default_rate_is_what_the_recording_carries() -> None:
     short, long = residuals(0.02, 1), residuals(0.4, 2)
     assert tune(short).target == pytest.approx(1 / (10 * 0.02))
-    assert tune([short, short]).target == pytest.approx(1 / (10 * 0.04))
+    assert tune([short, residuals(0.02, 3)]).target == pytest.approx(1 / (10 * 0.04))
     assert tune(long).target == 1.0
     assert not any("No rate" in note for note in tune(long).notes + tune(short, 10.0).notes)
 

@@ -259,6 +259,25 @@ def test_sensitivity() -> None:
     json.loads(json.dumps(found, allow_nan=False))
 
 
+def test_what_reading_a_recording_found_is_said_by_every_command(loop: tuple[Path, Path], tmp_path: Path) -> None:
+    """Milliseconds taken for seconds make a quiet recording of hours out of one of seconds."""
+    import polars as pl
+
+    log = tmp_path / "ms.parquet"
+    pl.read_parquet(loop[0]).with_columns(pl.col("t") * 1000).write_parquet(log)
+    labels = tmp_path / "labels.csv"
+    labels.write_text("start_s,end_s\n1,2\n")
+    arm, thresholds = ("--robot", "ur5e"), ("--thresholds", "9,9,9,9,9,9")
+    for command in (
+        ("detect", log, *arm, *thresholds),
+        ("score", log, *arm, *thresholds, "--labels", labels),
+        ("tune", log, *arm, "--per-hour", "0.5"),
+    ):
+        done = run(*command, "--json")
+        assert done.status == 0, done.err
+        assert any("if these are no seconds" in note for note in json.loads(done.out)["notes"]), command[0]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -268,7 +287,7 @@ def test_sensitivity() -> None:
         (("tune", "NOISE", "--robot", "ur5e"), "--robot: has no meaning with the residuals"),
         (("tune", "NOISE", "--residual", "observer"), "--residual: has no meaning with the residuals"),
         (("tune", "NOISE", "--from", "70", "--until", "60"), "--from: 70 leaves nothing before 60; valid: 0 to "),
-        (("tune", "LOG", "--robot", "ur5e", "--from", "50"), "--from: 50.0 leaves nothing before"),
+        (("tune", "LOG", "--robot", "ur5e", "--from", "50"), "--from: 50 leaves nothing before 39.996; valid: 0 to "),
         (("tune", "LOG", "--robot", "ur5e", "--residual", "obsever"), "did you mean 'observer'"),
         (("tune", "LOG", "--robot", "ur5e", "--model", "sia5d"), "is for a joint 'joint_s', which ur5e has not"),
         (
@@ -286,7 +305,9 @@ def test_sensitivity() -> None:
         ),
         (("score", "EVENTS", "--labels", "LABELS", "--from", "9"), "--from: has no meaning with the events"),
         (("tune", "NOISE", "--confidence", "2"), "--confidence: is 2"),
-        (("tune", "nowhere.parquet"), "--robot: is missing"),
+        (("tune", "nowhere.parquet"), "nowhere.parquet: there is no such file; wanted a recording"),
+        (("tune", "DAMAGED"), "cannot be read as Parquet"),
+        (("tune", "NOISE", "NOISE"), "are the same; give each recording once"),
         (("tune", "NOISE", "--scenario", "ur"), "has thresholds for 6 joints; the residuals have 7"),
         (("tune", "NOISE", "--per-hour", "60", "--save", "/nowhere/x.toml"), "cannot be written"),
         (("score", "NOISE", "--labels", "LABELS"), "--thresholds: is missing"),
@@ -295,6 +316,10 @@ def test_sensitivity() -> None:
         (("score", "LABELS.json", "--labels", "LABELS"), "cannot be read"),
         (("score", "EVENTS", "--labels", "LABELS"), "has no 'start_s'"),
         (("sensitivity", "sia5d", "--pose-deg", "0,0", "--thresholds", "20"), "--pose-deg: '0,0' cannot be used"),
+        (
+            ("sensitivity", "sia5d", "--pose-deg", "0,0,0,0,0,181,0", "--thresholds", "1,1,1,1,1,1,1"),
+            "--pose-deg: joint 6 at 181 is outside its limits; valid: -110 to 110 deg",
+        ),
         (("sensitivity", "sia5", "--pose-deg", "0", "--thresholds", "20"), "did you mean 'sia5d'"),
         (
             ("sensitivity", "ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", "--direction", "0,0,0"),
@@ -311,10 +336,12 @@ def test_refusals(
 ) -> None:
     labels, events = tmp_path / "labels.csv", tmp_path / "events.json"
     labels.write_text("start_s,end_s\n1,2\n")
+    damaged = tmp_path / "damaged.parquet"
+    damaged.write_bytes(noise.read_bytes()[:1000])
     events.write_text('{"events": []}')
     places = {
         "NOISE": noise, "LABELS": labels, "LABELS.json": tmp_path / "none.json", "EVENTS": events,
-        "ur": EXAMPLE.parent / "05_ur10e.toml", "LOG": loop[0],
+        "DAMAGED": damaged, "ur": EXAMPLE.parent / "05_ur10e.toml", "LOG": loop[0],
     }  # fmt: skip
     done = run(*(places.get(argument, argument) for argument in arguments))
     assert done.status == 2

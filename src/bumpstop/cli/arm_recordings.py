@@ -78,7 +78,8 @@ def part_of(
     first = start if begin is None else start + begin
     last = end if until is None else start + until
     if not first < last:
-        raise InputError("--from", f"{begin} leaves nothing before {until}", f"valid: 0 to {end - start:.6g} s")
+        low, high = (f"{time - start:.6g}" for time in (first, last))
+        raise InputError("--from", f"{low} leaves nothing before {high}", f"valid: 0 to {end - start:.6g} s")
     return log.between(first, last)
 
 

@@ -82,15 +82,18 @@ def dropped(log: Recording, path: Path) -> list[str]:
 
 
 def holds_residuals(path: Path) -> bool:
-    """Whether a file is Parquet with a column ``residual_1``."""
+    """Whether a file is Parquet with a column ``residual_1``.
+
+    Raises:
+        InputError: there is no such file, or it is damaged: before anything else is asked for.
+    """
+    if not path.exists():
+        raise InputError(str(path), "there is no such file", "wanted a recording, or Parquet with residuals")
     if path.suffix != ".parquet" or not path.is_file():
         return False
-    import polars as pl
+    from bumpstop.recording.frames import read_parquet
 
-    try:
-        return any(name.startswith("residual_") for name in pl.read_parquet_schema(path))
-    except Exception:  # damaged: whoever reads it will say so
-        return False
+    return any(name.startswith("residual_") for name in read_parquet(path).names)
 
 
 def joint_numbers(text: str, dof: int) -> list[int]:

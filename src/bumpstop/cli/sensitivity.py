@@ -39,7 +39,10 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Tell which forces at a pose go unnoticed: the largest, along a direction, and those that no joint feels."""
+    import numpy as np
+
     from bumpstop.detection import Thresholds
+    from bumpstop.model.pose_limits import check_pose
 
     arm = load_robot(robot, base, tip)
     for name, value in (("--stiffness", stiffness), ("--speed-mm-s", speed_mm_s), ("--period", period), ("--z", z)):
@@ -47,6 +50,7 @@ def command(
             raise InputError(name, f"is {value}", "wanted zero or more")
     pose = numbers(pose_deg, "--pose-deg", arm.dof)
     q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
+    check_pose(arm, np.array(q), "--pose-deg", in_degrees=True)
     found = _found(
         arm,
         q,

@@ -15,6 +15,7 @@ from bumpstop.detection import ResidualRecord
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.model import Robot
+from bumpstop.model.pose_limits import check_pose
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario import Scenario
@@ -369,17 +370,7 @@ def _pose(scenario: Scenario, robot: Robot) -> FloatArray:
     turns = np.array([joint.kind == "revolute" for joint in robot.joints])
     if in_degrees:
         q[turns] = np.radians(q[turns])
-    for j, joint in enumerate(robot.joints):
-        if not joint.lower <= q[j] <= joint.upper:
-            low, high = joint.lower, joint.upper
-            unit = "rad" if turns[j] else "m"
-            if in_degrees and turns[j]:
-                low, high, unit = math.degrees(low), math.degrees(high), "deg"
-            raise InputError(
-                field,
-                f"joint {j + 1} at {values[j]:g} is outside its limits",
-                f"valid: {low:g} to {high:g} {unit}",
-            )
+    check_pose(robot, q, field, in_degrees=in_degrees)
     return q
 
 

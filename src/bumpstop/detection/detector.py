@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -149,9 +150,10 @@ class Detector:
             raise InputError(
                 "recording", f"has {recording.dof} joints", f"{self.robot.name} has {self.robot.dof}: is it its own?"
             )
-        return self.run_rows(
+        run = self.run_rows(
             recording.t, recording.q, self._signal(recording), qd=self._rates(recording), rearm_s=rearm_s
         )
+        return replace(run, notes=(*recording.report.notes, *run.notes))
 
     def run_rows(
         self,

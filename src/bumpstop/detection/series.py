@@ -108,7 +108,7 @@ def detect(
         unseen=unseen != 0,
         payload_changed=nothing,
         events=events,
-        notes=(*notes, *detector.notes),
+        notes=(*recording.report.notes, *notes, *detector.notes),
     )
 
 

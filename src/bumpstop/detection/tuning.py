@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -180,6 +181,12 @@ def _common(parts: Sequence[ResidualSeries]) -> tuple[int, float]:
         if abs(part.period - first.period) > 0.01 * first.period:
             raise InputError(
                 part.source, f"has a row every {part.period:.6g} s", f"{first.source} every {first.period:.6g} s"
+            )
+    for one, other in combinations(parts, 2):
+        if np.array_equal(one.rows, other.rows):
+            # Each would count as hours of its own, and intervals would be too narrow.
+            raise InputError(
+                "residuals", f"of {one.source} and {other.source} are the same", "give each recording once"
             )
     return first.dof, first.period
 
