@@ -34,10 +34,13 @@ def check_refusal(result: Result, *words: str) -> None:
         ),
         (("require", EXAMPLE, "--vary", "motion.speed", "--risk", ""), "--risk: '' cannot be used; wanted a number"),
         (("experiment", "glass", "--runs", "2.5"), "--runs: '2.5' cannot be used; wanted a whole number"),
+        (("experiment", "glass", "--runs", "0"), "--runs: is 0; wanted 1 to 100000"),
+        (("experiment", "glass", "--latency", "-1"), "--latency: is -1.0; wanted 0 to 1"),
+        (("experiment", "glass", "--runs", "100", "--out", EXAMPLE), "01_hand_downward.toml' cannot be written"),
         (("experiment", "glass", "--seed", "1e3"), "--seed: '1e3' cannot be used; wanted a whole number"),
     ],
 )
-def test_an_option_that_takes_a_number_names_what_was_written(arguments: tuple[object, ...], words: str) -> None:
+def test_an_option_is_refused_by_its_own_name_and_before_any_work(arguments: tuple[object, ...], words: str) -> None:
     check_refusal(run(*arguments), words)
 
 

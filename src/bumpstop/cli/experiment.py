@@ -8,7 +8,13 @@ from typing import Annotated
 
 import typer
 
+from bumpstop.cli.plan import writing
 from bumpstop.errors import InputError
+
+# Fields of an experiment by the name that a person gave them here.
+_OPTIONS = {field: f"--{field}" for field in ("runs", "seed", "at", "stiffness", "residual", "loss")} | {
+    "latency_s": "--latency"
+}
 
 
 def command(
@@ -35,16 +41,24 @@ def command(
     from bumpstop.plant.collision_table import CollisionTable
     from bumpstop.plant.collisions import CollisionExperiment
 
-    made = CollisionExperiment(
-        name=name,
-        at=at,  # type: ignore[arg-type]
-        stiffness=stiffness,
-        latency_s=latency,
-        residual=residual,  # type: ignore[arg-type]
-        reflected_inertia=not without_inertia,
-        loss=loss,
-    )
-    table = CollisionTable.measure(made, runs=runs, seed=seed, speeds_mm_s=_speeds(speeds))
+    wanted = _speeds(speeds)
+    # Before the runs, which may take minutes.
+    with writing(out):
+        pass
+    try:
+        made = CollisionExperiment(
+            name=name,
+            at=at,  # type: ignore[arg-type]
+            stiffness=stiffness,
+            latency_s=latency,
+            residual=residual,  # type: ignore[arg-type]
+            reflected_inertia=not without_inertia,
+            loss=loss,
+        )
+        table = CollisionTable.measure(made, runs=runs, seed=seed, speeds_mm_s=wanted)
+    except InputError as error:
+        option = _OPTIONS.get(error.field, error.field)
+        raise InputError(option, error.problem, error.valid) from None
     written = [] if out is None else table.save(out)
     if out is not None:
         from bumpstop.report.experiment import write_experiment
