@@ -174,6 +174,12 @@ def test_the_guide_meets_the_limits_at_the_least_cost_of_a_grid(priced: Any) -> 
             assert not acceptable(speed, acceleration, period), "a cheaper plan was overlooked"
 
 
+def test_a_value_that_has_no_law_is_named() -> None:
+    study = ParameterStudy.of(control_group(), vary=["pose_deg[2]=-100:100:3"])
+    with pytest.raises(bs.InputError, match=r"^pose_deg: with pose_deg\[2\] = 0: is singular"):
+        run(study)
+
+
 def test_a_key_that_changes_nothing_has_no_law() -> None:
     study = ParameterStudy.of(control_group(), vary=["verdict.risk=0.1:0.9:4"])
     (found,) = run(study)[1]["parameters"]

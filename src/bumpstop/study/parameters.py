@@ -235,7 +235,11 @@ def _row(
     value_2: float | None = None,
 ) -> dict[str, Any]:
     start = {"kind": kind, "key": variable.name, "value": value, "key_2": second and second.name, "value_2": value_2}
-    return start | _figures(_evaluate(scenario))
+    try:
+        return start | _figures(_evaluate(scenario))
+    except InputError as error:
+        at = f"{variable.name} = {value:g}" + ("" if second is None else f" and {second.name} = {value_2:g}")
+        raise InputError(error.field, f"with {at}: {error.problem}", error.valid) from None
 
 
 def _difference_points(scenario: Scenario, swept: Range) -> list[float]:
