@@ -84,8 +84,11 @@ def test_planted_kinds_are_chosen_and_predict_another_motion(name: str, kind: st
     right = [joint.parameters.map == kind for joint in fit.joints]
     assert sum(right) >= robot.dof - 2
     other = driven(robot, fourier(robot, 20.0, 100.0, 2), truth, 2, noise=0.0)
-    scores = compare_currents(fit.model, other, robot).current_scores()
-    assert min(score.r2 for score in scores if score is not None) > 0.99
+    found = compare_currents(fit.model, other, robot)
+    assert min(score.r2 for score in found.current_scores() if score is not None) > 0.99
+    # More current is more torque of the motors than the motion asks for: the sign of the detector's residual.
+    more = compare_currents(fit.model, replace(other, current=other.current + 0.1), robot)
+    assert (more.torque_residual > found.torque_residual).all()
 
 
 def test_intervals_hold_under_correlated_noise_and_lost_samples() -> None:
