@@ -45,6 +45,16 @@ def test_bad_row_is_dropped_counted_and_located(line: str, reason: str, tmp_path
     assert np.abs(found.q).max() <= 1
 
 
+def test_words_before_the_first_row_are_no_bad_rows(tmp_path: Path) -> None:
+    text = lines()
+    text[50] = "0.50,0.1"
+    found = Recording.load(written(tmp_path, ["# Recorded on a Monday, by hand", "", *text]), columns=COLUMNS)
+    assert found.report.rows_read == 200
+    ((row, _),) = found.report.dropped
+    assert row == 53
+    assert found.t.size == 199
+
+
 @pytest.mark.parametrize("size", [1, 7, 64])
 def test_fields_are_counted_across_the_pieces_of_a_text(
     size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -41,11 +41,11 @@ def read_delimited(path: Path, header: bool | None) -> Table:
     if header or (header is None and not are_numbers(fields)):
         names = tuple(text.strip().strip('"') for text in fields)
         skipped += 1
-    start = _line_start(body, skipped) if names else 0
+    start = _line_start(body, skipped)
     decimal_comma = separator == b";" and b"," in body[start : start + 4096]
     if any(mark in body for mark in (b'"', b" ", *(() if separator == b"\t" else (b"\t",)))):
         body, start = _bare(body[start:], separator), 0
-    return _split(path, body, start, separator, names, skipped if names else 0, decimal_comma)
+    return _split(path, body, start, separator, names, skipped, decimal_comma)
 
 
 def _line_start(body: bytes, line: int) -> int:
