@@ -36,7 +36,7 @@ _RealPerJoint = Real * MAX_JOINTS
 
 
 class Problem(ctypes.Structure):
-    """Field by field the `Problem` of twin.cpp."""
+    """Field by field the `Problem` of problem.hpp."""
 
     _fields_ = (
         ("joint_count", Int),
@@ -78,7 +78,7 @@ class Problem(ctypes.Structure):
     )
 
 
-# Field by field the `Run` of twin.cpp.
+# Field by field the `Run` of problem.hpp.
 RUN = np.dtype(
     [
         ("detected", np.int32),
@@ -103,7 +103,7 @@ RUN = np.dtype(
     align=True,
 )
 
-# The fields of TwinTrace that C++ fills, in the order of `TraceArrays` in twin.cpp.
+# The fields of TwinTrace that C++ fills, in the order of `TraceArrays` in problem.hpp.
 TRACE_FIELDS = (
     "time_s",
     "position",
@@ -123,12 +123,13 @@ def build(compiler: str | None = None, flags: Sequence[str] | None = None, cache
         compiler: a command, default `$CXX` or else `c++`.
         flags: replace the default flags.
         cache_dir: where shared objects are kept, default a folder of this user's below the system's temporary
-            one. A file's name holds a digest of source, compiler and flags, so variants live side by side.
+            one. A file's name holds a digest of sources, compiler and flags, so variants live side by side.
     """
     command = shlex.split(compiler or os.environ.get("CXX") or "c++")
     options = list(DEFAULT_FLAGS if flags is None else flags)
     folder = Path(cache_dir or Path(tempfile.gettempdir()) / f"bumpstop-twin-{os.getuid()}")
-    digest = hashlib.sha256(SOURCE.read_bytes() + "\0".join([*command, *options]).encode()).hexdigest()
+    sources = b"".join(path.read_bytes() for path in (SOURCE, *sorted(SOURCE.parent.glob("*.hpp"))))
+    digest = hashlib.sha256(sources + "\0".join([*command, *options]).encode()).hexdigest()
     shared = folder / f"twin-{digest[:16]}.so"
     if shared.exists():
         return shared
@@ -159,5 +160,5 @@ def library() -> ctypes.CDLL:
     for function in ("twin_forward_kinematics", "twin_jacobian", "twin_pseudo_inverse"):
         getattr(shared, function).restype = None
     if shared.twin_problem_size() != ctypes.sizeof(Problem) or shared.twin_run_size() != RUN.itemsize:
-        raise RuntimeError("library.py and twin.cpp disagree about the layout of Problem or Run")
+        raise RuntimeError("library.py and problem.hpp disagree about the layout of Problem or Run")
     return shared
