@@ -71,3 +71,12 @@ def test_program(source: Path, build: str, builds: Builds) -> None:
     assert compilation.returncode == 0, f"does not compile:\n{compilation.stderr}"
     run = subprocess.run([program], capture_output=True, text=True, check=False, timeout=120)
     assert run.returncode == 0, f"failed:\n{run.stdout}{run.stderr}"
+
+
+def test_the_build_and_the_package_ask_alike_what_the_processor_runs(tmp_path: Path) -> None:
+    program = tmp_path / "runnable"
+    subprocess.run([*COMPILER, *WARNINGS, str(ROOT / "cmake/runnable.cpp"), "-o", str(program)], check=True)
+    printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    runnable = [name for name in printed.split(";") if name]
+    # What make build leaves out is what cannot run; a package without the rest lacks nothing here.
+    assert runnable == kernels.available_targets()
