@@ -222,7 +222,7 @@ class ExactLawBuilder {
         auto transform_slot = [&](const std::vector<double>& outcome, int slot) {
             for (int g = 0; g < order_; ++g)
                 known.spread(&outcome[std::size_t(g) * outcomes.panels], real, &value[std::size_t(g) * n]);
-            transform(rule, value, weight, pieces.series(slot, 0), n);
+            legendre_coefficients<T>(rule, value.data(), weight.data(), n, pieces.series(slot, 0));
         };
         for (std::size_t i = 0; i < outcomes.detected.size(); ++i)
             transform_slot(outcomes.detected[i], before + int(i));
@@ -233,7 +233,7 @@ class ExactLawBuilder {
         if (before > 0) {
             std::fill(value.begin(), value.end(), 1.0);
             place.resize(std::size_t(order_) * n);
-            transform(rule, value, offset, place.data(), n);
+            legendre_coefficients<T>(rule, value.data(), offset.data(), n, place.data());
         }
         for (int slot = 0; slot < before; ++slot) {
             std::vector<double> chance(std::size_t(n), 0.0);
@@ -254,43 +254,6 @@ class ExactLawBuilder {
         law_.harmless = std::max(0.0, alarm_before_ - touching) + law_.no_contact;
         for (int p = 0; p < real; ++p) law_.undetected += 2 * *pieces.series(pieces.slots - 1, p);
         triggers(rule, known, weight, real, n);
-    }
-
-    /// c_l = sum_g to_legendre[l][g] weight[g] value[g], for all panels. Nodes lie in pairs about zero, where Legendre
-    /// polynomials are even or odd: half the products do. Four l at a time keep the adders busy.
-    void transform(const GaussRule& rule, const std::vector<double>& value, const std::vector<double>& weight,
-                   double* series, int n) const {
-        const int pairs = (order_ + 1) / 2;
-        for (int p = 0; p < n; p += lanes) {
-            T part[2][(max_order + 1) / 2];  // [even or odd polynomials][pair]
-            auto product = [&](int g) {
-                const std::size_t at = std::size_t(g) * n + p;
-                return load<T>(&value[at]) * load<T>(&weight[at]);
-            };
-            for (int g = 0; g < pairs; ++g) {
-                const T one = product(g), other = order_ - 1 - g == g ? T(0.0) : product(order_ - 1 - g);
-                part[0][g] = one + other;
-                part[1][g] = one - other;
-            }
-            for (int parity = 0; parity < 2; ++parity) {
-                int l = parity;
-                for (; l + 6 < order_; l += 8) {
-                    const double* row = &rule.to_legendre[std::size_t(l) * order_];
-                    T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
-                    for (int g = 0; g < pairs; ++g) {
-                        BUMPSTOP_UNROLL
-                        for (int i = 0; i < 4; ++i) sum[i] += part[parity][g] * row[2 * i * order_ + g];
-                    }
-                    for (int i = 0; i < 4; ++i) store(sum[i], series + std::size_t(l + 2 * i) * n + p);
-                }
-                for (; l < order_; l += 2) {
-                    T sum = 0.0;
-                    for (int g = 0; g < pairs; ++g)
-                        sum += part[parity][g] * rule.to_legendre[std::size_t(l) * order_ + g];
-                    store(sum, series + std::size_t(l) * n + p);
-                }
-            }
-        }
     }
 
     void triggers(const GaussRule& rule, const KnownOutcomes<T>& known, const std::vector<double>& weight, int real,
