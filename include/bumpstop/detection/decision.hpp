@@ -47,7 +47,7 @@ class Decision {
                const double* sd) noexcept {
         const ThresholdLaw& law = settings_.thresholds;
         if (any_fast_) band_.update(dt, residual, fast_.data());
-        over_ = over_fast_ = 0;
+        std::uint32_t above = 0, above_fast = 0;
         MaskOf<L> fast_motion = L(1.0) < L(0.0);
         for (int first = 0; first < joints_; first += native_lanes) {
             const L speed = absolute(load<L>(qd + first)), rest_speed = load<L>(&law.rest_speed[first]);
@@ -58,11 +58,13 @@ class Decision {
             if (sd != nullptr) extra += law.model_errors * load<L>(sd + first);
             const L threshold = load<L>(&law.constant[first]) + extra;
             store(threshold, &threshold_[first]);
-            over_ |= set_bits(absolute(load<L>(residual + first)) > threshold) << first;
+            above |= set_bits(absolute(load<L>(residual + first)) > threshold) << first;
             // Whatever makes the model less sure widens both channels as much.
             if (any_fast_)
-                over_fast_ |= set_bits(absolute(load<L>(&fast_[first])) > load<L>(&law.fast[first]) + extra) << first;
+                above_fast |= set_bits(absolute(load<L>(&fast_[first])) > load<L>(&law.fast[first]) + extra) << first;
         }
+        over_ = above;
+        over_fast_ = above_fast;
         const bool moving = any(fast_motion);
         if (moving) {
             if (resting_) begun_ = t;

@@ -9,6 +9,7 @@
 #include "bumpstop/detection/payload.hpp"
 #include "bumpstop/detection/sample_guard.hpp"
 #include "bumpstop/joint/joint_bank.hpp"
+#include "bumpstop/model/joint_lanes.hpp"
 #include "bumpstop/signal/chain_derivative.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -88,7 +89,7 @@ class Detector {
     }
 
     /// Judges a sample. The result stays until the next call.
-    const DetectorOutput& update(const DetectorSample& sample) noexcept {
+    [[gnu::flatten]] const DetectorOutput& update(const DetectorSample& sample) noexcept {
         out_.t = sample.t;
         out_.unseen = false;
         out_.over = out_.over_fast = 0;
@@ -104,8 +105,16 @@ class Detector {
         const double* qd = settings_.samples.measured_rates ? out_.qd.data() : derivative_.rate();
         const double* qdd = settings_.samples.measured_rates ? derivative_.rate() : derivative_.acceleration();
         JointAngles<double>& angle = angle_;
+        // In an order that lets what waits for itself wait beside others.
+        bank_.take_logarithms(qd);
         angle.set_padded(chain_, guard_.position());
-        if (!residual_of(sample, angle, qd, qdd)) return blind(SampleFault::filling, sample.t);
+        bank_.take_powers(qd);
+        if (in_lanes_) frames_.set(inertias_.lanes, angle, qd);
+        if (settings_.residual == ResidualKind::direct) {
+            direct_residual(sample, angle, qd, qdd);
+        } else if (!observed_residual(sample, angle, qd)) {
+            return blind(SampleFault::filling, sample.t);
+        }
         if (!finite(qdd)) {
             forget();
             return blind(SampleFault::not_finite, sample.t);
@@ -139,6 +148,9 @@ class Detector {
         std::array<LinkInertia, max_joints> links = links_;
         links[last] = with_payload(links_[last], payload);
         inertias_ = Inertias(chain_, std::span<const LinkInertia>(links.data(), std::size_t(chain_.dof)));
+        in_lanes_ = inertias_.lanes.groups > 0 && settings_.residual == ResidualKind::direct;
+        const Vector3& g = settings_.gravity;
+        free_fall_ = into_first_frame(chain_, Point3<double>{-g[0], -g[1], -g[2]});
         payload_point_ = link_point(chain_, last, payload.center);
         watch_.reset();
         // The momentum was that of another body.
@@ -173,33 +185,48 @@ class Detector {
         }
         return all(good);
     }
-    void forget() noexcept {
+    [[gnu::noinline, gnu::cold]] void forget() noexcept {
         derivative_.reset();
         observer_.reset();
         decision_.interrupt();
     }
 
+    /// Torque that the drives give, or, for the observer, give but for reflected inertia.
+    void estimate(const DetectorSample& sample, const double* qd, const double* qdd, double* tau) noexcept {
+        errors_ = settings_.decision.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
+        if (settings_.source == TorqueSource::current) {
+            bank_.map(sample.signal.data(), qd, qdd, tau, errors_ ? sd_.data() : nullptr);
+        } else {
+            for (int first = 0; first < chain_.dof; first += native_lanes)
+                store(load<L>(&sample.signal[first]), tau + first);
+        }
+    }
+    /// Fills out_.residual.
+    void direct_residual(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
+                         const double* qdd) noexcept {
+        alignas(64) double tau[max_joints], predicted[max_joints];
+        estimate(sample, qd, qdd, tau);
+        if (in_lanes_) {
+            newton_euler_in_lanes(inertias_.lanes, frames_, qd, qdd, free_fall_, predicted);
+        } else {
+            link_by_link(sample, angle, qd, qdd, predicted);
+        }
+        for (int first = 0; first < chain_.dof; first += native_lanes)
+            store(load<L>(tau + first) - load<L>(predicted + first), &out_.residual[first]);
+    }
+    [[gnu::noinline, gnu::flatten]] void link_by_link(const DetectorSample& sample, const JointAngles<double>& angle,
+                                                      const double* qd, const double* qdd, double* predicted) noexcept {
+        store(L(0.0), predicted + (chain_.dof - 1) / native_lanes * native_lanes);
+        inverse_dynamics(chain_, inertias_, sample.q.data(), angle, qd, qdd, settings_.gravity, predicted);
+    }
     /// Fills out_.residual; false while the observer begins.
-    bool residual_of(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
-                     const double* qdd) noexcept {
-        const bool observes = settings_.residual == ResidualKind::observer;
+    [[gnu::noinline, gnu::flatten]] bool observed_residual(const DetectorSample& sample,
+                                                           const JointAngles<double>& angle,
+                                                           const double* qd) noexcept {
         const int n = chain_.dof;
         static constexpr double nothing[max_joints] = {};
         alignas(64) double tau[max_joints];
-        errors_ = settings_.decision.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
-        if (settings_.source == TorqueSource::current) {
-            bank_.torque(sample.signal.data(), qd, observes ? nothing : qdd, tau, errors_ ? sd_.data() : nullptr);
-        } else {
-            for (int first = 0; first < n; first += native_lanes) store(load<L>(&sample.signal[first]), tau + first);
-        }
-        if (!observes) {
-            alignas(64) double predicted[max_joints];
-            store(L(0.0), predicted + (n - 1) / native_lanes * native_lanes);
-            inverse_dynamics(chain_, inertias_, sample.q.data(), angle, qd, qdd, settings_.gravity, predicted);
-            for (int first = 0; first < n; first += native_lanes)
-                store(load<L>(tau + first) - load<L>(predicted + first), &out_.residual[first]);
-            return true;
-        }
+        estimate(sample, qd, nothing, tau);
         MomentumTerms<double> terms;
         momentum_terms(chain_, inertias_, sample.q.data(), angle, qd, settings_.gravity, terms);
         for (int j = 0; j < n; ++j) {
@@ -235,7 +262,7 @@ class Detector {
         return out_;
     }
 
-    void weigh(const DetectorSample& sample, const JointAngles<double>& angle) noexcept {
+    [[gnu::noinline, gnu::cold]] void weigh(const DetectorSample& sample, const JointAngles<double>& angle) noexcept {
         Posture<double> posture;
         forward_kinematics(chain_, sample.q.data(), angle, posture);
         const Point3<double> p = posture.position(payload_point_);
@@ -248,7 +275,7 @@ class Detector {
         watch_.look(sample.t, out_.residual.data(), per_kilogram, settings_.noise_sd.data());
     }
 
-    void record(const DetectorSample& sample, const JointAngles<double>& angle) noexcept {
+    [[gnu::noinline, gnu::cold]] void record(const DetectorSample& sample, const JointAngles<double>& angle) noexcept {
         Posture<double> posture;
         forward_kinematics(chain_, sample.q.data(), angle, posture);
         event_.t = sample.t;
@@ -263,7 +290,7 @@ class Detector {
         event_.payload_change = watch_.change();
     }
 
-    const DetectorOutput& blind(SampleFault fault, double t) noexcept {
+    [[gnu::noinline, gnu::cold]] const DetectorOutput& blind(SampleFault fault, double t) noexcept {
         // An alarm that stands is not hidden by a bad sample, but the bad sample is told.
         out_.state = DetectorState::blind;
         out_.fault = fault;
@@ -283,6 +310,9 @@ class Detector {
     std::array<double, max_joints> ours_{}, known_{};
     std::array<double, max_joints> reflected_{};  // inertia of the joint model, which the observer's momentum lacks
     Inertias inertias_;
+    bool in_lanes_ = false;  // Newton-Euler has a joint in every lane
+    JointFrames frames_{};
+    Point3<double> free_fall_{};
     JointTorqueBank bank_;
     ChainDerivative<max_joints> derivative_;
     SampleGuard guard_;

@@ -77,28 +77,41 @@ class JointTorqueBank {
     /// Torques [Nm or N] as joint_torque gives them, and, where `sd` is given, their standard errors from those of the
     /// parameters, taken as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints numbers;
     /// those beyond the last joint mean nothing.
-    [[gnu::flatten]] void torque(const double* current, const double* qd, const double* qdd, double* tau,
-                                 double* sd) noexcept {
-        // Group after group the functions would wait for themselves; side by side they overlap.
-        const int groups = (joints_ + native_lanes - 1) / native_lanes;
-        L log_speed[max_groups], shape[max_groups], bell[max_groups];
-        if (any_power_) {
-            for (int k = 0; k < groups; ++k) {
-                const L speed = maximum(absolute(load<L>(qd + k * native_lanes)), group_[k].rest);
-                log_speed[k] = logarithm(minimum(L(1.0), speed * (1 / top)));
-            }
-            for (int k = 0; k < groups; ++k) shape[k] = exp_negative(-(log_speed[k] * group_[k].F), L(0.0));
+    void torque(const double* current, const double* qd, const double* qdd, double* tau, double* sd) noexcept {
+        take_logarithms(qd);
+        take_powers(qd);
+        map(current, qd, qdd, tau, sd);
+    }
+
+    /// `torque` in three parts, to be called one after the other: each waits long for the one before, and a loop has other
+    /// things to do meanwhile.
+    [[gnu::flatten]] void take_logarithms(const double* qd) noexcept {
+        if (!any_power_) return;
+        for (int k = 0; k * native_lanes < joints_; ++k) {
+            const L speed = maximum(absolute(load<L>(qd + k * native_lanes)), group_[k].rest);
+            log_speed_[k] = logarithm(minimum(L(1.0), speed * (1 / top)));
         }
+    }
+    [[gnu::flatten]] void take_powers(const double* qd) noexcept {
+        if (any_power_)
+            for (int k = 0; k * native_lanes < joints_; ++k)
+                shape_[k] = exp_negative(-(log_speed_[k] * group_[k].F), L(0.0));
         if (any_stribeck_)
-            for (int k = 0; k < groups; ++k) {
+            for (int k = 0; k * native_lanes < joints_; ++k) {
                 const L u = reduced_speed(group_[k], load<L>(qd + k * native_lanes));
-                bell[k] = exp_negative(u * u, L(0.0));
+                bell_[k] = exp_negative(u * u, L(0.0));
             }
-        for (int k = 0; k < groups; ++k) {
+    }
+    [[gnu::flatten]] void map(const double* current, const double* qd, const double* qdd, double* tau,
+                              double* sd) noexcept {
+        for (int k = 0; k * native_lanes < joints_; ++k) {
             const int first = k * native_lanes;
-            const Motion motion{load<L>(current + first),       load<L>(qd + first),
-                                load<L>(qdd + first),           any_power_ ? log_speed[k] : L(0.0),
-                                any_power_ ? shape[k] : L(0.0), any_stribeck_ ? bell[k] : L(0.0)};
+            const Motion motion{load<L>(current + first),
+                                load<L>(qd + first),
+                                load<L>(qdd + first),
+                                log_speed_[k],
+                                shape_[k],
+                                bell_[k]};
             if (sd != nullptr) {
                 one<true>(group_[k], motion, tau + first, sd + first);
             } else {
@@ -184,6 +197,7 @@ class JointTorqueBank {
     int joints_ = 0;
     bool any_power_ = false, any_stribeck_ = false;
     std::array<Group, max_groups> group_{};
+    std::array<L, max_groups> log_speed_{}, shape_{}, bell_{};  // zero where no joint has that law
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -7,105 +7,10 @@
 
 #include <limits>
 
+#include "bumpstop/model/inertias.hpp"
 #include "bumpstop/model/kinematics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
-
-/// A link as it is given, in the frame of that link.
-struct LinkInertia {
-    double mass = 0;   ///< kg
-    Vector3 center{};  ///< of mass [m]
-    Matrix3 tensor{};  ///< about the centre of mass [kg m2]
-    double rotor = 0;  ///< inertia of the motor, reflected to the joint [kg m2 or kg]
-};
-
-/// Mass by its moments about the origin of the computing frame after a joint.
-template <class T>
-struct MassMoments {
-    T mass = 0.0;                                                  ///< integral of dm [kg]
-    std::array<T, 3> first{T(0.0), T(0.0), T(0.0)};                ///< of r dm [kg m]
-    T xx = 0.0, yy = 0.0, zz = 0.0, xy = 0.0, xz = 0.0, yz = 0.0;  ///< of r r' dm [kg m2]
-};
-
-/// The inertia of a chain, put so that Newton-Euler has little to do. Torques stay the same, and the force inside a joint,
-/// which does not, is not given out.
-///
-/// Mass on the axis of a revolute joint moves alike on either side of it. So `mass`, `first[2]` and `zz` of a link that
-/// turns are given to the link before, and are zero for the rest of the computation. What arrives at the base is at rest.
-/// The origin of a frame may be anywhere on its joint's axis. It is slid to where the displacement has a zero.
-struct Inertias {
-    std::array<MassMoments<double>, max_joints> link{};
-    bool slides = false;  ///< some joint is prismatic
-    std::array<double, max_joints> rotor{};
-    std::array<double, max_joints> slide{};          ///< of the origin along the joint's axis [m]
-    std::array<Vector3, max_joints> displacement{};  ///< between the origins slid, as in Chain::Joint
-
-    Inertias() = default;
-    Inertias(const Chain& chain, std::span<const LinkInertia> given) {
-        double length = 0;
-        for (int i = 1; i < chain.dof; ++i) {
-            const Chain::Joint& joint = chain.joint[i];
-            Vector3 d = joint.displacement;
-            length += std::hypot(d[0], d[1], d[2]);
-            d[2] -= slide[i - 1];
-            const int zeroed = std::fabs(joint.sin_alpha) > std::fabs(joint.cos_alpha) ? 1 : 2;
-            const double along = zeroed == 1 ? d[1] / joint.sin_alpha : -d[2] / joint.cos_alpha;
-            // Farther off, digits would be lost. Then the displacement keeps its three components.
-            if (std::fabs(along) <= length) {
-                slide[i] = along;
-                d[1] -= along * joint.sin_alpha;
-                d[2] += along * joint.cos_alpha;
-                d[zeroed] = 0;
-            }
-            displacement[i] = d;
-        }
-        for (int i = chain.dof - 1; i >= 0; --i) {
-            const Chain::Joint& joint = chain.joint[i];
-            rotor[i] = given[i].rotor;
-            slides = slides || joint.prismatic;
-            MassMoments<double>& own = link[i];
-            add(own, given[i], joint.to_link, slide[i]);
-            if (joint.prismatic) continue;
-            if (i > 0) {
-                const Vector3 axis{0, -joint.sin_alpha, joint.cos_alpha};
-                add_line(link[i - 1], own.mass, own.first[2], own.zz, displacement[i], axis);
-            }
-            own.mass = own.first[2] = own.zz = 0;
-        }
-    }
-
-  private:
-    static void add(MassMoments<double>& sum, const LinkInertia& given, const Matrix3& to_link, double slide) {
-        const double m = given.mass;
-        Vector3 c = to_link * given.center;
-        c[2] -= slide;
-        const Matrix3 t = to_link * given.tensor * transposed(to_link);
-        const double half_trace = 0.5 * (t[0] + t[4] + t[8]);
-        sum.mass += m;
-        for (int k = 0; k < 3; ++k) sum.first[k] += m * c[k];
-        sum.xx += half_trace - t[0] + m * c[0] * c[0];
-        sum.yy += half_trace - t[4] + m * c[1] * c[1];
-        sum.zz += half_trace - t[8] + m * c[2] * c[2];
-        sum.xy += m * c[0] * c[1] - 0.5 * (t[1] + t[3]);
-        sum.xz += m * c[0] * c[2] - 0.5 * (t[2] + t[6]);
-        sum.yz += m * c[1] * c[2] - 0.5 * (t[5] + t[7]);
-    }
-    /// Mass on the line r = p + s u, given by the integrals of dm, s dm and s^2 dm.
-    static void add_line(MassMoments<double>& sum, double m, double ms, double mss, const Vector3& p,
-                         const Vector3& u) {
-        const auto second = [&](int k, int l) {
-            return m * p[k] * p[l] + ms * (p[k] * u[l] + u[k] * p[l]) + mss * u[k] * u[l];
-        };
-        sum.mass += m;
-        for (int k = 0; k < 3; ++k) sum.first[k] += m * p[k] + ms * u[k];
-        sum.xx += second(0, 0);
-        sum.yy += second(1, 1);
-        sum.zz += second(2, 2);
-        sum.xy += second(0, 1);
-        sum.xz += second(0, 2);
-        sum.yz += second(1, 2);
-    }
-};
 
 /// What the environment exerts on the robot at a point of a link, in the base frame.
 template <class T>
@@ -146,15 +51,12 @@ void carry_inward(const Chain& chain, const Inertias& inertias, const T* q, cons
                   Point3<T>& f, Point3<T>& n) {
     const Chain::Joint& joint = chain.joint[i];
     const JointTurn<T> turn(joint, angle.cos[i], angle.sin[i]);
-    const Vector3& d = inertias.displacement[i];
+    const auto& d = inertias.displacement[i];
     if (joint.prismatic) [[unlikely]]
         n = {n.x - f.y * q[i], n.y + f.x * q[i], n.z};
     f = turn.inward(f);
     n = turn.inward(n);
-    Point3<T> lever{T(0.0), -f.z * d[0], f.y * d[0]};
-    if (d[1] != 0) lever = {lever.x + f.z * d[1], lever.y, lever.z - f.x * d[1]};
-    if (d[2] != 0) lever = {lever.x - f.y * d[2], lever.y + f.x * d[2], lever.z};
-    n = n + lever;
+    n = {n.x + f.z * d[1], n.y - f.z * d[0], n.z + (f.y * d[0] - f.x * d[1])};
 }
 
 template <bool Slides, class T>
@@ -202,10 +104,9 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, cons
                                               a.x * hz - travel.z * hx + uxz * mass.zz, travel.y * hx - travel.x * hy};
         }
         if (i + 1 == chain.dof) break;
-        const Vector3& d = inertias.displacement[i + 1];
-        a = {a.x - minus_uxx * d[0], a.y + uyx * d[0], a.z + uzx * d[0]};
-        if (d[1] != 0) a = {a.x + uxy * d[1], a.y - minus_uyy * d[1], a.z + uzy * d[1]};
-        if (d[2] != 0) a = {a.x + uxz * d[2], a.y + uyz * d[2], a.z - minus_uzz * d[2]};
+        const auto& d = inertias.displacement[i + 1];
+        a = {a.x + (uxy * d[1] - minus_uxx * d[0]), a.y + (uyx * d[0] - minus_uyy * d[1]),
+             a.z + (uzx * d[0] + uzy * d[1])};
     }
     Point3<T> f{zero, zero, zero}, n = f;
     for (int i = chain.dof - 1;; --i) {
@@ -328,15 +229,14 @@ void mass_matrix(const Chain& chain, const Inertias& inertias, const T* q, const
         turn_plane(joint.cos_alpha, joint.sin_alpha, body.yy, body.yz, body.zz, body.xy, body.xz);
         const JointTurn<T> turn(joint, angle.cos[j], angle.sin[j]);
         const Point3<T> h = turn.inward({body.first[0], body.first[1], body.first[2]});
-        const Vector3& d = inertias.displacement[j];
-        const Point3<T> md{body.mass * d[0], body.mass * d[1], body.mass * d[2]};
-        body.xx += (h.x * 2.0 + md.x) * d[0];
-        body.yy += (h.y * 2.0 + md.y) * d[1];
-        body.zz += (h.z * 2.0 + md.z) * d[2];
-        body.xy += h.x * d[1] + (h.y + md.y) * d[0];
-        body.xz += h.x * d[2] + (h.z + md.z) * d[0];
-        body.yz += h.y * d[2] + (h.z + md.z) * d[1];
-        body.first = {h.x + md.x, h.y + md.y, h.z + md.z};
+        const auto& d = inertias.displacement[j];
+        const T mx = body.mass * d[0], my = body.mass * d[1];
+        body.xx += (h.x * 2.0 + mx) * d[0];
+        body.yy += (h.y * 2.0 + my) * d[1];
+        body.xy += h.x * d[1] + (h.y + my) * d[0];
+        body.xz += h.z * d[0];
+        body.yz += h.z * d[1];
+        body.first = {h.x + mx, h.y + my, h.z};
     }
 }
 

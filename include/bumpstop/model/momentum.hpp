@@ -33,8 +33,8 @@ void momentum_terms(const Chain& chain, const Inertias& inertias, const T* q, co
         const JointTurn<T> turn(joint, angle.cos[i], angle.sin[i]);
         a = turn.outward(a);
         if (i > 0) {
-            const Vector3& d = inertias.displacement[i];
-            v = {v.x + w.y * d[2] - w.z * d[1], v.y + w.z * d[0] - w.x * d[2], v.z + w.x * d[1] - w.y * d[0]};
+            const auto& d = inertias.displacement[i];
+            v = {v.x - w.z * d[1], v.y + w.z * d[0], v.z + (w.x * d[1] - w.y * d[0])};
             v = turn.outward(v);
             w = turn.outward(w);
         }

@@ -98,21 +98,21 @@ class ChainDerivative {
     void apply(const double* newest, const double* rate_share, const double* acceleration_share) noexcept {
         // Two registers of columns at a time, as they share what is loaded and their latencies overlap.
         for (int first = 0; first < columns_; first += 2 * native_lanes) {
-            const int second = first + native_lanes;
-            const L reference0 = load<L>(newest + first), reference1 = load<L>(newest + second);
+            const L reference0 = load<L>(newest + first), reference1 = load<L>(newest + first + native_lanes);
             L rate0 = 0.0, rate1 = 0.0, acceleration0 = 0.0, acceleration1 = 0.0;
-            for (int k = 0; k < window_; ++k) {
+            const double* sample = sample_[0].data() + first;
+            for (int k = 0; k < window_; ++k, sample += Columns) {
                 const L for_rate = rate_share[k], for_acceleration = acceleration_share[k];
-                const L d0 = load<L>(&sample_[k][first]) - reference0, d1 = load<L>(&sample_[k][second]) - reference1;
-                rate0 += d0 * for_rate;
-                rate1 += d1 * for_rate;
-                acceleration0 += d0 * for_acceleration;
-                acceleration1 += d1 * for_acceleration;
+                const L d0 = reference0 - load<L>(sample), d1 = reference1 - load<L>(sample + native_lanes);
+                rate0 -= d0 * for_rate;
+                rate1 -= d1 * for_rate;
+                acceleration0 -= d0 * for_acceleration;
+                acceleration1 -= d1 * for_acceleration;
             }
             store(rate0, &rate_[first]);
-            store(rate1, &rate_[second]);
+            store(rate1, &rate_[first + native_lanes]);
             store(acceleration0, &acceleration_[first]);
-            store(acceleration1, &acceleration_[second]);
+            store(acceleration1, &acceleration_[first + native_lanes]);
         }
     }
 

@@ -1,0 +1,140 @@
+/// @file
+/// The inertia of a chain: as it is given, and as it is computed with.
+#pragma once
+
+#include "bumpstop/model/chain.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// A link as it is given, in the frame of that link.
+struct LinkInertia {
+    double mass = 0;   ///< kg
+    Vector3 center{};  ///< of mass [m]
+    Matrix3 tensor{};  ///< about the centre of mass [kg m2]
+    double rotor = 0;  ///< inertia of the motor, reflected to the joint [kg m2 or kg]
+};
+
+/// Mass by its moments about the origin of the computing frame after a joint.
+template <class T>
+struct MassMoments {
+    T mass = 0.0;                                                  ///< integral of dm [kg]
+    std::array<T, 3> first{T(0.0), T(0.0), T(0.0)};                ///< of r dm [kg m]
+    T xx = 0.0, yy = 0.0, zz = 0.0, xy = 0.0, xz = 0.0, yz = 0.0;  ///< of r r' dm [kg m2]
+};
+
+/// The constants of a chain for newton_euler_in_lanes, where joint j stands in lane j / groups of register j % groups; zero
+/// where no joint is.
+struct JointLanes {
+    static constexpr int most_groups = 2;
+
+    int dof = 0;
+    /// Registers that hold the joints; 0: they are more than two registers hold, or some slide, or registers are short.
+    int groups = 0;
+    std::array<std::int64_t, max_joints> mask{};              ///< all bits of a joint's, in the order of joints
+    std::array<double, max_joints> cos_alpha{}, sin_alpha{};  ///< of Chain::Joint, in the order of joints
+    std::array<double, max_joints> dx{}, dy{};                ///< displacement to the next joint [m]
+    std::array<double, max_joints> hx{}, hy{};                ///< MassMoments::first [kg m]
+    std::array<double, max_joints> xx{}, yy{}, xy{}, xz{}, yz{}, rotor{};  ///< as there and in Inertias [kg m2]
+};
+
+/// The inertia of a chain, put so that Newton-Euler has little to do. Torques stay the same, and the force inside a joint,
+/// which does not, is not given out.
+///
+/// Mass on the axis of a revolute joint moves alike on either side of it. So `mass`, `first[2]` and `zz` of a link that
+/// turns are given to the link before, and are zero for the rest of the computation. What arrives at the base is at rest.
+/// The origin of a frame may be anywhere on its joint's axis. From the tip on, each is slid to where the displacement to
+/// the next one is across the axis.
+struct Inertias {
+    std::array<MassMoments<double>, max_joints> link{};
+    bool slides = false;  ///< some joint is prismatic
+    std::array<double, max_joints> rotor{};
+    std::array<double, max_joints> slide{};  ///< of the origin along the joint's axis [m]
+    /// x and y between the origins slid, as in Chain::Joint; z is zero.
+    std::array<std::array<double, 2>, max_joints> displacement{};
+    JointLanes lanes;
+
+    Inertias() = default;
+    Inertias(const Chain& chain, std::span<const LinkInertia> given) {
+        for (int i = chain.dof - 1; i > 0; --i) {
+            const Chain::Joint& joint = chain.joint[i];
+            const Vector3& d = joint.displacement;
+            displacement[i] = {d[0], d[1] - slide[i] * joint.sin_alpha};
+            slide[i - 1] = d[2] + slide[i] * joint.cos_alpha;
+        }
+        for (int i = chain.dof - 1; i >= 0; --i) {
+            const Chain::Joint& joint = chain.joint[i];
+            rotor[i] = given[i].rotor;
+            slides = slides || joint.prismatic;
+            MassMoments<double>& own = link[i];
+            add(own, given[i], joint.to_link, slide[i]);
+            if (joint.prismatic) continue;
+            if (i > 0) {
+                const Vector3 axis{0, -joint.sin_alpha, joint.cos_alpha};
+                const Vector3 origin{displacement[i][0], displacement[i][1], 0};
+                add_line(link[i - 1], own.mass, own.first[2], own.zz, origin, axis);
+            }
+            own.mass = own.first[2] = own.zz = 0;
+        }
+        fill_lanes(chain);
+    }
+
+  private:
+    void fill_lanes(const Chain& chain) {
+        lanes.dof = chain.dof;
+        const int wanted = (chain.dof + native_lanes - 1) / native_lanes;
+        // In two lanes no sum over joints would be quicker than link after link.
+        if (native_lanes < 4 || wanted > JointLanes::most_groups || slides) return;
+        lanes.groups = wanted;
+        for (int j = 0; j < chain.dof; ++j) {
+            const auto at = std::size_t(j % wanted * native_lanes + j / wanted);
+            lanes.mask[j] = -1;
+            lanes.cos_alpha[j] = chain.joint[j].cos_alpha;
+            lanes.sin_alpha[j] = chain.joint[j].sin_alpha;
+            if (j + 1 < chain.dof) {
+                lanes.dx[at] = displacement[j + 1][0];
+                lanes.dy[at] = displacement[j + 1][1];
+            }
+            const MassMoments<double>& mass = link[j];
+            lanes.hx[at] = mass.first[0];
+            lanes.hy[at] = mass.first[1];
+            lanes.xx[at] = mass.xx;
+            lanes.yy[at] = mass.yy;
+            lanes.xy[at] = mass.xy;
+            lanes.xz[at] = mass.xz;
+            lanes.yz[at] = mass.yz;
+            lanes.rotor[at] = rotor[j];
+        }
+    }
+    static void add(MassMoments<double>& sum, const LinkInertia& given, const Matrix3& to_link, double slide) {
+        const double m = given.mass;
+        Vector3 c = to_link * given.center;
+        c[2] -= slide;
+        const Matrix3 t = to_link * given.tensor * transposed(to_link);
+        const double half_trace = 0.5 * (t[0] + t[4] + t[8]);
+        sum.mass += m;
+        for (int k = 0; k < 3; ++k) sum.first[k] += m * c[k];
+        sum.xx += half_trace - t[0] + m * c[0] * c[0];
+        sum.yy += half_trace - t[4] + m * c[1] * c[1];
+        sum.zz += half_trace - t[8] + m * c[2] * c[2];
+        sum.xy += m * c[0] * c[1] - 0.5 * (t[1] + t[3]);
+        sum.xz += m * c[0] * c[2] - 0.5 * (t[2] + t[6]);
+        sum.yz += m * c[1] * c[2] - 0.5 * (t[5] + t[7]);
+    }
+    /// Mass on the line r = p + s u, given by the integrals of dm, s dm and s^2 dm.
+    static void add_line(MassMoments<double>& sum, double m, double ms, double mss, const Vector3& p,
+                         const Vector3& u) {
+        const auto second = [&](int k, int l) {
+            return m * p[k] * p[l] + ms * (p[k] * u[l] + u[k] * p[l]) + mss * u[k] * u[l];
+        };
+        sum.mass += m;
+        for (int k = 0; k < 3; ++k) sum.first[k] += m * p[k] + ms * u[k];
+        sum.xx += second(0, 0);
+        sum.yy += second(1, 1);
+        sum.zz += second(2, 2);
+        sum.xy += second(0, 1);
+        sum.xz += second(0, 2);
+        sum.yz += second(1, 2);
+    }
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
