@@ -29,7 +29,7 @@ struct DecisionSettings {
 class Decision {
   public:
     Decision(const DecisionSettings& settings, int joints) noexcept
-        : settings_(settings), joints_(joints), band_(settings.low_hz, settings.high_hz, joints) {
+        : settings_(settings), joints_(joints), band_(settings.low_hz, settings.high_hz) {
         ThresholdLaw& law = settings_.thresholds;
         for (int j = 0; j < max_joints; ++j) {
             if (j >= joints) {
@@ -46,7 +46,7 @@ class Decision {
     bool judge(double t, double dt, const double* residual, const double* qd, const double* qdd,
                const double* sd) noexcept {
         const ThresholdLaw& law = settings_.thresholds;
-        if (any_fast_) band_.update(dt, residual, fast_.data());
+        const BandPass::Shares kept = any_fast_ ? band_.step(dt) : BandPass::Shares{0, 0};
         std::uint32_t above = 0, above_fast = 0;
         MaskOf<L> fast_motion = L(1.0) < L(0.0);
         for (int first = 0; first < joints_; first += native_lanes) {
@@ -58,10 +58,14 @@ class Decision {
             if (sd != nullptr) extra += law.model_errors * load<L>(sd + first);
             const L threshold = load<L>(&law.constant[first]) + extra;
             store(threshold, &threshold_[first]);
-            above |= set_bits(absolute(load<L>(residual + first)) > threshold) << first;
+            const L now = load<L>(residual + first);
+            above |= set_bits(absolute(now) > threshold) << first;
             // Whatever makes the model less sure widens both channels as much.
-            if (any_fast_)
-                above_fast |= set_bits(absolute(load<L>(&fast_[first])) > load<L>(&law.fast[first]) + extra) << first;
+            if (any_fast_) {
+                const L fast = band_.pass(kept, first, now);
+                store(fast, &fast_[first]);
+                above_fast |= set_bits(absolute(fast) > load<L>(&law.fast[first]) + extra) << first;
+            }
         }
         over_ = above;
         over_fast_ = above_fast;

@@ -110,12 +110,15 @@ class Detector {
         angle.set_padded(chain_, guard_.position());
         bank_.take_powers(qd);
         if (in_lanes_) frames_.set(inertias_.lanes, angle, qd);
+        bool finite = false;
         if (settings_.residual == ResidualKind::direct) {
-            direct_residual(sample, angle, qd, qdd);
-        } else if (!observed_residual(sample, angle, qd)) {
+            finite = direct_residual(sample, angle, qd, qdd);
+        } else if (observe(sample, angle, qd)) {
+            finite = observed_residual(qdd);
+        } else {
             return blind(SampleFault::filling, sample.t);
         }
-        if (!finite(qdd)) {
+        if (!finite) {
             forget();
             return blind(SampleFault::not_finite, sample.t);
         }
@@ -174,16 +177,13 @@ class Detector {
     static L only(const std::array<double, max_joints>& mask, const double* value, int first) noexcept {
         return select(load<L>(&mask[first]) > L(0.5), load<L>(value + first), L(0.0));
     }
-    /// The residual, but zero where it is not known; false where that or an acceleration is not finite.
-    bool finite(const double* qdd) noexcept {
-        MaskOf<L> good = L(0.0) <= L(0.0);
-        for (int first = 0; first < chain_.dof; first += native_lanes) {
-            const L residual = only(known_, out_.residual.data(), first);
-            store(residual, &out_.residual[first]);
-            const L size = absolute(residual) + absolute(only(ours_, qdd, first));
-            good = good & (size <= L(std::numeric_limits<double>::max()));
-        }
-        return all(good);
+    /// Takes the residual of the joints from `first` on, but zero where it is not known. Where that and the acceleration
+    /// are finite.
+    MaskOf<L> taken(int first, L residual, const double* qdd) noexcept {
+        const L known = select(load<L>(&known_[first]) > L(0.5), residual, L(0.0));
+        store(known, &out_.residual[first]);
+        const L size = absolute(known) + absolute(only(ours_, qdd, first));
+        return size <= L(std::numeric_limits<double>::max());
     }
     [[gnu::noinline, gnu::cold]] void forget() noexcept {
         derivative_.reset();
@@ -201,8 +201,8 @@ class Detector {
                 store(load<L>(&sample.signal[first]), tau + first);
         }
     }
-    /// Fills out_.residual.
-    void direct_residual(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
+    /// Fills out_.residual; false where it is not finite, or an acceleration is not.
+    bool direct_residual(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
                          const double* qdd) noexcept {
         alignas(64) double tau[max_joints], predicted[max_joints];
         estimate(sample, qd, qdd, tau);
@@ -211,18 +211,25 @@ class Detector {
         } else {
             link_by_link(sample, angle, qd, qdd, predicted);
         }
+        MaskOf<L> finite = L(0.0) <= L(0.0);
         for (int first = 0; first < chain_.dof; first += native_lanes)
-            store(load<L>(tau + first) - load<L>(predicted + first), &out_.residual[first]);
+            finite = finite & taken(first, load<L>(tau + first) - load<L>(predicted + first), qdd);
+        return all(finite);
+    }
+    bool observed_residual(const double* qdd) noexcept {
+        MaskOf<L> finite = L(0.0) <= L(0.0);
+        for (int first = 0; first < chain_.dof; first += native_lanes)
+            finite = finite & taken(first, -load<L>(observer_.estimate() + first), qdd);
+        return all(finite);
     }
     [[gnu::noinline, gnu::flatten]] void link_by_link(const DetectorSample& sample, const JointAngles<double>& angle,
                                                       const double* qd, const double* qdd, double* predicted) noexcept {
         store(L(0.0), predicted + (chain_.dof - 1) / native_lanes * native_lanes);
         inverse_dynamics(chain_, inertias_, sample.q.data(), angle, qd, qdd, settings_.gravity, predicted);
     }
-    /// Fills out_.residual; false while the observer begins.
-    [[gnu::noinline, gnu::flatten]] bool observed_residual(const DetectorSample& sample,
-                                                           const JointAngles<double>& angle,
-                                                           const double* qd) noexcept {
+    /// The observer's next estimate; false while it begins.
+    [[gnu::noinline, gnu::flatten]] bool observe(const DetectorSample& sample, const JointAngles<double>& angle,
+                                                 const double* qd) noexcept {
         const int n = chain_.dof;
         static constexpr double nothing[max_joints] = {};
         alignas(64) double tau[max_joints];
@@ -233,9 +240,7 @@ class Detector {
             terms.momentum[j] += reflected_[j] * qd[j];
             tau[j] += terms.velocity_force[j] - terms.gravity[j];
         }
-        const bool known = observer_.update(guard_.interval(), terms.momentum, tau);
-        for (int j = 0; j < n; ++j) out_.residual[j] = -observer_.estimate()[j];
-        return known;
+        return observer_.update(guard_.interval(), terms.momentum, tau);
     }
 
     const DetectorOutput& judged(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,

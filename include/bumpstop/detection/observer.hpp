@@ -79,29 +79,32 @@ class MomentumObserver {
 class BandPass {
   public:
     /// 0 < low < high [Hz].
-    BandPass(double low_hz, double high_hz, int joints) noexcept
-        : low_(6.283185307179586 * low_hz), high_(6.283185307179586 * high_hz), joints_(joints) {}
+    BandPass(double low_hz, double high_hz) noexcept
+        : low_(6.283185307179586 * low_hz), high_(6.283185307179586 * high_hz) {}
 
-    /// Arrays of max_joints numbers, finite.
-    void update(double dt, const double* input, double* band) noexcept {
-        using L = Lanes<native_lanes>;
+    /// The shares of the past that a tick keeps, `dt` after the last one. Ask once a tick.
+    struct Shares {
+        double high, low;
+    };
+    Shares step(double dt) noexcept {
         // The first input is its own past.
-        const double a = known_ ? high_.over(dt) : 0, b = known_ ? low_.over(dt) : 0;
-        for (int first = 0; first < joints_; first += native_lanes) {
-            const L x = load<L>(input + first);
-            const L smooth = x + a * (load<L>(&smooth_[first]) - x);
-            const L slow = smooth + b * (load<L>(&slow_[first]) - smooth);
-            store(smooth, &smooth_[first]);
-            store(slow, &slow_[first]);
-            store(smooth - slow, band + first);
-        }
+        const Shares kept = known_ ? Shares{high_.over(dt), low_.over(dt)} : Shares{0, 0};
         known_ = true;
+        return kept;
+    }
+    /// The band of the joints from `first` on, a register full; the input finite.
+    Lanes<native_lanes> pass(const Shares& kept, int first, Lanes<native_lanes> input) noexcept {
+        using L = Lanes<native_lanes>;
+        const L smooth = input + kept.high * (load<L>(&smooth_[first]) - input);
+        const L slow = smooth + kept.low * (load<L>(&slow_[first]) - smooth);
+        store(smooth, &smooth_[first]);
+        store(slow, &slow_[first]);
+        return smooth - slow;
     }
     void reset() noexcept { known_ = false; }
 
   private:
     Decay low_, high_;
-    int joints_;
     bool known_ = false;
     std::array<double, max_joints> smooth_{}, slow_{};
 };
