@@ -173,6 +173,13 @@ Point3<T> operator*(const Point3<T>& a, T b) {
     return {a.x * b, a.y * b, a.z * b};
 }
 
+/// a + b x c, two steps after the last of them.
+template <class T>
+Point3<T> with_cross(const Point3<T>& a, const Point3<T>& b, const Point3<T>& c) {
+    return {(a.x + b.y * c.z) - b.z * c.y, (a.y + b.z * c.x) - b.x * c.z, (a.z + b.x * c.y) - b.y * c.x};
+}
+
+/// newton_euler_in_lanes in G registers.
 template <int G>
 [[gnu::flatten]] void newton_euler_in_groups(const JointLanes& chain, const JointFrames& frames, const double* qd,
                                              const double* qdd, const Point3<double>& free_fall, double* tau) noexcept {
@@ -211,18 +218,28 @@ template <int G>
     }
     JointVectors<G> p = d;
     p.add_up_before({L(0.0), L(0.0), L(0.0)});
-    // A vector r of a link adds wd x r + w x (w x r): to the acceleration of origins for a displacement, to the force for
-    // the first moment of mass.
+    // A vector r on a link adds U r = wd x r + w x (w x r): to the acceleration of origins for a displacement, to the force
+    // for the first moment of mass.
     BUMPSTOP_UNROLL
     for (int g = 0; g < G; ++g) {
-        f[g] = cross(w[g], cross(w[g], h[g])) + cross(wd[g], h[g]);
-        a[g] = cross(w[g], cross(w[g], d[g])) + cross(wd[g], d[g]);
+        const Point3<L>&u = w[g], &ud = wd[g];
+        const L xx = u.x * u.x, yy = u.y * u.y, zz = u.z * u.z;
+        const L minus_uxx = yy + zz, minus_uyy = zz + xx, minus_uzz = xx + yy;
+        const L uxy = u.x * u.y - ud.z, uyx = u.x * u.y + ud.z;
+        const L uzx = u.x * u.z - ud.y, uxz = u.x * u.z + ud.y;
+        const L uyz = u.y * u.z - ud.x, uzy = u.y * u.z + ud.x;
+        const auto added = [&](const Point3<L>& r) {
+            return Point3<L>{uxy * r.y + (uxz * r.z - minus_uxx * r.x), uyx * r.x + (uyz * r.z - minus_uyy * r.y),
+                             uzx * r.x + (uzy * r.y - minus_uzz * r.z)};
+        };
+        f[g] = added(h[g]);
+        a[g] = added(d[g]);
     }
     a.add_up_before({L(free_fall.x), L(free_fall.y), L(free_fall.z)});
     BUMPSTOP_UNROLL
     for (int g = 0; g < G; ++g) {
         const auto at = std::size_t(g * native_lanes);
-        // As in newton_euler, but for the moment of the acceleration of the origin.
+        // The moment as in newton_euler, in the frame of the link, but for that of the acceleration of the origin.
         const Point3<L> v{dot(x[g], w[g]), dot(y[g], w[g]), dot(z[g], w[g])};
         const L vxx = v.x * v.x, vyy = v.y * v.y, vzz = v.z * v.z;
         const Point3<L> vd{dot(x[g], wd[g]), dot(y[g], wd[g]), dot(z[g], wd[g])};
@@ -238,7 +255,7 @@ template <int G>
     }
     f.add_up_from_tip();
     BUMPSTOP_UNROLL
-    for (int g = 0; g < G; ++g) n[g] = n[g] + cross(h[g], a[g]);
+    for (int g = 0; g < G; ++g) n[g] = with_cross(n[g], h[g], a[g]);
     n.add_up_from_tip();
     L torque[G];
     BUMPSTOP_UNROLL
@@ -252,8 +269,8 @@ template <int G>
     }
 }
 
-/// What newton_euler gives, for a chain with JointLanes::groups above 0. `tau` has max_joints numbers; those
-/// beyond the last joint mean nothing. `free_fall`: acceleration of the base against free fall, in the frame that `frames` are in [m/s2].
+/// What newton_euler gives, for a chain with JointLanes::groups above 0. `tau` has max_joints numbers; those beyond the last
+/// joint mean nothing. `free_fall`: acceleration of the base against free fall, in the frame that `frames` are in [m/s2].
 inline void newton_euler_in_lanes(const JointLanes& chain, const JointFrames& frames, const double* qd,
                                   const double* qdd, const Point3<double>& free_fall, double* tau) noexcept {
     if (chain.groups == 1) {
