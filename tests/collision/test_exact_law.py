@@ -152,16 +152,21 @@ def test_every_instruction_set_gives_the_same_figures(path: Path) -> None:
         found[target] = list(_numbers(json.loads(done.stdout)))
     first, *others = found.values()
     for other in others:
-        # Far tails are 1e-12 of what they are, too, but the rounding of 1e-30 is nobody's business.
-        np.testing.assert_allclose(other, first, rtol=1e-12, atol=1e-12)
+        for (where, scale, value), (there, _, expected) in zip(other, first, strict=True):
+            assert where == there
+            # Far tails are 1e-12 of what they are, too, but the rounding of 1e-30 is nobody's business.
+            assert value == pytest.approx(expected, rel=1e-12, abs=1e-12 * max(1, scale)), where
 
 
-def _numbers(value: object) -> list[float]:
+def _numbers(value: object, where: str = "", scale: float = 0) -> list[tuple[str, float, float]]:
+    """Every number with its place and the size of what it comes from: a deviation is a difference of greater values."""
     if isinstance(value, dict):
-        return [x for item in value.values() for x in _numbers(item)]
+        mean = value.get("mean") or 0
+        items = [(f"{where}.{key}", abs(mean) if key == "sd" else 0, item) for key, item in value.items()]
+        return [number for place, size, item in items for number in _numbers(item, place, size)]
     if isinstance(value, list):
-        return [x for item in value for x in _numbers(item)]
-    return [float(value)] if isinstance(value, int | float) else []
+        return [number for i, item in enumerate(value) for number in _numbers(item, f"{where}[{i}]")]
+    return [(where, scale, float(value))] if isinstance(value, int | float) else []
 
 
 def test_a_target_this_machine_lacks_is_refused() -> None:

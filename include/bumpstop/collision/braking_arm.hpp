@@ -13,7 +13,7 @@ inline constexpr int longest_braking_leap = 128;  ///< sub-steps
 /// for the leap to stand; the difference then corrects the leap, which is some thirty times better. Roundings decide about
 /// the length of leaps, and instruction sets, which round differently, must still agree to 1e-12: with 1e-10 they differ by
 /// 2e-12 where the arm is fast.
-inline constexpr double braking_leap_tolerance = 5e-12;
+inline constexpr double braking_leap_tolerance = 1e-11;
 /// The same in batches, where 1e-9 m are enough: over 0.5 s at 5 rad/s^2 the positions stay within 1e-10 rad of those of
 /// the sub-steps. And where a reaction matters little, for nothing is gained by more.
 inline constexpr double loose_braking_leap_tolerance = 3e-7;
