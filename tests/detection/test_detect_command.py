@@ -98,7 +98,14 @@ def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytes
         (["--thresholds", "1,1,1,1,1,1"], "--robot: is missing"),
         (["--robot", "panda", "--thresholds", "1,1,1,1,1,1,1"], "holds 6 joints, panda has 7"),
         (["--robot", "ur5e", "--model", "sia5d", "--thresholds", "1,1,1,1,1,1"], "is for a joint 'joint_s'"),
-        (["--robot", "ur5e", "--thresholds", "1,1,1,1,1,1", "--residual", "other"], "'other' is no kind of residual"),
+        (["--robot", "ur5e", "--thresholds", "1,1,1,1,1,1", "--residual", "other"], "--residual: 'other' is no kind"),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--observer-gain", "0"], "--observer-gain: is 0.0; wanted"),
+        (
+            ["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--payload", "-1"],
+            "--payload: is -1.0; wanted at least 0",
+        ),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--arming-delay", "nan"], "--arming-delay: "),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--out", "/dev/null/x"], "--out: '/dev/null/x' cannot be"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--direction", "0,0,0"], "--direction: has no length"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--point-m", "0,0"], "--point-m: '0,0' cannot be used"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--link", "hand"], "'hand'"),
@@ -171,8 +178,8 @@ def test_real_arms_by_their_fitted_dynamics(
     assert [event.force_along for event in found.events] == [event.force_along for event in wanted.events]
     for options, what in (
         (("--residual", "observer"), "'observer'"),
-        (("--payload", 1), "payload_kg"),
-        (("--payload-change", 1), "payload_change_kg"),
+        (("--payload", 1), "--payload: "),
+        (("--payload-change", 1), "--payload-change: "),
         (("--measured-rates",), "measured_rates"),
     ):
         status, _, err = run(capsys, "detect", *path_and_names, "--model", model, "--thresholds", wide, *options)

@@ -164,10 +164,10 @@ def test_tune_on_the_first_part_and_score_the_rest(kind: str, loop: tuple[Path, 
     other = "observer" if kind == "direct" else "direct"
     refused = run("detect", log, "--robot", "ur5e", "--residual", other, "--thresholds", saved)
     assert (refused.status, refused.out) == (2, "")
-    assert f"residual: is {other!r}; the thresholds were found for {kind!r}" in refused.err
+    assert f"--residual: is {other!r}; the thresholds were found for {kind!r}" in refused.err
     if kind == "observer":
         refused = run("detect", *of, "--observer-gain", 20, "--thresholds", saved)
-        assert "observer_gain_1_s: is 20; the thresholds were found for 50" in refused.err
+        assert "--observer-gain: is 20; the thresholds were found for 50" in refused.err
         # The noise of an observer with a smaller gain is smaller, and so are its thresholds.
         slow = strict_json(run("tune", *of, "--observer-gain", 10, "--until", 20, "--json").out)["thresholds_Nm"]
         assert all(a < 0.7 * b for a, b in zip(slow, Thresholds.load(saved).constant, strict=True))

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.option_names import as_options
 from bumpstop.cli.origin import (
+    DETECTOR_OPTIONS,
     Arming,
     Base,
     Carried,
@@ -23,6 +25,7 @@ from bumpstop.cli.origin import (
     load_model,
     takes_origin,
 )
+from bumpstop.cli.plan import writing
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -64,16 +67,20 @@ def detect(
 
     given, arm = origin.parts
     law = Thresholds.parse(thresholds, origin.names)
-    settings = replace(
-        origin.settings,
-        arming_delay_s=arming_delay,
-        payload_change_kg=payload_change,
-        link=link,
-        point=three(point_m, "--point-m"),
-        direction=unit(direction, "--direction"),
-    )
+    with as_options(DETECTOR_OPTIONS):
+        settings = replace(
+            origin.settings,
+            arming_delay_s=arming_delay,
+            payload_change_kg=payload_change,
+            link=link,
+            point=three(point_m, "--point-m"),
+            direction=unit(direction, "--direction"),
+        )
+    with writing(out):
+        pass
     log = origin.recording(recording)
-    run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
+    with as_options(DETECTOR_OPTIONS):
+        run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
     stretches = None
     if blind_force is not None:
         if not 0 < blind_force < math.inf:
@@ -125,13 +132,14 @@ def detector(
     law = Thresholds.parse(thresholds, [joint.name for joint in arm.joints])
     if isinstance(given, DynamicsFit):
         raise InputError("--model", "fitted dynamics look ahead and cannot run in a loop", "give a joint model")
-    settings = DetectorSettings(
-        residual=residual,  # type: ignore[arg-type]
-        observer_gain_1_s=observer_gain,
-        arming_delay_s=arming_delay,
-        payload_kg=payload,
-        period_s=period,
-    )
+    with as_options(DETECTOR_OPTIONS):
+        settings = DetectorSettings(
+            residual=residual,  # type: ignore[arg-type]
+            observer_gain_1_s=observer_gain,
+            arming_delay_s=arming_delay,
+            payload_kg=payload,
+            period_s=period,
+        )
     made = Detector(arm, given, law, settings)
     save_detector(made, file)
     typer.echo(f"detector: {file}")
@@ -189,13 +197,8 @@ def _write(run: DetectionRun, arm: Robot, events: str, folder: Path) -> None:
 
     names = tuple(joint.name for joint in arm.joints)
     drawn = residual_picture(run, names, _units(arm)).render()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with writing(folder):
         (folder / "residuals.svg").write_text(drawn.svg, encoding="utf-8")
         (folder / "residuals.png").write_bytes(drawn.png)
         (folder / "events.json").write_text(events + "\n", encoding="utf-8")
         run.save_residuals(folder / "residuals.parquet")
-    except OSError as error:
-        raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror or error})", "give another folder"
-        ) from None

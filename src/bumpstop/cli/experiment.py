@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from bumpstop.cli.option_names import as_options
 from bumpstop.cli.plan import writing
 from bumpstop.errors import InputError
 
@@ -45,7 +46,7 @@ def command(
     # Before the runs, which may take minutes.
     with writing(out):
         pass
-    try:
+    with as_options(_OPTIONS):
         made = CollisionExperiment(
             name=name,
             at=at,  # type: ignore[arg-type]
@@ -56,9 +57,6 @@ def command(
             loss=loss,
         )
         table = CollisionTable.measure(made, runs=runs, seed=seed, speeds_mm_s=wanted)
-    except InputError as error:
-        option = _OPTIONS.get(error.field, error.field)
-        raise InputError(option, error.problem, error.valid) from None
     written = [] if out is None else table.save(out)
     if out is not None:
         from bumpstop.report.experiment import write_experiment

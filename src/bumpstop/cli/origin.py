@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,6 +47,16 @@ Margin = Annotated[
 Arming = Annotated[float, typer.Option("--arming-delay", help="Nothing is judged so long after a motion begins [s].")]
 # Fields that are not called as their options are.
 _OPTIONS = {"begin": "from"}
+# The same of a detector's settings.
+DETECTOR_OPTIONS = {
+    "residual": "--residual",
+    "observer_gain_1_s": "--observer-gain",
+    "limit_margin": "--limit-margin",
+    "arming_delay_s": "--arming-delay",
+    "payload_kg": "--payload",
+    "payload_change_kg": "--payload-change",
+    "period_s": "--period",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,13 +100,14 @@ class Origin:
         """Of the detector whose residuals they are."""
         from bumpstop.detection import DetectorSettings
 
-        return DetectorSettings(
-            residual=self.residual,  # type: ignore[arg-type]
-            observer_gain_1_s=self.observer_gain,
-            payload_kg=self.payload,
-            measured_rates=self.measured_rates,
-            limit_margin=self.limit_margin,
-        )
+        with as_options(DETECTOR_OPTIONS):
+            return DetectorSettings(
+                residual=self.residual,  # type: ignore[arg-type]
+                observer_gain_1_s=self.observer_gain,
+                payload_kg=self.payload,
+                measured_rates=self.measured_rates,
+                limit_margin=self.limit_margin,
+            )
 
     def recording(self, path: Path) -> Recording:
         """The part of a recording that counts."""

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bumpstop.cli.origin import Origin
+from bumpstop.cli.option_names import as_options
+from bumpstop.cli.origin import DETECTOR_OPTIONS, Origin
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ def load_series(path: Path, origin: Origin) -> tuple[ResidualSeries, list[str]]:
         return residuals_of(path, origin), []
     model, arm = origin.parts
     log = origin.recording(path)
-    record = residual_record(log, arm, model, settings=origin.settings)
+    with as_options(DETECTOR_OPTIONS):
+        record = residual_record(log, arm, model, settings=origin.settings)
     assert record.t is not None
     notes = [note for note in record.notes if "blocks of" not in note]
     return ResidualSeries(record.t, record.rows, str(path)), [*dropped(log, path), *notes]
@@ -67,8 +69,9 @@ def load_run(
 
     model, arm = origin.parts
     log = origin.recording(path)
-    settings = replace(origin.settings, arming_delay_s=arming_delay_s)
-    run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
+    with as_options(DETECTOR_OPTIONS):
+        settings = replace(origin.settings, arming_delay_s=arming_delay_s)
+        run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
     seen = ~run.blind
     return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run, [*dropped(log, path), *run.notes]
 
