@@ -167,10 +167,14 @@ def detector() -> None:
         ]
         goal = name == "direct"
         what = f"detector tick, 7 joints, {name}"
-        row(f"{what}, median", f"{middle:.0f} ns", "<= 300" if goal else "", middle <= 300 if goal else None)
-        row(f"{what}, 99.9 %", f"{rare:.0f} ns", "<= 1000" if goal else "", rare <= 1000 if goal else None)
-        row("  the middle of five measurements of 10^6, from", f"{least:.0f} to {most:.0f} ns", "", None)
-        row("  of it the clock: median, 99.9 %", f"{clock:.0f}, {clock_rare:.0f} ns", "", None)
+        # What the clock's own two calls always take is no part of the tick.
+        half, rarely = middle - clock, rare - clock
+        row(f"{what}, median", f"{half:.0f} ns", "<= 300" if goal else "", half <= 300 if goal else None)
+        row(f"{what}, 99.9 %", f"{rarely:.0f} ns", "<= 1000" if goal else "", rarely <= 1000 if goal else None)
+        row(
+            "  the middle of five measurements of 10^6, from", f"{least - clock:.0f} to {most - clock:.0f} ns", "", None
+        )
+        row("  taken off for the clock, and its 99.9 %", f"{clock:.0f}, {clock_rare:.0f} ns", "", None)
         row(f"  arithmetic of {plain:.0f} ns without memory, 99.9 %", f"{plain_rare:.0f} ns", "", None)
         row("  each tick's least of five: 99.9 %, largest", f"{own:.0f}, {own_worst:.0f} ns", "", None)
         row(f"{what}, worst of 5 x 10^6", f"{worst:.0f} ns", "", None)
