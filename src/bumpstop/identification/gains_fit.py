@@ -7,7 +7,7 @@ beside something known: a load that some recordings carry and others do not, or 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -33,7 +33,10 @@ if TYPE_CHECKING:
 _DEPENDENT, _KNOWN_TO = 1e-3, 0.25
 # Rows behind the filter that are enough, as every step of the search goes through all of them; of more, blocks.
 _ENOUGH = 8_000
-_ROUNDS = 3  # of the joints' weights
+# Of the joints' weights: so many from every start, and so many at most from the best of them until they settle.
+_ROUNDS, _MOST_ROUNDS, _SETTLED = 3, 20, 1e-6
+# Gains by linear least squares come out too small, as the current is noisy; the search also starts from multiples.
+_MULTIPLES = (1.0, 2.0, 4.0)
 _STEPS, _DONE = 30, 1e-8  # of the search: most of them, and the change of the cost that ends it
 _HALVINGS = 12
 
@@ -152,6 +155,34 @@ class _Currents:
         gains[np.abs(gains) < 1e-3 * usual] = usual
         return 1 / gains, found[self.free.sum() :]
 
+    def starts(self, inverse: FloatArray, spread: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Inverse gains (n,) and values (p,) to search from: the squares have several valleys.
+
+        Beside :meth:`start` and its multiples all gains alike, as great as the known ones where there are any.
+        """
+        first, values = self.start(inverse, spread)
+        yield first, values
+        given = first[self.free] if self.free.all() else inverse[~self.free]
+        alike = np.where(self.free, float(np.median(np.abs(given))), inverse)
+        for tried in (*(np.where(self.free, first / multiple, first) for multiple in _MULTIPLES[1:]), alike):
+            matrix = self.columns * tried[None, :, None] / spread[None, :, None]
+            yield tried, _least_squares(matrix, (self.wanted - self.carried * tried) / spread)
+
+    def settled(
+        self, inverse: FloatArray, values: FloatArray, spread: FloatArray, rounds: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        """Inverse gains, values, what is left of every current, and the sum of its logarithms: less is likelier."""
+        floor = 1e-9 * np.maximum(self.spread(self.wanted), 1e-12)
+        height = np.inf
+        for _ in range(rounds):
+            before = height
+            inverse, values = self.solved(inverse, values, spread)
+            spread = np.maximum(self.spread(self.wanted - self.predicted(inverse, values)), floor)
+            height = float(np.log(spread).sum())
+            if before - height < _SETTLED:
+                break
+        return inverse, values, spread, height
+
     def predicted(self, inverse: FloatArray, values: FloatArray) -> FloatArray:
         """Currents (N, n)."""
         current: FloatArray = (self.columns @ values + self.carried) * inverse
@@ -210,10 +241,9 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
     few = whole.condensed()
     inverse = np.where(free, 1.0, 1 / np.where(free, 1.0, fixed))
     spread = np.maximum(np.sqrt(system.held_out()), 1e-6 * usual)
-    inverse, values = few.start(inverse, spread)
-    for _ in range(_ROUNDS):
-        inverse, values = few.solved(inverse, values, spread)
-        spread = np.maximum(few.spread(few.wanted - few.predicted(inverse, values)), 1e-9 * usual)
+    found = [few.settled(*start, spread, _ROUNDS) for start in few.starts(inverse, spread)]
+    inverse, values, spread, _ = min(found, key=lambda one: one[3])
+    inverse, values, spread, _ = few.settled(inverse, values, spread, _MOST_ROUNDS)
     residual = whole.wanted - whole.predicted(inverse, values)
     matrix = whole.slope(inverse, values, spread).reshape(-1, int(free.sum()) + values.size)
     covariance = clustered_covariance(matrix, (residual / spread).ravel(), n)
