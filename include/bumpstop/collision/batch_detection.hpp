@@ -13,8 +13,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Clamped contact at an offset that varies, seen by a direct residual with white noise, before anything is known about
 /// stopping paths. Every panel of offsets has eight nodes, which fill whole registers; alarm probabilities come from a
-/// table, one polynomial for a panel; panels along a smooth stretch of the path are interpolated from a few. The object keeps its memory for the next
-/// pose.
+/// table, one polynomial for a panel; panels along a smooth stretch of the path are interpolated from a few. The object
+/// keeps its memory for the next pose.
 template <class T>
 class BatchDetection {
   public:
