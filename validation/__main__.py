@@ -87,12 +87,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m validation", description=__doc__)
     parser.add_argument("--out", type=Path, default=REPOSITORY / "out/validation", help="folder of the results")
     parser.add_argument("--quick", action="store_true", help="small sizes, for the tests")
-    parser.add_argument("--only", choices=list(COMPARISONS), metavar="NAME", help=f"one of: {', '.join(COMPARISONS)}")
+    known = ", ".join(COMPARISONS)
+    parser.add_argument(
+        "--only", choices=list(COMPARISONS), metavar="NAME", action="append", help=f"may be repeated; of: {known}"
+    )
     options = parser.parse_args(arguments)
-    names = [options.only] if options.only else list(COMPARISONS)
-    begin = time.perf_counter()
-    sections = [run(name, quick=options.quick) for name in names]
-    seconds = time.perf_counter() - begin
+    names = list(dict.fromkeys(options.only or COMPARISONS))
     made_by = {
         "bumpstop": bs.__version__,
         "kernels": kernels.target,
@@ -100,14 +100,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "NumPy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
         "sizes": "quick" if options.quick else "full",
-        "time": f"{seconds:.0f} s",
     }
-    page.write(options.out, sections, made_by)
+    sections: list[Findings] = []
+    begin = time.perf_counter()
+    interrupted = False
+    try:
+        for number, name in enumerate(names, start=1):
+            sections.append(run(name, quick=options.quick))
+            # Hours may lie between the first comparison and the last: what is found stands on the page at once.
+            made_by["time"] = f"{time.perf_counter() - begin:.0f} s"
+            page.write(options.out, sections, made_by, not_run=names[number:])
+    except KeyboardInterrupt:
+        interrupted = True
     checks = [check for findings in sections for check in findings.checks]
     failed = [check for check in checks if not check.passed]
-    print(f"\n{len(checks) - len(failed)} of {len(checks)} checks pass; {seconds:.0f} s; {options.out / 'index.html'}")
+    where = f"{made_by['time']}; {options.out / 'index.html'}" if sections else "nothing is written"
+    print(f"\n{len(checks) - len(failed)} of {len(checks)} checks pass; {where}")
     for check in failed:
         print(f"  {check.line}")
+    if interrupted:
+        print(f"interrupted; not run: {', '.join(names[len(sections) :])}")
+        return 130
     return 0 if all(findings.passed for findings in sections) else 1
 
 

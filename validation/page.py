@@ -25,23 +25,25 @@ summary { cursor: pointer; }
 _LONG = 24
 
 
-def write(out: Path, sections: Sequence[Findings], made_by: Mapping[str, str]) -> None:
+def write(out: Path, sections: Sequence[Findings], made_by: Mapping[str, str], *, not_run: Sequence[str] = ()) -> None:
     """Write ``index.html`` and ``results.json``.
 
     Args:
         out: folder, made where it is missing.
         sections: what was found.
         made_by: versions, machine and sizes.
+        not_run: names of the comparisons still to come; a validation without them has not passed.
     """
     out.mkdir(parents=True, exist_ok=True)
     results = {
         "made_by": dict(made_by),
-        "passed": all(findings.passed for findings in sections),
+        "passed": not not_run and all(findings.passed for findings in sections),
+        "not_run": list(not_run),
         "comparisons": {findings.name: _record(findings) for findings in sections},
     }
     text = json.dumps(finite(results), indent=1, allow_nan=False)
     (out / "results.json").write_text(text + "\n", encoding="utf-8", newline="\n")
-    (out / "index.html").write_text(_page(sections, made_by), encoding="utf-8", newline="\n")
+    (out / "index.html").write_text(_page(sections, made_by, not_run), encoding="utf-8", newline="\n")
 
 
 def finite(value: Any) -> Any:
@@ -74,11 +76,12 @@ def _record(findings: Findings) -> dict[str, Any]:
     }
 
 
-def _page(sections: Sequence[Findings], made_by: Mapping[str, str]) -> str:
+def _page(sections: Sequence[Findings], made_by: Mapping[str, str], not_run: Sequence[str]) -> str:
     style = (resources.files("bumpstop.report") / "page.css").read_text(encoding="utf-8")
     checks = [check for findings in sections for check in findings.checks]
     failed = sum(not check.passed for check in checks)
     word = f"{failed} of {len(checks)} checks fail" if failed else f"All {len(checks)} checks pass"
+    left = [paragraph(f"Not run yet: {', '.join(not_run)}.")] if not_run else []
     overview = [
         [
             element("a", findings.title, href=f"#{findings.name}"),
@@ -100,6 +103,7 @@ def _page(sections: Sequence[Findings], made_by: Mapping[str, str]) -> str:
         element("header", element("p", "bumpstop validation", class_="kind"), element("h1", word)),
         element(
             "main",
+            *left,
             table(["Comparison", "Result", "Checks passed", "Time"], overview, caption="Comparisons"),
             *(_section(findings) for findings in sections),
             element(

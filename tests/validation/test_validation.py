@@ -55,6 +55,24 @@ def test_quick(name: str, tmp_path: Path) -> None:
         assert unwanted not in html.lower()
 
 
+def test_interrupted_keeps_what_was_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(findings: found_by.Findings, *, quick: bool) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(program.COMPARISONS["drives"], "compare", interrupt)
+    only = ["--only", "convergence", "--only", "drives", "--only", "gains"]
+    assert program.main(["--quick", *only, "--out", str(tmp_path)]) == 130
+    assert "not run: drives, gains" in capsys.readouterr().out
+    found = results(tmp_path)
+    assert list(found["comparisons"]) == ["convergence"]
+    assert found["comparisons"]["convergence"]["passed"]
+    assert found["not_run"] == ["drives", "gains"]
+    assert not found["passed"]
+    assert "Not run yet: drives, gains." in (tmp_path / "index.html").read_text()
+
+
 def test_missing_facts_fail_and_say_where_they_were_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
