@@ -7,8 +7,7 @@
 
 #include <limits>
 
-#include "bumpstop/model/inertias.hpp"
-#include "bumpstop/model/kinematics.hpp"
+#include "bumpstop/model/joint_lanes.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -118,12 +117,29 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, cons
     }
 }
 
+/// Joints from which on one arm goes in lanes.
+inline constexpr int fewest_in_lanes = 7;
+
 /// tau = M(q) qdd + C(q, qd) qd + g(q): the torques the motors must give, positive along the joints. `gravity` is the
 /// acceleration of free fall in the base frame [m/s2]. A rotor adds its inertia times qdd. That it is also carried
 /// around by the links before is neglected.
+///
+/// One arm of seven joints or more has a joint in every lane, where registers hold them: with fewer, adding up over lanes
+/// takes longer than going from link to link.
 template <class T>
 void inverse_dynamics(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                       const T* qd, const T* qdd, const Vector3& gravity, T* tau) noexcept {
+    if constexpr (Scalar<T>::lanes == 1) {
+        if (inertias.lanes.groups > 0 && chain.dof >= fewest_in_lanes) {
+            const Point3<T> free_fall = into_first_frame(chain, Point3<T>{-gravity[0], -gravity[1], -gravity[2]});
+            JointFrames frames;
+            frames.set(inertias.lanes, angle, qd);
+            T padded[max_joints];
+            newton_euler_in_lanes(inertias.lanes, frames, qd, qdd, free_fall, padded);
+            std::copy_n(padded, chain.dof, tau);
+            return;
+        }
+    }
     if (inertias.slides) {
         newton_euler<true>(chain, inertias, q, angle, qd, qdd, gravity, tau);
     } else {
