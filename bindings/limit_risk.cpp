@@ -1,6 +1,7 @@
 // How probably a collision passes a force.
 #include "bumpstop/study/limit_risk.hpp"
 
+#include "bumpstop/collision/lane_tracer.hpp"
 #include "setup.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -9,20 +10,33 @@ namespace {
 
 using L = NativeLanes;
 
+/// The path until `certain` is over. Where nothing is remembered from tick to tick, an arm that lags behind its line leaps.
+LinePath traced(const Setup& setup, const double* q, Vector velocity, const ThresholdDetector& detector,
+                double stiffness, const CertainDetection<double>& certain, double largest) {
+    if (detector.remembers()) return trace_line(setup, q, velocity, certain);
+    L start[max_joints];
+    for (int j = 0; j < setup.chain.dof; ++j) start[j] = q[j];
+    LinePath path;
+    LaneTracer<L>(setup.chain, setup.motion, setup.contact, setup.timing, detector, stiffness, largest)
+        .trace(start, Point3<L>{velocity(0), velocity(1), velocity(2)}, &path, 1);
+    return path;
+}
+
 nb::dict limit_risk(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector& detector, double stiffness,
-                    const std::string& offset_kind, double offset_size, double force, double accepted,
-                    KnownPath* known) {
+                    const std::string& offset_kind, double offset_size, double force, double accepted, KnownPath* known,
+                    bool crossing_decides) {
     LimitRisk found;
     KnownPath none;
     {
         nb::gil_scoped_release unlocked;
-        const LimitQuestion question{stiffness, offset_law(offset_kind, offset_size), force, accepted};
+        const LimitQuestion question{stiffness, offset_law(offset_kind, offset_size), force, accepted,
+                                     crossing_decides};
         KnownPath& path_known = known == nullptr ? none : *known;
         const CertainDetection<double> certain(detector, setup.timing, setup.motion.step, stiffness,
                                                question.offset.largest());
         LinePath path;
         if (CertainDetection<double> finished = certain; !path_known.shortened(setup.timing, finished, path)) {
-            path = trace_line(setup, q.data(), velocity, certain);
+            path = traced(setup, q.data(), velocity, detector, stiffness, certain, question.offset.largest());
             if (known != nullptr) known->path = path;
         }
         found = LimitRiskFinder<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, detector,
@@ -46,7 +60,7 @@ void bind_limit_risk(nb::module_& module) {
         .def(nb::init<>());
     module.def("limit_risk", &limit_risk, nb::arg("setup"), nb::arg("q"), nb::arg("velocity"), nb::arg("detector"),
                nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("force"),
-               nb::arg("accepted"), nb::arg("known").none() = nb::none(),
+               nb::arg("accepted"), nb::arg("known").none() = nb::none(), nb::arg("crossing_decides") = false,
                "Bounds of the probability of passing a force, close where it is near the accepted.");
 }
 

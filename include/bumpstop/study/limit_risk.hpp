@@ -17,6 +17,8 @@ struct LimitQuestion {
     OffsetLaw offset;
     double force = 0;     ///< the limit [N]
     double accepted = 0;  ///< risk; far from it a rough answer will do
+    /// More than the accepted risk at a singularity decides: then no reaction is simulated, and the bounds are wide.
+    bool crossing_decides = false;
 };
 
 /// The answer: the probability of passing the limit lies between `low` and `high`. Never detected counts as passing it.
@@ -193,9 +195,11 @@ class LimitRiskFinder {
         const int ticks = curve.path.ticks;
         found.follows = detail::follows_its_line(curve.path, timing_);
         if (found.follows) {
+            // Every tick matters, but none needs more than a batch does.
+            const std::vector<double> probability(std::size_t(ticks), 1.0);
             complete_curves<T>(
                 chain_, motion_, contact_, timing_, kind_, &curve, 1, [&](int) { return q_; },
-                [](int) { return FarthestTolerance{}; });
+                [&](int) { return FarthestTolerance{probability.data()}; });
             const LawSettings settings{question_.stiffness, question_.offset, 1, false};
             const ExactLaw law = ExactLawBuilder<T>(curve, timing_, motion_, detector_, settings).build();
             found.undetected = law.undetected;
@@ -287,6 +291,8 @@ class LimitRiskFinder {
         std::sort(open.begin(), open.end(), [&](int a, int b) {
             return greatest[std::size_t(a)] - least[std::size_t(a)] > greatest[std::size_t(b)] - least[std::size_t(b)];
         });
+        const std::vector<double> probability = greatest;
+        const FarthestTolerance tolerance{probability.data()};
         std::size_t done = 0;
         std::vector<ReactionJob> jobs;
         // Few at first, for a rough answer may do; then more, for registers that are full.
@@ -296,13 +302,14 @@ class LimitRiskFinder {
                 found.low += least[std::size_t(k)];
                 found.high += greatest[std::size_t(k)];
             }
-            if (done == open.size() || found.high <= clearly_met * question_.accepted ||
+            const bool decided = question_.crossing_decides && found.at_crossing > question_.accepted;
+            if (decided || done == open.size() || found.high <= clearly_met * question_.accepted ||
                 found.low >= clearly_passed * question_.accepted ||
                 found.high - found.low <= risk_resolution * found.high)
                 return;
             jobs.clear();
             for (; done < open.size() && jobs.size() < at_once; ++done)
-                jobs.push_back({&path, 0, open[done], {}, {}, loose_braking_leap_tolerance, largest});
+                jobs.push_back({&path, 0, open[done], {}, {}, tolerance.of_leaps(open[done]), largest});
             simulate_reactions<T>(
                 chain_, motion_, contact_, timing_, kind_, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,
                 [&](const ReactionJob&) { return q_; },

@@ -188,6 +188,10 @@ class Robot:
         return len(self.joints)
 
     @cached_property
+    def _tip(self) -> Frame:
+        return Frame(name=self.tip_name, link=self.dof - 1, origin=self.tip_origin, rotation=self.tip_rotation)
+
+    @cached_property
     def chain(self) -> Any:
         """The chain in the kernels' computing form, its axes of length one to the last digit."""
         axes = np.array([joint.axis for joint in self.joints], dtype=np.float64)
@@ -258,7 +262,7 @@ class Robot:
         offset = as_float_array(point, "point", (3,))
         names = [joint.link for joint in self.joints]
         if link is None or link == self.tip_name:
-            frame = Frame(name=self.tip_name, link=self.dof - 1, origin=self.tip_origin, rotation=self.tip_rotation)
+            frame = self._tip
         elif link in names:
             return names.index(link), offset, None
         else:

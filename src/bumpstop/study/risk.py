@@ -42,11 +42,11 @@ class Risk:
         over: probability of passing the force or the pressure limit, whichever is greater; never detected counts as
             over, in clamped contact. Where the arm cannot follow its line, a bound: from above where it is less than
             a tenth of the accepted risk, from below where it is more than ten times as much, and near it to a part in
-            a thousand from above.
+            a thousand from above. Where a singularity binds, that of collisions unnoticed before it.
         undetected: the part of it that is never detected.
         false_alarm: probability of an alarm before contact.
         binding: ``"force"`` or ``"pressure"``, the limit passed more often; ``"singularity"`` where the arm passes one
-            and that alone is the reason.
+            and the force alone is not known to be a reason.
         met: the risk is accepted. An arm that passes a singularity on its way may as well stop there, as the last
             digits of its path will have it, so collisions it would notice beyond count as passing the limit too.
         follows: the tool has the same travel from tick to tick.
@@ -137,6 +137,7 @@ class VariedRisk:
             return self._at_by_law(problem)
         by_force, by_pressure = self._force_limits()
         accepted = self.scenario.verdict.risk
+        new_path = self.variable.name in _NEW_PATH
 
         def ask(accepted: float) -> dict[str, Any]:
             return core.limit_risk(
@@ -150,6 +151,7 @@ class VariedRisk:
                 min(by_force, by_pressure),
                 accepted,
                 self._path,
+                new_path,
             )
 
         found = ask(accepted)
@@ -158,8 +160,8 @@ class VariedRisk:
         binding = "pressure" if by_pressure < by_force else "force"
         over = min(1.0, found["high"] if found["high"] <= accepted or found["low"] <= accepted else found["low"])
         met = over <= accepted
-        if met and self.variable.name in _NEW_PATH and found["at_crossing"] > accepted:
-            met, binding = False, "singularity"
+        if new_path and found["low"] <= accepted < found["at_crossing"]:
+            over, met, binding = min(1.0, found["at_crossing"]), False, "singularity"
         return Risk(
             over,
             min(1.0, found["undetected"]),
