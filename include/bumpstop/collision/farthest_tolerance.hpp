@@ -1,0 +1,44 @@
+/// @file
+/// How well the farthest points of stopping paths must be known.
+#pragma once
+
+#include <algorithm>
+
+#include "bumpstop/collision/braking_arm.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is what a force law
+/// can feel.
+inline constexpr double farthest_tolerance = 5e-10;
+/// Where a law says how probable a detection at a tick is at most, this divided by that is enough, if it is more, and
+/// never more than `largest_farthest_tolerance` [m].
+inline constexpr double improbable_farthest_tolerance = 2e-13;
+inline constexpr double largest_farthest_tolerance = 1e-3;
+/// A tick less probable than this need not be simulated because a kink is near: refinement finds what matters of it.
+inline constexpr double kink_probability = 1e-6;
+
+/// How well the overrun of every tick must be known. Without probabilities: all equally well.
+struct FarthestTolerance {
+    const double* probability = nullptr;  ///< by tick, at most, of a detection there
+
+    double of(int first, int last) const {
+        if (probability == nullptr) return farthest_tolerance;
+        const double most = *std::max_element(probability + first, probability + last + 1);
+        return std::clamp(improbable_farthest_tolerance / most, farthest_tolerance, largest_farthest_tolerance);
+    }
+    /// How well the reactions must be known that it is found from.
+    double of_leaps(int tick) const {
+        return probability == nullptr
+                   ? braking_leap_tolerance
+                   : std::clamp(300 * of(tick, tick), loose_braking_leap_tolerance, loosest_braking_leap_tolerance);
+    }
+    /// To either side of a tick without a summit, how far others may lie on straight lines.
+    int longest_straight() const { return probability == nullptr ? 0 : 8; }
+    bool matters(int first, int last) const {
+        return probability == nullptr ||
+               *std::max_element(probability + first, probability + last + 1) > kink_probability;
+    }
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

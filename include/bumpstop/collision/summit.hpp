@@ -1,0 +1,106 @@
+/// @file
+/// Where a reaction takes the contact point farthest, as a smooth function of the tick it begins at.
+#pragma once
+
+#include <algorithm>
+#include <limits>
+
+#include "bumpstop/collision/reaction.hpp"
+#include "bumpstop/math/quadrature.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+namespace detail {
+
+/// Distance still travelled after the reaction began: the greatest at a simulation step.
+inline double overrun(const std::vector<double>& distance) {
+    return *std::max_element(distance.begin(), distance.end()) - distance[0];
+}
+
+/// The overrun near its greatest value as a cubic in time, about the top: top + bend/2 d^2 + skew/6 d^3, where
+/// d is the time since `time`, both in simulation steps.
+struct Summit {
+    double time, top, bend, skew;
+
+    /// The greatest value at a whole step.
+    double at_steps() const {
+        const double below = std::max(0.0, std::floor(time));
+        double most = 0;
+        for (double step : {below, below + 1}) {
+            const double d = step - time;
+            most = std::max(most, top + d * d * (bend / 2 + d * skew / 6));
+        }
+        return most;
+    }
+};
+
+/// The summit of a reaction's travel, from four steps in a row about it; NaN where there is none, because the
+/// travel has no interior maximum.
+inline Summit summit(const ReactionJob& job) {
+    const std::vector<double>& distance = job.distance;
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const int n = int(distance.size());
+    const int peak = int(std::max_element(distance.begin(), distance.end()) - distance.begin());
+    if (peak == 0 || peak + 1 >= n || n < 4) return {nan, nan, nan, nan};
+    int first = -1;
+    for (int before : {1, 2, 0, 3}) {
+        const int begin = peak - before;
+        if (begin < 0 || begin + 3 >= n || job.step[begin + 3] - job.step[begin] != 3) continue;
+        first = begin;
+        break;
+    }
+    if (first < 0) return {nan, nan, nan, nan};
+    // Newton's form on the steps first .. first + 3, then powers of x = time - first.
+    double y[4];
+    for (int i = 0; i < 4; ++i) y[i] = distance[first + i] - distance[0];
+    const double d1 = y[1] - y[0], d2 = (y[2] - 2 * y[1] + y[0]) / 2, d3 = (y[3] - 3 * y[2] + 3 * y[1] - y[0]) / 6;
+    const double c1 = d1 - d2 + 2 * d3, c2 = d2 - 3 * d3, c3 = d3;
+    double x = peak - first;
+    for (int i = 0; i < 20; ++i) {
+        const double step = (c1 + x * (2 * c2 + 3 * c3 * x)) / (2 * c2 + 6 * c3 * x);
+        x -= step;
+        if (std::fabs(step) < 1e-14) break;
+    }
+    return {job.step[first] + x, y[0] + x * (c1 + x * (c2 + x * c3)), 2 * c2 + 6 * c3 * x, 6 * c3};
+}
+
+/// The overrun at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps
+/// is not smooth in the tick, as the steps fall differently about the summit; the summit is.
+class OverrunInterpolation {
+  public:
+    /// Through the jobs but number `without`, if it is not below zero.
+    OverrunInterpolation(const ReactionJob* jobs, int count, int without = -1)
+        : interpolation_(ticks_of(jobs, count, without)) {
+        for (int m = 0; m < count; ++m) {
+            if (m != without) summit_.push_back(summit(jobs[m]));
+        }
+    }
+    double at(int k) const {
+        double weight[16];
+        interpolation_.weights(k, weight);
+        Summit sum{0, 0, 0, 0};
+        for (int m = 0; m < interpolation_.size(); ++m) {
+            sum.time += weight[m] * summit_[m].time;
+            sum.top += weight[m] * summit_[m].top;
+            sum.bend += weight[m] * summit_[m].bend;
+            sum.skew += weight[m] * summit_[m].skew;
+        }
+        return sum.time >= 0 ? sum.at_steps() : std::numeric_limits<double>::quiet_NaN();
+    }
+
+  private:
+    static std::vector<int> ticks_of(const ReactionJob* jobs, int count, int without) {
+        std::vector<int> ticks;
+        for (int m = 0; m < count; ++m) {
+            if (m != without) ticks.push_back(jobs[m].tick);
+        }
+        return ticks;
+    }
+
+    Interpolation interpolation_;
+    std::vector<Summit> summit_;
+};
+
+}  // namespace detail
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
