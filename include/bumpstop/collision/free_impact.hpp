@@ -101,7 +101,8 @@ class FreeImpact {
         T highest = maximum(y0, y1);
         const auto turns = (v0 > T(0.0)) & (v1 < T(0.0));
         if (any(turns)) highest = select(turns, square_root(y0 * y0 + v0 * v0 * (1 / (w * w))), highest);
-        const auto parts = moves & (y1 <= T(0.0));
+        // A body first touched where a piece ends has no time in it to be pressed: it is still being approached.
+        const auto parts = moves & (y1 <= T(0.0)) & (v1 <= T(0.0));
         at.compression = select(moves, maximum(y1, T(0.0)), at.compression);
         at.body_speed = select(moves, speed - v1, at.body_speed);
         at.peak = select(moves, maximum(at.peak, highest), at.peak);

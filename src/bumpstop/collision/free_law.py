@@ -150,7 +150,8 @@ def body_displacement(path: FloatArray, offset: float, stiffness: float, mass: f
             closing = speed - body_speed
             body_speed = speed - (closing * c - compression * frequency * s)
             compression = compression * c + closing / frequency * s
-            parted = compression <= 0
+            # A body first touched where a piece ends is still being approached.
+            parted = compression <= 0 and speed <= body_speed
             pushed = begin + speed * short - offset - max(compression, 0.0)
         displaced[i + 1] = pushed
     return displaced
