@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 import bumpstop as bs
 from bumpstop import Scenario
+from bumpstop.collision.tables import law_table
 from bumpstop.report.rollout import Rollouts
 from collision.cases import FREE, control_group, free
 from collision.test_two_laws import compare
@@ -257,6 +258,14 @@ def test_limits_of_free_contact_are_transient() -> None:
     head = bs.evaluate(free(4.4, contact__limits="ts15066", contact__body="face"))
     assert head.verdict.acceptable is False
     assert "does not permit" in head.verdict.reason
+
+
+@pytest.mark.parametrize("samples", [None, 200])
+def test_tables_have_the_compression_of_the_body_without_its_padding(samples: int | None) -> None:
+    law = bs.evaluate(control_group(contact__padding_N_m=20000.0), samples=samples)
+    table = law_table(law)
+    assert table["compression_mm"].to_numpy() == pytest.approx(table["peak_force_N"].to_numpy() / 75000 * 1e3)
+    assert law.compression.mean == pytest.approx(law.peak_force.mean / 75000 * 1e3)
 
 
 def test_padding_is_a_spring_in_series() -> None:

@@ -70,6 +70,33 @@ def compare(scenario: bs.Scenario, runs: int, seed: int) -> dict[str, float]:
     return scores
 
 
+def test_an_alarm_after_the_arm_fell_back_from_the_body_is_a_detection() -> None:
+    """A damped arm is turned back by a singularity in contact: the body is behind it when the alarm comes."""
+    scenario = bs.Scenario.from_dict(
+        {
+            "robot": "panda",
+            "pose_deg": [-0.367, -31.104, 4.086, -124.472, 13.421, 97.816, 32.526],
+            "motion": {
+                "velocity_mm_s": [0, 0, -5.17],
+                "task": "position",
+                "held_joints": [1, 2, 4, 7],
+                "damping": 0.001,
+            },
+            "contact": {"stiffness_N_m": 2000, "offset_law": "half_normal"},
+            "detector": {
+                "thresholds_Nm": [40, 20, 5, 2, 40, 20, 20],
+                "noise_sd_Nm": [2, 3.6, 1.5, 0.36, 7.2, 1, 6],
+                "feedback_period_s": 0.02,
+            },
+            "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.5},
+            "simulation": {"step_s": 0.001, "substeps": 1},
+        }
+    )
+    distance = bs.evaluate(scenario).curve.tick_distance
+    assert distance.max() > distance[-1] + 3e-4
+    compare(scenario, 20_000, seed=4)
+
+
 def test_ten_scenarios_reach_what_they_claim() -> None:
     laws = {name: bs.evaluate(scenario) for name, scenario in VARIED.items()}
     assert laws["noisy detector, false alarms"].false_alarm_probability > 0.05

@@ -33,6 +33,17 @@ def test_a_short_contact_is_judged_by_the_transient_limit() -> None:
     assert law.verdict.p_over_force < law.peak_force.exceedance(140.0)
 
 
+def test_a_limit_far_out_has_its_digits() -> None:
+    """Where both phases have one limit, contact is judged as in one: at the risk that most scenarios accept."""
+    changes = {
+        "contact__limits": "bgia2011", "contact__offset_law": "half_normal", "contact__area_cm2": 2.0,
+        "motion__velocity_mm_s": [0, 0, -58.54],
+    }  # fmt: skip
+    twice, once = two_phase(**changes), two_phase(**changes, verdict__clamped_limit="quasi_static")
+    assert once.verdict.p_over_pressure == pytest.approx(1e-3, rel=0.1)
+    assert twice.verdict.p_over_pressure == pytest.approx(once.verdict.p_over_pressure, rel=1e-3)
+
+
 def test_an_arm_that_stays_is_judged_by_the_lasting_limit() -> None:
     law = two_phase(motion__velocity_mm_s=[0, 0, -72], contact__area_cm2=20.0, reaction__kind="stop")
     share = law.peak_force.exceedance(140.0)

@@ -140,7 +140,16 @@ class PanelCutter {
             for (int i = 0; i < pieces; ++i)
                 panels.push_back({low + (high - low) * i / pieces, low + (high - low) * (i + 1) / pieces, tick});
         };
-        add(edge_[ticks], std::min(edge_.back(), largest), ticks);
+        // How far a free body is pressed until the motion ends depends on where in a step it is touched.
+        double from = edge_[std::size_t(ticks)];
+        const double end = std::min(edge_.back(), largest);
+        const std::size_t first = ticks > 0 ? std::size_t(ticks - 1) * timing_.period + 1 : 0;
+        for (std::size_t i = first + 1; settings_.free != nullptr && i < end_step(); ++i) {
+            const double to = std::min(curve_.path.s[i], end);
+            add(from, to, ticks);
+            from = std::max(from, to);
+        }
+        add(from, end, ticks);
         add(edge_.back(), std::min(overrun_end_, largest), ticks + 1);
     }
 

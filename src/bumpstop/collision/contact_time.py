@@ -89,6 +89,8 @@ class Cells:
         edge: ends of the cells (pieces, cells + 1) [m].
         mass: probability of each cell (pieces, cells).
         node, node_mass: offsets [m] and probabilities of a quadrature (pieces, nodes), finer than cells.
+        mid, half: of each piece's panel (pieces,) [m].
+        series: Legendre series of the offset's density over that panel, per unit of it (pieces, order).
     """
 
     spans: ContactSpans
@@ -97,6 +99,23 @@ class Cells:
     mass: FloatArray
     node: FloatArray
     node_mass: FloatArray
+    mid: FloatArray
+    half: FloatArray
+    series: FloatArray
+
+    def finer(self, wanted: np.ndarray, parts: int) -> tuple[FloatArray, FloatArray]:
+        """Some cells cut into equal parts: their ends (n, parts + 1) [m] and probabilities (n, parts).
+
+        Args:
+            wanted: which cells (pieces, cells).
+            parts: of each.
+        """
+        piece, cell = np.nonzero(wanted)
+        low, high = self.edge[piece, cell][:, None], self.edge[piece, cell + 1][:, None]
+        edge = low + (high - low) * np.linspace(0.0, 1.0, parts + 1)
+        unit = (edge - self.mid[piece][:, None]) / self.half[piece][:, None]
+        below = np.einsum("pel,pl->pe", antiderivatives(unit, self.series.shape[1]), self.series[piece])
+        return edge, np.diff(below, axis=1)
 
 
 def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
@@ -137,6 +156,9 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
             mass=np.diff(below, axis=1),
             node=place[0] + place[1] * node,
             node_mass=density * width * power * _UNIT_NODES ** (power - 1) * _UNIT_WEIGHTS,
+            mid=mid[panel],
+            half=half[panel],
+            series=series,
         )
 
 

@@ -47,7 +47,8 @@ class ForceLaw:
         false_alarm_probability: detection before contact.
         undetected_probability: contact, but no detection by the end of the motion.
         no_contact_probability: neither contact nor alarm by the end of the motion.
-        runs: of the sampled law: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and residual.
+        runs: of the sampled law: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and residual, and
+            whether it was ``felt``: detected after contact.
         free_contact_time: of free contact, until the body has got away [s].
     """
 
@@ -311,10 +312,12 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
     peak = np.where(detected, peak, np.where(touches & unbounded, math.inf, end))
     force = K * np.maximum(0.0, curve.tick_distance[at] - offset)
     free_contact_time = None
+    # From the first tick in contact on, also where the arm falls back from the body again.
+    felt = detected & (tick >= np.searchsorted(np.maximum.accumulate(curve.tick_distance), offset, side="right"))
     if problem.body_mass is not None:
         peak, force = runs["peak_force"], np.where(detected, runs["force_at_detection"], 0.0)
+        felt = detected & (force > 0)
         free_contact_time = SampledDistribution(runs["duration"][runs["duration"] > 0])
-    felt = detected & (force > 0)
     delay = curve.tick_time[at] - contact_times(curve.distance, offset, step)
     dof = problem.robot.dof
     fired = (runs["triggers"][:, None] >> np.arange(dof, dtype=np.uint32)) & 1
@@ -334,7 +337,7 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
         no_contact_probability=float((~detected & ~touches).mean()),
         samples=samples,
         seed=seed,
-        runs=runs | {"peak_force": peak, "force_at_detection": force},
+        runs=runs | {"peak_force": peak, "force_at_detection": force, "felt": felt},
     )
 
 

@@ -38,7 +38,7 @@ def _quantile_table(law: ForceLaw) -> pl.DataFrame:
             columns[name] = np.array([quantity.quantile(float(x)) for x in p])
     factor = law.scenario.contact.peak_factor / law.scenario.contact.area_cm2
     columns["pressure_N_cm2"] = columns["peak_force_N"] * factor
-    columns["compression_mm"] = columns["peak_force_N"] / law.problem.stiffness * 1e3
+    columns["compression_mm"] = columns["peak_force_N"] / law.problem.body_stiffness * 1e3
     return pl.DataFrame(columns)
 
 
@@ -60,11 +60,11 @@ def _run_table(law: ForceLaw) -> pl.DataFrame:
         "detected": detected,
         "detection_tick": tick,
         "detection_time_s": np.where(detected, curve.tick_time[at], nothing),
-        "false_alarm": detected & ~(runs["force_at_detection"] > 0),
+        "false_alarm": detected & ~runs["felt"],
         "force_at_detection_N": np.where(detected, runs["force_at_detection"], nothing),
         "peak_force_N": peak,
         "pressure_N_cm2": peak * scenario.contact.peak_factor / scenario.contact.area_cm2,
-        "compression_mm": peak / problem.stiffness * 1e3,
+        "compression_mm": peak / problem.body_stiffness * 1e3,
     }
     place, normal = _contacts(law)
     for i, axis in enumerate("xyz"):

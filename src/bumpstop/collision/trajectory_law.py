@@ -390,6 +390,7 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
             "residual": runs["residual"],
             "peak_force": peak,
             "force_at_detection": force,
+            "felt": felt,
         },
         kernel=kernel,
         times=times,

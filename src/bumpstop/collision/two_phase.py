@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # How long the transient limit holds after contact: ISO/TS 15066, 5.5.5.3, through the facts of the limit table [s].
 FIRST_PHASE_S = 0.5
+# Into how many parts a cell is cut that holds the limit: far out, its probability falls by a multiple across it.
+_PARTS_AT_LIMIT = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +82,19 @@ def phase_shares(law: ForceLaw, first: float, later: float) -> tuple[Distributio
         return SampledDistribution(values), float(detected.mean())
     parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
     for cells in exact_cells(law.problem, kernel, law.kernel):
-        ends, value = share(cells.spans, cells.tick, cells.edge), share(cells.spans, cells.tick, cells.node)
-        low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
-        parts.append((low.ravel(), high.ravel(), cells.mass.ravel(), value.ravel(), cells.node_mass.ravel()))
+        value = share(cells.spans, cells.tick, cells.node)
+        low, high = _between(share(cells.spans, cells.tick, cells.edge))
+        at_limit = (low < 1) & (high > 1)
+        parts.append((low[~at_limit], high[~at_limit], cells.mass[~at_limit], value.ravel(), cells.node_mass.ravel()))
+        if at_limit.any():
+            edge, mass = cells.finer(at_limit, _PARTS_AT_LIMIT)
+            low, high = _between(share(cells.spans, cells.tick, edge))
+            nothing = np.zeros(0)
+            parts.append((low.ravel(), high.ravel(), mass.ravel(), nothing, nothing))
     joined = MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
     return joined, joined.total
+
+
+def _between(ends: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest value in the cells between neighbouring ends (pieces, cells)."""
+    return np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
