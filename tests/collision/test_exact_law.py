@@ -246,6 +246,9 @@ def test_batches_refuse_what_they_cannot_use() -> None:
         bs.evaluate_batch(base, bad_q, good_v)
     with pytest.raises(bs.InputError, match=r"velocity\[2\]: is zero"):
         bs.evaluate_batch(base, good_q, bad_v)
+    for key, value in (("link", "link_t"), ("point_m", [0.0, 0.0, 0.1]), ("normal", [0, 0, -1])):
+        with pytest.raises(bs.InputError, match=rf"contact\.{key}: batches are computed for contact at the tip"):
+            bs.evaluate_batch(base.with_values({f"contact.{key}": value}), good_q, good_v)
     with pytest.raises(bs.InputError, match="shape"):
         bs.evaluate_batch(base, good_q[:, :6], good_v)
     bad_q[1, 1] = math.nan

@@ -15,6 +15,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given, settings
 
+import bumpstop as bs
 from bumpstop.collision import Problem, Scenario, load_scenario
 from bumpstop.collision.scenario import MADE_BY
 from bumpstop.collision.scenario_words import as_written
@@ -204,14 +205,14 @@ BAD_VALUES: list[tuple[str, Any, str]] = [
     ("motion.velocity_mm_s", 50, "50 cannot be used; wanted a list of 3 numbers"),
     ("motion.start", "now", "'now' cannot be used; wanted 'moving' or 'rest'"),
     ("motion.duration_s", 0, "0 cannot be used"),
-    ("motion.duration_s", 99999, "is 1e+08 simulation steps"),
+    ("motion.duration_s", 99999, "is 9.9999e+07 simulation steps"),
     ("motion.duration_s", 1e300, "1e+300 cannot be used"),
     ("motion.held_joints", [0], "0 is no joint of sia5d; valid: 1 to 7"),
     ("motion.held_joints", [8], "8 is no joint of sia5d; valid: 1 to 7"),
     ("motion.held_joints", [7, 1, 7], "joint 7 is named twice"),
     ("motion.held_joints", [1, 2, 3, 4, 5, 6, 7], "at least one must move"),
     ("motion.held_joints", [1, 7], "motion.task: 'pose' needs 6 free joints, 5 are free; wanted task = \"position\""),
-    ("motion.held_joints", [1, 2, 3, 4, 7], "needs 6 free joints, 2 are free"),
+    ("motion.held_joints", [1, 2, 3, 4, 7], "needs 6 free joints, 2 are free; wanted fewer held joints"),
     ("motion.held_joints", 7, "7 cannot be used; wanted a list of whole numbers"),
     ("motion.held_joints", [7.0], "held_joints[1]: 7.0 cannot be used; wanted a whole number"),
     ("motion.held_joints", [True], "held_joints[1]: true cannot be used"),
@@ -475,3 +476,25 @@ def test_any_corruption_of_a_file_is_read_or_refused(tmp_path: Path) -> None:
             refused += 1
     # Neither is everything refused nor does everything pass.
     assert 100 < refused < 390
+
+
+def test_an_arm_of_one_joint_is_told_what_it_can_do(tmp_path: Path) -> None:
+    (tmp_path / "door.urdf").write_text(
+        """<robot name="door"><link name="frame"/><link name="leaf"/><joint name="hinge" type="revolute">
+        <parent link="frame"/><child link="leaf"/><axis xyz="0 0 1"/>
+        <limit lower="0" upper="2" velocity="1" effort="9"/></joint></robot>"""
+    )
+    data: dict[str, Any] = {
+        "robot": "door.urdf",
+        "pose_deg": [10],
+        "motion": {"velocity_mm_s": [0, 50, 0], "task": "position"},
+        "contact": {"stiffness_N_m": 5000, "link": "leaf", "point_m": [0.5, 0, 0]},
+        "detector": {"thresholds_Nm": [5], "noise_sd_Nm": 1},
+        "reaction": {"joint_acceleration_rad_s2": 5},
+    }
+    with pytest.raises(InputError, match=r'motion\.task: .*1 are free; .*give motion\.kind = "trajectory"'):
+        bs.evaluate(Scenario.from_dict(data, tmp_path))
+    (tmp_path / "door.csv").write_text("t,q_1\n0,0.1\n0.5,0.4\n1,0.5\n")
+    data["motion"] = {"kind": "trajectory", "file": "door.csv", "contact_time": 0.2}
+    del data["pose_deg"]
+    assert bs.evaluate(Scenario.from_dict(data, tmp_path)).peak_force.mean > 5

@@ -59,6 +59,14 @@ def test_a_user_table_may_bar_transient_contact(tmp_path: Path) -> None:
     assert limits.reason == "mine does not permit transient contact with this region (tail), at any force."
 
 
+def test_a_file_saved_with_a_byte_order_mark(tmp_path: Path) -> None:
+    load(tmp_path, REGION)
+    file = tmp_path / "mine.toml"
+    marked = tmp_path / "marked.toml"
+    marked.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    assert LimitTable.load(marked) == LimitTable.load(file)
+
+
 def test_absent_file(tmp_path: Path) -> None:
     with pytest.raises(InputError) as refusal:
         LimitTable.load("nothing.toml", relative_to=tmp_path)

@@ -422,6 +422,8 @@ def test_threshold_files(tmp_path: Path) -> None:
     for name in ("constant", "speed", "acceleration", "rest", "fast", "model_errors", "period_s"):
         np.testing.assert_array_equal(getattr(again, name), getattr(made, name))
     np.testing.assert_array_equal(Thresholds.parse("1,2.5,inf").constant, [1, 2.5, math.inf])
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    np.testing.assert_array_equal(Thresholds.load(path).constant, made.constant)
     for text, message in (
         ("thresholds_Nm = [1, -1]", r"thresholds_Nm\[2\]: is -1"),
         ("thresholds_Nm = 3", "wanted a list"),

@@ -260,8 +260,12 @@ def test_round_trip(kind: str, friction: str, tmp_path: Path) -> None:
 
 def test_builtin_round_trip(tmp_path: Path) -> None:
     m = JointTorqueModel.load("sia5d")
-    m.save(tmp_path / "copy.toml")
-    assert JointTorqueModel.load(tmp_path / "copy.toml") == m
+    copy = tmp_path / "copy.toml"
+    m.save(copy)
+    assert JointTorqueModel.load(copy) == m
+    # As an editor on Windows saves it.
+    copy.write_bytes(b"\xef\xbb\xbf" + copy.read_bytes().replace(b"\n", b"\r\n"))
+    assert JointTorqueModel.load(copy) == m
 
 
 GOOD = """robot = "arm"

@@ -149,9 +149,12 @@ def test_column_file_on_disk(tmp_path: Path) -> None:
     toml = tmp_path / "columns.toml"
     toml.write_text('header = false\ntime = { column = 1 }\nposition = { columns = [2, 3], unit = "rad" }\n')
     assert Recording.load(path, columns=toml).dof == 2
-    toml.write_text("time = ")
-    with pytest.raises(InputError, match="not valid TOML"):
-        Recording.load(path, columns=toml)
+    toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes().replace(b"\n", b"\r\n"))
+    assert Recording.load(path, columns=toml).dof == 2
+    for damaged in ("time = ", f"time = {'1' * 5000}"):
+        toml.write_text(damaged)
+        with pytest.raises(InputError, match="not valid TOML"):
+            Recording.load(path, columns=toml)
 
 
 def test_column_file_of_the_documentation(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def arm_of(robot: str, base: str | None, tip: str | None) -> Robot:
 def is_dynamics(model: Path) -> bool:
     """Whether a file holds fitted dynamics; a joint model has no ``kind``."""
     try:
-        return "kind" in tomllib.loads(model.read_text(encoding="utf-8"))
+        return "kind" in tomllib.loads(model.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError):
         return False  # its reader says what is wrong
 

@@ -183,7 +183,7 @@ def _is_dynamics(model: str) -> bool:
     import tomllib
 
     try:
-        return tomllib.loads(Path(model).read_text(encoding="utf-8")).get("kind") == "dynamics"
+        return tomllib.loads(Path(model).read_text(encoding="utf-8-sig")).get("kind") == "dynamics"
     except (OSError, ValueError, RecursionError):
         return False  # whoever reads it as a joint model says what is wrong
 

@@ -91,8 +91,16 @@ def evaluate_batch(
     still = ~velocities.any(axis=1)
     if still.any():
         raise InputError(f"velocity[{int(np.flatnonzero(still)[0])}]", "is zero", "wanted a motion")
-    if scenario.contact.link is not None or any(scenario.contact.point_m) or scenario.contact.normal is not None:
-        raise InputError("contact.link", "batches are computed for contact at the tip along the motion only")
+    contact = scenario.contact
+    elsewhere = {
+        "link": contact.link is not None,
+        "point_m": any(contact.point_m),
+        "normal": contact.normal is not None,
+    }
+    for key in (key for key, given in elsewhere.items() if given):
+        raise InputError(
+            f"contact.{key}", "batches are computed for contact at the tip along the motion only", "leave it out"
+        )
     contact = scenario.contact
     size = {
         "half_normal": contact.offset_sd_s,

@@ -169,7 +169,12 @@ class Problem:
         if len(free) < rows:
             if not free:
                 raise InputError("motion.held_joints", "hold every joint", "at least one must move")
-            valid = 'wanted task = "position"' if len(free) >= 3 else "fewer joints held"
+            if len(free) >= 3:
+                valid = 'wanted task = "position"'
+            elif robot.dof >= 3:
+                valid = "wanted fewer held joints"
+            else:
+                valid = 'an arm with fewer than 3 joints follows no line: give motion.kind = "trajectory"'
             raise InputError("motion.task", f"{motion.task!r} needs {rows} free joints, {len(free)} are free", valid)
         tip_link, tip_point = robot.frame(None)
         link, point = self.contact_point
@@ -177,7 +182,7 @@ class Problem:
         if not 1 <= steps <= _MOST_STEPS:
             raise InputError(
                 "motion.duration_s",
-                f"{motion.duration_s} is {motion.duration_s / step:.3g} simulation steps",
+                f"{motion.duration_s} is {motion.duration_s / step:.7g} simulation steps",
                 f"wanted 1 to {_MOST_STEPS}",
             )
         normal = None

@@ -116,7 +116,7 @@ def read_table(content: bytes, file: str) -> LimitTable:
     import tomllib
 
     try:
-        data = tomllib.loads(content.decode())
+        data = tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # ValueError: bad TOML, bad UTF-8, absurd integers
         raise InputError(file, f"damaged TOML: {error}") from error
     head = _Row(data, file, _TABLE_KEYS)

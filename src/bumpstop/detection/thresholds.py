@@ -151,7 +151,7 @@ class Thresholds:
         """
         where = str(path)
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = Path(path).read_text(encoding="utf-8-sig")
         except (OSError, ValueError) as error:
             problem = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
             raise InputError("thresholds", f"cannot read {where!r} ({problem})", "wanted numbers or a file") from None

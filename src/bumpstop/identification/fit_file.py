@@ -67,7 +67,7 @@ def load_fit(path: str | Path) -> DynamicsFit:
     """
     where = str(path)
     try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(where, f"cannot be read ({error.strerror})", "wanted a file that identify wrote") from None
     except (ValueError, RecursionError) as error:

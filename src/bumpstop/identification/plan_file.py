@@ -85,7 +85,7 @@ def load_plan(path: str | Path) -> IdentificationPlan:
     """
     where = str(path)
     try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(where, f"cannot be read ({error.strerror})", "wanted a plan that bumpstop wrote") from None
     except (ValueError, RecursionError) as error:

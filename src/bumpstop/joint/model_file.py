@@ -36,7 +36,7 @@ def model_from_toml(content: bytes, file: str) -> JointTorqueModel:
     import tomllib
 
     try:
-        data = tomllib.loads(content.decode())
+        data = tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # ValueError: bad TOML, bad UTF-8, absurd integers
         raise InputError(file, f"damaged TOML: {error}") from error
     try:

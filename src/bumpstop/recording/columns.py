@@ -107,14 +107,15 @@ class Columns:
             return _from_dict(dict(source), folder)
         path = Path(source)
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
             why = getattr(error, "strerror", None) or "not UTF-8 text"
             raise InputError("columns", f"{str(path)!r} cannot be read ({why})", "wanted a TOML file") from None
         try:
-            return _from_dict(tomllib.loads(text), path.parent)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            data = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:  # ValueError: bad TOML, absurd integers
             raise InputError("columns", f"{str(path)!r} is not valid TOML ({error})") from None
+        return _from_dict(data, path.parent)
 
 
 def _from_dict(data: dict[str, Any], folder: Path) -> Columns:
