@@ -14,12 +14,13 @@ from bumpstop.collision.mixture import MixtureDistribution
 if TYPE_CHECKING:
     from bumpstop.collision.problem import Problem
 
-# Cells per panel, and nodes for the moments: inside a panel the time of release bends a little with the offset.
-_CELLS = 16
+# Cells per piece, and nodes for the moments: inside a panel the time of release bends a little with the offset. Where a
+# force grows slowly there are millions of pieces, each a sliver of the whole: then they have fewer, but at least one
+# cell and two nodes.
+_CELLS, _NODES = 16, 12
+_MOST_CELLS = 400_000
 # Pieces with less probability than this are left out: there may be thousands of them.
 _NEGLIGIBLE = 1e-11
-_UNIT_NODES, _UNIT_WEIGHTS = (a / 2 for a in np.polynomial.legendre.leggauss(12))
-_UNIT_NODES = _UNIT_NODES + 0.5
 
 
 class ContactSpans:
@@ -123,19 +124,20 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
     coefficients = law.coefficients
     mid, half, first_tick = law.panel_mid, law.panel_half, law.panel_first_tick
     slots, order, _ = coefficients.shape
-    pieces: dict[int, list[tuple[int, int]]] = {}
-    for slot in range(slots - 1):
-        for panel in np.flatnonzero(coefficients[slot, 0] > _NEGLIGIBLE):
-            tick = int(first_tick[panel]) + slot - law.slots_before
-            if 0 <= tick < curve.ticks:
-                pieces.setdefault(tick, []).append((slot, int(panel)))
-    ticks = np.array(sorted(pieces), dtype=np.int64)
+    slots_used, panels_used = np.nonzero(coefficients[: slots - 1, 0] > _NEGLIGIBLE)
+    detection = np.asarray(first_tick)[panels_used].astype(np.int64) + slots_used - law.slots_before
+    known = (detection >= 0) & (detection < curve.ticks)
+    order_of_ticks = np.flatnonzero(known)[np.argsort(detection[known], kind="stable")]
+    ticks, begin = np.unique(detection[order_of_ticks], return_index=True)
     if not ticks.size:
         return
-    least = np.array([min(mid[p] - half[p] for _, p in pieces[int(k)]) for k in ticks])
-    spans = ContactSpans(problem, curve, ticks, least)
-    for k in ticks:
-        slot, panel = np.array(pieces[int(k)]).T
+    cells = int(np.clip(_MOST_CELLS // order_of_ticks.size, 1, _CELLS))
+    unit_node, unit_weight = (a / 2 for a in np.polynomial.legendre.leggauss(max(2, _NODES * cells // _CELLS)))
+    unit_node = unit_node + 0.5
+    low = mid[panels_used[order_of_ticks]] - half[panels_used[order_of_ticks]]
+    spans = ContactSpans(problem, curve, ticks, np.minimum.reduceat(low, begin))
+    for k, own in zip(ticks, np.split(order_of_ticks, begin[1:]), strict=True):
+        slot, panel = slots_used[own], panels_used[own]
         # Where a stopping path barely arrives, its contact grows from nothing like a square root: the panel ends at the
         # farthest point, and places crowd there.
         top = np.clip((spans.farthest(int(k)) - mid[panel]) / np.maximum(half[panel], 1e-300), -1.0, 1.0)
@@ -143,8 +145,8 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
         top = np.where(grazing, top, 1.0)[:, None]
         power = np.where(grazing, 2.0, 1.0)[:, None]
         width = top + 1.0
-        edge = top - width * np.linspace(1.0, 0.0, _CELLS + 1) ** power
-        node = top - width * _UNIT_NODES**power
+        edge = top - width * np.linspace(1.0, 0.0, cells + 1) ** power
+        node = top - width * unit_node**power
         series = coefficients[slot, :, panel]
         below = np.einsum("pel,pl->pe", antiderivatives(edge, order), series)
         density = np.einsum("pnl,pl->pn", np.polynomial.legendre.legvander(node, order - 1), series)
@@ -155,7 +157,7 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
             edge=place[0] + place[1] * edge,
             mass=np.diff(below, axis=1),
             node=place[0] + place[1] * node,
-            node_mass=density * width * power * _UNIT_NODES ** (power - 1) * _UNIT_WEIGHTS,
+            node_mass=density * width * power * unit_node ** (power - 1) * unit_weight,
             mid=mid[panel],
             half=half[panel],
             series=series,
