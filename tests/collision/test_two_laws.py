@@ -101,7 +101,7 @@ def test_an_alarm_after_the_arm_fell_back_from_the_body_is_a_detection() -> None
 def test_slowly_growing_forces_need_few_cells_in_a_piece(monkeypatch: pytest.MonkeyPatch) -> None:
     """A soft body felt often has hundreds of thousands of pieces; here one cell and two nodes of each are tried."""
     scenario = control_group(
-        detector__feedback_period_s=0.002, contact__stiffness_N_m=4000.0, motion__velocity_mm_s=[0, 0, -20]
+        detector__feedback_period_s=0.002, contact__stiffness_N_m=4000.0, motion__velocity_mm_s=[0, 0, -30]
     )
     fine = bs.evaluate(scenario).contact_time
     monkeypatch.setattr(contact_time, "_MOST_CELLS", 1)
@@ -110,7 +110,7 @@ def test_slowly_growing_forces_need_few_cells_in_a_piece(monkeypatch: pytest.Mon
     assert coarse is not None
     assert coarse.mean == pytest.approx(fine.mean, rel=1e-6)
     for p in (0.01, 0.5, 0.99, 0.999):
-        assert coarse.quantile(p) == pytest.approx(fine.quantile(p), rel=2e-4)
+        assert coarse.quantile(p) == pytest.approx(fine.quantile(p), rel=1e-3)
 
 
 def test_ten_scenarios_reach_what_they_claim() -> None:
