@@ -9,7 +9,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.identification import Payload, identify_dynamics, with_payload
-from bumpstop.identification.motion import lowpass
+from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF, System
+from bumpstop.identification.motion import REACH_SHARE, lowpass
 from bumpstop.identification.torque_columns import torque_columns, torque_of
 from bumpstop.identification.torque_rows import TorqueRows
 from bumpstop.identification.validation import compare_dynamics
@@ -57,8 +58,10 @@ def test_stretches_never_mix() -> None:
     for cutoff in (5.0, 20.0):
         parts = [own.torque_below(cutoff) for own in alone]
         np.testing.assert_allclose(both.torque_below(cutoff), np.concatenate(parts), rtol=1e-8, atol=1e-8)
-        parts = [own.filtered(own.torque, cutoff) for own in alone]
-        np.testing.assert_allclose(both.filtered(both.torque, cutoff), np.concatenate(parts), rtol=1e-8, atol=1e-8)
+        parts = [own.reach.filtered(own.torque, cutoff) for own in alone]
+        np.testing.assert_allclose(
+            both.reach.filtered(both.torque, cutoff), np.concatenate(parts), rtol=1e-8, atol=1e-8
+        )
     # Without the gap the jump from one to the other is filtered as if the arm had made it.
     through = TorqueRows.of([joined(*logs, 0.01)], robot, 5.0)
     assert np.abs(through.motion.qdd).max() > 2 * np.abs(both.motion.qdd).max()
@@ -93,8 +96,8 @@ def test_torque_is_filtered_before_it_is_thinned() -> None:
     assert np.abs(rows.torque_below(12.0)[inside]).max() < 1e-3
 
 
-def test_blocks_are_cut_out_behind_the_filter() -> None:
-    """Rows of a block are those of the whole recording; blocks are spread over it, and no recording goes without."""
+def test_blocks_are_spread_over_all() -> None:
+    """Blocks reach over a recording, and no recording goes without."""
     robot = bs.Robot.load("ur5e")
     logs = [planted(robot, 1, seconds=120.0), planted(robot, 2, seconds=8.0)]
     whole, blocks = (TorqueRows.of(logs, robot, 5.0, limit=limit) for limit in (None, 2000))
@@ -107,16 +110,57 @@ def test_blocks_are_cut_out_behind_the_filter() -> None:
     assert (np.diff(blocks.motion.t) < 0).sum() == 1
     first = blocks.motion.t[: ends[-2]]
     assert np.diff(first).max() < 120 / (len(ends) - 2)
-    for name in NAMES[1:]:
-        truth, own = getattr(whole.motion, name), getattr(blocks.motion, name)[: ends[-2]]
-        on_grid = np.stack([np.interp(first, whole.motion.t[:6000], truth[:6000, j]) for j in range(robot.dof)], axis=1)
-        np.testing.assert_allclose(own, on_grid, atol=0.004 * np.abs(truth).max())
-    assert blocks.torque_below(20.0).shape == blocks.torque.shape
     # A limit that all rows keep changes nothing, and very many stretches cost no more rows than twice the limit.
     assert np.array_equal(TorqueRows.of(logs, robot, 5.0, limit=10_000).torque, whole.torque)
     t = logs[0].t + 0.7 * np.floor(logs[0].t / 1.5)
     short = replace(logs[0], t=t)
     assert 500 < TorqueRows.of([short], robot, 5.0, limit=1000).motion.t.size <= 2000
+
+
+@pytest.mark.parametrize(("cutoff", "measured", "shaken"), [(5.0, True, 0.0), (2.0, False, 0.3), (12.5, False, 0.3)])
+def test_rows_in_blocks_are_those_of_the_whole(cutoff: float, measured: bool, shaken: float) -> None:
+    """Motion, torque and columns of blocks, filtered or not, beside the same rows of the recording in one piece.
+
+    In steps of the recorded rate, of every second and of every fifth row; with measured velocities and without; at even
+    times and at shaken ones; across a gap.
+    """
+    robot = bs.Robot.load("ur5e")
+    log = joined(planted(robot, 1, seconds=80.0), planted(robot, 2, seconds=70.0), 0.7)
+    rng = np.random.default_rng(5)
+    log = replace(log, t=log.t + shaken * 0.01 * rng.uniform(-1, 1, log.t.size), qd=log.qd if measured else None)
+    payloads = [Payload(2.0, (0.02, 0.0, 0.05))]
+    filters = (FIT_PER_CUTOFF * cutoff, cutoff, 20.0)
+    whole = TorqueRows.of([log], robot, cutoff, payloads)
+    blocks = TorqueRows.of([log], robot, cutoff, payloads, limit=1000, filters_hz=filters)
+    assert blocks.motion.t.size < 0.7 * whole.motion.t.size
+    assert len(blocks.stretches) > 2 == len(whole.stretches)
+    # The very same times: a block has no grid of its own.
+    places = np.searchsorted(whole.motion.t, blocks.motion.t)
+    assert np.array_equal(whole.motion.t[places], blocks.motion.t)
+    assert np.array_equal(whole.torque[places], blocks.torque)
+
+    def alike(own: np.ndarray, other: np.ndarray, size: float) -> None:
+        assert np.abs(own - other[places]).max() <= REACH_SHARE * size
+
+    # What is beyond the margins moves a filtered value by a share of its range, and at the cut-off's frequency.
+    turn = 2 * np.pi * cutoff
+    size = float(np.ptp(whole.motion.q, axis=0).max())
+    alike(blocks.motion.q, whole.motion.q, size)
+    size = float(np.ptp(whole.motion.qd, axis=0).max()) if measured else size * turn
+    alike(blocks.motion.qd, whole.motion.qd, size)
+    alike(blocks.motion.qdd, whole.motion.qdd, size * turn)
+    around = blocks.reach
+    for filter_hz in filters:
+        alike(blocks.torque_below(filter_hz), whole.torque_below(filter_hz), float(np.ptp(whole.torque)))
+        for reach in (around, around.narrowed(filter_hz)):
+            filtered = reach.filtered(reach.carried, filter_hz)
+            alike(filtered, whole.reach.filtered(whole.carried, filter_hz), float(np.ptp(whole.carried)))
+    system, other = (System.of(rows, robot, cutoff, (), 0.03) for rows in (blocks, whole))
+    inertial = slice(0, 10 * robot.dof)
+    for column in range(inertial.stop):
+        size = float(np.abs(other.raw[:, :, column]).max())
+        alike(system.columns[:, :, column], other.columns[:, :, column], 10 * size)
+    alike(system.wanted, other.wanted, 2 * float(np.ptp(whole.torque)))
 
 
 def test_a_long_recording_gives_the_parameters_of_all_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
-from bumpstop.signal import causal_derivatives, derivatives, differences, filter_even, zero_phase_lowpass
+from bumpstop.signal import causal_derivatives, derivatives, differences, filter_even, filter_reach, zero_phase_lowpass
 
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
 METHODS: dict[str, Acceleration] = {
@@ -197,6 +197,28 @@ def test_the_lowpass_is_scipys(rate: float, cutoff: float, order: int, columns: 
     # A section's gain at rest is a quotient of two figures, rounded by eps, of the size of (pi cutoff / rate)^2.
     bound = 300 * np.finfo(float).eps / min(1.0, (np.pi * cutoff / rate) ** 2) * np.abs(x).max()
     assert filter_even(x, rate, cutoff, order) == pytest.approx(reference, abs=bound)
+
+
+@pytest.mark.parametrize(
+    ("rate", "cutoff", "order"), [(1000, 2, 4), (1000, 400, 4), (10, 4.98, 4), (94, 40, 10), (250, 10, 1)]
+)
+def test_a_part_with_its_reach_is_that_of_the_whole(rate: float, cutoff: float, order: int) -> None:
+    """Filtered with margins that are then cut off; half of them are not enough."""
+    x = np.random.default_rng(3).normal(size=(20_000, 2)).cumsum(axis=0)
+    whole = filter_even(x, rate, cutoff, order)
+    share = 1e-8
+    reach = filter_reach(rate, cutoff, share, order)
+
+    def error(margin: int) -> float:
+        part = filter_even(x[9000 - margin : 9100 + margin], rate, cutoff, order)[margin : margin + 100]
+        return float(np.abs(part - whole[9000:9100]).max() / np.ptp(x, axis=0).max())
+
+    assert error(reach) < share
+    assert error(reach // 2) > share
+    impulse = np.zeros((40_001, 1))
+    impulse[20_000] = 1.0
+    response = np.abs(filter_even(impulse, rate, cutoff, order)[20_000:, 0])
+    assert response[reach + 1 :].sum() < share <= response[reach:].sum()
 
 
 # --- Noise ----------------------------------------------------------------------------------------------------

@@ -78,9 +78,10 @@ def consistent_inertias(
 
     n = fit.robot.dof
     rows, cutoff = fit.rows(recordings, payloads, limit=ENOUGH_TO_FIT), FIT_PER_CUTOFF * fit.cutoff_hz
-    columns = torque_columns(fit.robot, rows.motion, fit.sign_speed, fit.couplings, fit.top_speed)
-    columns, wanted = rows.filtered(columns, cutoff), rows.torque_below(cutoff)
-    wanted = wanted - rows.filtered(rows.carried, cutoff)
+    reach = rows.reach.narrowed(cutoff)
+    columns = torque_columns(fit.robot, reach.motion, fit.sign_speed, fit.couplings, fit.top_speed)
+    columns = reach.filtered(columns, cutoff)
+    wanted = rows.torque_below(cutoff) - reach.filtered(reach.carried, cutoff)
     free = wanted - columns[:, :, list(fit.columns)] @ fit.values
     weight = 1 / np.maximum(free.std(axis=0), 1e-12)
     flat = (columns * weight[None, :, None]).reshape(-1, columns.shape[2])

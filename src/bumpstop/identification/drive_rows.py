@@ -13,7 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.current_law import JointMotion, held_share
-from bumpstop.identification.motion import GRAVITY, even_grid, lowpass, onto
+from bumpstop.identification.motion import GRAVITY, EvenGrid, lowpass
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -221,22 +221,19 @@ def _stretch(
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], FloatArray, float]:
     assert recording.current is not None
     t = recording.t[rows]
-    grid, rate = even_grid(t)
-    even = grid.size == t.size and float(np.abs(grid - t).max()) < 1e-3 / rate
+    grid = EvenGrid.of(t)
+    rate = grid.rate_hz
 
     def smooth(x: FloatArray) -> FloatArray:
-        return lowpass(x[rows] if even else onto(grid, t, x[rows]), rate, cutoff_hz)
+        return lowpass(grid.columns(x[rows]), rate, cutoff_hz)
 
     stride = 1 if every_row else max(1, int(rate / (RATE_PER_CUTOFF * cutoff_hz)))
     q = smooth(recording.q)
     velocity = slope(q, rate) if recording.qd is None else smooth(recording.qd)
     acceleration = np.ascontiguousarray(slope(velocity, rate)[::stride])
-    if smooth_current:
-        current = smooth(recording.current)
-    else:
-        current = recording.current[rows] if even else onto(grid, t, recording.current[rows])
+    current = smooth(recording.current) if smooth_current else grid.columns(recording.current[rows])
     kept = [np.ascontiguousarray(x[::stride]) for x in (q, velocity, current)]
-    return grid[::stride], (kept[0], kept[1], acceleration), kept[2], rate / stride
+    return grid.t[::stride], (kept[0], kept[1], acceleration), kept[2], rate / stride
 
 
 def slope(x: FloatArray, rate_hz: float) -> FloatArray:

@@ -11,6 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_settings import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
+from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.torque_columns import column_names, torque_of
 from bumpstop.identification.torque_rows import TorqueRows, listed, recorded_motion
 
@@ -134,7 +135,10 @@ class DynamicsFit:
             payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
             limit: rows that are enough, as for :meth:`TorqueRows.of`; ``ENOUGH_TO_FIT``: those of the fit.
         """
-        return TorqueRows.of(listed(recordings), self.robot, self.cutoff_hz, payloads, gains=self.gains, limit=limit)
+        filters = (FIT_PER_CUTOFF * self.cutoff_hz, self.cutoff_hz)
+        return TorqueRows.of(
+            listed(recordings), self.robot, self.cutoff_hz, payloads, gains=self.gains, limit=limit, filters_hz=filters
+        )
 
     def score(
         self,
@@ -147,7 +151,8 @@ class DynamicsFit:
 
         Args:
             recordings: with torque, of the same robot; one or more, scored together; default: ``fitted``.
-            filter_hz: cut-off of the zero-phase filter that both pass for ``r2``; default: that of the fit.
+            filter_hz: cut-off of the zero-phase filter that both pass for ``r2``; default: that of the fit. Of
+                ``fitted`` a lower one does not reach all it would in the whole of a long recording.
             payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
 
         Raises:
@@ -161,9 +166,10 @@ class DynamicsFit:
 
     def score_rows(self, rows: TorqueRows, *, filter_hz: float | None = None) -> tuple[JointScore, ...]:
         """The same of rows that :meth:`rows` has made."""
-        predicted = self.predict(rows.motion) + rows.carried
+        around = self.predict(rows.reach.motion) + rows.reach.carried
+        predicted = rows.reach.within(around)
         cutoff = filter_hz or self.cutoff_hz
-        smooth, smooth_predicted = rows.torque_below(cutoff), rows.filtered(predicted, cutoff)
+        smooth, smooth_predicted = rows.torque_below(cutoff), rows.reach.filtered(around, cutoff)
         error = predicted - rows.torque  # eq 3.1
         scores = []
         for j, joint in enumerate(self.robot.joints):
@@ -216,10 +222,12 @@ def identify_dynamics(
             raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads)
-    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_FIT)
+    fit_hz = FIT_PER_CUTOFF * cutoff_hz
+    # Those of the fit are scored at the motion's cut-off, too.
+    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_FIT, filters_hz=(fit_hz, cutoff_hz))
     few = rows
     if rows.rows_whole > ENOUGH_TO_CHOOSE:
-        few = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_CHOOSE)
+        few = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_CHOOSE, filters_hz=(fit_hz,))
     return fit_of(best_friction(few, robot, cutoff_hz, groups, of=rows), held_out)
 
 

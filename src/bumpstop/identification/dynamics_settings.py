@@ -9,7 +9,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics_system import System
+from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF, System
 from bumpstop.identification.torque_rows import TorqueRows
 
 if TYPE_CHECKING:
@@ -48,13 +48,22 @@ def choose_cutoff(
     held_out: dict[float, float] = {}
     for candidate in _CUTOFFS_HZ:
         if candidate <= 0.4 * rate:
-            rows = TorqueRows.of(recordings, robot, candidate, payloads, currents=currents, limit=ENOUGH_TO_CHOOSE)
-            system = System.of(rows, robot, candidate, couplings, SIGN_SHARES[0])
-            predicted = system.left_out(system.raw)
+            filters = (FIT_PER_CUTOFF * candidate, reference)
+            rows = TorqueRows.of(
+                recordings,
+                robot,
+                candidate,
+                payloads,
+                currents=currents,
+                limit=ENOUGH_TO_CHOOSE,
+                filters_hz=filters,
+            )
+            system = System.of(rows, robot, candidate, couplings, SIGN_SHARES[0], reach=rows.reach)
+            predicted = system.left_out()
             wanted = rows.torque_below(reference)
             if not currents:
-                predicted = predicted + rows.carried
-            predicted = rows.filtered(predicted, reference)
+                predicted = predicted + rows.reach.carried
+            predicted = rows.reach.filtered(predicted, reference)
             spread = np.maximum(((wanted - wanted.mean(axis=0)) ** 2).sum(axis=0), 1e-300)
             held_out[candidate] = float(np.mean(((wanted - predicted) ** 2).sum(axis=0) / spread))
     if not held_out:

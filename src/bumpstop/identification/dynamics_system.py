@@ -17,6 +17,7 @@ from bumpstop.identification.torque_columns import column_names, speeds_of, torq
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from bumpstop.identification.reach import Reach
     from bumpstop.identification.torque_rows import TorqueRows
     from bumpstop.model import Robot
 
@@ -44,9 +45,10 @@ class System:
     Attributes:
         robot, couplings, cutoff_hz: as in :class:`DynamicsFit`.
         rows: motion and torque.
+        reach: of these rows what the columns are of: M rows, margins of blocks included.
         sign_speed, top_speed: shape of friction, as :func:`torque_columns` takes it.
-        raw: (N, n, parameters) columns.
-        columns: the same, filtered.
+        raw: (M, n, parameters) columns.
+        columns: (N, n, parameters) the same, filtered, without margins.
         wanted: (N, n) torque without what payloads make, filtered alike. Of currents: the currents, and what payloads
             make is the last column.
     """
@@ -55,6 +57,7 @@ class System:
     couplings: Groups
     cutoff_hz: float
     rows: TorqueRows
+    reach: Reach
     sign_speed: FloatArray
     top_speed: FloatArray | None
     raw: FloatArray
@@ -72,6 +75,7 @@ class System:
         *,
         bent: bool = False,
         known: System | None = None,
+        reach: Reach | None = None,
     ) -> System:
         """The system of some rows.
 
@@ -83,25 +87,27 @@ class System:
             sign_shares: speed over which Coulomb friction turns, as a share of each root mean square speed.
             bent: friction bends with the speed.
             known: another system of the same rows, whose inertial columns are taken over.
+            reach: of these rows what columns are made of; default: as far as the system's own filter reaches.
         """
         speeds = speeds_of(rows.motion, couplings)
         sign_speed = np.maximum(sign_shares * np.sqrt(np.mean(speeds**2, axis=0)), _LEAST_SIGN_SPEED)
         top_speed = np.maximum(np.abs(speeds).max(axis=0), _LEAST_SIGN_SPEED) if bent else None
         count = 10 * robot.dof
-        inertial = None if known is None else known.raw[:, :, :count]
-        raw = torque_columns(robot, rows.motion, sign_speed, couplings, top_speed, inertial=inertial)
-        if rows.currents:
-            raw = np.concatenate([raw, rows.carried[:, :, None]], axis=2)
         cutoff = FIT_PER_CUTOFF * cutoff_hz
+        reach = known.reach if known is not None else reach or rows.reach.narrowed(cutoff)
+        inertial = None if known is None else known.raw[:, :, :count]
+        raw = torque_columns(robot, reach.motion, sign_speed, couplings, top_speed, inertial=inertial)
+        if rows.currents:
+            raw = np.concatenate([raw, reach.carried[:, :, None]], axis=2)
         if known is None:
-            columns = rows.filtered(raw, cutoff)
+            columns = reach.filtered(raw, cutoff)
             wanted = rows.torque_below(cutoff)
             if not rows.currents:
-                wanted = wanted - rows.filtered(rows.carried, cutoff)
+                wanted = wanted - reach.filtered(reach.carried, cutoff)
         else:
-            columns = np.concatenate([known.columns[:, :, :count], rows.filtered(raw[:, :, count:], cutoff)], axis=2)
+            columns = np.concatenate([known.columns[:, :, :count], reach.filtered(raw[:, :, count:], cutoff)], axis=2)
             wanted = known.wanted
-        return cls(robot, couplings, cutoff_hz, rows, sign_speed, top_speed, raw, columns, wanted)
+        return cls(robot, couplings, cutoff_hz, rows, reach, sign_speed, top_speed, raw, columns, wanted)
 
     @property
     def names(self) -> list[str]:
@@ -184,24 +190,23 @@ class System:
             found.append(_normal(own_square, own_moment, spread, self.rows.currents) / length)
         return found
 
-    def left_out(self, columns: FloatArray) -> FloatArray:
-        """Torque (N, n) of every fifth of the rows as the other four predict it, from (N, n, parameters) columns."""
-        return self._by_fold(columns, self.fold_values())
+    def left_out(self) -> FloatArray:
+        """Unfiltered torque (M, n) of every fifth of the rows, with its margins, as the other four predict it."""
+        parts = [slice(a, b) for a, b in pairwise(self.reach.edges(self._edges()))]
+        return _by_fold(self.raw, self.fold_values(), parts)
 
     def held_out(self) -> FloatArray:
         """Mean square error (n,) of filtered torques on held-out fifths."""
-        error: FloatArray = ((self.wanted - self.left_out(self.columns)) ** 2).mean(axis=0)
+        predicted = _by_fold(self.columns, self.fold_values(), self._parts())
+        error: FloatArray = ((self.wanted - predicted) ** 2).mean(axis=0)
         return error
 
-    def _by_fold(self, columns: FloatArray, values: Sequence[FloatArray]) -> FloatArray:
-        predicted = np.empty_like(self.wanted)
-        for k, part in enumerate(self._parts()):
-            predicted[part] = np.einsum("tjp,jp->tj", columns[part], values[k % _FOLDS])
-        return predicted
+    def _edges(self) -> list[int]:
+        edges: list[int] = np.linspace(0, self.wanted.shape[0], _PARTS + 1).astype(int).tolist()
+        return edges
 
     def _parts(self) -> list[slice]:
-        edges = np.linspace(0, self.wanted.shape[0], _PARTS + 1).astype(int).tolist()
-        return [slice(a, b) for a, b in pairwise(edges)]
+        return [slice(a, b) for a, b in pairwise(self._edges())]
 
     def essential(self, solution: Solution) -> FloatArray | None:
         """Values without the parameters that cannot be told from zero; None where fifths are predicted worse so."""
@@ -221,7 +226,8 @@ class System:
             told = essential_values(flat, wanted, blocks_of(wanted - flat @ values, joints))
             without.append(np.tile(told, (joints, 1)))
         columns = self.columns[:, :, own]
-        errors = [((self.wanted - self._by_fold(columns, found)) ** 2).mean(axis=0) for found in (every, without)]
+        predicted = (_by_fold(columns, found, self._parts()) for found in (every, without))
+        errors = [((self.wanted - own) ** 2).mean(axis=0) for own in predicted]
         ratios = errors[1] / np.maximum(errors[0], 1e-300)
         if ratios.mean() > 1 or ratios.max() > _WORST_LOSS:
             return None
@@ -248,6 +254,14 @@ class Solution:
     covariance: FloatArray
     weight: FloatArray
     unseen: tuple[str, ...]
+
+
+def _by_fold(columns: FloatArray, values: Sequence[FloatArray], parts: Sequence[slice]) -> FloatArray:
+    """Torque (rows, n) of columns (rows, n, parameters), each part by the values of its own fold."""
+    predicted = np.empty(columns.shape[:2])
+    for k, part in enumerate(parts):
+        predicted[part] = np.einsum("tjp,jp->tj", columns[part], values[k % _FOLDS])
+    return predicted
 
 
 def _normal(square: FloatArray, moment: FloatArray, spread: FloatArray, apart: bool) -> FloatArray:

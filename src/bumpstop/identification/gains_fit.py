@@ -18,7 +18,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.clusters import clustered_covariance
 from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.identification.dynamics_settings import best_friction, choose_cutoff
-from bumpstop.identification.dynamics_system import independent, label_of, triangle_of
+from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF, independent, label_of, triangle_of
 from bumpstop.identification.robust_fit import visible_share
 from bumpstop.identification.torque_rows import TorqueRows, listed
 
@@ -82,7 +82,8 @@ def identify_gains(
     held_out: dict[float, float] = {}
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, (), payloads, currents=True)
-    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, currents=True, limit=_ENOUGH)
+    filters = (FIT_PER_CUTOFF * cutoff_hz,)
+    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, currents=True, limit=_ENOUGH, filters_hz=filters)
     return _found(best_friction(rows, robot, cutoff_hz, ()), fixed, held_out)
 
 

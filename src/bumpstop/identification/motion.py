@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.signal import filter_even
+from bumpstop.signal import filter_even, filter_reach
 
 # A time this near to that of a grid, as a share of its step, is its own.
 _EVEN = 1e-3
 GRAVITY = (0.0, 0.0, -9.80665)  # acceleration of free fall in the frame of an upright base [m/s2]
+
+# What is filtered at a cut-off is kept at this many times its rate.
+_RATE_PER_CUTOFF = 10.0
+# What lies beyond the margins of a part of a recording would change it by this share of its range: far below the noise
+# of any sensor. A share of 1e-9 would make margins half as wide again.
+REACH_SHARE = 1e-6
+_SLOPE_ROWS = 2  # that two differences one after the other reach to either side
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,15 +39,89 @@ class EvenMotion:
     qdd: FloatArray
     rate_hz: float
 
-    def part(self, rows: slice) -> EvenMotion:
-        """Some rows of it, one after the other."""
+    def part(self, rows: slice | np.ndarray) -> EvenMotion:
+        """Some rows of it."""
         return EvenMotion(self.t[rows], self.q[rows], self.qd[rows], self.qdd[rows], self.rate_hz)
 
 
-def even_grid(t: FloatArray) -> tuple[FloatArray, float]:
-    """Times at the median rate of ``t`` over the same span, and that rate [Hz]."""
-    step = float(np.median(np.diff(t)))
-    return np.arange(t[0], t[-1] + 0.5 * step, step), 1 / step
+def lowpass(x: FloatArray, rate_hz: float, cutoff_hz: float) -> FloatArray:
+    """Zero-phase fourth-order filter; a cut-off at or above half the rate leaves ``x`` (N, ...) as it is."""
+    return filter_even(x, rate_hz, cutoff_hz) if _filters(rate_hz, cutoff_hz) else x
+
+
+@lru_cache(maxsize=256)
+def lowpass_reach(rate_hz: float, cutoff_hz: float) -> int:
+    """Rows to either side that :func:`lowpass` takes a value from, but for ``REACH_SHARE`` of it."""
+    return filter_reach(rate_hz, cutoff_hz, REACH_SHARE) if _filters(rate_hz, cutoff_hz) else 0
+
+
+def _filters(rate_hz: float, cutoff_hz: float) -> bool:
+    return cutoff_hz < 0.499 * rate_hz
+
+
+@dataclass(frozen=True, eq=False)
+class EvenGrid:
+    """Times at the median rate of a recording over its span.
+
+    Attributes:
+        recorded: (N,) rising times of the recording [s]; may be uneven.
+        t: (M,) even times [s].
+        rate_hz: of them a second.
+        even: the recorded times are those of the grid, but for the rounding of clocks.
+    """
+
+    recorded: FloatArray
+    t: FloatArray
+    rate_hz: float
+    even: bool
+
+    @classmethod
+    def of(cls, t: FloatArray) -> EvenGrid:
+        """The grid of recorded times (N,)."""
+        step = float(np.median(np.diff(t)))
+        grid = np.arange(t[0], t[-1] + 0.5 * step, step)
+        return cls(t, grid, 1 / step, grid.size == t.size and float(np.abs(grid - t).max()) < _EVEN * step)
+
+    def stride(self, cutoff_hz: float) -> int:
+        """Of how many rows one is kept behind a filter.
+
+        A rate that is a whole multiple but for rounding of its times counts as one.
+        """
+        return max(1, int(self.rate_hz / (_RATE_PER_CUTOFF * cutoff_hz) * (1 + 1e-6)))
+
+    def columns(self, x: FloatArray, rows: slice = slice(None)) -> FloatArray:
+        """Columns of ``x`` (N, n) at some times of the grid, straight between samples; its own where it is even."""
+        if self.even:
+            return x[rows]
+        t = self.t[rows]
+        # The samples about these: of a long recording the others need not be looked at.
+        near = slice(
+            max(0, int(np.searchsorted(self.recorded, t[0], "right")) - 1),
+            int(np.searchsorted(self.recorded, t[-1])) + 1,
+        )
+        return np.stack([np.interp(t, self.recorded[near], x[near, j]) for j in range(x.shape[1])], axis=1)
+
+    def motion(self, q: FloatArray, qd: FloatArray | None, cutoff_hz: float, kept: slice | None = None) -> EvenMotion:
+        """Filter a recorded motion, differentiate it, and keep as many rows as the filter leaves something to say.
+
+        Args:
+            q: (N, n) [rad or m].
+            qd: (N, n) measured velocities, or None: then they are the positions' central differences.
+            cutoff_hz: of the zero-phase filter.
+            kept: of the rows that are kept these alone, as they are in the whole; default: all.
+        """
+        rate, stride = self.rate_hz, self.stride(cutoff_hz)
+        first, last = (0, self.t.size) if kept is None else (kept.start * stride, (kept.stop - 1) * stride + 1)
+        # The whole has no margins.
+        margin = 0 if kept is None else lowpass_reach(rate, cutoff_hz) + _SLOPE_ROWS
+        around = slice(max(0, first - margin), min(self.t.size, last + margin))
+        position = lowpass(self.columns(q, around), rate, cutoff_hz)
+        measured = None if qd is None else lowpass(self.columns(qd, around), rate, cutoff_hz)
+        velocity = np.gradient(position, 1 / rate, axis=0) if measured is None else measured
+        acceleration = np.gradient(velocity, 1 / rate, axis=0)
+        own = slice(first - around.start, last - around.start, stride)
+        kept_columns = [np.ascontiguousarray(x[own]) for x in (self.t[around], position, velocity, acceleration)]
+        return EvenMotion(kept_columns[0], kept_columns[1], kept_columns[2], kept_columns[3], rate / stride)
 
 
 def onto(grid: FloatArray, t: FloatArray, x: FloatArray) -> FloatArray:
@@ -49,42 +131,12 @@ def onto(grid: FloatArray, t: FloatArray, x: FloatArray) -> FloatArray:
     return np.stack([np.interp(grid, t, x[:, j]) for j in range(x.shape[1])], axis=1)
 
 
-def lowpass(x: FloatArray, rate_hz: float, cutoff_hz: float) -> FloatArray:
-    """Zero-phase fourth-order filter; a cut-off at or above half the rate leaves ``x`` (N, ...) as it is."""
-    return x if cutoff_hz >= 0.499 * rate_hz else filter_even(x, rate_hz, cutoff_hz)
-
-
-# What is filtered at a cut-off is kept at this many times its rate.
-_RATE_PER_CUTOFF = 10.0
-
-
-def _stride(rate_hz: float, cutoff_hz: float) -> int:
-    """Of how many rows one is kept. A rate that is a whole multiple but for rounding of its times counts as one."""
-    return max(1, int(rate_hz / (_RATE_PER_CUTOFF * cutoff_hz) * (1 + 1e-6)))
-
-
-def kept_rate(t: FloatArray, cutoff_hz: float) -> float:
-    """Rows a second that :func:`even_motion` keeps of a motion recorded at ``t`` (N,)."""
-    rate = 1 / float(np.median(np.diff(t)))
-    return rate / _stride(rate, cutoff_hz)
-
-
 def even_motion(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: float) -> EvenMotion:
-    """Filter a recorded motion, differentiate it, and keep as many rows as the filter leaves something to say.
+    """The motion of a whole recording at times ``t`` (N,); other arguments as for :meth:`EvenGrid.motion`.
 
-    Args:
-        t: (N,) rising times [s]; may be uneven.
-        q: (N, n) [rad or m].
-        qd: (N, n) measured velocities, or None: then they are the positions' central differences.
-        cutoff_hz: of the zero-phase filter.
+    Raises:
+        InputError: fewer than 50 rows.
     """
     if t.size < 50:
         raise InputError("recording", f"{t.size} rows", "wanted at least 50")
-    grid, rate = even_grid(t)
-    position = lowpass(onto(grid, t, q), rate, cutoff_hz)
-    measured = None if qd is None else lowpass(onto(grid, t, qd), rate, cutoff_hz)
-    velocity = np.gradient(position, 1 / rate, axis=0) if measured is None else measured
-    acceleration = np.gradient(velocity, 1 / rate, axis=0)
-    stride = _stride(rate, cutoff_hz)
-    kept = [np.ascontiguousarray(x[::stride]) for x in (grid, position, velocity, acceleration)]
-    return EvenMotion(kept[0], kept[1], kept[2], kept[3], rate / stride)
+    return EvenGrid.of(t).motion(q, qd, cutoff_hz)

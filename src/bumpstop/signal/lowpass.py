@@ -69,6 +69,31 @@ def filter_even(x: FloatArray, rate_hz: float, cutoff_hz: float, order: int = 4)
     return filtered.reshape(x.shape)
 
 
+def filter_reach(rate_hz: float, cutoff_hz: float, share: float, order: int = 4) -> int:
+    """Rows beyond which :func:`filter_even` does not carry more than a share of a value.
+
+    So many rows before and after a part of a longer record go through the filter with it and are then cut off: the part
+    is that of the whole record, but for ``share`` of what the values change by at its ends. The absolute sum of the
+    impulse response beyond that distance, on one side, is ``share``.
+
+    Args:
+        rate_hz: values a second.
+        cutoff_hz: above 0, below half the rate.
+        share: above 0, below 1; not below 1e-12, where rounding begins.
+        order: of the filter in one direction.
+    """
+    # Twice as long each time, until its outer half says nothing: near half the rate a filter rings for long.
+    half = int(8 * rate_hz / cutoff_hz) + 4 * _padding(order)
+    while True:
+        impulse = np.zeros((2 * half + 1, 1))
+        impulse[half] = 1.0
+        response = np.abs(filter_even(impulse, rate_hz, cutoff_hz, order)[half + 1 :, 0])
+        beyond = np.cumsum(response[::-1])[::-1]
+        if beyond[half // 2] < share:
+            return int(np.argmax(beyond < share))
+        half *= 2
+
+
 def _padding(order: int) -> int:
     """Samples put before and after a record by point reflection, so that its ends are not filtered towards zero."""
     return 3 * (2 * ((order + 1) // 2) + 1)
