@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory_law import TrajectoryLaw, trajectory_kernel
+from bumpstop.collision.trajectory_curve import trajectory_kernel
+from bumpstop.collision.trajectory_law import TrajectoryLaw
 from collision.cases import control_group
 from collision.test_two_laws import compare
 from collision.trajectory_cases import EXAMPLE, gantry, scenario, trajectory_motion, waves, write_csv

@@ -5,109 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray
 from bumpstop.collision.contact_begin import ContactTimes, approach, contact_times, draw_times, trajectory_of
+from bumpstop.collision.contact_mixture import Detections, Mixer
 from bumpstop.collision.curve import StoppingCurve
 from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, SampledDistribution
 from bumpstop.collision.free_law import ImpactBounds, arm_mass_at, bounds_at
 from bumpstop.collision.law import ForceLaw
-from bumpstop.collision.mixture import MixtureDistribution
 from bumpstop.collision.problem import Problem
 from bumpstop.collision.trajectory import Trajectory
+from bumpstop.collision.trajectory_curve import trajectory_curve, trajectory_kernel
 from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
-
-
-class _Mixer:
-    """Turns values at nodes of the time of contact into distributions.
-
-    What is detected at one tick changes smoothly with the time of contact inside a panel. There each node's probability
-    is spread evenly between the values at the ends of what the node stands for.
-    """
-
-    def __init__(self, times: ContactTimes, contact: npt.NDArray[np.int64], tick: npt.NDArray[np.int64]) -> None:
-        self._order = times.order
-        key = (contact // times.order) * (int(tick.max(initial=0)) + 1) + tick
-        _, self._group = np.unique(key, return_inverse=True)
-        self._place = contact % times.order
-        node, weight = np.polynomial.legendre.leggauss(times.order)
-        edge = np.concatenate([[-1.0], -1.0 + np.cumsum(weight)])
-        # From values at the nodes to those at the ends of what they stand for: the polynomial through the nodes.
-        vandermonde = np.polynomial.legendre.legvander
-        self._to_edges = vandermonde(edge, times.order - 1) @ np.linalg.inv(vandermonde(node, times.order - 1))
-
-    def distribution(
-        self,
-        value: FloatArray,
-        mass: FloatArray,
-        *,
-        zero: float = 0.0,
-        end: tuple[FloatArray, FloatArray] | None = None,
-    ) -> MixtureDistribution:
-        """Of values (detections,) with probabilities; NaN: there is none.
-
-        Args:
-            value: at each detection.
-            mass: of each.
-            zero: further probability at zero.
-            end: values and probabilities of the collisions never detected, as they enter the moments.
-        """
-        groups = int(self._group.max(initial=-1)) + 1
-        values = np.full((groups, self._order), math.nan)
-        masses = np.zeros((groups, self._order))
-        values[self._group, self._place] = value
-        masses[self._group, self._place] = mass
-        masses[np.isnan(values)] = 0.0
-        ends = values @ self._to_edges.T
-        low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
-        low, high = np.maximum(low, 0.0), np.maximum(high, 0.0)
-        scale = float(np.nanmax(values, initial=0.0))
-        wide = (high - low > 1e-9 * scale) & (masses > 0) if self._order > 1 else np.zeros(masses.shape, dtype=bool)
-        single = ~wide & (masses > 0)
-        never, never_mass = end if end is not None else (np.zeros(0), np.zeros(0))
-        known = masses > 0
-        return MixtureDistribution(
-            low=low[wide],
-            high=high[wide],
-            mass=masses[wide],
-            atom=np.append(values[single], 0.0),
-            atom_mass=np.append(masses[single], zero),
-            node=np.concatenate([values[known], never, [0.0]]),
-            node_mass=np.concatenate([masses[known], never_mass, [zero]]),
-            undetected=float(never_mass.sum()),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Detections:
-    """Detected collisions, single runs or nodes of a quadrature.
-
-    Attributes:
-        tick: of detection (detections,).
-        begin: of contact (detections,) [s].
-        normal: (detections, 3), base frame.
-        mass: probabilities (detections,), None for runs.
-        mixer: of the nodes; None for runs.
-    """
-
-    tick: npt.NDArray[np.int64]
-    begin: FloatArray
-    normal: FloatArray
-    mass: FloatArray | None = None
-    mixer: _Mixer | None = None
-
-    def distribution(self, value: FloatArray) -> tuple[Distribution, float]:
-        """Of a quantity (detections,), and the probability of all of them where that is known."""
-        if self.mixer is None:
-            return SampledDistribution(value), math.nan
-        assert self.mass is not None
-        return self.mixer.distribution(value, self.mass), float(self.mass.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +40,7 @@ class TrajectoryLaw(ForceLaw):
     times: ContactTimes = field(kw_only=True)
     contact_begin: float = field(kw_only=True)
     spans: Distribution | None = field(kw_only=True)
-    detections: _Detections = field(kw_only=True)
+    detections: Detections = field(kw_only=True)
     greatest_undetected: float = field(kw_only=True)
 
     @cached_property
@@ -211,62 +122,6 @@ def _stops_short(trajectory: Trajectory) -> bool:
     return bool((rates[-1] > 0.01 * rates.max()).any())
 
 
-class _Reactions:
-    """The reactions of one contact, in the manner of the kernels' stopping curve."""
-
-    def __init__(self, kernel: Any, begin: float, normal: FloatArray) -> None:
-        self._kernel, self._begin, self._normal = kernel, begin, normal
-
-    def reaction_paths(self, ticks: list[int], return_to: list[float]) -> list[FloatArray]:
-        """Distances [m] after every simulation step of the reactions to ticks, until contact is over."""
-        return [self._kernel.reaction_distances(tick, self._begin, self._normal) for tick in ticks]
-
-
-def trajectory_kernel(problem: Problem) -> Any:
-    """The motion and the reactions to every tick of it, for the kernels."""
-    trajectory, scenario = trajectory_of(problem), problem.scenario
-    link, point = problem.contact_point
-    return core.Trajectory(
-        chain=problem.robot.chain,
-        time=np.ascontiguousarray(trajectory.time),
-        coefficient=trajectory.coefficients,
-        contact_link=link,
-        contact_point=np.ascontiguousarray(point),
-        step=scenario.simulation.step_s,
-        substeps=scenario.simulation.substeps,
-        acceleration=problem.joint_acceleration,
-        period=problem.period_steps,
-        latency=problem.latency_steps,
-        reverse=scenario.reaction.kind == "reverse",
-    )
-
-
-def trajectory_curve(problem: Problem, kernel: Any, begin: float) -> StoppingCurve:
-    """The stopping curve of a contact that begins at a time of the trajectory [s].
-
-    Distances are those from the place of contact and never above zero before it.
-    """
-    normal, speed = approach(problem, np.array([begin]))
-    traced = kernel.curve(begin, normal[0])
-    step = problem.scenario.simulation.step_s
-    index = np.arange(kernel.ticks) * problem.period_steps + 1
-    distance = traced["distance"]
-    return StoppingCurve(
-        kernel=_Reactions(kernel, begin, normal[0]),
-        tick_time=index * step,
-        tick_distance=distance[index],
-        farthest=traced["farthest"],
-        torque_per_newton=traced["torque_per_newton"],
-        # A reaction may begin a latency after the end, where the arm stands.
-        distance=np.append(distance, np.full(problem.latency_steps, distance[-1])),
-        start=traced["start"],
-        normal=normal[0],
-        approach_speed=float(speed[0]),
-        end="trajectory",
-        end_joint=None,
-    )
-
-
 def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> TrajectoryLaw:
     """Integrate over the time of contact and sensor noise."""
     if problem.residuals is not None:
@@ -284,7 +139,7 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
     )
     after = out["distance"] >= 0
     never = weight * out["undetected"]
-    mixer = _Mixer(times, used[contact], tick)
+    mixer = Mixer(times, used[contact], tick)
     late = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s - begin[contact]
     false_alarm = float(weight @ out["false_alarm"])
     detected = float(mass[after].sum()) + false_alarm
@@ -293,7 +148,7 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
     if free:
         # What goes undetected is like what one more tick detects.
         missed = np.flatnonzero(never > 0)
-        everything = _Mixer(
+        everything = Mixer(
             times,
             used[np.append(contact, missed)],
             np.append(tick, np.full(missed.size, kernel.ticks, dtype=tick.dtype)),
@@ -328,7 +183,7 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         times=times,
         contact_begin=hardest,
         spans=spans,
-        detections=_Detections(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
+        detections=Detections(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
         greatest_undetected=float(undetected_peak.max(where=never > 0, initial=0.0)),
     )
 
@@ -396,8 +251,6 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
         times=times,
         contact_begin=hardest,
         spans=spans,
-        detections=_Detections(
-            tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])
-        ),
+        detections=Detections(tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])),
         greatest_undetected=float(peak.max(where=undetected, initial=0.0)),
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bumpstop.collision import ForceLaw
+    from bumpstop.joint.model import Parameter
 
 NO_BOUND = "no bound"
 NONE = "none"
@@ -26,6 +27,14 @@ def number(value: float) -> str:
 def quantity(value: float, unit: str) -> str:
     """A number with its unit, where it is a number."""
     return f"{number(value)} {unit}" if math.isfinite(value) else number(value)
+
+
+def with_error(value: Parameter | None) -> str:
+    """A parameter with its standard error, where it has one; ``"unknown"`` where it was not seen."""
+    if value is None:
+        return "unknown"
+    error = "" if value.standard_error is None else f" ± {value.standard_error:.2g}"
+    return f"{value.value:.4g}{error}"
 
 
 def percentile(name: str) -> str:
