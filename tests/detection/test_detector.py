@@ -1,4 +1,4 @@
-"""The detector: residuals against closed forms, alarms, blindness, and what it says of a contact."""
+"""The detector: residuals against closed forms, noise, blindness, and what does not belong together."""
 
 from __future__ import annotations
 
@@ -8,38 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import bumpstop as bs
-from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record
 from bumpstop.detection.events import FAULTS
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording
-
-UR5E = Robot.load("ur5e")
-DT = 0.002
-
-
-def moving(robot: Robot, rows: int = 1000, dt: float = DT, seed: int = 1, pace: float = 1) -> tuple[FloatArray, ...]:
-    """Times, positions, rates, accelerations and torques of a smooth motion without contact."""
-    rng = np.random.default_rng(seed)
-    t = dt * np.arange(rows)
-    rate, phase = pace * rng.uniform(1, 3, robot.dof), rng.uniform(0, 6, robot.dof)
-    angle = t[:, None] * rate + phase
-    q, qd, qdd = 0.4 * np.sin(angle), 0.4 * rate * np.cos(angle), -0.4 * rate**2 * np.sin(angle)
-    return t, q, qd, qdd, inverse_dynamics(robot, q, qd, qdd)
-
-
-def parabola(robot: Robot, rows: int = 500, dt: float = DT) -> tuple[FloatArray, ...]:
-    """Constant accelerations, which a causal fit of degree 2 differentiates without error."""
-    t = dt * np.arange(rows)
-    qdd = np.ones((rows, 1)) * np.linspace(0.1, 0.4, robot.dof)
-    q, qd = 0.2 + qdd * t[:, None] ** 2 / 2, qdd * t[:, None]
-    return t, q, qd, qdd, inverse_dynamics(robot, q, qd, qdd)
-
+from detection.moving_arms import DT, UR5E, moving, parabola
 
 # --- Residuals --------------------------------------------------------------------------------------------------------
 
@@ -148,108 +124,6 @@ def test_rows_of_noise_have_the_stated_spread() -> None:
     a, b = math.exp(-2 * math.pi * 20 * 0.004), math.exp(-2 * math.pi * 0.004)
     stated = sd * b * (1 - a) * math.sqrt(2 / ((1 + a) * (1 + b) * (1 - a * b)))
     assert fast.fast[1000:].std() == pytest.approx(stated, rel=0.02)
-
-
-# --- Alarms -----------------------------------------------------------------------------------------------------------
-
-
-def pressed(
-    size: float, rows: int = 600, *, ramp_s: float = 0.0, noise: float = 0.0, seed: int = 0
-) -> tuple[FloatArray, ...]:
-    """Rows of an arm at a constant speed that a force of ``size`` times (20, 10, 0 ..) Nm presses from 0.4 s on."""
-    t = DT * np.arange(rows)
-    q = 0.1 + 0.2 * t[:, None] * np.ones(6)
-    tau = inverse_dynamics(UR5E, q, np.full_like(q, 0.2), np.zeros_like(q))
-    share = np.clip((t - 0.4) / ramp_s, 0, 1) if ramp_s else (t >= 0.4 - 1e-9).astype(float)
-    tau = tau + size * share[:, None] * np.array([20.0, 10, 0, 0, 0, 0])
-    return t, q, tau + noise * np.random.default_rng(seed).normal(size=q.shape)
-
-
-@settings(deadline=None, max_examples=40)
-@given(
-    weak=st.floats(0.3, 5),
-    more=st.floats(0, 5),
-    ramp_s=st.just(0.0) | st.floats(1e-3, 0.3),
-    kind=st.sampled_from(["direct", "observer"]),
-)
-def test_a_larger_force_is_never_noticed_later(weak: float, more: float, ramp_s: float, kind: str) -> None:
-    thresholds = Thresholds(np.full(6, 12.0), fast=np.full(6, 9.0), speed=np.full(6, 1.0))
-    detector = Detector(UR5E, None, thresholds, DetectorSettings(residual=kind))  # type: ignore[arg-type]
-    times = []
-    for size in (weak, weak + more):
-        t, q, tau = pressed(size, ramp_s=ramp_s)
-        events = detector.run_rows(t, q, tau).events
-        times.append(events[0].t if events else math.inf)
-    assert times[1] <= times[0]
-
-
-def test_with_noise_the_distribution_of_delays_is_ordered() -> None:
-    """At every time at least as many of the stronger contacts are noticed: the same noise, run by run, up to chance."""
-    detector = Detector(UR5E, None, [12.0] * 6)
-    delays = []
-    for size in (0.5, 0.6, 0.8):
-        found = []
-        for seed in range(60):
-            t, q, tau = pressed(size, 500, noise=1.5, seed=1000 + seed)
-            events = detector.run_rows(t, q, tau).events
-            found.append(events[0].t if events else 9.0)
-        delays.append(np.sort(found))
-    assert (delays[1] <= delays[0]).all()
-    assert (delays[2] <= delays[1]).all()
-    assert delays[2].mean() < delays[0].mean()
-
-
-def test_a_slow_clamp_and_a_blow_are_both_noticed() -> None:
-    thresholds = Thresholds(np.full(6, 15.0), fast=np.full(6, 4.0))
-    t, q, clamp = pressed(1.0, 8000, ramp_s=12.0)  # 20 Nm in 12 s, far slower than the band
-    (event,) = Detector(UR5E, None, thresholds).run_rows(t, q, clamp).events
-    assert event.joints == (0,)
-    assert event.fast_joints == ()
-    assert event.t == pytest.approx(0.4 + 12 * 15 / 20, abs=2 * DT)
-    t, q, blow = pressed(0.5)  # 10 Nm at once, below the absolute threshold
-    (event,) = Detector(UR5E, None, thresholds).run_rows(t, q, blow).events
-    assert event.joints == ()
-    assert 0 in event.fast_joints
-    assert Detector(UR5E, None, thresholds.constant).run_rows(t, q, blow).events == ()
-
-
-def test_arming_costs_what_it_says() -> None:
-    t, q, tau = pressed(1.0)
-    late = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=0.5)).run_rows(t, q, tau)
-    # The window is full after 7 rows; the motion begins there for the detector.
-    assert late.events[0].t == pytest.approx(0.5 + 7 * DT, abs=1.5 * DT)
-    assert late.unseen.sum() == pytest.approx((late.events[0].t - 0.4) / DT, abs=1)
-    assert late.arming_s == pytest.approx(0.5, abs=2 * DT)
-    # At rest there is nothing to arm for.
-    q[:] = q[0]
-    tau = inverse_dynamics(UR5E, q, 0 * q, 0 * q) + np.where(t >= 0.4, 20.0, 0.0)[:, None]
-    held = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=0.5)).run_rows(t, q, tau)
-    assert held.events[0].t == pytest.approx(0.4)
-
-
-def test_an_alarm_stays_and_ends_after_quiet() -> None:
-    t, q, tau = pressed(1.0)
-    tau[300:] = pressed(0.0)[2][300:]
-    tau[500] += 30
-    detector = Detector(UR5E, None, [12.0] * 6)
-    run = detector.run_rows(t, q, tau, rearm_s=0.2)
-    assert [round(event.t, 3) for event in run.events] == [0.4, 1.0]
-    latched = detector.run_rows(t, q, tau, rearm_s=math.inf)
-    assert len(latched.events) == 1
-    assert latched.stop[200:].all()
-    assert not latched.stop[7:200].any()
-
-
-def test_thresholds_grow_with_motion() -> None:
-    thresholds = Thresholds(np.full(6, 5.0), speed=np.full(6, 10.0), acceleration=np.full(6, 2.0), rest=np.full(6, 3.0))
-    t, q, qd, qdd, tau = parabola(UR5E)
-    run = Detector(UR5E, None, thresholds).run_rows(t, q, tau)
-    fast = np.abs(qd) > 0.02
-    wanted = 5 + 10 * np.abs(qd) + 2 * np.abs(qdd)
-    np.testing.assert_allclose(run.threshold[7:][fast[7:]], wanted[7:][fast[7:]], rtol=1e-6)
-    t, q = DT * np.arange(50), np.full((50, 6), 0.2)
-    resting = Detector(UR5E, None, thresholds).run_rows(t, q, 0 * q)
-    np.testing.assert_allclose(resting.threshold[7:], 8.0, atol=1e-6)
 
 
 # --- Currents, friction, payload --------------------------------------------------------------------------------------

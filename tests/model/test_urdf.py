@@ -3,40 +3,16 @@
 from __future__ import annotations
 
 import math
-import random
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from bumpstop import evaluate
-from bumpstop.collision import Problem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
 from bumpstop.model.urdf import read_urdf
-from model.urdf_cases import ARM, check, random_urdf, spoilt, survives
-from validation import facts
-
-TX40 = facts.folder() / "data" / "staubli_tx40" / "tx40_mdh_modified.urdf"
-
-
-def read(text: str | bytes, folder: Path, *arguments: Any, **options: Any) -> Robot:
-    path = folder / "arm.urdf"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return Robot.from_urdf(path, *arguments, **options)
-
-
-def changed(*replacements: tuple[str, str]) -> str:
-    text = ARM
-    for old, new in replacements:
-        assert old in text, old
-        text = text.replace(old, new, 1)
-    return text
-
+from model.urdf_cases import ARM, changed, check, random_urdf, read
 
 # --- What is read -----------------------------------------------------------------------------------------------------
 
@@ -374,96 +350,3 @@ def test_an_inertia_that_cannot_be_is_a_warning_or_an_error(tmp_path: Path) -> N
         read(text, tmp_path, strict_inertia=True)
     assert read(ARM, tmp_path, strict_inertia=True).dof == 3
     assert "turns, but has no mass" in read(changed(('value="4"', 'value="0"')), tmp_path).warnings[0]
-
-
-# --- Spoilt files -----------------------------------------------------------------------------------------------------
-
-
-@settings(max_examples=300, deadline=2000, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_spoilt_files_are_read_right_or_refused(data: st.DataObject, tmp_path: Path) -> None:
-    survives(spoilt(ARM, lambda n: data.draw(st.integers(0, n - 1))), tmp_path)
-
-
-def test_spoiling_leaves_some_files_sound(tmp_path: Path) -> None:
-    rng = random.Random(1)
-    sound = sum(survives(spoilt(ARM, rng.randrange), tmp_path) for _ in range(300))
-    assert 20 < sound < 150
-
-
-def test_the_independent_look_sees_what_is_broken(tmp_path: Path) -> None:
-    arm = read(ARM, tmp_path)
-    for replacement in (
-        ('<child link="wrist"/>', '<child link="slide"/>'),
-        ('<parent link="base"/>', '<parent link="tool"/>'),
-        ('xyz="0 0 0.4"', 'xyz="0 0 0.5"'),
-        ('value="4"', 'value="5"'),
-        ('<link name="base"/>', '<link name="base"/><link name="lost"/>'),
-    ):
-        with pytest.raises(AssertionError):
-            check(changed(replacement), arm)
-
-
-# --- In scenarios -----------------------------------------------------------------------------------------------------
-
-SCENARIO: dict[str, Any] = {
-    "robot": "arm.urdf",
-    "pose_rad": [0.4, 0.2, 1.0],
-    "motion": {"velocity_mm_s": [30, 0, -40], "task": "position", "damping": 0.01, "duration_s": 0.5},
-    "contact": {"body": "hand_finger", "limits": "bgia2011"},
-    "detector": {"thresholds_Nm": [10, 20, 5], "noise_sd_Nm": 1.0},
-    "reaction": {"joint_acceleration_rad_s2": 5.0},
-}
-
-
-def test_scenario(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(ARM)
-    scenario = Scenario.from_dict(SCENARIO, tmp_path)
-    law = evaluate(scenario)
-    assert law.problem.robot.tip_name == "tool"
-    assert "arm.urdf has no inertia for 'wrist'." in law.notes
-    # A point of a link that is fixed to another is a point of that other one.
-    camera = Problem.from_scenario(scenario.with_values({"contact.link": "camera", "contact.point_m": [0.1, 0, 0]}))
-    point = [0.1 * math.cos(1.5), 0.05 + 0.1 * math.sin(1.5), 0.0]
-    slide = Problem.from_scenario(scenario.with_values({"contact.link": "slide", "contact.point_m": point}))
-    assert camera.approach_speed == pytest.approx(slide.approach_speed, rel=1e-12)
-
-
-def test_scenario_with_base_and_tip(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(ARM)
-    scenario = Scenario.from_dict({**SCENARIO, "base": "base", "tip": "camera", "pose_rad": [0.4, 0.2]}, tmp_path)
-    scenario = scenario.with_values({"detector.thresholds_Nm": [10, 20]})
-    with pytest.raises(InputError, match=r"^motion.task: 'position' needs 3 free joints, 2 are free"):
-        evaluate(scenario)
-    for key, value in (("base", "bas"), ("tip", "camra")):
-        with pytest.raises(InputError, match=f"^{key}: arm.urdf has no link {value!r}; did you mean") as refused:
-            Problem.from_scenario(scenario.with_values({key: value}))
-        assert refused.value.field == key
-        with pytest.raises(InputError, match=rf"^{key}: has no meaning with the built-in robot 'ur10e'; "):
-            Scenario.from_dict({**SCENARIO, "robot": "ur10e", key: value}, tmp_path)
-
-
-@pytest.mark.skipif(not TX40.is_file(), reason=f"{TX40} is not there: set BUMPSTOP_SHARED")
-def test_a_file_that_nobody_here_wrote() -> None:
-    scenario = Scenario.from_dict(
-        {
-            **SCENARIO,
-            "robot": TX40.name,
-            "pose_rad": [0.2, 0.4, 1.2, 0.2, 1.0, 0.3],
-            "motion": {"velocity_mm_s": [0, 0, -50]},
-            "detector": {"thresholds_Nm": [20, 20, 15, 6, 6, 4], "noise_sd_Nm": 1.0},
-        },
-        TX40.parent,
-    )
-    law = evaluate(scenario)
-    assert 0 < law.peak_force.quantile(0.5) < math.inf
-    arm = law.problem.robot
-    assert (arm.dof, arm.tip_name, arm.warnings, arm.inertia_status) == (6, "tool0", (), "published")
-    model = pin.buildModelFromUrdf(str(TX40))
-    data = model.createData()
-    rng = np.random.default_rng(2)
-    for q in rng.uniform(arm.lower, arm.upper, (50, 6)):
-        pin.framesForwardKinematics(model, data, q)
-        pose = data.oMf[model.getFrameId("tool0")].homogeneous
-        np.testing.assert_allclose(arm.pose(q), pose, rtol=0, atol=1e-14)
-    assert sum(joint.inertia.mass for joint in arm.joints if joint.inertia) == pytest.approx(23.01)

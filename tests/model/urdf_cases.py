@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -310,3 +311,19 @@ def check(text: str, robot: Robot) -> None:
     scale = 1 + sum(float(np.abs(_transform(joint)[:3, 3]).max()) for joint in joints.values()) + float(np.abs(q).max())
     np.testing.assert_allclose(robot.pose(q), pose, rtol=0, atol=1e-5 * scale)
     assert np.isfinite(robot.jacobian(q)).all()
+
+
+def read(text: str | bytes, folder: Path, *arguments: Any, **options: Any) -> Robot:
+    """The robot of a file with this text."""
+    path = folder / "arm.urdf"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return Robot.from_urdf(path, *arguments, **options)
+
+
+def changed(*replacements: tuple[str, str]) -> str:
+    """The text of ``ARM`` with replacements, each of something that stands in it."""
+    text = ARM
+    for old, new in replacements:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text

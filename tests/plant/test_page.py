@@ -14,7 +14,7 @@ from pydantic_core import PydanticUndefined
 
 from bumpstop.plant import Experiment, PlantObject, object_kinds
 from bumpstop.plant.experiment_tables import TABLES
-from docs.test_docs import AS_DOCTEST, blocks, code, read, rows, section
+from docs.pages import AS_DOCTEST, blocks, code, read, rows, section
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "plant.md"
 

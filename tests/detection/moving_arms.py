@@ -1,0 +1,29 @@
+"""Arms that move without contact: rows of times, positions, rates, accelerations and torques."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.model import Robot, inverse_dynamics
+
+UR5E = Robot.load("ur5e")
+DT = 0.002
+
+
+def moving(robot: Robot, rows: int = 1000, dt: float = DT, seed: int = 1, pace: float = 1) -> tuple[FloatArray, ...]:
+    """Times, positions, rates, accelerations and torques of a smooth motion without contact."""
+    rng = np.random.default_rng(seed)
+    t = dt * np.arange(rows)
+    rate, phase = pace * rng.uniform(1, 3, robot.dof), rng.uniform(0, 6, robot.dof)
+    angle = t[:, None] * rate + phase
+    q, qd, qdd = 0.4 * np.sin(angle), 0.4 * rate * np.cos(angle), -0.4 * rate**2 * np.sin(angle)
+    return t, q, qd, qdd, inverse_dynamics(robot, q, qd, qdd)
+
+
+def parabola(robot: Robot, rows: int = 500, dt: float = DT) -> tuple[FloatArray, ...]:
+    """Constant accelerations, which a causal fit of degree 2 differentiates without error."""
+    t = dt * np.arange(rows)
+    qdd = np.ones((rows, 1)) * np.linspace(0.1, 0.4, robot.dof)
+    q, qd = 0.2 + qdd * t[:, None] ** 2 / 2, qdd * t[:, None]
+    return t, q, qd, qdd, inverse_dynamics(robot, q, qd, qdd)

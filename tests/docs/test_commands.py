@@ -1,0 +1,202 @@
+"""What the documentation says of the command line, run and compared with the code."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+import bumpstop as bs
+from bumpstop.cli.main import app, main
+from bumpstop.cli.output import settings_toml
+from docs.pages import AS_DOCTEST, ROOT, WIDTH, blocks, code, read, rows, section, without_fences
+
+
+def consoles() -> list[Any]:
+    """Each console of docs/cli.md as commands with what they print."""
+    found = []
+    for number, text in enumerate(blocks(ROOT / "docs" / "cli.md", "console"), start=1):
+        parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
+        assert parts[0] == ""
+        session = list(zip(parts[1::2], parts[2::2], strict=True))
+        found.append(pytest.param(session, id=f"{number}-{session[0][0][:40]}"))
+    return found
+
+
+class Shell:
+    """Runs ``bumpstop`` inside this process, and in bash where the shell itself matters."""
+
+    def __init__(self, folder: Path, capture: pytest.CaptureFixture[str]) -> None:
+        self.folder, self.capture, self.status = folder, capture, 0
+
+    def run(self, command: str) -> str:
+        if command == "echo $?":
+            return f"{self.status}\n"
+        name, *arguments = shlex.split(command)
+        if name != "bumpstop" or any("completion" in argument for argument in arguments):
+            return self.run_in_bash(command)
+        self.capture.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        self.status = ended.value.code if isinstance(ended.value.code, int) else 1
+        return "".join(self.capture.readouterr())
+
+    def run_in_bash(self, command: str) -> str:
+        bash = shutil.which("bash")
+        if bash is None:
+            pytest.skip("bash is not installed")
+        program, ours = (self.folder / folder / "bumpstop" for folder in ("program", "bin"))
+        for path in (program, ours):
+            path.parent.mkdir(exist_ok=True)
+        program.write_text("from bumpstop.cli.main import main\n\nmain()\n")
+        ours.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{program}" "$@"\n')
+        ours.chmod(0o755)
+        home = {"HOME": str(self.folder), "PATH": f"{ours.parent}{os.pathsep}{os.environ['PATH']}"}
+        # The trailing command keeps bash from replacing itself: completion looks for the shell it is called from.
+        done = subprocess.run(
+            [bash, "-c", f"{command}\nstatus=$?; exit $status"],
+            env=os.environ | home,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        self.status = done.returncode
+        return done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("session", consoles())
+def test_console(
+    session: list[tuple[str, str]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", WIDTH)
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "BUMPSTOP_TARGET"):
+        monkeypatch.delenv(name, raising=False)
+    shell = Shell(tmp_path, capsys)
+    if "out/hand/settings.toml" in session[0][0]:
+        law = bs.evaluate(bs.load_scenario("examples/01_hand_downward.toml"))
+        Path("out/hand").mkdir(parents=True)
+        Path("out/hand/settings.toml").write_text(settings_toml(law), encoding="utf-8")
+    for command, wanted in session:
+        printed = shell.run(command)
+        assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
+        assert shell.status in ((2,) if "error:" in wanted or wanted == "2\n" else (0, 3))
+    if "--out" in session[0][0]:
+        written = {path.name for path in (tmp_path / "out" / "hand").iterdir()}
+        for name, *_ in rows(section(read("docs/cli.md"), "### Files: `--out`"), "file"):
+            for pattern in code(name):
+                assert any(Path(file).match(pattern) for file in written), pattern
+
+
+@pytest.mark.parametrize("page", ["tutorial_identification.md", "tutorial_plant.md"])
+def test_tutorial(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every console of a tutorial, one after the other in one folder."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", WIDTH)
+    shell = Shell(tmp_path, capsys)
+    for text in blocks(ROOT / "docs" / page, "console"):
+        parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
+        for command, wanted in zip(parts[1::2], parts[2::2], strict=True):
+            if command.startswith("python "):
+                arguments = [sys.executable, *shlex.split(command)[1:]]
+                done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+                printed, shell.status = done.stdout + done.stderr, done.returncode
+            else:
+                printed = shell.run(command)
+            assert shell.status == 0, printed
+            assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["evaluate", "bodies", "robots", "identify", "validate", "detect", "detector", "tune", "score", "sensitivity"],
+)
+def test_options(command: str) -> None:
+    parameters: Any = typer.main.get_command(app).commands[command].params  # type: ignore[attr-defined]
+    compare_options(parameters, command)
+
+
+@pytest.mark.parametrize("command", ["show", "export"])
+def test_options_of_robots(command: str) -> None:
+    group: Any = typer.main.get_command(app).commands["robots"]  # type: ignore[attr-defined]
+    compare_options(group.commands[command].params, f"robots {command}")
+
+
+@pytest.mark.parametrize("command", ["identification", "excitation"])
+def test_options_of_plan(command: str) -> None:
+    group: Any = typer.main.get_command(app).commands["plan"]  # type: ignore[attr-defined]
+    compare_options(group.commands[command].params, f"plan {command}")
+
+
+@pytest.mark.parametrize("command", ["info", "convert"])
+def test_options_of_recording(command: str) -> None:
+    group: Any = typer.main.get_command(app).commands["recording"]  # type: ignore[attr-defined]
+    compare_options(group.commands[command].params, f"recording {command}")
+
+
+def test_options_of_plant() -> None:
+    group: Any = typer.main.get_command(app).commands["plant"]  # type: ignore[attr-defined]
+    compare_options(group.commands["run"].params, "plant run")
+
+
+@pytest.mark.parametrize("command", ["parameters", "effectiveness", "workspace"])
+def test_options_of_studies(command: str) -> None:
+    group: Any = typer.main.get_command(app).commands["study"]  # type: ignore[attr-defined]
+    compare_options(group.commands[command].params, f"study {command}")
+
+
+def compare_options(parameters: Any, heading: str) -> None:
+    options = {p.opts[0]: p.default for p in parameters if p.param_type_name == "option" and p.name != "help"}
+    text = section(read("docs/cli.md"), f"## `bumpstop {heading}`")
+    table = {code(name)[0].split()[0]: code(default) for name, default, _ in rows(text, "option")} if options else {}
+    assert set(table) == set(options)
+    for name, default in table.items():
+        if default:
+            assert str(options[name]) == default[0], name
+        else:
+            assert options[name] in (None, False, [])
+
+
+def test_json_keys() -> None:
+    text = section(read("docs/cli.md"), "### For programs: `--json`")
+    keys = {key for name, *_ in rows(text, "key") for key in code(name)}
+    verdict_keys = {key for name, *_ in rows(text, "key of `verdict`") for key in code(name)}
+    scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
+    sampled = bs.evaluate(scenario, samples=10).to_json()
+    assert keys == set(sampled)
+    assert keys - {"samples", "seed"} == set(bs.evaluate(scenario).to_json())
+    assert verdict_keys == set(sampled["verdict"])
+
+
+def test_columns_of_the_law() -> None:
+    from bumpstop.collision.tables import law_table
+
+    text = section(read("docs/cli.md"), "### Files: `--out`")
+    scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
+    exact = law_table(bs.evaluate(scenario))
+    (listed,) = [span for span in code(without_fences(text)) if span.startswith("probability ")]
+    assert set(listed.split()) == set(exact.columns)
+    assert exact["probability"].to_list()[-4:] == [0.995, 0.999, 0.9995, 0.9999]
+    choices = {"{x,y,z}": "xyz", "{j}": "1234567", "{i}": "123456"}
+    columns = set()
+    for name, *_ in rows(text, "columns"):
+        for pattern in code(name)[0].split():
+            (mark,) = [mark for mark in choices if mark in pattern] or [""]
+            columns |= {pattern.replace(mark, one) for one in choices[mark]} if mark else {pattern}
+    assert columns == set(law_table(bs.evaluate(scenario, samples=10)).columns)
