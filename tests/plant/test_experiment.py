@@ -15,6 +15,7 @@ from bumpstop.plant import Experiment
 from bumpstop.plant.picture import offscreen
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
+from collision.scenario_cases import is_let_go
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "plant").glob("*.toml"))
 SHORT: dict[str, Any] = {
@@ -134,6 +135,12 @@ def test_refusals(case: str) -> None:
     with pytest.raises(InputError) as refused:
         Experiment.from_dict(data).run()
     assert str(refused.value).startswith(message), str(refused.value)
+
+
+@pytest.mark.parametrize("case", ["unknown key", "no pose", "zero", "range"])
+def test_a_refusal_holds_nobody(case: str) -> None:
+    """As of scenarios: the error of a validator stays in pydantic's."""
+    assert is_let_go(lambda: Experiment.from_dict(REFUSED[case][0]))
 
 
 @pytest.mark.parametrize(

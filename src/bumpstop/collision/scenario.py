@@ -307,7 +307,10 @@ class Scenario(_Table):
         try:
             return cls.model_validate({**tables, "folder": Path(folder)})
         except ValidationError as error:
-            raise explain(cls, error) from None
+            refusal = explain(cls, error)
+        # Not while pydantic's error is handled: it holds that of a validator, and so the frames that lead there, where
+        # the collector of cycles cannot see it. As context of a refusal that a caller keeps it would never be freed.
+        raise refusal
 
     def with_values(self, changes: dict[str, Any]) -> Scenario:
         """A copy with some keys changed.

@@ -110,7 +110,9 @@ class Experiment(ExperimentTable):
         try:
             return cls.model_validate({**data, "folder": Path(folder)})
         except ValidationError as error:
-            raise _explain(error) from None
+            refusal = _explain(error)
+        # Not while pydantic's error is handled, as in Scenario.from_dict: it would never be freed.
+        raise refusal
 
     def arm(self) -> Robot:
         """The robot.
