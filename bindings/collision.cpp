@@ -1,7 +1,10 @@
-// Stopping curves and force laws.
-#include "bumpstop/collision/batch.hpp"
+// Arm and motion of a collision, stopping curves, and what is made of them.
+#include <atomic>
+#include <thread>
+
 #include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
+#include "law.hpp"
 #include "setup.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -134,17 +137,6 @@ nb::list reaction_paths(const Curve& self, const std::vector<int>& ticks, const 
     return out;
 }
 
-struct Law {
-    ExactLaw law;
-    int dof;
-
-    const LawQuantity& quantity(const std::string& name) const {
-        if (name == "force_at_detection") return law.force_at_detection;
-        if (name == "detection_delay") return law.detection_delay;
-        return law.peak_force;
-    }
-};
-
 nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, double stiffness,
                      const std::string& offset_kind, double offset_size, std::uint64_t seed, std::int64_t first_run,
                      std::int64_t runs, bool with_noise, int threads, std::optional<Matrix> residuals,
@@ -200,41 +192,6 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
     return out;
 }
 
-nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const ThresholdDetector& detector, double stiffness,
-               const std::string& offset_kind, double offset_size, Vector probability, Vector limit, int threads) {
-    const std::size_t n = q.shape(0), dof = std::size_t(setup.chain.dof);
-    const std::size_t probabilities = probability.shape(0), limits = limit.shape(0);
-    NewArray<double> mean({n}), sd({n}), quantile({n, probabilities}), exceedance({n, limits}), trigger({n, dof});
-    NewArray<double> false_alarm({n}), undetected({n}), no_contact({n});
-    NewArray<std::uint8_t> end({n});
-    {
-        nb::gil_scoped_release unlocked;
-        const BatchProblem problem{&setup.chain,       &setup.motion,
-                                   &setup.contact,     &setup.timing,
-                                   setup.reaction,     &detector,
-                                   stiffness,          offset_law(offset_kind, 0).kind,
-                                   offset_size,        int(n),
-                                   q.data(),           velocity.data(),
-                                   int(probabilities), probability.data(),
-                                   int(limits),        limit.data()};
-        evaluate_batch<L>(
-            problem, threads,
-            {mean.data.get(), sd.data.get(), quantile.data.get(), exceedance.data.get(), trigger.data.get(),
-             false_alarm.data.get(), undetected.data.get(), no_contact.data.get(), end.data.get()});
-    }
-    nb::dict out;
-    out["mean"] = mean.release();
-    out["sd"] = sd.release();
-    out["quantile"] = quantile.release();
-    out["exceedance"] = exceedance.release();
-    out["trigger"] = trigger.release();
-    out["false_alarm"] = false_alarm.release();
-    out["undetected"] = undetected.release();
-    out["no_contact"] = no_contact.release();
-    out["end"] = end.release();
-    return out;
-}
-
 }  // namespace
 
 void bind_collision(nb::module_& module) {
@@ -261,30 +218,6 @@ void bind_collision(nb::module_& module) {
         .def("trace", &trace, nb::arg("q"), nb::arg("velocity"), nb::arg("detector").none(), nb::arg("stiffness"),
              nb::arg("largest_offset"), nb::arg("body_mass") = 0.0,
              "The stopping curve from a pose; with a detector, as far as its law needs it.");
-    nb::class_<ThresholdDetector>(module, "Detector", "Thresholds and white noise per joint.")
-        .def(
-            "__init__",
-            [](ThresholdDetector* self, Vector threshold, Vector sd, Vector mean, double arming_delay,
-               double correlation, double filter) {
-                new (self) ThresholdDetector();
-                for (std::size_t j = 0; j < threshold.shape(0); ++j) {
-                    self->noise_sd[j] = sd(j);
-                    self->noise_mean[j] = mean(j);
-                    if (std::isfinite(threshold(j))) self->watch(int(j), threshold(j), sd(j), mean(j));
-                }
-                self->arming_delay = arming_delay;
-                self->correlation = correlation;
-                self->filter = filter;
-            },
-            nb::arg("threshold"), nb::arg("sd"), nb::arg("mean"), nb::arg("arming_delay"), nb::arg("correlation"),
-            nb::arg("filter"))
-        .def(
-            "alarm_probability",
-            [](const ThresholdDetector& self, Vector torque) {
-                const auto chance = any_alarm<double>(self, [&](int w) { return torque(self.joint[w]); });
-                return nb::make_tuple(chance.alarm, chance.silent);
-            },
-            nb::arg("torque"), "Probability that a tick with these noiseless residuals alarms, and its complement.");
     nb::class_<Curve>(module, "Curve", "A stopping curve.")
         .def_prop_ro("ticks", [](const Curve& self) { return self.curve.path.ticks; })
         .def_prop_ro(
@@ -361,122 +294,6 @@ void bind_collision(nb::module_& module) {
              nb::arg("offset_size"), nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("with_noise"),
              nb::arg("threads"), nb::arg("residuals").none() = nb::none(), nb::arg("block_rows") = 1,
              nb::arg("body_mass") = 0.0);
-    nb::class_<Law>(module, "Law", "An exact law.")
-        .def_prop_ro("false_alarm", [](const Law& self) { return self.law.false_alarm; })
-        .def_prop_ro("harmless", [](const Law& self) { return self.law.harmless; })
-        .def_prop_ro("undetected", [](const Law& self) { return self.law.undetected; })
-        .def_prop_ro("no_contact", [](const Law& self) { return self.law.no_contact; })
-        .def_prop_ro("several", [](const Law& self) { return self.law.several; })
-        .def_prop_ro("interpolated", [](const Law& self) { return self.law.interpolated; })
-        .def_prop_ro(
-            "trigger",
-            [](const Law& self) {
-                const std::size_t n = std::size_t(self.dof);
-                return array_of(std::vector<double>(self.law.trigger, self.law.trigger + n), {n});
-            },
-            owned)
-        .def(
-            "total", [](const Law& self, const std::string& name) { return self.quantity(name).total; },
-            nb::arg("quantity"))
-        .def(
-            "moments",
-            [](const Law& self, const std::string& name) {
-                const Moments m = name == "peak_force" ? peak_force_moments<L>(self.law)
-                                                       : moments<L>(self.law.pieces, self.quantity(name), 0);
-                return nb::make_tuple(m.mean, m.sd);
-            },
-            nb::arg("quantity"), "Mean and sd; of the peak force over all collisions.")
-        .def(
-            "tail",
-            [](const Law& self, const std::string& name, Vector y) {
-                NewArray<double> out({y.shape(0), 2});
-                for (std::size_t i = 0; i < y.shape(0); ++i) {
-                    const TailAt at = tail<L>(self.law.pieces, self.quantity(name), y(i));
-                    out.data[2 * i] = at.probability;
-                    out.data[2 * i + 1] = at.density;
-                }
-                return out.release();
-            },
-            nb::arg("quantity"), nb::arg("y"), "P(quantity > y) and its density at each y >= 0.")
-        .def(
-            "upper_quantile",
-            [](const Law& self, const std::string& name, double allowed, double never) {
-                return upper_quantile<L>(self.law.pieces, self.quantity(name), allowed, never);
-            },
-            nb::arg("quantity"), nb::arg("allowed"), nb::arg("never"))
-        .def(
-            "free_nodes",
-            [](const Law& self) {
-                const LawPieces& p = self.law.pieces;
-                const std::array<std::size_t, 3> shape{std::size_t(p.slots), std::size_t(p.order),
-                                                       std::size_t(p.panels)};
-                nb::dict out;
-                out["peak_force"] = array_of(self.law.free.peak_force, {shape[0], shape[1], shape[2]});
-                out["duration"] = array_of(self.law.free.duration, {shape[0], shape[1], shape[2]});
-                out["force_at_detection"] = array_of(self.law.free.force_at_detection, {shape[0], shape[1], shape[2]});
-                return out;
-            },
-            "Free contact: values at the Gauss nodes, (slots, order, panels) [N, s, N].")
-        .def(
-            "free_alarms",
-            [](const Law& self) {
-                const FreeAlarms& a = self.law.free_alarms;
-                const std::size_t n = a.pieces(), cells = FreeAlarms::cells, nodes = FreeAlarms::nodes;
-                nb::dict out;
-                out["mass"] = array_of(a.mass, {n, cells});
-                out["edge_force"] = array_of(a.edge_force, {n, cells + 1});
-                out["edge_duration"] = array_of(a.edge_duration, {n, cells + 1});
-                out["node_mass"] = array_of(a.node_mass, {n, nodes});
-                out["node_force"] = array_of(a.node_force, {n, nodes});
-                out["node_duration"] = array_of(a.node_duration, {n, nodes});
-                return out;
-            },
-            "Free contact: false alarms that still reach the body, tick by tick, in cells of offset and at nodes.")
-        .def_prop_ro("slots_before", [](const Law& self) { return self.law.pieces.slots_before; })
-        .def_prop_ro(
-            "coefficients",
-            [](const Law& self) {
-                const LawPieces& p = self.law.pieces;
-                return array_of(p.coefficient, {std::size_t(p.slots), std::size_t(p.order), std::size_t(p.panels)});
-            },
-            owned)
-        .def_prop_ro(
-            "panel_mid", [](const Law& self) { return array_of(self.law.pieces.mid, {self.law.pieces.mid.size()}); },
-            owned)
-        .def_prop_ro(
-            "panel_half", [](const Law& self) { return array_of(self.law.pieces.half, {self.law.pieces.half.size()}); },
-            owned)
-        .def_prop_ro(
-            "panel_first_tick",
-            [](const Law& self) {
-                const std::vector<int>& ticks = self.law.pieces.first_tick;
-                NewArray<std::int32_t> out({ticks.size()});
-                std::copy(ticks.begin(), ticks.end(), out.data.get());
-                return out.release();
-            },
-            owned);
-    module.def("batch", &batch, nb::arg("setup"), nb::arg("q"), nb::arg("velocity"), nb::arg("detector"),
-               nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("probability"),
-               nb::arg("limit"), nb::arg("threads"));
-    module.def(
-        "residual_rows",
-        [](std::uint64_t seed, std::int64_t run, std::int64_t ticks, std::int64_t rows, std::int64_t block_rows) {
-            const ResidualRecord record{nullptr, rows, 0, block_rows};
-            NewArray<std::int64_t> out({std::size_t(ticks)});
-            for (std::int64_t k = 0; k < ticks; ++k) out.data[k] = record.row_of(seed, run, k);
-            return out.release();
-        },
-        nb::arg("seed"), nb::arg("run"), nb::arg("ticks"), nb::arg("rows"), nb::arg("block_rows"),
-        "The rows of a record of residuals that play the ticks of a run.");
-    module.def(
-        "offsets",
-        [](std::uint64_t seed, std::int64_t first_run, std::size_t runs, const std::string& kind, double size) {
-            NewArray<double> out({runs});
-            for (std::size_t i = 0; i < runs; ++i)
-                out.data[i] = draw_offset<double>(offset_law(kind, size), seed, first_run + std::int64_t(i));
-            return out.release();
-        },
-        nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("kind"), nb::arg("size"));
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

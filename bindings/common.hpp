@@ -73,7 +73,10 @@ void bind_sensitivity(nb::module_& module);
 void bind_foretold_force(nb::module_& module);
 void bind_limit_risk(nb::module_& module);
 void bind_workspace(nb::module_& module);
+void bind_threshold(nb::module_& module);
 void bind_collision(nb::module_& module);
+void bind_exact_law(nb::module_& module);
+void bind_batch(nb::module_& module);
 void bind_trajectory(nb::module_& module);
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,111 @@
+// Exact laws.
+#include "law.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+namespace {
+
+using L = NativeLanes;
+
+}  // namespace
+
+void bind_exact_law(nb::module_& module) {
+    // A property's array owns its memory; nanobind would tie it to the object.
+    constexpr auto owned = nb::rv_policy::automatic;
+    nb::class_<Law>(module, "Law", "An exact law.")
+        .def_prop_ro("false_alarm", [](const Law& self) { return self.law.false_alarm; })
+        .def_prop_ro("harmless", [](const Law& self) { return self.law.harmless; })
+        .def_prop_ro("undetected", [](const Law& self) { return self.law.undetected; })
+        .def_prop_ro("no_contact", [](const Law& self) { return self.law.no_contact; })
+        .def_prop_ro("several", [](const Law& self) { return self.law.several; })
+        .def_prop_ro("interpolated", [](const Law& self) { return self.law.interpolated; })
+        .def_prop_ro(
+            "trigger",
+            [](const Law& self) {
+                const std::size_t n = std::size_t(self.dof);
+                return array_of(std::vector<double>(self.law.trigger, self.law.trigger + n), {n});
+            },
+            owned)
+        .def(
+            "total", [](const Law& self, const std::string& name) { return self.quantity(name).total; },
+            nb::arg("quantity"))
+        .def(
+            "moments",
+            [](const Law& self, const std::string& name) {
+                const Moments m = name == "peak_force" ? peak_force_moments<L>(self.law)
+                                                       : moments<L>(self.law.pieces, self.quantity(name), 0);
+                return nb::make_tuple(m.mean, m.sd);
+            },
+            nb::arg("quantity"), "Mean and sd; of the peak force over all collisions.")
+        .def(
+            "tail",
+            [](const Law& self, const std::string& name, Vector y) {
+                NewArray<double> out({y.shape(0), 2});
+                for (std::size_t i = 0; i < y.shape(0); ++i) {
+                    const TailAt at = tail<L>(self.law.pieces, self.quantity(name), y(i));
+                    out.data[2 * i] = at.probability;
+                    out.data[2 * i + 1] = at.density;
+                }
+                return out.release();
+            },
+            nb::arg("quantity"), nb::arg("y"), "P(quantity > y) and its density at each y >= 0.")
+        .def(
+            "upper_quantile",
+            [](const Law& self, const std::string& name, double allowed, double never) {
+                return upper_quantile<L>(self.law.pieces, self.quantity(name), allowed, never);
+            },
+            nb::arg("quantity"), nb::arg("allowed"), nb::arg("never"))
+        .def(
+            "free_nodes",
+            [](const Law& self) {
+                const LawPieces& p = self.law.pieces;
+                const std::array<std::size_t, 3> shape{std::size_t(p.slots), std::size_t(p.order),
+                                                       std::size_t(p.panels)};
+                nb::dict out;
+                out["peak_force"] = array_of(self.law.free.peak_force, {shape[0], shape[1], shape[2]});
+                out["duration"] = array_of(self.law.free.duration, {shape[0], shape[1], shape[2]});
+                out["force_at_detection"] = array_of(self.law.free.force_at_detection, {shape[0], shape[1], shape[2]});
+                return out;
+            },
+            "Free contact: values at the Gauss nodes, (slots, order, panels) [N, s, N].")
+        .def(
+            "free_alarms",
+            [](const Law& self) {
+                const FreeAlarms& a = self.law.free_alarms;
+                const std::size_t n = a.pieces(), cells = FreeAlarms::cells, nodes = FreeAlarms::nodes;
+                nb::dict out;
+                out["mass"] = array_of(a.mass, {n, cells});
+                out["edge_force"] = array_of(a.edge_force, {n, cells + 1});
+                out["edge_duration"] = array_of(a.edge_duration, {n, cells + 1});
+                out["node_mass"] = array_of(a.node_mass, {n, nodes});
+                out["node_force"] = array_of(a.node_force, {n, nodes});
+                out["node_duration"] = array_of(a.node_duration, {n, nodes});
+                return out;
+            },
+            "Free contact: false alarms that still reach the body, tick by tick, in cells of offset and at nodes.")
+        .def_prop_ro("slots_before", [](const Law& self) { return self.law.pieces.slots_before; })
+        .def_prop_ro(
+            "coefficients",
+            [](const Law& self) {
+                const LawPieces& p = self.law.pieces;
+                return array_of(p.coefficient, {std::size_t(p.slots), std::size_t(p.order), std::size_t(p.panels)});
+            },
+            owned)
+        .def_prop_ro(
+            "panel_mid", [](const Law& self) { return array_of(self.law.pieces.mid, {self.law.pieces.mid.size()}); },
+            owned)
+        .def_prop_ro(
+            "panel_half", [](const Law& self) { return array_of(self.law.pieces.half, {self.law.pieces.half.size()}); },
+            owned)
+        .def_prop_ro(
+            "panel_first_tick",
+            [](const Law& self) {
+                const std::vector<int>& ticks = self.law.pieces.first_tick;
+                NewArray<std::int32_t> out({ticks.size()});
+                std::copy(ticks.begin(), ticks.end(), out.data.get());
+                return out.release();
+            },
+            owned);
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
