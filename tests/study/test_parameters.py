@@ -222,3 +222,11 @@ def test_without_limits_there_is_nothing_to_guide_to() -> None:
         ParameterStudy.of(scenario, vary=["motion.speed=10:20"], prices=["motion.speed=1"])
     rows, _ = run(ParameterStudy.of(scenario, vary=["motion.speed=10:20:3"]))
     assert rows["p_over_force"].null_count() == rows.height
+
+
+def test_what_is_wrong_without_any_change_is_told_before_any_work() -> None:
+    scenario = control_group()
+    wrong = scenario.model_copy(update={"contact": scenario.contact.model_copy(update={"body": "hand_back"})})
+    with pytest.raises(bs.InputError) as refused:
+        ParameterStudy.of(wrong, vary=["reaction.latency_s=0:0.02:3"])
+    assert "with " not in refused.value.problem

@@ -13,6 +13,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.detection import blind_force_along
 from bumpstop.kernels import core
+from bumpstop.study import foretold as foretelling
 from bumpstop.study import run
 from bumpstop.study import workspace as workspace_module
 from bumpstop.study.capsules import self_collision
@@ -198,6 +199,21 @@ def test_the_worst_direction_is_felt_least_of_all(
     both = rows.filter(rows["trusted"] & rows["worst_trusted"])
     assert both.height > 20
     assert (both["worst_expected_N"] > both["expected_N"]).mean() > 0.8
+
+
+def test_a_cut_leaves_equal_values_on_one_side() -> None:
+    """Half of these poses are foretold without bound: all of them can be refused, or none."""
+    rng = np.random.default_rng(8)
+    unsafe = rng.uniform(size=40) < 0.5
+    value = np.where(rng.uniform(size=40) < np.where(unsafe, 0.8, 0.3), np.inf, rng.uniform(size=40))
+    columns = {column: value for column, _ in foretelling._PREDICTORS.values()}
+    found = foretelling.predictors(pl.DataFrame(columns | {"p50_N": rng.uniform(size=40)}), unsafe, 0.5)
+
+    def errors(cut: float) -> float:
+        return float((unsafe & ~(value > cut)).sum() / unsafe.sum() + (~unsafe & (value > cut)).sum() / (~unsafe).sum())
+
+    best = min(errors(cut) for cut in np.unique(value))
+    assert found["expected_force"]["unsafe_missed"] + found["expected_force"]["safe_refused"] == pytest.approx(best)
 
 
 def test_predictors_are_counted_as_a_table_of_errors_would_count_them(

@@ -131,7 +131,10 @@ def _best_cut(value: FloatArray, unsafe: Any) -> float:
     order = np.argsort(value)
     missed = np.cumsum(unsafe[order]) / max(1, unsafe.sum())
     refused = 1 - np.cumsum(~unsafe[order]) / max(1, (~unsafe).sum())
-    return float(value[order][int(np.argmin(missed + refused))])
+    # Equal values are on one side of any cut, as where much is foretold without bound.
+    ranked = value[order]
+    last = np.append(ranked[1:] != ranked[:-1], True)
+    return float(ranked[int(np.argmin(np.where(last, missed + refused, np.inf)))])
 
 
 def _share(which: Any, of: Any) -> float:

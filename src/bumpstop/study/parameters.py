@@ -78,6 +78,10 @@ class ParameterStudy(Study):
         Raises:
             InputError: something in them cannot be used.
         """
+        from bumpstop.collision import Problem
+
+        # What is wrong without any change is no fault of a varied value.
+        Problem.from_scenario(scenario)
         ranges = tuple(Range.parse(text, scenario) for text in (DEFAULT_RANGES if vary is None else vary))
         by_name: dict[str, Range] = {}
         for each in ranges:
