@@ -13,7 +13,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import bumpstop as bs
-from bumpstop.collision import evaluate_batch, load_scenario
+from bumpstop.collision import Problem, evaluate_batch, load_scenario
 from bumpstop.collision.trajectory import Trajectory
 from bumpstop.errors import InputError
 from bumpstop.study import run
@@ -21,6 +21,7 @@ from bumpstop.study.atlas import TrajectoryAtlas, WorkspaceAtlas
 from bumpstop.study.null_space import feel_better
 from bumpstop.study.retiming import retime
 from bumpstop.study.risk import allowed_force
+from bumpstop.study.speed_limit import speed_limits
 from bumpstop.study.trajectory_writing import write_csv, write_ros
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -290,3 +291,18 @@ def test_a_waypoint_without_a_safe_speed_is_named() -> None:
     allowed[6] = 0.0
     with pytest.raises(InputError, match="waypoint 7"):
         retime(trajectory, allowed, np.ones(6), np.ones(6))
+
+
+def test_every_slower_speed_is_safe_where_the_body_is_at_a_fixed_distance() -> None:
+    """There the risk is a sawtooth over speed: a limit must lie below its first tooth that fails."""
+    changes = {"contact.offset_law": "fixed", "contact.offset_mm": 11.0, "detector.feedback_period_s": 0.012}
+    case = load_scenario(LINE, changes)
+    problem = Problem.from_scenario(case)
+    direction = problem.velocity / np.linalg.norm(problem.velocity)
+    found = speed_limits(case, problem.q[None], direction[None], np.array([1.0]))
+    assert found.by[0] == "law"
+    slower = found.speed[0] * np.geomspace(0.5, 1.0, 80)
+    poses, limit = np.tile(problem.q, (80, 1)), allowed_force(problem)
+    laws = evaluate_batch(case, poses, slower[:, None] * direction, limits_N=[limit])
+    assert laws.exceedance.max() <= case.verdict.risk
+    assert found.risk[0] == pytest.approx(laws.exceedance[-1, 0])

@@ -152,3 +152,49 @@ def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
     assert 0 < sum(tried) < len(tried)
     # What does not change the path does not change on which side of the singularity it ends.
     assert require(case, "contact.padding").binding != "singularity"
+
+
+_FIXED = {"contact.offset_law": "fixed", "contact.offset_mm": 4.0}
+_SLOW_TICKS = {"detector.feedback_period_s": 0.012, "verdict.risk": 1e-9}
+
+
+@pytest.mark.parametrize(
+    ("vary", "changes", "high"),
+    [
+        # As good as a fixed distance: far less than one tick apart.
+        ("motion.speed", {"contact.offset_law": "half_normal", "contact.offset_sd_s": 2e-4, **_SLOW_TICKS}, None),
+        # A tooth that fails at its point alone, narrower than the distance of the values looked at.
+        ("motion.speed", {"contact.offset_law": "fixed", "contact.offset_mm": 11.0, **_SLOW_TICKS}, None),
+        # The harsh end itself is met, and slower ones are not.
+        ("motion.speed", _FIXED | {"detector.feedback_period_s": 0.004}, 124.072),
+    ],
+)
+def test_every_milder_value_is_met_where_the_risk_is_a_sawtooth(
+    vary: str, changes: dict[str, Any], high: float | None
+) -> None:
+    case = scenario(**changes)
+    found = require(case, vary, high=high)
+    assert found.value is not None
+    milder = np.geomspace(0.5 * found.value, found.value, 60)
+    assert max(over(case, vary, float(value)) for value in milder) <= case.verdict.risk
+
+
+def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> None:
+    """Its ticks are nearer to each other than the distances the body may have."""
+    case = bs.Scenario.from_dict({
+        "robot": "iiwa14",
+        "pose_deg": [20, 37, 9, -77, 24, 68, 0],
+        "motion": {"velocity_mm_s": [-78, 48, -10], "start": "rest"},
+        "contact": {"body": "thigh_knee", "area_cm2": 0.72},
+        "detector": {
+            "thresholds_Nm": [29.3, 17.7, 7.3, 10.0, 21.3, 11.1, 25.6],
+            "noise_sd_Nm": [5.23, 3.16, 1.3, 1.79, 3.8, 1.98, 4.57],
+            "feedback_period_s": 0.001,
+        },
+        "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.84},
+        "verdict": {"risk": 1.8e-5},
+    })  # fmt: skip
+    found = require(case, "contact.padding")
+    assert found.value is not None
+    milder = np.geomspace(found.value / 4, found.value, 40)
+    assert max(over(case, "contact.padding", float(value)) for value in milder) <= case.verdict.risk

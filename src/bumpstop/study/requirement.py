@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError, near_matches
 from bumpstop.study.risk import Risk, VariedRisk
+from bumpstop.study.sawtooth import Teeth, is_sawtooth, pick_up_of
 from bumpstop.study.variable import Range, Variable
 
 if TYPE_CHECKING:
@@ -35,8 +36,12 @@ _SINGULARITY = (
     "a singularity before a collision is noticed for certain: whether it gets across or ends there, with collisions "
     "unnoticed, hangs on the last digits"
 )
-# A fixed offset makes the risk a sawtooth: so many values in each tooth, and so many at most in all.
-_IN_A_TOOTH, _MOST_TEETH_VALUES = 6, 600
+# Of a risk that is a sawtooth so many values are looked at, at most.
+_MOST_TEETH_VALUES = 600
+# How closely a tooth's summit is found, in the logarithm.
+_SUMMIT = 3e-4
+# What changes how an arm gets going from rest.
+_CHANGES_START = ("motion.speed", "reaction.joint_acceleration_rad_s2")
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,8 @@ def require(
     """Find the harshest value of a variable at which the risk is accepted, and at every milder one too.
 
     Harsher is faster, less sensitive, slower to look, slower to brake, or harder. The risk need not grow with it: with
-    a body at a fixed distance it is a sawtooth, which is scanned finely where it may pass what is accepted.
+    a body at a fixed distance, or an arm that starts from rest, it is a sawtooth, which is scanned finely where it may
+    pass what is accepted.
 
     Args:
         scenario: a straight line against a body with limits, with Gaussian noise.
@@ -179,9 +185,9 @@ class _Search:
             value, fails = self._first_failure(self._scan(_FINE_SCAN))
         if fails == self.mildest:
             return self._none(erratic)
+        value, fails = self._refine_teeth(value, fails)
         if fails is None:
             return self._found(value, "range", erratic)
-        value, fails = self._refine_teeth(value, fails)
         value, fails = self._bisect(value, fails, _ERRATIC_PRECISION if erratic else _PRECISION)
         value = self._rounded(value)
         return self._found(value, _binding(self._risk(fails)), erratic)
@@ -214,36 +220,88 @@ class _Search:
     def _quantised(self, value: float) -> float:
         return self.variable.quantised(self.scenario, value)
 
-    def _refine_teeth(self, met: float, fails: float) -> tuple[float, float]:
-        """Look below the first failure for earlier ones, where the body's distance is fixed."""
-        if self.scenario.contact.offset_law != "fixed":
+    def _refine_teeth(self, met: float, fails: float | None) -> tuple[float, float | None]:
+        """Look below the first failure, or the harsh end, for earlier ones, where the risk is a sawtooth."""
+        if not is_sawtooth(self.scenario):
             return met, fails
-        start, finest = self._teeth(fails)
-        count = min(_MOST_TEETH_VALUES, max(2, math.ceil(abs(math.log(fails / start)) / finest)))
-        value = start if self._met(start) else self.mildest
-        for i in range(1, count + 1):
-            candidate = start * (fails / start) ** (i / count)
-            if self.quantum is not None:
-                candidate = self._quantised(candidate)
-            if not self._met(candidate):
-                return value, candidate
-            value = candidate
-        return met, fails
+        last = self.harshest if fails is None else fails
+        while True:
+            candidates = self._with_summits(self._on_teeth(last))
+            first = next((i for i, candidate in enumerate(candidates) if not self._met(candidate)), None)
+            if first is None:
+                return met, fails
+            if first:
+                return candidates[first - 1], candidates[first]
+            # A failure so far down has teeth of its own below it.
+            last = candidates[0]
 
-    def _teeth(self, fails: float) -> tuple[float, float]:
+    def _on_teeth(self, last: float) -> list[float]:
+        """Values close enough together for the teeth below one, from the mildest to itself."""
+        start, apart = self._teeth(last)
+        first, end = self._hardness(start), self._hardness(last)
+        count = min(_MOST_TEETH_VALUES, max(2, math.ceil(abs(math.log(end / first)) / apart)))
+        values = [start, *(self._softened(first * (end / first) ** (i / count)) for i in range(1, count)), last]
+        return values if self.quantum is None else list(dict.fromkeys(self._quantised(value) for value in values))
+
+    def _with_summits(self, values: list[float]) -> list[float]:
+        """The values up to the first that fails, with the summits between them: a tooth may fail at its point alone."""
+        found: list[float] = []
+        for i, value in enumerate(values):
+            found.append(value)
+            if not self._met(value):
+                break
+            beside = values[max(i - 1, 0)], values[min(i + 1, len(values) - 1)]
+            highest = max(_LEAST_RISK, *(self._risk(each).over for each in beside))
+            if self.quantum is None and self._risk(value).over >= highest:
+                found.append(self._summit(*beside))
+        return sorted(found, reverse=not self.upward)
+
+    def _summit(self, low: float, high: float) -> float:
+        """The value of the greatest risk between two, by golden sections, or the first that fails."""
+        golden = (math.sqrt(5) - 1) / 2
+        width = math.log(high / low)
+        inner = [low * math.exp(width * (1 - golden)), low * math.exp(width * golden)]
+        while all(self._met(value) for value in inner) and abs(math.log(high / low)) > _SUMMIT:
+            first_is_higher = self._risk(inner[0]).over > self._risk(inner[1]).over
+            if first_is_higher:
+                high = inner[1]
+                inner = [low * math.exp(math.log(high / low) * (1 - golden)), inner[0]]
+            else:
+                low = inner[0]
+                inner = [inner[1], low * math.exp(math.log(high / low) * golden)]
+        return max(inner, key=lambda value: self._risk(value).over)
+
+    def _teeth(self, last: float) -> tuple[float, float]:
         """Where a sawtooth may first pass the limit, and how far apart in the logarithm its points must be."""
-        problem = self.risks.problem
-        own = 1.0 if self.variable.name == "contact.padding" else self.variable.value(self.scenario)
-        speed = problem.approach_speed * (fails / own if self.variable.name == "motion.speed" else 1.0)
-        period = problem.period_steps * problem.scenario.simulation.step_s
-        if self.variable.name == "detector.feedback_period_s":
-            period = fails
-        travel = speed * period
-        deepest = problem.offset_size + self.risks.force_limit / problem.stiffness
-        share = min(0.6, 3 * problem.stiffness * travel / self.risks.force_limit)
-        start = fails * (1 - share) if self.upward else fails / (1 - share)
-        start = max(start, self.mildest) if self.upward else min(start, self.mildest)
-        return start, travel / deepest / _IN_A_TOOTH
+        problem, name = self.risks.problem, self.variable.name
+        hardness = self._hardness(last)
+        own = self._hardness(self.variable.value(self.scenario)) if name != "contact.padding" else problem.stiffness
+        scale = hardness / own
+        teeth = Teeth.of(
+            problem,
+            self.risks.force_limit,
+            speed=problem.approach_speed * (scale if name == "motion.speed" else 1.0),
+            stiffness=hardness if name == "contact.padding" else problem.stiffness,
+            period=last if name == "detector.feedback_period_s" else None,
+            pick_up=pick_up_of(problem) * (scale if name == "reaction.joint_acceleration_rad_s2" else 1.0),
+        )
+        if self.scenario.motion.start == "rest" and name in _CHANGES_START:
+            # What it changes may be the way before contact alone, and every tooth the same.
+            return self.mildest, teeth.apart
+        start = self._softened(hardness * (1 - teeth.share) if self.upward else hardness / (1 - teeth.share))
+        return max(start, self.mildest) if self.upward else min(start, self.mildest), teeth.apart
+
+    def _hardness(self, value: float) -> float:
+        """What the force is in proportion to: the value itself, or the stiffness of padding and body in series."""
+        if self.variable.name != "contact.padding":
+            return value
+        return 1 / (1 / self.risks.problem.body_stiffness + 1 / value)
+
+    def _softened(self, hardness: float) -> float:
+        """The value of a hardness."""
+        if self.variable.name != "contact.padding":
+            return hardness
+        return 1 / (1 / hardness - 1 / self.risks.problem.body_stiffness)
 
     def _bisect(self, met: float, fails: float, precision: float) -> tuple[float, float]:
         """Narrow the last step down: by straight lines through the logarithms, and by halves where that is slow."""

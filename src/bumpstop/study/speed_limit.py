@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from bumpstop.collision import Problem, evaluate_batch
 from bumpstop.study.arms import Arms
 from bumpstop.study.risk import allowed_force
+from bumpstop.study.sawtooth import Teeth, is_sawtooth
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -20,6 +22,7 @@ SLOWEST = 1e-3  # m/s; slower arms are not looked at
 _FIRST = 5e-3  # m/s; the first guess is no slower: laws of slow arms are long
 # The search ends by itself, mostly after five; late ones look at the middle too, so that none can go on for long.
 _ROUNDS = 48
+_BETWEEN = 8  # parts of a step beside a summit of the risk
 CLOSE = 0.01  # between a speed that is met and one that is not
 
 
@@ -76,7 +79,8 @@ def speed_limits(
     """Find the highest safe speeds along straight lines through poses.
 
     A formula gives the first guess, exact laws decide: every speed returned has been worked out and meets verdict.risk,
-    and one at most 1 % higher does not, unless the cap or the formula for turning joints is lower.
+    and one at most 1 % higher does not, unless the cap or the formula for turning joints is lower. Where the risk is a
+    sawtooth over speed no slower one is left that fails.
 
     Args:
         scenario: a straight line of the tip; its pose and velocity are replaced.
@@ -124,7 +128,71 @@ def speed_limits(
             number,
         )  # fmt: skip
     by = np.where(met >= cap * (1 - 1e-12), "cap", np.where(met > 0, "law", "none"))
+    if is_sawtooth(scenario):
+        slower, more = _below_all_teeth(problem, q, direction, met, risk, gain, threads)
+        by = np.where(slower < met, np.where(slower > 0, "law", "none"), by)
+        met, laws = slower, laws + more
     return SpeedLimits(met, np.where(met > 0, risk, np.nan), by, laws)
+
+
+def _below_all_teeth(
+    problem: Problem, q: FloatArray, direction: FloatArray, met: FloatArray, risk: FloatArray, gain: FloatArray,
+    threads: int,
+) -> tuple[FloatArray, int]:  # fmt: skip
+    """Highest speeds (N,) [m/s] below which no tooth of the risk passes what is accepted, and laws worked out.
+
+    ``risk`` is brought to these speeds.
+    """
+    limit, accepted = allowed_force(problem), problem.scenario.verdict.risk
+    laws = 0
+
+    def risks(trials: dict[int, FloatArray]) -> dict[int, FloatArray]:
+        """Of speeds by row."""
+        nonlocal laws
+        rows = np.repeat(list(trials), [each.size for each in trials.values()])
+        speed = np.concatenate(list(trials.values()))
+        laws += rows.size
+        over = evaluate_batch(
+            problem.scenario, q[rows], direction[rows] * speed[:, None], limits_N=[limit], threads=threads
+        ).exceedance[:, 0]
+        ends = np.cumsum([each.size for each in trials.values()])
+        return dict(zip(trials, np.split(over, ends[:-1]), strict=True))
+
+    top, safe = met.copy(), np.zeros_like(met)
+    open_ = np.flatnonzero(met > 0).tolist()
+    while open_:
+        trials = {}
+        for row in open_:
+            teeth = Teeth.of(problem, limit, speed=float(top[row]), pick_up=float(1 / gain[row]))
+            count = math.ceil(-math.log(1 - teeth.share) / min(teeth.apart, 0.9 * CLOSE))
+            trials[row] = top[row] * (1 - teeth.share) ** (np.arange(count + 1) / count)
+        found = risks(trials)
+        # A tooth may fail at its point alone.
+        summits = {row: _about_summits(trials[row], found[row]) for row in open_ if (found[row] <= accepted).all()}
+        high = risks(summits) if summits else {}
+        again = []
+        for row in open_:
+            failing = trials[row][~(found[row] <= accepted)]
+            if row in summits:
+                failing = summits[row][~(high[row] <= accepted)]
+            if not failing.size:
+                safe[row], risk[row] = trials[row][0], found[row][0]
+                continue
+            lower = trials[row][trials[row] < failing.min()]
+            top[row] = lower[0] if lower.size else failing.min() * (1 - CLOSE)
+            if top[row] >= SLOWEST:
+                again.append(row)
+        open_ = again
+    return safe, laws
+
+
+def _about_summits(speed: FloatArray, risk: FloatArray) -> FloatArray:
+    """Speeds between those beside the greatest risks of their neighbourhood, descending as the speeds given."""
+    beside = np.pad(risk, 1, constant_values=-1.0)
+    summit = np.flatnonzero((risk >= beside[:-2]) & (risk >= beside[2:]))
+    pieces = np.unique(np.concatenate([np.maximum(summit - 1, 0), np.minimum(summit, speed.size - 2)]))
+    share = np.arange(1, _BETWEEN) / _BETWEEN
+    return np.asarray((speed[pieces, None] ** (1 - share) * speed[pieces + 1, None] ** share).ravel())
 
 
 def stop_gain(problem: Problem, rates: FloatArray) -> FloatArray:
