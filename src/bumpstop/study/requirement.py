@@ -40,6 +40,8 @@ _SINGULARITY = (
 _MOST_TEETH_VALUES = 600
 # How closely a tooth's summit is found, in the logarithm.
 _SUMMIT = 3e-4
+# Of the accepted risk: no tooth is so high that a value with less is beside one that fails.
+_SOME_RISK = 1e-6
 # What changes how an arm gets going from rest.
 _CHANGES_START = ("motion.speed", "reaction.joint_acceleration_rad_s2")
 
@@ -285,10 +287,13 @@ class _Search:
             period=last if name == "detector.feedback_period_s" else None,
             pick_up=pick_up_of(problem) * (scale if name == "reaction.joint_acceleration_rad_s2" else 1.0),
         )
-        if self.scenario.motion.start == "rest" and name in _CHANGES_START:
-            # What it changes may be the way before contact alone, and every tooth the same.
-            return self.mildest, teeth.apart
         start = self._softened(hardness * (1 - teeth.share) if self.upward else hardness / (1 - teeth.share))
+        if self.scenario.motion.start == "rest" and name in _CHANGES_START:
+            # What it changes may be the way before contact alone, and every tooth the same: from where there is a risk.
+            known = sorted(self.known, reverse=not self.upward)
+            some = [self._risk(value).over > _SOME_RISK * self.accepted for value in known]
+            first = known[max(some.index(True) - 1, 0)] if any(some) else start
+            start = min(start, first) if self.upward else max(start, first)
         return max(start, self.mildest) if self.upward else min(start, self.mildest), teeth.apart
 
     def _hardness(self, value: float) -> float:
