@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import platform
 import sys
 import time
@@ -103,23 +104,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }
     sections: list[Findings] = []
     begin = time.perf_counter()
-    interrupted = False
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         for number, name in enumerate(names, start=1):
             sections.append(run(name, quick=options.quick))
             # Hours may lie between the first comparison and the last: what is found stands on the page at once.
             made_by["time"] = f"{time.perf_counter() - begin:.0f} s"
             page.write(options.out, sections, made_by, not_run=names[number:])
-    except KeyboardInterrupt:
-        interrupted = True
     checks = [check for findings in sections for check in findings.checks]
     failed = [check for check in checks if not check.passed]
     where = f"{made_by['time']}; {options.out / 'index.html'}" if sections else "nothing is written"
     print(f"\n{len(checks) - len(failed)} of {len(checks)} checks pass; {where}")
     for check in failed:
         print(f"  {check.line}")
-    if interrupted:
-        print(f"interrupted; not run: {', '.join(names[len(sections) :])}")
+    if not_run := names[len(sections) :]:
+        print(f"interrupted; not run: {', '.join(not_run)}")
         return 130
     return 0 if all(findings.passed for findings in sections) else 1
 

@@ -101,7 +101,6 @@ def evaluate_batch(
         raise InputError(
             f"contact.{key}", "batches are computed for contact at the tip along the motion only", "leave it out"
         )
-    contact = scenario.contact
     size = {
         "half_normal": contact.offset_sd_s,
         "uniform": problem.period_steps * scenario.simulation.step_s,
