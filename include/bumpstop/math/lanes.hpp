@@ -60,17 +60,55 @@ inline constexpr int native_lanes = 4;
 inline constexpr int native_lanes = 2;
 #endif
 
+#if defined(__AVX512F__)
+/// Intrinsics that need no mask read an undefined register in the header of gcc 12, which then warns of it; those that
+/// set lanes to zero, given every lane, become the same instruction.
+inline constexpr __mmask8 all_lanes = 0xFF;
+#endif
+
 /// N truth values, all bits of a lane set or none.
 template <int N>
 struct Mask {
+    using Real = typename Register<N>::Real;
     using Int = typename Register<N>::Int;
     Int bits;
 
+    static Mask less(Real a, Real b) { return {a < b}; }
+    static Mask at_most(Real a, Real b) { return {a <= b}; }
+    static Mask equal(Real a, Real b) { return {a == b}; }
+    static Mask equal(Int a, Int b) { return {a == b}; }
+    Real choose(Real a, Real b) const {
+#if defined(__AVX__)
+        // All bits of a lane are alike; gcc compares them with zero once more.
+        if constexpr (N == 4) return _mm256_blendv_pd(b, a, (__m256d)bits);
+#endif
+        return bits ? a : b;
+    }
     friend Mask operator&(Mask a, Mask b) { return {a.bits & b.bits}; }
     friend Mask operator|(Mask a, Mask b) { return {a.bits | b.bits}; }
     friend Mask operator!(Mask a) { return {~a.bits}; }
     bool operator[](int lane) const { return bits[lane] != 0; }
 };
+
+#if defined(__AVX512F__)
+/// AVX-512 compares into registers of their own, a bit for each lane; spread over a vector, they would be compared anew.
+template <>
+struct Mask<8> {
+    using Real = Register<8>::Real;
+    using Int = Register<8>::Int;
+    __mmask8 bits;
+
+    static Mask less(Real a, Real b) { return {_mm512_cmp_pd_mask(a, b, _CMP_LT_OQ)}; }
+    static Mask at_most(Real a, Real b) { return {_mm512_cmp_pd_mask(a, b, _CMP_LE_OQ)}; }
+    static Mask equal(Real a, Real b) { return {_mm512_cmp_pd_mask(a, b, _CMP_EQ_OQ)}; }
+    static Mask equal(Int a, Int b) { return {_mm512_cmpeq_epi64_mask((__m512i)a, (__m512i)b)}; }
+    Real choose(Real a, Real b) const { return _mm512_mask_blend_pd(bits, b, a); }
+    friend Mask operator&(Mask a, Mask b) { return {__mmask8(a.bits & b.bits)}; }
+    friend Mask operator|(Mask a, Mask b) { return {__mmask8(a.bits | b.bits)}; }
+    friend Mask operator!(Mask a) { return {__mmask8(~a.bits)}; }
+    bool operator[](int lane) const { return (bits >> lane & 1) != 0; }
+};
+#endif
 
 /// N integers of 64 bits.
 template <int N>
@@ -91,7 +129,7 @@ struct IntLanes {
     friend IntLanes operator|(IntLanes a, IntLanes b) { return of(a.v | b.v); }
     friend IntLanes operator^(IntLanes a, IntLanes b) { return of(a.v ^ b.v); }
     friend IntLanes operator<<(IntLanes a, int n) { return of(a.v << n); }
-    friend Mask<N> operator==(IntLanes a, IntLanes b) { return {a.v == b.v}; }
+    friend Mask<N> operator==(IntLanes a, IntLanes b) { return Mask<N>::equal(a.v, b.v); }
 };
 
 /// N doubles.
@@ -124,11 +162,11 @@ struct Lanes {
     Lanes& operator+=(Lanes b) { return v += b.v, *this; }
     Lanes& operator-=(Lanes b) { return v -= b.v, *this; }
     Lanes& operator*=(Lanes b) { return v *= b.v, *this; }
-    friend Mask<N> operator<(Lanes a, Lanes b) { return {a.v < b.v}; }
-    friend Mask<N> operator>(Lanes a, Lanes b) { return {a.v > b.v}; }
-    friend Mask<N> operator<=(Lanes a, Lanes b) { return {a.v <= b.v}; }
-    friend Mask<N> operator>=(Lanes a, Lanes b) { return {a.v >= b.v}; }
-    friend Mask<N> operator==(Lanes a, Lanes b) { return {a.v == b.v}; }
+    friend Mask<N> operator<(Lanes a, Lanes b) { return Mask<N>::less(a.v, b.v); }
+    friend Mask<N> operator>(Lanes a, Lanes b) { return Mask<N>::less(b.v, a.v); }
+    friend Mask<N> operator<=(Lanes a, Lanes b) { return Mask<N>::at_most(a.v, b.v); }
+    friend Mask<N> operator>=(Lanes a, Lanes b) { return Mask<N>::at_most(b.v, a.v); }
+    friend Mask<N> operator==(Lanes a, Lanes b) { return Mask<N>::equal(a.v, b.v); }
 };
 
 /// What differs between a double and a lane: the mask, the integer of the same size, and how many there are.
@@ -173,11 +211,7 @@ IntLanes<N> shifted_right(IntLanes<N> x, int n) {
 inline double select(bool m, double a, double b) { return m ? a : b; }
 template <int N>
 Lanes<N> select(Mask<N> m, Lanes<N> a, Lanes<N> b) {
-#if defined(__AVX__)
-    // All bits of a lane are alike; gcc compares them with zero once more.
-    if constexpr (N == 4) return Lanes<N>::of(_mm256_blendv_pd(b.v, a.v, (__m256d)m.bits));
-#endif
-    return Lanes<N>::of(m.bits ? a.v : b.v);
+    return Lanes<N>::of(m.choose(a.v, b.v));
 }
 
 inline bool any(bool m) { return m; }
@@ -185,7 +219,7 @@ inline bool all(bool m) { return m; }
 template <int N>
 bool any(Mask<N> m) {
 #if defined(__AVX512F__)
-    if constexpr (N == 8) return _mm512_test_epi64_mask((__m512i)m.bits, (__m512i)m.bits) != 0;
+    if constexpr (N == 8) return m.bits != 0;
 #endif
 #if defined(__AVX__)
     if constexpr (N == 4) return _mm256_movemask_pd((__m256d)m.bits) != 0;
@@ -193,9 +227,9 @@ bool any(Mask<N> m) {
 #if defined(__SSE2__)
     if constexpr (N == 2) return _mm_movemask_pd((__m128d)m.bits) != 0;
 #endif
-    std::int64_t set = 0;
-    for (int lane = 0; lane < N; ++lane) set |= m.bits[lane];
-    return set != 0;
+    bool set = false;
+    for (int lane = 0; lane < N; ++lane) set |= m[lane];
+    return set;
 }
 template <int N>
 bool all(Mask<N> m) {
@@ -206,16 +240,22 @@ inline double minimum(double a, double b) { return a < b ? a : b; }
 inline double maximum(double a, double b) { return a > b ? a : b; }
 template <int N>
 Lanes<N> minimum(Lanes<N> a, Lanes<N> b) {
-#if defined(__AVX__)
     // The second of the two where one is NaN, as below.
+#if defined(__AVX512F__)
+    if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_min_pd(all_lanes, a.v, b.v));
+#endif
+#if defined(__AVX__)
     if constexpr (N == 4) return Lanes<N>::of(_mm256_min_pd(a.v, b.v));
 #endif
     return Lanes<N>::of(a.v < b.v ? a.v : b.v);
 }
 template <int N>
 Lanes<N> maximum(Lanes<N> a, Lanes<N> b) {
-#if defined(__AVX__)
     // The second of the two where one is NaN, as below.
+#if defined(__AVX512F__)
+    if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_max_pd(all_lanes, a.v, b.v));
+#endif
+#if defined(__AVX__)
     if constexpr (N == 4) return Lanes<N>::of(_mm256_max_pd(a.v, b.v));
 #endif
     return Lanes<N>::of(a.v > b.v ? a.v : b.v);
@@ -232,7 +272,7 @@ inline double square_root(double x) { return std::sqrt(x); }
 template <int N>
 Lanes<N> square_root(Lanes<N> x) {
 #if defined(__AVX512F__)
-    if constexpr (N == 8) return Lanes<N>::of(_mm512_sqrt_pd(x.v));
+    if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_sqrt_pd(all_lanes, x.v));
 #endif
 #if defined(__AVX__)
     if constexpr (N == 4) return Lanes<N>::of(_mm256_sqrt_pd(x.v));

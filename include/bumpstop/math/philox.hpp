@@ -17,7 +17,8 @@ IntLanes<N> multiply_low_words(IntLanes<N> a, std::uint32_t b) {
     const typename Register<N>::Int factor = typename Register<N>::Int{} + std::int64_t(b);
 #if defined(__AVX512F__)
     if constexpr (N == 8)
-        return IntLanes<N>::of((typename Register<N>::Int)_mm512_mul_epu32((__m512i)a.v, (__m512i)factor));
+        return IntLanes<N>::of(
+            (typename Register<N>::Int)_mm512_maskz_mul_epu32(all_lanes, (__m512i)a.v, (__m512i)factor));
 #endif
 #if defined(__AVX2__)
     if constexpr (N == 4)

@@ -89,19 +89,20 @@ inline void collect(Lanes<4> even, Lanes<4> odd, double* to) {
 inline Point3<Lanes<8>> gathered8(const double* v, int stride) {
     const Point3<Lanes<4>> low = gathered(v, stride), high = gathered(v + 4 * stride, stride);
     const auto both = [](Lanes<4> a, Lanes<4> b) {
-        return Lanes<8>::of(_mm512_insertf64x4(_mm512_castpd256_pd512(a.v), b.v, 1));
+        return Lanes<8>::of(_mm512_maskz_insertf64x4(all_lanes, _mm512_castpd256_pd512(a.v), b.v, 1));
     };
     return {both(low.x, high.x), both(low.y, high.y), both(low.z, high.z)};
 }
 /// The lanes moved up, or down, and zeros in what becomes free.
 template <int by>
 Lanes<8> moved_up(Lanes<8> v) {
-    return Lanes<8>::of(
-        _mm512_castsi512_pd(_mm512_alignr_epi64(_mm512_castpd_si512(v.v), _mm512_setzero_si512(), 8 - by)));
+    return Lanes<8>::of(_mm512_castsi512_pd(
+        _mm512_maskz_alignr_epi64(all_lanes, _mm512_castpd_si512(v.v), _mm512_setzero_si512(), 8 - by)));
 }
 template <int by>
 Lanes<8> moved_down(Lanes<8> v) {
-    return Lanes<8>::of(_mm512_castsi512_pd(_mm512_alignr_epi64(_mm512_setzero_si512(), _mm512_castpd_si512(v.v), by)));
+    return Lanes<8>::of(_mm512_castsi512_pd(
+        _mm512_maskz_alignr_epi64(all_lanes, _mm512_setzero_si512(), _mm512_castpd_si512(v.v), by)));
 }
 inline Lanes<8> sum_before(Lanes<8> v) {
     const Lanes<8> one = moved_up<1>(v), two = v + one, four = two + moved_up<2>(two);
