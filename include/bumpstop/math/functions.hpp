@@ -5,6 +5,7 @@
 
 #include "bumpstop/math/erfc_coefficients.hpp"
 #include "bumpstop/math/lanes.hpp"
+#include "bumpstop/math/sincos_coefficients.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -37,35 +38,17 @@ struct SinCos {
     T sin, cos;
 };
 
-/// sin x and cos x, |x| <= 1e5 rad. Reduction by three parts of pi/2 (Cody and Waite), then the Taylor series
-/// of degree 17 and 18 on [-pi/4, pi/4], whose remainder is below 1e-18.
+/// sin x and cos x, |x| <= 1e5 rad. Reduction by three parts of pi/2 (Cody and Waite), then polynomials on
+/// [-pi/4, pi/4] that are wrong by a tenth of a rounding: see tools/sincos_coefficients.py.
 template <class T>
 SinCos<T> sincos(T x) {
     constexpr double part1 = 0x1.921fb544p+0, part2 = 0x1.0b4611a6p-34, part3 = 0x1.3198a2e037073p-69;
     const T shifted = x * 0.63661977236758134308 + rounding_shift;
     const T n = shifted - rounding_shift;
     const T r = ((x - n * part1) - n * part2) - n * part3;
-    constexpr double s[] = {-1.0 / 6,
-                            1.0 / 120,
-                            -1.0 / 5040,
-                            1.0 / 362880,
-                            -1.0 / 39916800,
-                            1.0 / 6227020800.0,
-                            -1.0 / 1307674368000.0,
-                            1.0 / 355687428096000.0};
-    constexpr double c[] = {1.0 / 24,
-                            -1.0 / 720,
-                            1.0 / 40320,
-                            -1.0 / 3628800,
-                            1.0 / 479001600.0,
-                            -1.0 / 87178291200.0,
-                            1.0 / 20922789888000.0,
-                            -1.0 / 6402373705728000.0};
     const T square = r * r;
-    const T sine = r + r * square * polynomial(s, square);
-    const T half = 0.5 * square;
-    const T one_minus = 1.0 - half;
-    const T cosine = one_minus + ((1.0 - one_minus) - half + square * square * polynomial(c, square));
+    const T sine = r + r * square * polynomial(sincos_polynomial::sine, square);
+    const T cosine = 1.0 + square * (square * polynomial(sincos_polynomial::cosine, square) - 0.5);
     const IntOf<T> quadrant = bits_of(shifted);
     const auto odd = (quadrant & IntOf<T>(1)) == IntOf<T>(1);
     const T a = select(odd, cosine, sine), b = select(odd, sine, cosine);

@@ -35,6 +35,11 @@ struct JointTurn {
         const T y = v.y * ca + v.z * sa;
         return {v.x * c + y * s, y * c - v.x * s, v.z * ca - v.y * sa};
     }
+    /// Of a vector along z.
+    Point3<T> axis_outward(const T& z) const {
+        const T y = z * sa;
+        return {y * s, y * c, z * ca};
+    }
 };
 
 template <class T>
@@ -58,33 +63,61 @@ void carry_inward(const Chain& chain, const Inertias& inertias, const T* q, cons
     n = {n.x + f.z * d[1], n.y - f.z * d[0], n.z + (f.y * d[0] - f.x * d[1])};
 }
 
+/// Of the moment that carry_inward gives, the part about the axis of joint i - 1, which turns.
+template <class T>
+T axial_moment_inward(const Chain& chain, const Inertias& inertias, const JointAngles<T>& angle, int i,
+                      const Point3<T>& f, const Point3<T>& n) {
+    const JointTurn<T> turn(chain.joint[i], angle.cos[i], angle.sin[i]);
+    const auto& d = inertias.displacement[i];
+    const T y = f.x * turn.s + f.y * turn.c;
+    const T fx = f.x * turn.c - f.y * turn.s, fy = y * turn.ca - f.z * turn.sa;
+    return (n.x * turn.s + n.y * turn.c) * turn.sa + n.z * turn.ca + (fy * d[0] - fx * d[1]);
+}
+
 template <bool Slides, class T>
 void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle, const T* qd,
                   const T* qdd, const Vector3& gravity, T* tau) noexcept {
     const T zero = 0.0;
     Point3<T> force[max_joints], moment[max_joints];  // on the links, in their frames, about their origins
-    // Of the link: angular velocity, its rate, and the acceleration of its origin against free fall.
+    auto turn_of = [&](int i) { return JointTurn<T>(chain.joint[i], angle.cos[i], angle.sin[i]); };
+    // Of the link: angular velocity, its rate, and the acceleration of its origin against free fall; before its own joint
+    // adds to them.
     Point3<T> w{zero, zero, zero}, wd = w;
-    Point3<T> a = into_first_frame(chain, Point3<T>{T(-gravity[0]), T(-gravity[1]), T(-gravity[2])});
-    for (int i = 0;; ++i) {
+    Point3<T> a =
+        turn_of(0).outward(into_first_frame(chain, Point3<T>{T(-gravity[0]), T(-gravity[1]), T(-gravity[2])}));
+    // A first link that turns about its fixed axis needs but the moment about it.
+    const bool first_turns = !Slides || !chain.joint[0].prismatic;
+    T about_first = zero;
+    if (first_turns) {
+        const MassMoments<double>& mass = inertias.link[0];
+        about_first = a.y * mass.first[0] - a.x * mass.first[1] + qdd[0] * (mass.xx + mass.yy + inertias.rotor[0]);
+        if (chain.dof == 1) {
+            tau[0] = about_first;
+            return;
+        }
+        const auto& d = inertias.displacement[1];
+        const T zz = qd[0] * qd[0];
+        const JointTurn<T> turn = turn_of(1);
+        a = turn.outward({a.x - (qdd[0] * d[1] + zz * d[0]), a.y + (qdd[0] * d[0] - zz * d[1]), a.z});
+        w = turn.axis_outward(qd[0]);
+        wd = turn.axis_outward(qdd[0]);
+    }
+    const int first = first_turns ? 1 : 0;
+    for (int i = first;; ++i) {
         const Chain::Joint& joint = chain.joint[i];
         const MassMoments<double>& mass = inertias.link[i];
-        const JointTurn<T> turn(joint, angle.cos[i], angle.sin[i]);
-        a = turn.outward(a);
-        if (i > 0) {
-            w = turn.outward(w);
-            wd = turn.outward(wd);
-        }
         if (!Slides || !joint.prismatic) {
             wd = {wd.x + w.y * qd[i], wd.y - w.x * qd[i], wd.z + qdd[i]};
             w.z += qd[i];
         }
         // A point at r has the acceleration a + U r, with these for U; of its diagonal the negative.
-        const T xx = w.x * w.x, yy = w.y * w.y, zz = w.z * w.z;
+        // Every product is part of several sums.
+        const T xx = unfused(w.x * w.x), yy = unfused(w.y * w.y), zz = unfused(w.z * w.z);
+        const T xy = unfused(w.x * w.y), xz = unfused(w.x * w.z), yz = unfused(w.y * w.z);
         const T minus_uxx = yy + zz, minus_uyy = zz + xx, minus_uzz = xx + yy;
-        const T uxy = w.x * w.y - wd.z, uyx = w.x * w.y + wd.z;
-        const T uzx = w.x * w.z - wd.y, uxz = w.x * w.z + wd.y;
-        const T uyz = w.y * w.z - wd.x, uzy = w.y * w.z + wd.x;
+        const T uxy = xy - wd.z, uyx = xy + wd.z;
+        const T uzx = xz - wd.y, uxz = xz + wd.y;
+        const T uyz = yz - wd.x, uzy = yz + wd.x;
         const double hx = mass.first[0], hy = mass.first[1];
         force[i] = {uxy * hy - minus_uxx * hx, uyx * hx - minus_uyy * hy, uzx * hx + uzy * hy};
         // First moment times a, and the part of the integral of (r x U r) dm that `zz` has no share in.
@@ -106,14 +139,25 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, cons
         const auto& d = inertias.displacement[i + 1];
         a = {a.x + (uxy * d[1] - minus_uxx * d[0]), a.y + (uyx * d[0] - minus_uyy * d[1]),
              a.z + (uzx * d[0] + uzy * d[1])};
+        const JointTurn<T> turn = turn_of(i + 1);
+        a = turn.outward(a);
+        w = turn.outward(w);
+        wd = turn.outward(wd);
     }
     Point3<T> f{zero, zero, zero}, n = f;
     for (int i = chain.dof - 1;; --i) {
         f = f + force[i];
         n = n + moment[i];
         tau[i] = (Slides && chain.joint[i].prismatic ? f.z : n.z) + qdd[i] * inertias.rotor[i];
-        if (i == 0) break;
+        if (i == first) break;
         carry_inward<Slides>(chain, inertias, q, angle, i, f, n);
+    }
+    if (!first_turns) return;
+    if (Slides && chain.joint[1].prismatic) {
+        carry_inward<Slides>(chain, inertias, q, angle, 1, f, n);
+        tau[0] = about_first + n.z;
+    } else {
+        tau[0] = about_first + axial_moment_inward(chain, inertias, angle, 1, f, n);
     }
 }
 
