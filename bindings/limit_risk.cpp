@@ -14,11 +14,9 @@ using L = NativeLanes;
 LinePath traced(const Setup& setup, const double* q, Vector velocity, const ThresholdDetector& detector,
                 double stiffness, const CertainDetection<double>& certain, double largest) {
     if (detector.remembers()) return trace_line(setup, q, velocity, certain);
-    L start[max_joints];
-    for (int j = 0; j < setup.chain.dof; ++j) start[j] = q[j];
+    const LineJob job{q, {velocity(0), velocity(1), velocity(2)}, largest};
     LinePath path;
-    LaneTracer<L>(setup.chain, setup.motion, setup.contact, setup.timing, detector, stiffness, largest)
-        .trace(start, Point3<L>{velocity(0), velocity(1), velocity(2)}, &path, 1);
+    LaneTracer<L>(setup.chain, setup.motion, setup.contact, setup.timing, detector, stiffness).trace(&job, &path, 1);
     return path;
 }
 

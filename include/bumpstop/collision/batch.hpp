@@ -106,9 +106,13 @@ struct BatchWorker {
     }
 
     std::vector<BatchLaw<L>> law;  ///< by lane
+    std::vector<LinePath> path;    ///< of the poses that are traced together
     StoppingCurve curve[Scalar<L>::lanes];
     std::vector<double> probability[Scalar<L>::lanes];
 };
+
+/// Registers full of poses that are traced together at most: their paths stay near.
+inline constexpr int longest_round = 4;
 
 /// A pose whose path could not begin.
 inline void write_nothing(const BatchProblem& problem, std::size_t pose, const BatchResult& out) {
@@ -141,45 +145,56 @@ void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const
     out.no_contact[pose] = law.no_contact;
 }
 
+/// The paths of `count` poses into worker.path.
 template <class L>
-void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick, const int* pose_of_lane, int count,
-                 const BatchResult& out) {
+void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, bool quick, const int* poses, int count) {
     constexpr int lanes = Scalar<L>::lanes;
-    const int dof = problem.chain->dof;
-    L q[max_joints];
-    Point3<L> velocity;
-    for (int lane = 0; lane < lanes; ++lane) {
-        const int pose = pose_of_lane[std::min(lane, count - 1)];
-        for (int j = 0; j < dof; ++j) set_lane(q[j], lane, problem.q[std::size_t(pose) * dof + j]);
-        set_lane(velocity.x, lane, problem.velocity[3 * std::size_t(pose)]);
-        set_lane(velocity.y, lane, problem.velocity[3 * std::size_t(pose) + 1]);
-        set_lane(velocity.z, lane, problem.velocity[3 * std::size_t(pose) + 2]);
-    }
-    // The offset's size follows from the approach speed, which is the tool's own speed along its line.
-    L largest;
-    for (int lane = 0; lane < lanes; ++lane) {
-        const double* v = problem.velocity + 3 * std::size_t(pose_of_lane[std::min(lane, count - 1)]);
+    const Timing& timing = *problem.timing;
+    std::vector<LineJob> jobs;
+    for (int i = 0; i < count; ++i) {
+        const double* v = problem.velocity + 3 * std::size_t(poses[i]);
+        // The offset's size follows from the approach speed, which is the tool's own speed along its line.
         const double speed = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
         const double size = problem.offset_size * (problem.offset_kind == OffsetKind::fixed ? 1.0 : speed);
-        set_lane(largest, lane, OffsetLaw{problem.offset_kind, size}.largest());
+        jobs.push_back({problem.q + std::size_t(poses[i]) * problem.chain->dof,
+                        {v[0], v[1], v[2]},
+                        OffsetLaw{problem.offset_kind, size}.largest()});
     }
-    StoppingCurve* curve = worker.curve;
-    LinePath path[lanes];
+    worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
     if (quick) {
-        LaneTracer<L> tracer(*problem.chain, *problem.motion, *problem.contact, *problem.timing, *problem.detector,
-                             problem.stiffness, largest);
-        tracer.trace(q, velocity, path, count);
-    } else {
-        CertainDetection<L> finished(*problem.detector, *problem.timing, problem.motion->step, problem.stiffness,
-                                     largest);
-        LineTracer<L, CertainDetection<L>> tracer(*problem.chain, *problem.motion, *problem.contact, *problem.timing,
-                                                  finished);
-        tracer.trace(q, velocity, path, count);
+        LaneTracer<L>(*problem.chain, *problem.motion, *problem.contact, timing, *problem.detector, problem.stiffness)
+            .trace(jobs.data(), worker.path.data(), count);
+        return;
     }
+    for (int first = 0; first < count; first += lanes) {
+        const int here = std::min(lanes, count - first);
+        L q[max_joints], largest;
+        Point3<L> velocity;
+        for (int lane = 0; lane < lanes; ++lane) {
+            const LineJob& job = jobs[std::size_t(first + std::min(lane, here - 1))];
+            for (int j = 0; j < problem.chain->dof; ++j) set_lane(q[j], lane, job.q[j]);
+            set_lane(velocity.x, lane, job.velocity[0]);
+            set_lane(velocity.y, lane, job.velocity[1]);
+            set_lane(velocity.z, lane, job.velocity[2]);
+            set_lane(largest, lane, job.largest_offset);
+        }
+        CertainDetection<L> finished(*problem.detector, timing, problem.motion->step, problem.stiffness, largest);
+        LineTracer<L, CertainDetection<L>>(*problem.chain, *problem.motion, *problem.contact, timing, finished)
+            .trace(q, velocity, &worker.path[std::size_t(first)], here);
+    }
+}
+
+/// The laws of poses whose paths are traced.
+template <class L>
+void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick, const int* pose_of_lane,
+                 LinePath* path, int count, const BatchResult& out) {
+    constexpr int lanes = Scalar<L>::lanes;
+    const int dof = problem.chain->dof;
+    StoppingCurve* curve = worker.curve;
     OffsetLaw offset[lanes];
     bool collided[lanes];
     for (int lane = 0; lane < count; ++lane) {
-        curve[lane].path = std::move(path[lane]);
+        std::swap(curve[lane].path, path[lane]);  // both keep their memory for the next pose
         const LinePath& traced = curve[lane].path;
         offset[lane] = {problem.offset_kind, problem.offset_kind == OffsetKind::fixed
                                                  ? problem.offset_size
@@ -219,20 +234,28 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
 
 }  // namespace detail
 
-/// All poses, in registers handed to `threads` threads. Which thread takes a register does not touch its
-/// numbers.
+/// All poses, in rounds handed to `threads` threads. Which thread takes a round, and which poses are in it, does not touch
+/// a pose's numbers.
 template <class L>
 void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult& out) {
     constexpr int lanes = Scalar<L>::lanes;
     const std::vector<int> order = detail::order_of_work<L>(problem);
     const AlarmTable alarms(*problem.detector);
     const bool quick = BatchLaw<L>::suits(*problem.detector, alarms, problem.offset_kind);
+    // Lanes that follow their lines take one pose after another, so a round is best long, and short enough for no thread to
+    // be left with the last.
+    const int share = problem.poses / (8 * threads * lanes);
+    const int round = lanes * std::clamp(share, 1, detail::longest_round);
     std::atomic<int> next{0};
     auto work = [&] {
         detail::BatchWorker<L> worker(problem, alarms);
-        for (int first = lanes * next++; first < problem.poses; first = lanes * next++)
-            detail::batch_group<L>(problem, worker, quick, &order[std::size_t(first)],
-                                   std::min(lanes, problem.poses - first), out);
+        for (int begin = round * next++; begin < problem.poses; begin = round * next++) {
+            const int end = std::min(begin + round, problem.poses);
+            detail::trace_poses(problem, worker, quick, &order[std::size_t(begin)], end - begin);
+            for (int first = begin; first < end; first += lanes)
+                detail::batch_group<L>(problem, worker, quick, &order[std::size_t(first)],
+                                       &worker.path[std::size_t(first - begin)], std::min(lanes, end - first), out);
+        }
     };
     std::vector<std::thread> crew;
     for (int i = 1; i < threads; ++i) crew.emplace_back(work);

@@ -8,56 +8,58 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
+/// A line to follow, until a body at `largest_offset` would have been noticed for certain.
+struct LineJob {
+    const double* q = nullptr;  ///< joint positions it starts in
+    Vector3 velocity{};         ///< of the tool [m/s]
+    double largest_offset = 0;  ///< m
+};
+
 /// What `LineTracer` with `CertainDetection` finds, for a detector whose noise and residual remember nothing. Lanes whose
-/// joints lag behind, because their accelerations are limited, leap as well, and no lane waits for another. Positions
-/// inside a leap are read from its polynomial, a register of moments of one lane at a time.
+/// joints lag behind, because their accelerations are limited, leap as well, and no lane waits for another: each takes the
+/// next line as soon as it is done with one. Positions inside a leap are read from its polynomial, a register of moments of
+/// one lane at a time.
 template <class T>
 class LaneTracer {
   public:
-    /// A path is followed until a body at `largest_offset`, by lane, would have been noticed for certain.
     LaneTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing,
-               const ThresholdDetector& detector, double stiffness, T largest_offset)
+               const ThresholdDetector& detector, double stiffness)
         : chain_(chain),
           motion_(motion),
           contact_(contact),
           timing_(timing),
           detector_(detector),
           stiffness_(stiffness),
-          largest_(largest_offset),
           stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
           arm_(chain, motion, BrakingArm<T>::Kind::follows) {}
 
-    /// As of `LineTracer::trace`.
-    void trace(const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
-        const LineStart<T> line = begin_line(chain_, motion_, contact_, timing_, q, velocity, paths, count);
-        arm_.state = line.state;
-        arm_.target = velocity;
-        int busy = count;
+    /// As of `LineTracer::trace`, for any number of lines.
+    void trace(const LineJob* jobs, LinePath* paths, int count) {
+        begin(jobs, paths, count);
+        int next = 0, busy = std::min(lanes, count);
         for (int lane = 0; lane < lanes; ++lane) {
-            arm_.begin(lane, tracing_leap_tolerance);
-            lane_[lane] = Lane{};
-            if (lane >= count) continue;
-            Lane& at = lane_[lane];
-            at.path = &paths[lane];
-            at.last_step = timing_.steps + timing_.latency;
-            at.start = {T(lane_of(line.point.x, lane)), T(lane_of(line.point.y, lane)), T(lane_of(line.point.z, lane))};
-            at.normal = {T(lane_of(line.normal.x, lane)), T(lane_of(line.normal.y, lane)),
-                         T(lane_of(line.normal.z, lane))};
-            for (int j = 0; j < chain_.dof; ++j) at.q[j] = lane_of(q[j], lane);
+            // Lanes without a line of their own stand where the last one began.
+            load(lane, jobs, paths, std::min(lane, count - 1));
+            if (lane >= count) lane_[lane].path = nullptr;
         }
-        int most[lanes] = {}, gone[lanes];
+        next = busy;
+        int most[lanes], gone[lanes];
         T margin;
         auto look = [&] { margin = detail::least_margin(motion_, arm_.state.q); };
         auto accept = [](int, int) { return true; };
-        arm_.advance(most, gone, look, accept);
-        for (int lane = 0; lane < count; ++lane) {
-            if (!take(lane, 0, lane_of(margin, lane))) --busy;
-        }
         while (busy > 0) {
             for (int lane = 0; lane < lanes; ++lane) most[lane] = longest(lane);
             arm_.advance(most, gone, look, accept);
-            for (int lane = 0; lane < count; ++lane) {
-                if (gone[lane] > 0 && !take(lane, gone[lane], lane_of(margin, lane))) --busy;
+            for (int lane = 0; lane < lanes; ++lane) {
+                Lane& at = lane_[lane];
+                if (at.path == nullptr || (at.begun && gone[lane] == 0)) continue;
+                at.begun = true;
+                if (take(lane, gone[lane], lane_of(margin, lane))) continue;
+                if (next < count) {
+                    load(lane, jobs, paths, next++);
+                } else {
+                    --busy;
+                }
             }
         }
     }
@@ -69,11 +71,56 @@ class LaneTracer {
         LinePath* path = nullptr;  ///< null: the lane is done
         int gone = 0;              ///< sub-steps
         int last_step = 0;
+        bool begun = false;    ///< the arm has been looked at
         bool careful = false;  ///< every step is kept
-        double survival = 1;   ///< of the farthest body
+        double largest_offset = 0;
+        double survival = 1;  ///< of the farthest body
         Point3<T> start, normal;
         double q[max_joints];  ///< where held joints stay
     };
+
+    /// Begins all paths, and keeps the rates they begin with.
+    void begin(const LineJob* jobs, LinePath* paths, int count) {
+        first_rate_.resize(std::size_t(count) * chain_.dof);
+        for (int first = 0; first < count; first += lanes) {
+            const int here = std::min(lanes, count - first);
+            T q[max_joints];
+            Point3<T> velocity;
+            for (int lane = 0; lane < lanes; ++lane) {
+                const LineJob& job = jobs[first + std::min(lane, here - 1)];
+                for (int j = 0; j < chain_.dof; ++j) set_lane(q[j], lane, job.q[j]);
+                set_point(velocity, lane, job.velocity);
+            }
+            const LineStart<T> line = begin_line(chain_, motion_, contact_, timing_, q, velocity, paths + first, here);
+            for (int lane = 0; lane < here; ++lane)
+                for (int j = 0; j < chain_.dof; ++j)
+                    first_rate_[std::size_t(first + lane) * chain_.dof + j] = lane_of(line.state.qd[j], lane);
+        }
+    }
+
+    void load(int lane, const LineJob* jobs, LinePath* paths, int i) {
+        const LinePath& path = paths[i];
+        for (int j = 0; j < chain_.dof; ++j) {
+            set_lane(arm_.state.q[j], lane, jobs[i].q[j]);
+            set_lane(arm_.state.qd[j], lane, first_rate_[std::size_t(i) * chain_.dof + j]);
+        }
+        set_point(arm_.target, lane, path.velocity);
+        arm_.begin(lane, tracing_leap_tolerance);
+        Lane& at = lane_[lane];
+        at = Lane{};
+        at.path = &paths[i];
+        at.last_step = timing_.steps + timing_.latency;
+        at.largest_offset = jobs[i].largest_offset;
+        at.start = {T(path.start[0]), T(path.start[1]), T(path.start[2])};
+        at.normal = {T(path.normal[0]), T(path.normal[1]), T(path.normal[2])};
+        std::copy_n(jobs[i].q, chain_.dof, at.q);
+    }
+
+    static void set_point(Point3<T>& point, int lane, const Vector3& value) {
+        set_lane(point.x, lane, value[0]);
+        set_lane(point.y, lane, value[1]);
+        set_lane(point.z, lane, value[2]);
+    }
 
     int longest(int lane) const {
         const Lane& at = lane_[lane];
@@ -154,7 +201,7 @@ class LaneTracer {
 
     /// Probability that a body at the largest offset goes unnoticed at each of a lane's moments.
     T silence(int lane, const T& s, const T* torque) const {
-        const T force = maximum(s - lane_of(largest_, lane), T(0.0)) * stiffness_;
+        const T force = maximum(s - lane_[lane].largest_offset, T(0.0)) * stiffness_;
         const auto touched = force > T(0.0);
         if (!any(touched)) return 1.0;
         const auto chance = any_alarm<T>(detector_, [&](int w) { return torque[detector_.joint[w]] * force; });
@@ -193,10 +240,10 @@ class LaneTracer {
     const Timing& timing_;
     const ThresholdDetector& detector_;
     const double stiffness_;
-    const T largest_;
     const int stride_;  ///< steps between the moments a path keeps: ticks, and beginnings of reactions
     BrakingArm<T> arm_;
     Lane lane_[lanes];
+    std::vector<double> first_rate_;  ///< [line][dof]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
