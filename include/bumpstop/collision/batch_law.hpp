@@ -108,6 +108,24 @@ class BatchLaw : public BatchDetection<T> {
         double value[order];
     };
 
+    /// Where panels are cut: of each the values at the nodes, the place on [-1, 1], and 1 / half its width [1/m].
+    struct Cuts {
+        std::vector<const double*> value;
+        std::vector<double> place, inverse_half;
+
+        void clear() {
+            value.clear();
+            place.clear();
+            inverse_half.clear();
+        }
+        void add(const double* values, double cut, double low, double high) {
+            const double inverse = 2 / (high - low);
+            value.push_back(values);
+            place.push_back((cut - 0.5 * (low + high)) * inverse);
+            inverse_half.push_back(inverse);
+        }
+    };
+
     /// The tail at a force it was asked for.
     struct KnownTail {
         double force;
@@ -131,13 +149,15 @@ class BatchLaw : public BatchDetection<T> {
         return lower ? below->force + height(*below) * slope(*below) : std::numeric_limits<double>::quiet_NaN();
     }
 
-    TailAt tail_at(double force) const {
+    TailAt tail_at(double force) {
         const double depth = force / stiffness_;
         TailAt sum{0, 0};
+        cuts_.clear();
+        int passing = 0;  // in the panel before: few more or fewer pass here
         for (const Panel& panel : panels_) {
             if (panel.mass == 0) continue;
             if (panel.sorted) {
-                add_sorted(panel, depth, sum);
+                passing = add_sorted(panel, depth, passing, sum);
             } else {
                 add_any(panel, depth, sum);
             }
@@ -149,35 +169,80 @@ class BatchLaw : public BatchDetection<T> {
             if (cut >= early.high) {
                 sum.probability += early.mass;
             } else if (cut > early.low) {
-                add_cut(early.value, cut, early.low, early.high, sum);
+                cuts_.add(early.value, cut, early.low, early.high);
             }
         }
+        add_cuts(sum);
         sum.probability = std::max(0.0, sum.probability);
         sum.density = std::max(0.0, sum.density) / stiffness_;
         return sum;
     }
 
-    /// Of a panel whose stopping paths end the farther the later they begin, the last slots pass.
-    void add_sorted(const Panel& panel, double depth, TailAt& sum) const {
-        const double *first = farthest_.data() + panel.tick, *end = first + panel.slots;
-        const double* past = std::lower_bound(first, end, panel.high + depth);
-        if (past < end) sum.probability += later_mass_[panel.mass_at + std::size_t(past - first)];
-        while (past > first && *--past > panel.low + depth)
-            add_slot(panel, std::size_t(past - first), *past - depth, sum);
+    /// Of a panel whose stopping paths end the farther the later they begin, the last slots pass. Returns the first of them,
+    /// which is looked for from `guess` on.
+    int add_sorted(const Panel& panel, double depth, int guess, TailAt& sum) {
+        const double *farthest = farthest_.data() + panel.tick, low = panel.low + depth, high = panel.high + depth;
+        int slot = std::min(guess, panel.slots);
+        while (slot > 0 && farthest[slot - 1] >= high) --slot;
+        while (slot < panel.slots && farthest[slot] < high) ++slot;
+        if (slot < panel.slots) sum.probability += later_mass_[panel.mass_at + std::size_t(slot)];
+        for (int cut = slot - 1; cut >= 0 && farthest[cut] > low; --cut)
+            add_slot(panel, std::size_t(cut), farthest[cut] - depth);
+        return slot;
     }
-    void add_any(const Panel& panel, double depth, TailAt& sum) const {
+    void add_any(const Panel& panel, double depth, TailAt& sum) {
         const double* farthest = farthest_.data() + panel.tick;
         for (int slot = 0; slot < panel.slots; ++slot) {
             if (farthest[slot] >= panel.high + depth) {
                 sum.probability += mass_[panel.mass_at + std::size_t(slot)];
             } else if (farthest[slot] > panel.low + depth) {
-                add_slot(panel, std::size_t(slot), farthest[slot] - depth, sum);
+                add_slot(panel, std::size_t(slot), farthest[slot] - depth);
             }
         }
     }
-    void add_slot(const Panel& panel, std::size_t slot, double cut, TailAt& sum) const {
+    void add_slot(const Panel& panel, std::size_t slot, double cut) {
         if (mass_[panel.mass_at + slot] > 0)
-            add_cut(&value_[panel.value_at + slot * order], cut, panel.low, panel.high, sum);
+            cuts_.add(&value_[panel.value_at + slot * order], cut, panel.low, panel.high);
+    }
+
+    /// Adds what lies below the cuts.
+    void add_cuts(TailAt& to) {
+        const std::size_t count = cuts_.value.size();
+        cuts_.place.resize((count + lanes - 1) / lanes * lanes, 0.0);
+        T below[registers], density[registers];
+        for (int r = 0; r < registers; ++r) below[r] = density[r] = 0.0;
+        for (std::size_t first = 0; first < count; first += lanes) {
+            // The interpolating polynomial is a Legendre series; P_l integrates to (P_l+1 - P_l-1) / (2l + 1).
+            double integral[order][lanes], value[order][lanes];
+            const T x = load<T>(&cuts_.place[first]);
+            T before = 1.0, here = x;
+            store(x + 1.0, integral[0]);
+            store(T(1.0), value[0]);
+            for (int l = 1; l < order; ++l) {
+                const T after = legendre_factors.rise[l] * x * here - legendre_factors.fall[l] * before;
+                store(after - before, integral[l]);
+                store((2.0 * l + 1) * here, value[l]);
+                before = here;
+                here = after;
+            }
+            for (std::size_t lane = 0; lane < lanes && first + lane < count; ++lane) {
+                const double *node = cuts_.value[first + lane], inverse_half = cuts_.inverse_half[first + lane];
+                for (int r = 0; r < registers; ++r) {
+                    T part = 0.0, slope = 0.0;
+                    BUMPSTOP_UNROLL
+                    for (int l = 0; l < order; ++l) {
+                        const T p = load<T>(half_legendre_[l] + r * lanes);
+                        part += integral[l][lane] * p;
+                        slope += value[l][lane] * p;
+                    }
+                    const T v = load<T>(node + r * lanes);
+                    below[r] += part * v;
+                    density[r] += slope * (v * inverse_half);
+                }
+            }
+        }
+        to.probability += sum(below);
+        to.density += sum(density);
     }
 
     /// Alarms before contact whose stopping path reaches the body.
@@ -265,40 +330,12 @@ class BatchLaw : public BatchDetection<T> {
         moments_ = {about + offset, std::sqrt(std::max(0.0, sum2 / total - offset * offset))};
     }
 
-    /// Adds what lies below `cut` of a panel's values at the nodes.
-    void add_cut(const double* value, double cut, double low, double high, TailAt& to) const {
-        const double half = 0.5 * (high - low), x = (cut - 0.5 * (low + high)) / half;
-        // The interpolating polynomial is a Legendre series; P_l integrates to (P_l+1 - P_l-1) / (2l + 1).
-        T integral[registers], density[registers];
-        for (int r = 0; r < registers; ++r) {
-            integral[r] = T(0.5 * (x + 1));
-            density[r] = 0.5;
-        }
-        double below = 1, here = x;
-        for (int l = 1; l < order; ++l) {
-            const double above = legendre_factors.rise[l] * x * here - legendre_factors.fall[l] * below;
-            for (int r = 0; r < registers; ++r) {
-                const T p = load<T>(half_legendre_[l] + r * lanes);
-                integral[r] += (above - below) * p;
-                density[r] += ((2 * l + 1) * here) * p;
-            }
-            below = here;
-            here = above;
-        }
-        for (int r = 0; r < registers; ++r) {
-            const T v = load<T>(value + r * lanes);
-            integral[r] = integral[r] * v;
-            density[r] = density[r] * v;
-        }
-        to.probability += std::max(0.0, sum(integral));
-        to.density += sum(density) / half;
-    }
-
     double half_legendre_[order][order];  ///< half_legendre_[l]: P_l / 2 at the nodes
 
     std::vector<double> farthest_, farthest_yet_;
     std::vector<double> later_mass_;  ///< mass_ of a slot and all later ones of its panel
     std::vector<EarlyAlarm> early_;
+    Cuts cuts_;
     std::vector<KnownTail> known_;  ///< by force
     double most_early_ = 0;         ///< deepest an early alarm's path gets [m]
     double harmless_ = 0, most_force_ = 0;
