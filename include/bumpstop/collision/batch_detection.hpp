@@ -264,13 +264,27 @@ class BatchDetection {
         panel.known = true;
         panel.slots = std::min(longest(node), path_->ticks - panel.tick);
         outcome_of_[std::size_t(p)] = outcome_.size();
-        outcome_.resize(outcome_.size() + std::size_t(panel.slots) * order, 0.0);
+        outcome_.resize(outcome_.size() + std::size_t(panel.slots) * order);
         double* to = &outcome_[outcome_of_[std::size_t(p)]];
+        const double* from[interpolated_from];
+        int slots[interpolated_from], shortest = panel.slots;
         for (int m = 0; m < interpolated_from; ++m) {
-            const int n = run_[std::size_t(node[m])];
-            const double* from = &outcome_[outcome_of_[n]];
-            const int size = std::min(panel.slots, panels_[std::size_t(n)].slots) * order;
-            for (int i = 0; i < size; i += lanes) store(load<T>(to + i) + weight[m] * load<T>(from + i), to + i);
+            const std::size_t n = std::size_t(run_[std::size_t(node[m])]);
+            from[m] = &outcome_[outcome_of_[n]];
+            slots[m] = panels_[n].slots;
+            shortest = std::min(shortest, slots[m]);
+        }
+        for (int i = 0; i < shortest * order; i += lanes) {
+            T value = weight[0] * load<T>(from[0] + i);
+            for (int m = 1; m < interpolated_from; ++m) value += weight[m] * load<T>(from[m] + i);
+            store(value, to + i);
+        }
+        // What a panel knows nothing of any more adds nothing.
+        for (int i = shortest * order; i < panel.slots * order; i += lanes) {
+            T value = 0.0;
+            for (int m = 0; m < interpolated_from; ++m)
+                if (i < slots[m] * order) value += weight[m] * load<T>(from[m] + i);
+            store(value, to + i);
         }
         const std::size_t watched = std::size_t(detector_.watched);
         for (int i = 0; i < order; ++i) survived_[std::size_t(p) * order + i] = 0;

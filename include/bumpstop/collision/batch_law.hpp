@@ -102,10 +102,11 @@ class BatchLaw : public BatchDetection<T> {
     using Detection::value_;
     using typename Detection::Panel;
 
-    /// A detection before contact whose stopping path still arrives.
+    /// A detection before contact whose stopping path still arrives. Those of a panel follow one another, the latest first.
     struct EarlyAlarm {
         double low, high, farthest, mass;
-        double value[order];
+        double most;        ///< farthest minus low: the greatest of this and all that follow in its panel
+        std::size_t after;  ///< index of the first of the next panel
     };
 
     /// Where panels are cut: of each the values at the nodes, the place on [-1, 1], and 1 / half its width [1/m].
@@ -163,14 +164,19 @@ class BatchLaw : public BatchDetection<T> {
             }
         }
         // What begins to stop before contact does not press hard.
-        for (std::size_t i = 0; depth < most_early_ && i < early_.size(); ++i) {
+        for (std::size_t i = 0; depth < most_early_ && i < early_.size();) {
             const EarlyAlarm& early = early_[i];
+            if (early.most <= depth) {
+                i = early.after;
+                continue;
+            }
             const double cut = early.farthest - depth;
             if (cut >= early.high) {
                 sum.probability += early.mass;
             } else if (cut > early.low) {
-                cuts_.add(early.value, cut, early.low, early.high);
+                cuts_.add(&early_value_[i * order], cut, early.low, early.high);
             }
+            ++i;
         }
         add_cuts(sum);
         sum.probability = std::max(0.0, sum.probability);
@@ -250,6 +256,7 @@ class BatchLaw : public BatchDetection<T> {
         const int ticks = path_->ticks;
         double touching = 0;
         early_.clear();
+        early_value_.clear();
         most_early_ = 0;
         if (quiet_->alarm_before(ticks) > 0) {
             // By tick: the farthest any stopping path gets that begins there or earlier.
@@ -262,16 +269,21 @@ class BatchLaw : public BatchDetection<T> {
             for (const Panel& panel : panels_) {
                 T offset[registers];
                 this->weigh_offsets(panel, offset);
-                for (int k = std::min(panel.tick, ticks) - 1; k >= 0 && farthest_yet_[std::size_t(k)] > panel.low;
-                     --k) {
-                    if (!quiet_->armed(k) || !(farthest_[std::size_t(k)] > panel.low)) continue;
+                const std::size_t first = early_.size();
+                for (int k = std::min(panel.tick, ticks) - 1; k >= 0; --k) {
+                    const double most = farthest_yet_[std::size_t(k)] - panel.low;
+                    if (!(most > 0)) break;
+                    const double farthest = farthest_[std::size_t(k)];
+                    if (!quiet_->armed(k) || !(farthest > panel.low)) continue;
                     const double chance = quiet_->silence_before(k) * quiet_->idle(k).alarm;
-                    EarlyAlarm early{panel.low, panel.high, farthest_[std::size_t(k)], sum(offset) * chance, {}};
-                    for (int r = 0; r < registers; ++r) store(offset[r] * chance, early.value + r * lanes);
-                    touching += early.mass;
-                    most_early_ = std::max(most_early_, early.farthest - early.low);
-                    early_.push_back(early);
+                    early_.push_back({panel.low, panel.high, farthest, sum(offset) * chance, most, 0});
+                    early_value_.resize(early_.size() * order);
+                    double* value = &early_value_[early_value_.size() - order];
+                    for (int r = 0; r < registers; ++r) store(offset[r] * chance, value + r * lanes);
+                    touching += early_.back().mass;
+                    most_early_ = std::max(most_early_, farthest - panel.low);
                 }
+                for (std::size_t i = first; i < early_.size(); ++i) early_[i].after = early_.size();
             }
             panels_.resize(reached);
         }
@@ -315,7 +327,8 @@ class BatchLaw : public BatchDetection<T> {
         each([&](const Panel& panel, const double* value, double here, double farthest) {
             if (here != 0) add(value, panel.low, panel.high, farthest);
         });
-        for (const EarlyAlarm& early : early_) add(early.value, early.low, early.high, early.farthest);
+        for (std::size_t i = 0; i < early_.size(); ++i)
+            add(&early_value_[i * order], early_[i].low, early_[i].high, early_[i].farthest);
         if (undetected > 0) {
             const double end = path_->ticks > 0 ? path_->s[this->end_step()] : 0;
             for (std::size_t p = 0; p < panels_.size(); ++p)
@@ -335,6 +348,7 @@ class BatchLaw : public BatchDetection<T> {
     std::vector<double> farthest_, farthest_yet_;
     std::vector<double> later_mass_;  ///< mass_ of a slot and all later ones of its panel
     std::vector<EarlyAlarm> early_;
+    std::vector<double> early_value_;  ///< [early alarm][node]: probability
     Cuts cuts_;
     std::vector<KnownTail> known_;  ///< by force
     double most_early_ = 0;         ///< deepest an early alarm's path gets [m]

@@ -27,14 +27,14 @@ class AlarmTable {
             // The last piece is 1: ten standard deviations above the threshold nothing is silent.
             joint.last = int(std::ceil((detector.threshold[w] / detector.sd[w] + 10) * pieces_per_sd));
             for (int i = 0; i < joint.last; ++i) {
-                Piece value;
+                double value[terms];
                 for (int n = 0; n < terms; ++n) {
                     const double c = (i / pieces_per_sd + reach * node(n)) * detector.sd[w];
-                    value[std::size_t(n)] = joint_alarm(detector, w, c - detector.mean[w]).alarm;
+                    value[n] = joint_alarm(detector, w, c - detector.mean[w]).alarm;
                 }
                 piece_.push_back(powers(value));
             }
-            piece_.push_back({1.0});
+            piece_.push_back({{1.0}});
         }
     }
     /// Without noise, or with hardly any, the probability is a step that no table holds.
@@ -45,7 +45,9 @@ class AlarmTable {
     static constexpr double pieces_per_sd = 8;
     /// Of a piece to either side of its centre [standard deviations].
     static constexpr double reach = 0.5 * (widest + 1 / pieces_per_sd);
-    using Piece = std::array<double, terms>;  ///< coefficients, lowest power first
+    struct Piece {
+        double power[terms];  ///< coefficients, lowest power first
+    };
 
   public:
     /// A joint's probability of an alarm for forces near each other.
@@ -53,11 +55,7 @@ class AlarmTable {
       public:
         template <class T>
         T alarm(T force) const {
-            const T x = force * slope_ + shift_;
-            T value = (*piece_)[terms - 1];
-            BUMPSTOP_UNROLL
-            for (int p = terms - 2; p >= 0; --p) value = value * x + (*piece_)[std::size_t(p)];
-            return value;
+            return polynomial(piece_->power, T(force * slope_ + shift_));
         }
 
       private:
@@ -90,15 +88,14 @@ class AlarmTable {
     static double node(int n) { return -std::cos(std::numbers::pi * (n + 0.5) / terms); }
 
     /// Of the polynomial that takes these values at the nodes.
-    static Piece powers(Piece d) {
+    static Piece powers(double (&d)[terms]) {
         // Newton's divided differences, then powers.
         for (int order = 1; order < terms; ++order)
-            for (int n = terms - 1; n >= order; --n)
-                d[std::size_t(n)] = (d[std::size_t(n)] - d[std::size_t(n - 1)]) / (node(n) - node(n - order));
-        Piece c{d[terms - 1]};
+            for (int n = terms - 1; n >= order; --n) d[n] = (d[n] - d[n - 1]) / (node(n) - node(n - order));
+        Piece c{{d[terms - 1]}};
         for (int n = terms - 2; n >= 0; --n) {
-            for (int p = terms - 1; p > 0; --p) c[std::size_t(p)] = c[std::size_t(p - 1)] - node(n) * c[std::size_t(p)];
-            c[0] = d[std::size_t(n)] - node(n) * c[0];
+            for (int p = terms - 1; p > 0; --p) c.power[p] = c.power[p - 1] - node(n) * c.power[p];
+            c.power[0] = d[n] - node(n) * c.power[0];
         }
         return c;
     }
