@@ -34,6 +34,14 @@ Lanes<N> filled(double shift, int start) {
     return Lanes<N>::load(buffer);
 }
 
+/// Of powers of two every order of adding up is exact, and every lane that is left out or taken twice shows.
+template <int N>
+void sums() {
+    double powers[N];
+    for (int lane = 0; lane < N; ++lane) powers[lane] = std::ldexp(1.0, lane);
+    CHECK(sum_of_lanes(Lanes<N>::load(powers)) == std::ldexp(1.0, N) - 1);
+}
+
 template <int N>
 void arithmetic() {
     using L = Lanes<N>;
@@ -186,6 +194,7 @@ void exponential() {
 template <int N>
 void run() {
     arithmetic<N>();
+    sums<N>();
     masks<N>();
     integers<N>();
     functions<N>();

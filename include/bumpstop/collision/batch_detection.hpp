@@ -95,9 +95,7 @@ class BatchDetection {
     static double sum(const T (&row)[registers]) {
         T all = row[0];
         for (int r = 1; r < registers; ++r) all += row[r];
-        double total = 0;
-        for (int lane = 0; lane < lanes; ++lane) total += lane_of(all, lane);
-        return total;
+        return sum_of_lanes(all);
     }
 
     const double stiffness_;

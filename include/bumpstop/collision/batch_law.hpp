@@ -215,8 +215,7 @@ class BatchLaw : public BatchDetection<T> {
     void add_cuts(TailAt& to) {
         const std::size_t count = cuts_.value.size();
         cuts_.place.resize((count + lanes - 1) / lanes * lanes, 0.0);
-        T below[registers], density[registers];
-        for (int r = 0; r < registers; ++r) below[r] = density[r] = 0.0;
+        T density = 0.0;
         for (std::size_t first = 0; first < count; first += lanes) {
             // The interpolating polynomial is a Legendre series; P_l integrates to (P_l+1 - P_l-1) / (2l + 1).
             double integral[order][lanes], value[order][lanes];
@@ -233,6 +232,7 @@ class BatchLaw : public BatchDetection<T> {
             }
             for (std::size_t lane = 0; lane < lanes && first + lane < count; ++lane) {
                 const double *node = cuts_.value[first + lane], inverse_half = cuts_.inverse_half[first + lane];
+                T below = 0.0;
                 for (int r = 0; r < registers; ++r) {
                     T part = 0.0, slope = 0.0;
                     BUMPSTOP_UNROLL
@@ -242,13 +242,14 @@ class BatchLaw : public BatchDetection<T> {
                         slope += value[l][lane] * p;
                     }
                     const T v = load<T>(node + r * lanes);
-                    below[r] += part * v;
-                    density[r] += slope * (v * inverse_half);
+                    below += part * v;
+                    density += slope * (v * inverse_half);
                 }
+                // The polynomial may dip below zero where there is next to nothing.
+                to.probability += std::max(0.0, sum_of_lanes(below));
             }
         }
-        to.probability += sum(below);
-        to.density += sum(density);
+        to.density += sum_of_lanes(density);
     }
 
     /// Alarms before contact whose stopping path reaches the body.
@@ -335,10 +336,8 @@ class BatchLaw : public BatchDetection<T> {
                 add(&survived_[p * order], panels_[p].low, panels_[p].high, end);
         }
         double sum1 = -harmless_ * about, sum2 = harmless_ * about * about, total = mass + harmless_ + undetected;
-        for (int lane = 0; lane < lanes; ++lane) {
-            sum1 += lane_of(first, lane);
-            sum2 += lane_of(second, lane);
-        }
+        sum1 += sum_of_lanes(first);
+        sum2 += sum_of_lanes(second);
         const double offset = sum1 / total;
         moments_ = {about + offset, std::sqrt(std::max(0.0, sum2 / total - offset * offset))};
     }

@@ -272,6 +272,25 @@ Lanes<N> unfused(Lanes<N> x) {
     return x;
 }
 
+/// Of all lanes.
+inline double sum_of_lanes(double x) { return x; }
+template <int N>
+double sum_of_lanes(Lanes<N> x) {
+#if defined(__AVX512F__)
+    if constexpr (N == 8) {
+        return sum_of_lanes(Lanes<4>::of(_mm512_maskz_extractf64x4_pd(all_lanes, x.v, 0)) +
+                            Lanes<4>::of(_mm512_maskz_extractf64x4_pd(all_lanes, x.v, 1)));
+    }
+#endif
+#if defined(__AVX__)
+    if constexpr (N == 4)
+        return sum_of_lanes(Lanes<2>::of(_mm256_castpd256_pd128(x.v)) + Lanes<2>::of(_mm256_extractf128_pd(x.v, 1)));
+#endif
+    double total = x.v[0];
+    for (int lane = 1; lane < N; ++lane) total += x.v[lane];
+    return total;
+}
+
 inline constexpr std::int64_t sign_bit = std::int64_t(1) << 63;
 inline double absolute(double x) { return std::fabs(x); }
 template <int N>
