@@ -2,17 +2,22 @@
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
+import bumpstop as bs
 from bumpstop.collision.verdict import percent
 from bumpstop.report.area import AreaSection
 from bumpstop.report.arm import ArmSection
-from bumpstop.report.chain import _numbers
+from bumpstop.report.chain import _numbers, chain_picture
+from bumpstop.report.detection import DetectionSection
 from bumpstop.report.distribution import bins
 from bumpstop.report.markup import Html, element, table
-from bumpstop.report.picture import spread
+from bumpstop.report.picture import WIDTH, spread
 from bumpstop.report.words import number
 from report.cases import evaluate
 
@@ -43,6 +48,32 @@ def test_bins_reach_the_end_of_the_bounded_part(law):
     edges = bins(partly.peak_force, None)
     share = 1 - partly.undetected_probability - partly.no_contact_probability - partly.false_alarm_probability
     assert partly.peak_force.density(edges) @ np.diff(edges) == pytest.approx(share, abs=3e-4)
+
+
+def test_delays_far_beyond_the_others_are_left_out_and_counted(law):
+    path = Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml"
+    long = bs.evaluate(bs.load_scenario(path))  # a slow start that is noticed after seconds, one in a hundred
+    for each, cut in ((law, False), (long, True)):
+        picture = next(p for p in DetectionSection(each).pictures() if p.name == "detection_delay")
+        found = re.search(r"([\d.]+) % lie beyond the right edge", picture.caption)
+        assert bool(found) == cut
+        if found:
+            delay = each.detection_delay.scaled(1e3)
+            share = float(found[1]) / 100
+            assert delay.quantile(1 - share) == pytest.approx(1.5 * delay.quantile(0.99), rel=0.05)
+
+
+@pytest.mark.parametrize("name", bs.robots())
+def test_the_labels_of_an_arm_lie_inside_its_picture(name):
+    picture = chain_picture(bs.Robot.load(name))
+    with picture.style():
+        figure = Figure(figsize=(WIDTH, picture.height))
+        picture.draw(figure)
+        FigureCanvasAgg(figure).draw()
+    for panel in figure.axes:
+        box = panel.get_tightbbox()
+        assert box.x0 >= 0
+        assert box.x1 <= figure.bbox.x1
 
 
 def test_labels_are_spread():

@@ -64,9 +64,9 @@ def draw_views(figure: Figure, chain: FloatArray, draw: Callable[[Axes, View, fl
     """Two panels side by side, an elevation and the plan, each filled by ``draw(panel, view, half its width in m)``."""
     width, height = figure.get_size_inches()
     reach = np.ptp(chain, axis=0)
-    side = 1.87
+    side = 1.82
     for i, view in enumerate((FRONT if reach[0] >= reach[1] else SIDE, TOP)):
-        box = ((0.6 + i * (side + 0.62)) / width, 0.48 / height, side / width, side / height)
+        box = ((0.68 + i * (side + 0.62)) / width, 0.48 / height, side / width, side / height)
         draw(figure.add_axes(box), view, 0.68 * max(float(reach.max()), 0.1))
 
 
@@ -89,7 +89,8 @@ def draw_chain(panel: Axes, view: View, chain: FloatArray, half: float, aim: Flo
     panel.grid(color="#e4e4e4", linewidth=0.6)
     panel.set_xlim(centre[0] - half, centre[0] + half)
     panel.set_ylim(centre[1] - half, centre[1] + half)
-    panel.locator_params(nbins=5)
+    # One decimal fits between the panels' edges, two do not: no steps of a quarter.
+    panel.locator_params(nbins=6, steps=[1, 2, 5, 10])
     # Wide grey lines with a thin dark core: links, whatever the paper.
     panel.plot(*flat.T, color="#c8c8c8", linewidth=7, solid_capstyle="round", solid_joinstyle="round")
     panel.plot(*flat.T, color=INK, linewidth=1)

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
     from bumpstop.collision import Distribution
 
+# Delays beyond this many p99 are not drawn: a tail of seconds would press all others into one line.
+_FAR = 1.5
+
 
 class DetectionSection(Section):
     """Trigger joints, detection delay, and what every joint would need to notice."""
@@ -113,16 +116,18 @@ class DetectionSection(Section):
                 )
             )
         delay, unit = self._delay
-        edges = bins(delay, self.law.samples)
+        edges = bins(delay, self.law.samples, most=_FAR * delay.quantile(0.99))
         if edges.size:
             middle, late = (quantity(delay.quantile(p), unit) for p in (0.5, 0.99))
+            beyond = delay.exceedance(float(edges[-1]))
+            left_out = f" {percent(beyond)} lie beyond the right edge." if beyond > 2e-4 else ""
             pictures.append(
                 Picture(
                     "detection_delay",
                     f"Density of the time from touch to detection: median {middle}, p99 {late}.",
                     f"Time from touch to the tick that notices, given a detection after contact: median {middle}, "
                     f"p99 {late}. The feedback period is "
-                    f"{1e3 * self.law.scenario.detector.feedback_period_s:g} ms.",
+                    f"{1e3 * self.law.scenario.detector.feedback_period_s:g} ms.{left_out}",
                     lambda figure: self._draw_delay(figure, edges),
                     height=2.74,
                 )

@@ -195,14 +195,17 @@ class DistributionSection(Section):
             density.annotate(text, (force, height), (-5 if left else 5, 0), ha="right" if left else "left", **label)
 
 
-def bins(distribution: Distribution, samples: int | None) -> FloatArray:
+def bins(distribution: Distribution, samples: int | None, most: float = math.inf) -> FloatArray:
     """Bin edges over the bounded part of a distribution; empty where there is none, or nothing but zeros.
 
     Args:
         distribution: in any unit.
         samples: behind a sampled one; None: exact.
+        most: nothing is shown beyond.
     """
     high = _highest(distribution)
+    if math.isfinite(most):
+        high = min(high, most)
     if not high > 0:
         return np.zeros(0)
     low = distribution.quantile(1e-4)

@@ -335,7 +335,7 @@ class SensitivityPart(Part):
         ]
 
     def _draw(self, figure: Figure, column: str, label: str) -> None:
-        panel = axes(figure)
+        panel = axes(figure, right=0.25)
         x = self._known[column].to_numpy()
         edges = self._study.edges
         force_edges = np.append(np.linspace(0, edges[-1], MAP_CELLS), np.inf)
@@ -360,7 +360,7 @@ class SensitivityPart(Part):
                     panel.text(i + 0.5, j + 0.5, f"{counts[i, j]:.0f}", ha="center", va="center",
                                fontsize=5.5, color="white" if dark else INK)  # fmt: skip
         shown = range(0, MAP_CELLS + 1, 2)
-        panel.set_xticks(list(shown), [f"{ends[i]:.2g}" for i in shown])
+        panel.set_xticks(list(shown), [f"{float(f'{ends[i]:.2g}'):.7g}" for i in shown])
         panel.set_yticks(list(shown)[:-1], [f"{force_edges[i]:.0f}" for i in list(shown)[:-1]])
         panel.set_xlabel(label)
         panel.set_ylabel("median peak force [N]")
