@@ -186,6 +186,19 @@ def test_settings_repeat_the_exact_law(
     assert "samples" not in written["made_by"]
 
 
+def test_keys_without_effect_are_named_everywhere(tmp_path: Path) -> None:
+    change = "contact.offset_law=uniform"
+    words = 'contact.offset_sd_s has no effect with contact.offset_law = "uniform".'
+    result = run("evaluate", EXAMPLE, "--set", change, "--out", tmp_path)
+    assert f"note: {words}" in result.out
+    notes = strict_json(evaluate(change).out)["notes"]
+    assert words in notes
+    assert words.split()[0] in (tmp_path / "report.html").read_text(encoding="utf-8")
+    # A copy says the same, and not more: defaults without effect are not spelt out in it.
+    assert strict_json(evaluate(scenario=tmp_path / "settings.toml").out)["notes"] == notes
+    assert "has no effect" not in run("evaluate", EXAMPLE).out
+
+
 def test_any_scenario_survives_the_file() -> None:
     law = bs.evaluate(
         bs.load_scenario(EXAMPLE).with_values(

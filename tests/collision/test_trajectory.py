@@ -73,7 +73,7 @@ def test_a_turning_arm_along_a_line(tmp_path: Path) -> None:
     write_csv(tmp_path / "path.csv", np.append(0.0, curve.tick_time), state[:, 0], state[:, 1])
     data = line.to_dict()
     data["motion"] = trajectory_motion(contact_time=6.3e-3 / curve.approach_speed)
-    del data["pose_deg"], data["contact"]["offset_law"], data["contact"]["offset_mm"], data["contact"]["offset_sd_s"]
+    del data["pose_deg"], data["contact"]["offset_law"], data["contact"]["offset_mm"]
     data["contact"]["normal"] = [float(x) for x in curve.normal]
     expected, found = bs.evaluate(line), bs.evaluate(bs.Scenario.from_dict(data, tmp_path))
     assert found.force_at_detection.mean == pytest.approx(expected.force_at_detection.mean, rel=1e-4)

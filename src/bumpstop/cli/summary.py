@@ -17,6 +17,8 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from bumpstop.collision.unused_keys import unused_notes
+
     console = Console(highlight=False, markup=False)
     verdict = law.verdict
     word, style = {
@@ -62,6 +64,8 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
         f"; false alarm before contact {_probability(law.false_alarm_probability)}; "
         f"never detected {_probability(law.undetected_probability)}"
     )
+    for note in unused_notes(law.scenario):
+        console.print(f"note: {note}")
     kind = "exact law" if law.kind == "exact" else f"sampled law, {law.samples} runs, seed {law.seed}"
     console.print(f"{kind}; {law.notes[-1][0].lower()}{law.notes[-1][1:]}", style="dim")
     if report is not None:

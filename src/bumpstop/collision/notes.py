@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.two_phase import FIRST_PHASE_S
+from bumpstop.collision.unused_keys import unused_notes
 
 if TYPE_CHECKING:
     from bumpstop.collision.law import ForceLaw
@@ -16,7 +17,7 @@ def notes_of(law: ForceLaw) -> list[str]:
     """All of them, in the order in which they are read."""
     problem = law.problem
     scenario, limits = problem.scenario, problem.limits
-    notes = list(problem.notes)
+    notes = [*problem.notes, *unused_notes(scenario)]
     contact, detector = scenario.contact, scenario.detector
     notes.extend(_contact_notes(law))
     notes.extend(_noise_notes(law))

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from bumpstop.collision.scenario_words import as_written, explain, short, unknown_key, words
+from bumpstop.collision.unused_keys import given_without_effect, keys_without_effect
 from bumpstop.errors import InputError
 
 
@@ -318,13 +319,17 @@ class Scenario(_Table):
         Args:
             changes: dotted keys and their new values, e.g. ``{"motion.velocity_mm_s": [0, 50, 0]}``.
         """
-        data = self.to_dict()
+        # What was not given stays so: a default must not count as given where a change takes its effect away.
+        data = self.model_dump(exclude_unset=True, exclude_none=True, mode="python")
         for key, value in changes.items():
             set_key(data, key, value)
         return Scenario.from_dict(data, self.folder)
 
     def to_dict(self) -> dict[str, Any]:
-        """The scenario as nested dictionaries: defaults are spelt out, but a contact area that was assumed is not."""
+        """The scenario as nested dictionaries.
+
+        Defaults are spelt out, but not a contact area that was assumed, nor those that have no effect.
+        """
         data = self.model_dump(exclude_none=True, mode="python")
         for key in self.motion.other_keys:
             data["motion"].pop(key, None)
@@ -334,12 +339,18 @@ class Scenario(_Table):
             del data["contact"]["area_cm2"]
         if self.contact.kind == "clamped":
             del data["contact"]["arm"]
+        for key in keys_without_effect(self).keys() - given_without_effect(self).keys():
+            table, _, name = key.partition(".")
+            data[table].pop(name, None)
         return data
 
 
 def set_key(data: dict[str, Any], key: str, value: Any) -> None:
     """Set a dotted key in nested dictionaries, making tables on the way. Of the pose's two spellings one remains."""
     *tables, last = key.split(".")
+    if key.split(".")[0] == MADE_BY:
+        # Its table is passed over, whatever stands in it.
+        raise InputError(key, "is not a key of a scenario", f"[{MADE_BY}] only records how a result was made")
     here = data
     for table in tables:
         here = here.setdefault(table, {})

@@ -51,7 +51,7 @@ class Variable:
         """Of its values; empty for a bare number."""
         if self.name in ALIASES:
             return ALIASES[self.name][0]
-        key = self._key
+        key = self.key
         return next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), "")
 
     @property
@@ -63,7 +63,8 @@ class Variable:
         )
 
     @property
-    def _key(self) -> str:
+    def key(self) -> str:
+        """The key of a scenario that it sets, or an alias of more than one."""
         return {"contact.padding": "contact.padding_N_m", "contact.stiffness": "contact.stiffness_N_m"}.get(
             self.name, self.name.partition("[")[0]
         )
@@ -133,19 +134,19 @@ class Variable:
         item, whole = self._item, self._whole(scenario)
         if item is None and isinstance(whole, list):
             factor = value / self.value(scenario)
-            return {self._key: [factor * each for each in whole]}
+            return {self.key: [factor * each for each in whole]}
         if item is None:
-            return {self._key: written}
+            return {self.key: written}
         assert isinstance(whole, list)
         found = list(whole)
         found[item - 1] = written
-        return {self._key: found}
+        return {self.key: found}
 
     def quantum(self, scenario: Scenario) -> float | None:
         """Step between the values it can take: a simulation step, or 1 for whole numbers; None: any value will do."""
-        if self._key in ("detector.feedback_period_s", "reaction.latency_s"):
+        if self.key in ("detector.feedback_period_s", "reaction.latency_s"):
             return scenario.simulation.step_s
-        return 1.0 if self._key == "simulation.substeps" else None
+        return 1.0 if self.key == "simulation.substeps" else None
 
     def quantised(self, scenario: Scenario, value: float) -> float:
         """The nearest value it can take."""
@@ -164,7 +165,7 @@ class Variable:
         self.value(scenario)
 
     def _lookup(self, scenario: Scenario) -> Any:
-        table, _, key = self._key.rpartition(".")
+        table, _, key = self.key.rpartition(".")
         here: Any = getattr(scenario, table, None) if table else scenario
         fields = getattr(type(here), "model_fields", {}) if here is not None else {}
         if key not in fields or key in ("folder", "robot", "base", "tip") or "." in table:
@@ -176,28 +177,28 @@ class Variable:
         if hasattr(type(found), "model_fields"):
             raise InputError("--vary", f"{self.name!r} is a table", f"wanted one of its keys, e.g. {_key_of(key)}")
         if item is not None and not isinstance(found, list):
-            raise InputError("--vary", f"{self.name!r} is not there", f"{self._key} is no list in this scenario")
+            raise InputError("--vary", f"{self.name!r} is not there", f"{self.key} is no list in this scenario")
         if item is not None:
             if not 1 <= item <= len(found):
-                raise InputError("--vary", f"{self.name!r} is not there", f"{self._key} has {len(found)} items")
+                raise InputError("--vary", f"{self.name!r} is not there", f"{self.key} has {len(found)} items")
             return found[item - 1]
-        if item is None and isinstance(found, list) and found and self._key not in _NOT_VARIED:
+        if item is None and isinstance(found, list) and found and self.key not in _NOT_VARIED:
             lowest = min(found)
             if not 0 < lowest < math.inf:
                 problem = f"{self.name!r} has {lowest:g} as its lowest item, to which nothing is in proportion"
-                raise InputError("--vary", problem, f"wanted one of its items, e.g. {self._key}[1]")
+                raise InputError("--vary", problem, f"wanted one of its items, e.g. {self.key}[1]")
             return lowest
         return found
 
     def _whole(self, scenario: Scenario) -> Any:
-        table, _, key = self._key.rpartition(".")
+        table, _, key = self.key.rpartition(".")
         return getattr(getattr(scenario, table) if table else scenario, key)
 
     def _unusable(self, found: Any) -> InputError:
-        if self._key == "motion.velocity_mm_s":
+        if self.key == "motion.velocity_mm_s":
             return InputError("--vary", f"{self.name!r} is a direction", "valid: motion.speed, or one of its items")
         if isinstance(found, list):
-            return InputError("--vary", f"{self.name!r} is a list", f"wanted one of its items, e.g. {self._key}[1]")
+            return InputError("--vary", f"{self.name!r} is a list", f"wanted one of its items, e.g. {self.key}[1]")
         if found is None:
             return InputError("--vary", f"{self.name!r} has no value in the scenario", "give it one with --set first")
         return InputError("--vary", f"{self.name!r} is {found!r}, no number", "wanted a numeric key")
@@ -276,8 +277,14 @@ class Range:
             steps = f" in steps of {step:g}" if step else ""
             only = "only one value" if taken else "no value"
             raise InputError("--vary", f"{variable.name!r} has {only}{steps}", "wanted at least 2")
+        from bumpstop.collision.unused_keys import keys_without_effect
+
         for value in (taken[0], taken[-1]):
-            variable.apply(scenario, value)
+            unused = keys_without_effect(variable.apply(scenario, value))
+            if variable.key in unused:
+                raise InputError(
+                    "--vary", f"{variable.name!r} has no effect {unused[variable.key]}", "vary another key"
+                )
         return cls(variable, taken)
 
     def to_json(self) -> str:
