@@ -104,6 +104,7 @@ def test_an_empty_folder_is_not_the_current_one(
         ("contact.link=link", "contact.link: sia5d has no link 'link'; did you mean 'link_"),
         ("contact.normal=[0, 0, 1]", "contact.normal: the contact point on tool0 does not move toward the body"),
         ("folder=/tmp", "folder: is not a key of a scenario"),
+        ("made_by.seed=5", "made_by.seed: is not a key of a scenario; [made_by] only records how a result was made"),
         # Not KEY=VALUE.
         ("contact", "--set: 'contact' is not KEY=VALUE; for example --set contact.area_cm2=2"),
         ("", "--set: '' is not KEY=VALUE"),
@@ -128,6 +129,7 @@ def test_changes_that_cannot_be_used(change: str, words: str) -> None:
         (("--sampled", "9" * 5000), "--sampled: '99"),
         (("--seed", "-1"), "--seed: '-1' cannot be used; wanted a whole number from 0 to 18446744073709551615"),
         (("--seed", str(2**64)), "--seed: '18446744073709551616' cannot be used"),
+        (("--seed", "7"), "--seed: has no effect on the exact law; give --sampled as well, or leave it out"),
         (("--threads", "0"), "--threads: '0' cannot be used; wanted a whole number from 1 to 256"),
         (("--threads", "1000000"), "--threads: '1000000' cannot be used"),
         (("--jsn",), "No such option: --jsn (Possible options: --json"),
@@ -152,6 +154,27 @@ def test_options_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> 
         (("robots", "show", "absent.urdf"), "absent.urdf: cannot be read (No such file or directory)"),
         (("robots", "show", "sia5d", "--tip", "tool0"), "--tip: has no meaning with the built-in robot 'sia5d'; give"),
         (("robots", "show", "sia5d", "--base", "b"), "--base: has no meaning with the built-in robot 'sia5d'"),
+        (
+            ("identify", "a.csv", "--robot", "sia5d", "--tip", "t"),
+            "--tip: has no meaning with the built-in robot 'sia5d'",
+        ),
+        (("plan", "excitation", "--robot", "ur5e", "--base", "b"), "--base: has no meaning with the built-in robot"),
+        (
+            ("plan", "identification", "--robot", "ur5e", "--load-m", "0,0,0.1"),
+            "--load-m: has no effect without --load-kg; give both, or neither",
+        ),
+        (
+            ("study", "workspace", EXAMPLE, "--grid", "2", "--seed", "5"),
+            "--seed: has no meaning with --grid, where nothing is drawn",
+        ),
+        (
+            ("study", "atlas", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", "--seed", "5"),
+            "--seed: has no meaning with a trajectory, where nothing is drawn",
+        ),
+        (
+            ("study", "parameters", EXAMPLE, "--vary", "detector.observer_gain_1_s=10:80"),
+            "--vary: 'detector.observer_gain_1_s' has no effect with detector.residual = \"direct\"",
+        ),
         (("robots", "show", "sia5d", "--picture", "a.pdf"), "--picture: 'a.pdf' is neither .png nor .svg; for example"),
         (
             ("robots", "show", "sia5d", "--picture", "absent/a.png"),
@@ -164,7 +187,7 @@ def test_options_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> 
         (("bodies", "--limits", "absent.toml"), "--limits: cannot read 'absent.toml'"),
     ],
 )
-def test_commands_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> None:
+def test_commands_that_cannot_be_used(arguments: tuple[object, ...], words: str) -> None:
     check_refusal(run(*arguments), words)
 
 

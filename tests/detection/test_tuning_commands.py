@@ -304,6 +304,13 @@ def test_what_reading_a_recording_found_is_said_by_every_command(loop: tuple[Pat
             "--thresholds: has no meaning with the events",
         ),
         (("score", "EVENTS", "--labels", "LABELS", "--from", "9"), "--from: has no meaning with the events"),
+        (("score", "EVENTS", "--labels", "LABELS", "--rearm", "1"), "--rearm: has no meaning with the events"),
+        (("score", "EVENTS", "--labels", "LABELS", "--arming-delay", "1"), "--arming-delay: has no meaning with the e"),
+        (
+            ("tune", "LOG", "--robot", "ur5e", "--observer-gain", "20"),
+            "--observer-gain: has no meaning with --residual d",
+        ),
+        (("tune", "LOG", "--robot", "ur5e", "--tip", "t"), "--tip: has no meaning with the built-in robot 'ur5e'"),
         (("tune", "NOISE", "--confidence", "2"), "--confidence: is 2"),
         (("tune", "nowhere.parquet"), "nowhere.parquet: there is no such file; wanted a recording"),
         (("tune", "DAMAGED"), "cannot be read as Parquet"),
@@ -324,6 +331,16 @@ def test_what_reading_a_recording_found_is_said_by_every_command(loop: tuple[Pat
         (
             ("sensitivity", "ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", "--direction", "0,0,0"),
             "--direction: has no length",
+        ),
+        *(
+            (("sensitivity", "ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", option, "2"), words)
+            for option, words in (
+                ("--z", "--z: has no effect without --noise-sd; give both, or neither"),
+                ("--noise-sd", "--noise-sd: has no effect without --z"),
+                ("--stiffness", "--stiffness: has no effect without --speed-mm-s"),
+                ("--speed-mm-s", "--speed-mm-s: has no effect without --stiffness"),
+                ("--period", "--period: has no effect without --stiffness and --speed-mm-s"),
+            )
         ),
         (
             ("sensitivity", "ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", "--z", "nan"),

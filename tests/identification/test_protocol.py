@@ -279,6 +279,16 @@ def test_command(
     assert found["general"]["rows_used"] > 0
     model = JointTorqueModel.load(tmp_path / "model.toml")
     assert model.joints[0].value("B") == found["joints"][1]["parameters"]["B"]["value"]
+    # A part of the recordings is all that counts where one is asked for.
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--until", "0.5"])
+    assert ended.value.code == 2
+    assert "never moves alone" in capsys.readouterr().err
+    for option in ("--known", "--cutoff", "--shared-motor", "--payload", "--base", "--tip"):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, option, "1"])
+        assert ended.value.code == 2
+        assert f"{option}: is not for a protocol; leave it out" in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
         main([*arguments, "--robot", "ur5e"])
     assert ended.value.code == 2

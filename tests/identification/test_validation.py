@@ -147,3 +147,16 @@ def test_pages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         main([*arguments, "--contact-joint", "9"])
     assert ended.value.code == 2
     assert "9 is none of ur5e" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments[:3], "--contact-joint", "2"])
+    assert ended.value.code == 2
+    assert "--contact-joint: has no effect without --out" in capsys.readouterr().err
+    log.save(tmp_path / "log.parquet")  # without a wrench
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--contact-joint", "2"])
+    assert ended.value.code == 2
+    assert "log.parquet has no wrench; leave it out" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["tune", *arguments[2:3], "--model", *arguments[1:2], "--tip", "tool0"])
+    assert ended.value.code == 2
+    assert "--tip: has no meaning with fitted dynamics, which know their robot" in capsys.readouterr().err

@@ -28,9 +28,9 @@ def built_in_or_path(robot: str) -> str:
 
 def arm_of(robot: str, base: str | None, tip: str | None) -> Robot:
     """The robot of ``--robot``, ``--base`` and ``--tip``."""
-    from bumpstop.model import Robot
+    from bumpstop.cli.robots import load_robot
 
-    return Robot.from_urdf(robot, base, tip) if is_path(robot) else Robot.load(robot)
+    return load_robot(robot, base, tip)
 
 
 def is_dynamics(model: Path) -> bool:

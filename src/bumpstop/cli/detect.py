@@ -13,6 +13,7 @@ import typer
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.origin import (
     DETECTOR_OPTIONS,
+    GAIN,
     Arming,
     Base,
     Carried,
@@ -23,6 +24,7 @@ from bumpstop.cli.origin import (
     RobotName,
     Tip,
     load_model,
+    refuse_gain,
     takes_origin,
 )
 from bumpstop.cli.plan import writing
@@ -118,7 +120,7 @@ def detector(
     model: ModelFile = None,
     robot: RobotName = None,
     residual: Kind = "direct",
-    observer_gain: Gain = 50.0,
+    observer_gain: Gain = GAIN,
     arming_delay: Arming = 0.0,
     payload: Carried = 0.0,
     base: Base = None,
@@ -140,6 +142,7 @@ def detector(
             payload_kg=payload,
             period_s=period,
         )
+    refuse_gain(settings)
     made = Detector(arm, given, law, settings)
     save_detector(made, file)
     typer.echo(f"detector: {file}")

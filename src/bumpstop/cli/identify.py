@@ -80,7 +80,13 @@ def identify(
         _refuse("is not for a protocol", "leave it out", consistent, joint_model, second_moments)
         if model is not None:
             raise InputError("--model", "is not for a protocol", "leave it out: it finds a joint model")
-        identify_by_protocol(protocol, recordings, robot, columns, out, as_json)
+        _refuse_for_a_plan("leave it out", {"--known": known, "--cutoff": cutoff, "--shared-motor": shared_motor})
+        _refuse_for_a_plan("leave it out: the plan says it", {"--payload": payload, "--base": base, "--tip": tip})
+
+        def load(arm: Robot) -> list[Recording]:
+            return load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+
+        identify_by_protocol(protocol, load, robot, out, as_json)
         return
     _frequency("--cutoff", cutoff)
     arm = arm_of(robot, base, tip)
@@ -148,6 +154,12 @@ def _refuse(
             raise InputError(option, problem, valid)
 
 
+def _refuse_for_a_plan(valid: str, options: dict[str, object]) -> None:
+    for option, value in options.items():
+        if value not in (None, []):
+            raise InputError(option, "is not for a protocol", valid)
+
+
 def validate(
     model: Annotated[Path, typer.Argument(help="Model that identify wrote.", show_default=False)],
     recordings: Files,
@@ -190,6 +202,9 @@ def validate(
         return
     from bumpstop.cli.identify_dynamics import validate_dynamics
 
+    if contact_joint is not None and out is None:
+        raise InputError("--contact-joint", "has no effect without --out: forces are compared in the report",
+                         "give --out as well")  # fmt: skip
     for option, given in (("--robot", robot), ("--base", base), ("--tip", tip)):
         if given:
             raise InputError(option, "is for joint models", "dynamics know their robot")

@@ -46,6 +46,8 @@ def dynamics_report(
     contact = None
     if len(logs) == 1 and not any(payloads):
         contact = contact_of(fit, logs[0], joint=None if contact_joint is None else contact_joint - 1)
+        if contact is None and contact_joint is not None:
+            raise InputError("--contact-joint", f"has no effect: {logs[0].source} has no wrench", "leave it out")
     elif contact_joint is not None:
         raise InputError("--contact-joint", "is for one recording without a declared payload", "leave it out")
     selection = SelectionPart(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from bumpstop.cli.option_names import as_options
+from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ Topic = Annotated[str | None, typer.Option(help="Topic of a bag that has several
 MaxBad = Annotated[float, typer.Option(metavar="SHARE", help="Share of bad rows up to which they are dropped.")]
 Begin = Annotated[float | None, typer.Option("--from", help="Begin at this time of the recording [s].")]
 Until = Annotated[float | None, typer.Option("--until", help="End at this time of the recording [s].")]
+GAIN = 50.0  # of an observer, where none is given
 Kind = Annotated[str, typer.Option("--residual", help="direct or observer.")]
 Gain = Annotated[float, typer.Option("--observer-gain", help="Gain of the observer [1/s].")]
 Carried = Annotated[float, typer.Option("--payload", help="Mass at the tip that the robot does not include [kg].")]
@@ -80,7 +82,7 @@ class Origin:
     begin: Begin = None
     until: Until = None
     residual: Kind = "direct"
-    observer_gain: Gain = 50.0
+    observer_gain: Gain = GAIN
     payload: Carried = 0.0
     measured_rates: MeasuredRates = False
     limit_margin: Margin = 0.1
@@ -101,13 +103,15 @@ class Origin:
         from bumpstop.detection import DetectorSettings
 
         with as_options(DETECTOR_OPTIONS):
-            return DetectorSettings(
+            settings = DetectorSettings(
                 residual=self.residual,  # type: ignore[arg-type]
                 observer_gain_1_s=self.observer_gain,
                 payload_kg=self.payload,
                 measured_rates=self.measured_rates,
                 limit_margin=self.limit_margin,
             )
+        refuse_gain(settings)
+        return settings
 
     def recording(self, path: Path) -> Recording:
         """The part of a recording that counts."""
@@ -154,6 +158,12 @@ def takes_origin(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
+def refuse_gain(settings: DetectorSettings) -> None:
+    """Refuse the gain of an observer where there is none."""
+    if settings.residual == "direct" and settings.observer_gain_1_s != GAIN:
+        raise InputError("--observer-gain", "has no meaning with --residual direct", "give --residual observer as well")
+
+
 def load_model(
     model: str | None, robot: str | None, base: str | None, tip: str | None
 ) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
@@ -165,18 +175,21 @@ def load_model(
     from bumpstop.identification import load_fit
     from bumpstop.joint import JointTorqueModel
 
-    named = None if robot is None else _robot(robot, base, tip)
+    named = None if robot is None else load_robot(robot, base, tip)
     if model is None:
         if named is None:
             raise InputError("--robot", "is missing", "give a robot, or a model that names one")
         return None, named
     if _is_dynamics(model):
+        for option, given in (("--base", base), ("--tip", tip)):
+            if given is not None:
+                raise InputError(option, "has no meaning with fitted dynamics, which know their robot", "leave it out")
         fit = load_fit(model)
         if named is not None and named.dof != fit.robot.dof:
             raise InputError("--robot", f"{named.name} has {named.dof} joints, the model {fit.robot.dof}")
         return fit, fit.robot
     joints = JointTorqueModel.load(model)
-    return joints, named if named is not None else _robot(joints.robot, base, tip)
+    return joints, named if named is not None else load_robot(joints.robot, base, tip)
 
 
 def _is_dynamics(model: str) -> bool:
@@ -186,9 +199,3 @@ def _is_dynamics(model: str) -> bool:
         return tomllib.loads(Path(model).read_text(encoding="utf-8-sig")).get("kind") == "dynamics"
     except (OSError, ValueError, RecursionError):
         return False  # whoever reads it as a joint model says what is wrong
-
-
-def _robot(name: str, base: str | None, tip: str | None) -> Robot:
-    from bumpstop.model import Robot
-
-    return Robot.from_urdf(name, base, tip) if Path(name).suffix or "/" in name else Robot.load(name)

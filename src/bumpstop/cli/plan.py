@@ -64,6 +64,8 @@ def identification(
     from bumpstop.identification.plan_file import save_plan
 
     arm, named = named_robot(robot, base, tip)
+    if load_kg == 0 and any(_three("--load-m", load_m)):
+        raise InputError("--load-m", "has no effect without --load-kg", "give both, or neither")
     settings = ProtocolSettings(
         speed_shares=tuple(percent / 100 for percent in _numbers("--speeds", speeds)),
         repeats=repeats,
@@ -100,12 +102,13 @@ def identification(
 
 def named_robot(name: str, base: str | None, tip: str | None) -> tuple[Robot, dict[str, str]]:
     """A robot, and how files of identification name it."""
-    from bumpstop.model import Robot
+    from bumpstop.cli.robots import load_robot
 
+    arm = load_robot(name, base, tip)
     is_file = bool(Path(name).suffix) or "/" in name
     named = {"robot": str(Path(name).resolve()) if is_file else name}
     named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
-    return Robot.from_urdf(name, base, tip) if is_file else Robot.load(name), named
+    return arm, named
 
 
 def check_rate(rate: float) -> None:

@@ -11,30 +11,33 @@ import typer
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from bumpstop.identification.beside import GeneralBeside, JointBeside
     from bumpstop.identification.protocol import ProtocolFit
     from bumpstop.joint.model import Parameter
+    from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
 SHOWN = ("A", "B", "D", "F", "hysteresis", "inertia")
 
 
 def identify_by_protocol(
-    plan_file: Path, recordings: Sequence[Path], robot: str, columns: Path | None, out: Path | None, as_json: bool
+    plan_file: Path, load: Callable[[Robot], Sequence[Recording]], robot: str, out: Path | None, as_json: bool
 ) -> None:
-    """Read plan and recordings, fit, print, and write model and report where asked."""
+    """Read plan and recordings, fit, print, and write model and report where asked.
+
+    ``load`` reads the recordings of the plan's robot.
+    """
     from bumpstop.cli.progress import progress
     from bumpstop.identification.beside import general_beside
     from bumpstop.identification.plan_file import load_plan
     from bumpstop.identification.protocol import identify_protocol
-    from bumpstop.recording import Recording
 
     plan = load_plan(plan_file)
     if robot not in (plan.robot.name, str(plan_file)) and Path(robot).stem != plan.robot.name:
         raise InputError("--robot", f"{robot!r} is not the plan's", f"{plan_file} is for {plan.robot.name}")
-    logs = [Recording.load(path, columns=columns, robot=plan.robot) for path in recordings]
+    logs = load(plan.robot)
     with progress("identifying") as report:
         fit = identify_protocol(plan, logs, progress=report)
     with progress("fitting all motion") as report:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bumpstop.detection import Label, Roc, Score, Tolerance
     from bumpstop.detection.scoring import Interval
 
+_REARM_S = 0.5
 # From a quarter of the thresholds to four times, in steps of a quarter of an octave.
 _FACTORS = tuple(2 ** (k / 4) for k in range(-8, 9))
 
@@ -35,7 +36,7 @@ def command(
     arming_delay: Arming = 0.0,
     early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
     late: Annotated[float, typer.Option(help="An event so long after a label still belongs to it [s].")] = 0.25,
-    rearm: Annotated[float, typer.Option(help="Quiet time before there may be another event [s].")] = 0.5,
+    rearm: Annotated[float, typer.Option(help="Quiet time before there may be another event [s].")] = _REARM_S,
     out: Annotated[Path | None, typer.Option(help="Write report.html and its figures into this folder.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
@@ -50,8 +51,13 @@ def command(
     notes: list[str] = []
     if file.suffix == ".json":
         origin.refuse(f"the events of {str(file)!r}")
-        if thresholds is not None:
-            raise InputError("--thresholds", f"has no meaning with the events of {str(file)!r}", "leave it out")
+        for option, given in (
+            ("--thresholds", thresholds is not None),
+            ("--arming-delay", arming_delay != 0),
+            ("--rearm", rearm != _REARM_S),
+        ):
+            if given:
+                raise InputError(option, f"has no meaning with the events of {str(file)!r}", "leave it out")
         found, roc = _of_events(file, known, tolerance), None
     else:
         if thresholds is None:

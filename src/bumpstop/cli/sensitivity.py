@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 _DIRECTION = "0,0,-1"
+_PERIOD = 0.004
 
 
 def command(
@@ -33,7 +34,7 @@ def command(
     z: Annotated[float, typer.Option(help="Move the thresholds out by this many standard deviations.")] = 0.0,
     stiffness: Annotated[float, typer.Option(help="Of what is hit [N/m], for the torque's growth.")] = 0.0,
     speed_mm_s: Annotated[float, typer.Option("--speed-mm-s", help="At which it is hit.")] = 0.0,
-    period: Annotated[float, typer.Option(help="Between two samples [s].")] = 0.004,
+    period: Annotated[float, typer.Option(help="Between two samples [s].")] = _PERIOD,
     base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
     tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
@@ -48,6 +49,7 @@ def command(
     for name, value in (("--stiffness", stiffness), ("--speed-mm-s", speed_mm_s), ("--period", period), ("--z", z)):
         if not 0 <= value < math.inf:
             raise InputError(name, f"is {value}", "wanted zero or more")
+    _refuse_half_of_what_is_needed(noise_sd, z, stiffness, speed_mm_s, period)
     pose = numbers(pose_deg, "--pose-deg", arm.dof)
     q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
     check_pose(arm, np.array(q), "--pose-deg", in_degrees=True)
@@ -70,6 +72,19 @@ def command(
         typer.echo(json.dumps(_finite(found), allow_nan=False, indent=2))
     else:
         _print(arm, found)
+
+
+def _refuse_half_of_what_is_needed(noise_sd: str, z: float, stiffness: float, speed: float, period: float) -> None:
+    """Options that count in pairs alone; the torque grows at a rate only where both stiffness and speed are known."""
+    for option, given, other, wanted in (
+        ("--noise-sd", noise_sd != "0", "--z", z > 0),
+        ("--z", z > 0, "--noise-sd", noise_sd != "0"),
+        ("--stiffness", stiffness > 0, "--speed-mm-s", speed > 0),
+        ("--speed-mm-s", speed > 0, "--stiffness", stiffness > 0),
+        ("--period", period != _PERIOD, "--stiffness and --speed-mm-s", stiffness > 0),
+    ):
+        if given and not wanted:
+            raise InputError(option, f"has no effect without {other}", "give both, or neither")
 
 
 def numbers(text: str, option: str, count: int) -> list[float]:
