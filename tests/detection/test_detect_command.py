@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,6 +59,9 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
         "residuals.png",
         "residuals.parquet",
     }
+    # Only the joint that is not watched has no threshold to be drawn, and none is drawn where there was none yet.
+    drawn = (out / "residuals.svg").read_text(encoding="utf-8")
+    assert re.findall(r">(\w+): not watched<", drawn) == ["wrist_3_joint"]
 
 
 def test_poses_in_which_much_goes_unnoticed(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:

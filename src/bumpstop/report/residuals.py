@@ -30,7 +30,9 @@ def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str
         for j, panel in enumerate(panels):
             t, low, high = _envelope(run.t, run.residual[:, j])
             panel.fill_between(t, low, high, color=LAW, linewidth=0.9, label="residual")
-            limit = np.where(np.isfinite(run.threshold[:, j]), run.threshold[:, j], np.nan)
+            # Blind rows have the threshold of the row before: the first ones, of none, have zero.
+            given = run.threshold[:, j]
+            limit = np.where(np.isfinite(given) & (given > 0), given, np.nan)
             watched = bool(np.isfinite(limit).any())
             if watched:
                 at, lowest, _ = _envelope(run.t, limit)
