@@ -184,7 +184,8 @@ def test_real_arms_by_their_fitted_dynamics(
         (("--residual", "observer"), "'observer'"),
         (("--payload", 1), "--payload: "),
         (("--payload-change", 1), "--payload-change: "),
-        (("--measured-rates",), "measured_rates"),
+        (("--measured-rates",), "--measured-rates: "),
+        (("--limit-margin", 0.2), "--limit-margin: "),
     ):
         status, _, err = run(capsys, "detect", *path_and_names, "--model", model, "--thresholds", wide, *options)
         assert status == 2

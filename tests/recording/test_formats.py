@@ -133,6 +133,12 @@ def test_matlab(turned: bool, tmp_path: Path) -> None:
         ({"positions": {}}, "did you mean 'position'"),
         ({"current": {"columns": [2]}}, "1 columns, positions have 2"),
         ({"torque": {"columns": [2, 3], "side": "motor"}}, r"needs a \[coupling\]"),
+        ({"position": {"columns": [2, 3], "side": "motor"}}, r"columns.position.side: .* needs a \[coupling\]"),
+        ({"velocity": {"columns": [2, 3], "side": "motor"}}, r"columns.velocity.side: .* needs a \[coupling\]"),
+        (
+            {"current": {"columns": [2, 3], "side": "joint"}},
+            "columns.current.side: 'joint' cannot be used: currents are",
+        ),
         ({"coupling": {"ratio": [[1, 1], [1, 1]]}}, "cannot be inverted"),
         ({"coupling": {"ratio": [[1]]}}, "is for 1 joints, positions have 2"),
         ({"format": "xls"}, "did you mean 'xlsx'"),

@@ -54,6 +54,7 @@ DETECTOR_OPTIONS = {
     "residual": "--residual",
     "observer_gain_1_s": "--observer-gain",
     "limit_margin": "--limit-margin",
+    "measured_rates": "--measured-rates",
     "arming_delay_s": "--arming-delay",
     "payload_kg": "--payload",
     "payload_change_kg": "--payload-change",

@@ -50,7 +50,8 @@ def detect(
         rearm_s: as for :meth:`Detector.run`.
 
     Raises:
-        InputError: parts that do not belong together; with fitted dynamics an observer, payloads or measured rates.
+        InputError: parts that do not belong together; with fitted dynamics an observer, payloads, measured rates
+            or a margin of limits.
     """
     if not isinstance(model, DynamicsFit):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
@@ -60,6 +61,8 @@ def detect(
     for name in ("payload_kg", "payload_change_kg", "measured_rates"):
         if getattr(given, name):
             raise InputError(name, "is not available with fitted dynamics", "leave it out, or give a joint model")
+    if given.limit_margin != DetectorSettings.limit_margin:
+        raise InputError("limit_margin", "is not available with fitted dynamics: they know no limits", "leave it out")
     if model.robot.dof != robot.dof:
         raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
     law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])

@@ -129,6 +129,7 @@ def _from_dict(data: dict[str, Any], folder: Path) -> Columns:
     for name in ("time", *QUANTITIES):
         if name in data:
             quantities[name] = _quantity(name, data[name], folder, axis)
+            _check_side(name, data[name].get("side"), coupled="coupling" in data)
     return Columns(
         format=_choice(data["format"], FORMATS, "columns.format") if "format" in data else "",
         header=header,
@@ -172,6 +173,15 @@ def _quantity(name: str, given: Any, folder: Path, axis: str) -> Quantity:
         file=folder / _text(given["file"], f"{where}.file") if "file" in given else None,
         rate_hz=rate,
     )
+
+
+def _check_side(name: str, given: str | None, *, coupled: bool) -> None:
+    """Refuse a side that was written and would not count; of torques the reader of the file says it."""
+    where = f"columns.{name}.side"
+    if name in ("position", "velocity") and given == "motor" and not coupled:
+        raise InputError(where, '"motor" needs a [coupling]', 'give ratio, or side = "joint"')
+    if name == "current" and given == "joint":
+        raise InputError(where, "'joint' cannot be used: currents are those of motors", "leave it out")
 
 
 def _coupling(given: Any) -> Coupling:
