@@ -129,7 +129,6 @@ def test_changes_that_cannot_be_used(change: str, words: str) -> None:
         (("--sampled", "9" * 5000), "--sampled: '99"),
         (("--seed", "-1"), "--seed: '-1' cannot be used; wanted a whole number from 0 to 18446744073709551615"),
         (("--seed", str(2**64)), "--seed: '18446744073709551616' cannot be used"),
-        (("--seed", "7"), "--seed: has no effect on the exact law; give --sampled as well, or leave it out"),
         (("--threads", "0"), "--threads: '0' cannot be used; wanted a whole number from 1 to 256"),
         (("--threads", "1000000"), "--threads: '1000000' cannot be used"),
         (("--jsn",), "No such option: --jsn (Possible options: --json"),
@@ -162,14 +161,6 @@ def test_options_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> 
         (
             ("plan", "identification", "--robot", "ur5e", "--load-m", "0,0,0.1"),
             "--load-m: has no effect without --load-kg; give both, or neither",
-        ),
-        (
-            ("study", "workspace", EXAMPLE, "--grid", "2", "--seed", "5"),
-            "--seed: has no meaning with --grid, where nothing is drawn",
-        ),
-        (
-            ("study", "atlas", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", "--seed", "5"),
-            "--seed: has no meaning with a trajectory, where nothing is drawn",
         ),
         (
             ("study", "parameters", EXAMPLE, "--vary", "detector.observer_gain_1_s=10:80"),

@@ -136,7 +136,7 @@ def test_matlab(turned: bool, tmp_path: Path) -> None:
         ({"position": {"columns": [2, 3], "side": "motor"}}, r"columns.position.side: .* needs a \[coupling\]"),
         ({"velocity": {"columns": [2, 3], "side": "motor"}}, r"columns.velocity.side: .* needs a \[coupling\]"),
         (
-            {"current": {"columns": [2, 3], "side": "joint"}},
+            {"current": {"columns": [2, 3], "side": "joint"}, "coupling": {"ratio": [[2, 0], [1, 2]]}},
             "columns.current.side: 'joint' cannot be used: currents are",
         ),
         ({"coupling": {"ratio": [[1, 1], [1, 1]]}}, "cannot be inverted"),

@@ -64,8 +64,6 @@ def command(
     from bumpstop.collision import evaluate, load_scenario
 
     checked = load_scenario(scenario, dict(change(text) for text in changes or []))
-    if seed and sampled is None and checked.detector.residuals is None:
-        raise InputError("--seed", "has no effect on the exact law", "give --sampled as well, or leave it out")
     try:
         law = evaluate(checked, samples=sampled, seed=seed, threads=threads)
     except MemoryError:

@@ -180,7 +180,7 @@ def _check_side(name: str, given: str | None, *, coupled: bool) -> None:
     where = f"columns.{name}.side"
     if name in ("position", "velocity") and given == "motor" and not coupled:
         raise InputError(where, '"motor" needs a [coupling]', 'give ratio, or side = "joint"')
-    if name == "current" and given == "joint":
+    if name == "current" and given == "joint" and coupled:
         raise InputError(where, "'joint' cannot be used: currents are those of motors", "leave it out")
 
 
