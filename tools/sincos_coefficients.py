@@ -4,8 +4,8 @@ Run ``python tools/sincos_coefficients.py > include/bumpstop/math/sincos_coeffic
 
 On [-pi/4, pi/4], and with t = x^2, what the first terms of the Taylor series leave is t^(3/2) S(t) of the sine and
 t^2 C(t) of the cosine. S and C are expanded in Chebyshev polynomials in 60 digits, cut off, and turned into powers of
-t, lowest first. The polynomials are then wrong by 2e-17 of the sine and 2e-18 of the cosine at most, where Taylor's series
-would need two terms more.
+t, lowest first. The polynomials are then wrong by 2e-17 of the sine and 2e-18 of the cosine at most, where Taylor's
+series would need two terms more.
 """
 
 import mpmath as mp
