@@ -13,7 +13,8 @@ import bumpstop as bs
 from bumpstop.study import run
 from bumpstop.study.equal_risk import allowed_force
 from bumpstop.study.fits import R2_WANTED, fit_laws
-from bumpstop.study.parameters import SOURCE, ParameterStudy
+from bumpstop.study.parameters import SOURCE, ParameterStudy, _difference
+from bumpstop.study.variable import Variable
 from collision.cases import control_group
 
 
@@ -111,6 +112,83 @@ def test_derivatives_agree_with_differences_of_another_width(control: Any) -> No
     assert found["detector.feedback_period_s"]["quantised"]
 
 
+def _mean(scenario: bs.Scenario, **changes: Any) -> float:
+    return bs.evaluate(scenario.with_values({key.replace("__", "."): v for key, v in changes.items()})).peak_force.mean
+
+
+def _derivative(scenario: bs.Scenario, vary: str) -> dict[str, Any]:
+    (found,) = run(ParameterStudy.of(scenario, vary=[vary]))[1]["parameters"]
+    return {**found["derivative"], "control": found["control"]}
+
+
+def test_at_the_end_of_what_a_key_takes_the_slope_is_no_secant() -> None:
+    # Damping enters by its square, so that at 0 nothing depends on it; a secant says -0.3 N.
+    damping = _derivative(control_group(), "motion.damping=0:0.02:3")
+    assert abs(damping["mean"]) < 1e-3
+    assert damping["error"] > 10 * abs(damping["mean"])
+    # A body that touches, within the way to the first tick: the same slope as from closer by.
+    touching = control_group(contact__offset_law="fixed", contact__offset_mm=0.0)
+    found = _derivative(touching, "contact.offset_mm=0:0.2:3")
+    near, nearer = ((_mean(touching, contact__offset_mm=h) - _mean(touching)) / h for h in (2e-3, 1e-3))
+    assert found["mean"] == pytest.approx(2 * nearer - near, rel=2e-3)
+
+
+def test_a_slope_with_one_point_missing_is_that_of_the_others() -> None:
+    h = np.array([-0.5, 0.0, 0.5, 1.0])
+    slope, error = _difference(h, 2.0 + 3.0 * h - 0.7 * h**2 + 0.4 * h**3)
+    assert slope == pytest.approx(3.0, rel=1e-12)
+    # Without the cubic the three nearest points are off by 0.4 h^2.
+    assert error == pytest.approx(0.4 * 0.5**2, rel=1e-9)
+
+
+def test_a_latency_between_steps_is_that_of_the_law() -> None:
+    # 6.2 ms are rounded up to 7 ms, which is where the slope, and its share of the force, are wanted.
+    scenario = control_group(reaction__latency_s=0.0062)
+    found = _derivative(scenario, "reaction.latency_s=0:0.01:3")
+    slope = (_mean(scenario, reaction__latency_s=0.008) - _mean(scenario, reaction__latency_s=0.006)) / 0.002
+    assert found["control"] == 0.007
+    assert found["mean"] == pytest.approx(slope, rel=1e-9)
+    assert found["elasticity"] == pytest.approx(slope * 0.007 / _mean(scenario), rel=1e-9)
+
+
+# Four keys of two arms that reverse or stop, obliquely, by other offset laws.
+SLOPES = [
+    (
+        control_group(motion__velocity_mm_s=[20.0, -15.0, -45.0], reaction__kind="stop", reaction__latency_s=0.012),
+        ["detector.thresholds_Nm[2]=5:15", "detector.noise_sd_Nm=0.5:3", "reaction.latency_s=0.002:0.02"],
+    ),
+    (
+        control_group(contact__offset_law="uniform", motion__damping=0.02, motion__velocity_mm_s=[0.0, 30.0, -30.0]),
+        ["detector.thresholds=5:15", "motion.damping=0.01:0.1"],
+    ),
+    (
+        control_group(detector__noise_correlation=0.6, detector__residual="observer"),
+        ["detector.observer_gain_1_s=20:100", "detector.noise_correlation=0.2:0.8", "contact.offset_sd_s=0.05:0.2"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("scenario", "keys"), SLOPES)
+def test_slopes_are_those_of_laws_much_closer_together(scenario: bs.Scenario, keys: list[str]) -> None:
+    study = ParameterStudy.of(scenario, vary=[f"{key}:2" for key in keys])
+    for each in run(study)[1]["parameters"]:
+        name, here = each["key"], each["control"]
+        step = 0.001 if each["derivative"]["quantised"] else 1e-3 * here
+        item = name.partition("[")[2]
+
+        def mean(value: float, name: str = name, here: float = here, item: str = item) -> float:
+            key = {"detector.thresholds": "detector.thresholds_Nm"}.get(name, name.partition("[")[0])
+            own: Any = scenario.to_dict()[key.partition(".")[0]][key.partition(".")[2]]
+            if item:
+                own[int(item[:-1]) - 1] = value
+            else:
+                own = [x * value / here for x in own] if isinstance(own, list) else value
+            return bs.evaluate(scenario.with_values({key: own})).peak_force.mean
+
+        slope = (mean(here + step) - mean(here - step)) / (2 * step)
+        assert each["derivative"]["mean"] == pytest.approx(slope, rel=5e-3), name
+
+
 PAIR = ("motion.speed=20:80:5", "reaction.joint_acceleration_rad_s2=3:18:5")
 
 
@@ -172,6 +250,59 @@ def test_the_guide_meets_the_limits_at_the_least_cost_of_a_grid(priced: Any) -> 
         cost = (80 - speed) + 4 * (acceleration - 4.5) + 3000 * (0.004 - period)
         if cost < 0.99 * plan["cost"]:
             assert not acceptable(speed, acceleration, period), "a cheaper plan was overlooked"
+
+
+# A threshold is to be low for the force and high for false alarms: at either end of these ranges one of the two is
+# missed. And far too high a threshold hides that a lower speed would help.
+TWO_SIDED = {
+    "too high": (
+        {"motion__velocity_mm_s": [0.0, 0.0, -60.0], "contact__area_cm2": 2.0},
+        {"detector.thresholds": (4.0, 10.0)},
+    ),
+    "too low": (
+        {"detector__thresholds_Nm": [12.0, 6.0, 12.0, 12.0, 12.0, 12.0, 12.0], "contact__area_cm2": 2.0},
+        {"detector.thresholds": (4.0, 30.0)},
+    ),
+    "deaf": (
+        {
+            "motion__velocity_mm_s": [0.0, 0.0, -100.0],
+            "detector__thresholds_Nm": [2000.0] * 7,
+            "contact__area_cm2": 2.0,
+        },
+        {"motion.speed": (20.0, 100.0), "detector.thresholds": (8.0, 2000.0)},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TWO_SIDED)
+def test_the_guide_finds_what_meets_limits_and_false_alarms_at_once(name: str) -> None:
+    changes, ends = TWO_SIDED[name]
+    scenario = control_group(**changes)
+    study = ParameterStudy.of(
+        scenario,
+        vary=[f"{key}={low}:{high}:2" for key, (low, high) in ends.items()],
+        prices=[f"{key}=1" for key in ends],
+    )
+    guide = run(study)[1]["guide"]
+    assert guide["together"] is not None, guide["reason"]
+    start, best = guide["now"]["values"], guide["together"]["values"]
+
+    def acceptable(values: dict[str, float]) -> bool:
+        here = scenario
+        for key, value in values.items():
+            here = Variable(key).apply(here, value)
+        return bool(bs.evaluate(here).verdict.acceptable)
+
+    assert acceptable(best)
+    # All values somewhat nearer to the present ones, in steps of a twentieth of what is changed or of the best value.
+    nearer = [
+        best[key] + (start[key] - best[key]) * np.linspace(0, min(1, best[key] / abs(start[key] - best[key])), 21)
+        for key in ends
+    ]
+    for values in itertools.product(*nearer):
+        cost = sum(abs(value - start[key]) for key, value in zip(ends, values, strict=True))
+        if cost < guide["together"]["cost"] * (1 - 1e-4):
+            assert not acceptable(dict(zip(ends, values, strict=True))), "a cheaper plan was overlooked"
 
 
 def test_a_value_that_has_no_law_is_named() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 # Below this a false alarm is so rare that no digit of it matters, and its logarithm stays finite.
 _RAREST = 1e-30
 _MOST_COMBINATIONS = 64
+# Values of one variable looked at, as many on either side of the present one.
+_LOOKS = 16
+# Rounds through all variables on the way to the mildest values: one may only matter where another has changed.
+_ROUNDS = 3
+# Margins closer than this are the same: false alarms know nothing of most variables, but to rounding.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -115,7 +121,7 @@ class Guide:
 def cheapest(scenario: Scenario, prices: Sequence[Price]) -> Guide:
     """Find the changes of least total cost with which the scenario meets its limits and its false-alarm rate.
 
-    Quantised variables are tried at every value on the way to their milder end; for each, the rest is a smooth problem
+    Quantised variables are tried at every value on the way to their mildest one; for each, the rest is a smooth problem
     with a linear cost (sequential quadratic programming, from the present values and from the mildest ones). Every
     plan is checked by its exact law.
 
@@ -136,8 +142,8 @@ def cheapest(scenario: Scenario, prices: Sequence[Price]) -> Guide:
     if together is None:
         mild = search.plan(search.mild)
         reason = (
-            f"Nothing in these ranges is enough: with all of them at their milder ends the force that is passed with "
-            f"the accepted risk is {math.exp(-mild.margin):.3g} times what is allowed"
+            f"Nothing in these ranges is enough: with all of them at their mildest values the force that is passed "
+            f"with the accepted risk is {math.exp(-mild.margin):.3g} times what is allowed"
             + ("." if mild.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
         )
     return Guide(now, alone, together, reason)
@@ -154,7 +160,7 @@ class _Search:
         self.high = np.maximum(self.start, [price.swept.high for price in prices])
         self.quantum = [variable.quantum(scenario) for variable in self.variables]
         self._known: dict[tuple[float, ...], tuple[float, float]] = {}
-        self.mild = self._milder_ends()
+        self.mild = self._mildest_values()
 
     def margins(self, x: FloatArray) -> tuple[float, float]:
         """Logarithms of allowed over accepted force, and of accepted over actual false alarms."""
@@ -183,45 +189,101 @@ class _Search:
         values = {variable.name: float(value) for variable, value in zip(self.variables, x, strict=True)}
         return Plan(values, self.cost(x), *self.margins(x))
 
-    def _milder_ends(self) -> FloatArray:
+    def _mildness(self, x: FloatArray) -> tuple[float, float]:
+        """What is to be as great as can be: the lesser margin, and where that is the same the other one."""
+        lesser, other = sorted(self.margins(x))
+        return round(lesser / _SAME) * _SAME, other
+
+    def _looks(self, k: int) -> FloatArray:
+        """Values of one variable over its range, with the present one, ascending."""
+        low, here, high = float(self.low[k]), float(self.start[k]), float(self.high[k])
+        if self.quantum[k]:
+            steps = max(1, round((high - low) / self.quantum[k] / (2 * _LOOKS)))
+            values = [here + i * steps * self.quantum[k] for i in range(-2 * _LOOKS, 2 * _LOOKS + 1)]
+            values = [self.variables[k].quantised(self.scenario, value) for value in values]
+        else:
+            values = [*np.linspace(low, here, _LOOKS + 1), *np.linspace(here, high, _LOOKS + 1)]
+        return np.unique([low, here, high, *(value for value in values if low < value < high)])
+
+    def _mildest(self, x: FloatArray, k: int) -> float:
+        """The mildest value of one variable, the others as given.
+
+        Often an end of the range; a threshold, though, is to be low for the force and high for false alarms.
+        """
+        from scipy import optimize
+
+        def at(value: float) -> FloatArray:
+            y = x.copy()
+            y[k] = value
+            return y
+
+        looks = self._looks(k)
+        best = max(range(looks.size), key=lambda i: (self._mildness(at(looks[i])), looks[i] == x[k]))
+        value = float(looks[best])
+        if self.quantum[k] or min(self.margins(at(value))) >= 0:
+            return value
+        found = optimize.minimize_scalar(
+            lambda v: -min(self.margins(at(float(v)))),
+            bounds=(looks[max(0, best - 1)], looks[min(looks.size - 1, best + 1)]),
+            method="bounded",
+        )
+        return max(value, float(found.x), key=lambda v: self._mildness(at(v)))
+
+    def _mildest_values(self) -> FloatArray:
+        """The mildest of all variables, one after the other until nothing is gained."""
         mild = self.start.copy()
-        for k in range(self.start.size):
-            ends = []
-            for end in (self.low[k], self.high[k]):
-                x = self.start.copy()
-                x[k] = end
-                ends.append((min(self.margins(x)), end))
-            mild[k] = max(ends)[1]
+        for _ in range(_ROUNDS):
+            before = mild.copy()
+            for k in range(mild.size):
+                mild[k] = self._mildest(mild, k)
+            if np.array_equal(mild, before):
+                break
         return mild
 
     def alone(self, k: int) -> Plan | None:
-        """Bisect one variable between its present value and its milder end."""
-        here, there = float(self.start[k]), float(self.mild[k])
+        """Look at one variable on either side of its present value, and bisect to where the limits begin to be met."""
 
         def at(value: float) -> FloatArray:
             x = self.start.copy()
             x[k] = self.variables[k].quantised(self.scenario, value)
             return x
 
-        if min(self.margins(at(there))) < 0:
-            return None
-        finest = self.quantum[k] or 1e-6 * abs(there - here)
-        while abs(there - here) > 1.001 * finest:
-            middle = self.variables[k].quantised(self.scenario, 0.5 * (here + there))
-            if middle in (here, there):
+        def meets(value: float) -> bool:
+            return min(self.margins(at(value))) >= 0
+
+        here = float(self.start[k])
+        looks = np.unique([*self._looks(k), self._mildest(self.start, k)])
+        plans = []
+        for side in (looks[looks <= here][::-1], looks[looks >= here]):
+            first = next((i for i, value in enumerate(side) if meets(float(value))), None)
+            if first is not None:
+                plans.append(self.plan(at(self._edge(float(side[first - 1]), float(side[first]), k, meets))))
+        return min(plans, key=lambda plan: plan.cost, default=None)
+
+    def _edge(self, outside: float, inside: float, k: int, meets: Callable[[float], bool]) -> float:
+        """The value that meets the limits and is nearest to one that does not, between the two."""
+        finest = self.quantum[k] or 1e-6 * float(self.high[k] - self.low[k])
+        while abs(inside - outside) > 1.001 * finest:
+            middle = self.variables[k].quantised(self.scenario, 0.5 * (outside + inside))
+            if middle in (outside, inside):
                 break
-            if min(self.margins(at(middle))) >= 0:
-                there = middle
+            if meets(middle):
+                inside = middle
             else:
-                here = middle
-        return self.plan(at(there))
+                outside = middle
+        return inside
 
     def together(self, known: list[Plan]) -> Plan | None:
         """The best of the plans with one variable and of those with all."""
-        if min(self.margins(self.mild)) < 0 and not known:
-            return None
         best = min(known, key=lambda plan: plan.cost, default=None)
-        for fixed in self._combinations():
+        mild = self.plan(self.mild)
+        if mild.meets and (best is None or mild.cost < best.cost):
+            best = mild
+        combinations = self._combinations()
+        if best is None:
+            # Where not even the mildest values are enough, those of quantised keys are the only ones worth a search.
+            combinations = [{k: float(self.mild[k]) for k, quantum in enumerate(self.quantum) if quantum}]
+        for fixed in combinations:
             for begin in (self.mild, self.start) if best is None else (np.array(list(best.values.values())),):
                 found = self._smooth(fixed, begin)
                 if found is not None and (best is None or found.cost < best.cost):

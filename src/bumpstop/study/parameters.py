@@ -269,8 +269,9 @@ def _difference_points(scenario: Scenario, swept: Range) -> list[float]:
 def _derivative(scenario: Scenario, swept: Range, points: pl.DataFrame) -> dict[str, Any]:
     """dF/dx of mean and sd at the control point, by differences of exact laws.
 
-    Central where both sides exist, and over two distances the rest of the curvature is taken out (Richardson); then
-    ``error`` is how much that changed. Across one quantum on either side where the key is quantised.
+    Over two distances the rest of the curvature is taken out (Richardson); then ``error`` is how much that changed. At
+    the end of what the scenario takes the points of one side do the same. Across one quantum on either side where the
+    key is quantised.
     """
     variable = swept.variable
     control, quantum = variable.value(scenario), variable.quantum(scenario)
@@ -294,7 +295,18 @@ def _difference(h: FloatArray, y: FloatArray) -> tuple[float, float]:
     if h.size == 5:
         wide, narrow = (y[4] - y[0]) / (h[4] - h[0]), (y[3] - y[1]) / (h[3] - h[1])
         return float((4 * narrow - wide) / 3), float(abs(narrow - wide))
-    return float((y[-1] - y[0]) / (h[-1] - h[0])), math.nan
+    slope = _polynomial_slope(h, y)
+    if h.size == 2 or (h.size == 3 and h[0] < 0 < h[-1]):
+        return slope, math.nan
+    # Without the point that is farthest away.
+    nearer = np.sort(np.argsort(np.abs(h), kind="stable")[:-1])
+    return slope, abs(slope - _polynomial_slope(h[nearer], y[nearer]))
+
+
+def _polynomial_slope(h: FloatArray, y: FloatArray) -> float:
+    """Slope at 0 of the polynomial through all points."""
+    size = np.abs(h).max()
+    return float(np.linalg.solve(np.vander(h / size, increasing=True), y)[1] / size)
 
 
 def _direction(y: FloatArray) -> str:

@@ -77,6 +77,8 @@ class Variable:
     def value(self, scenario: Scenario) -> float:
         """Its value in a scenario; of ``contact.padding`` infinity where there is none.
 
+        A latency counts as what it is rounded up to: whole simulation steps.
+
         Raises:
             InputError: it is no numeric key, or the scenario has no value there.
         """
@@ -99,6 +101,9 @@ class Variable:
         found = self._lookup(scenario)
         if isinstance(found, bool) or not isinstance(found, int | float):
             raise self._unusable(found)
+        if self.name == "reaction.latency_s":
+            step = scenario.simulation.step_s
+            return self.quantised(scenario, math.ceil(found / step - 1e-9) * step)
         return float(found)
 
     def apply(self, scenario: Scenario, value: float) -> Scenario:
