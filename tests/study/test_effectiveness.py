@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import bumpstop as bs
 from bumpstop.study import run
 from bumpstop.study.effectiveness import EffectivenessStudy
-from collision.cases import control_group
+from collision.cases import control_group, ur10e
 
 BODIES = ["hand_finger", "lower_arm_wrist", "upper_arm_elbow"]
 
@@ -71,6 +72,39 @@ def test_a_safe_speed_is_safe_and_a_tenth_more_is_not(summary: dict[str, Any]) -
 
         assert acceptable(speed) is True
         assert acceptable(speed + 0.1) is False
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        # Little noise and few ticks: teeth that are farther apart than what a scan in wide steps looks at.
+        ur10e(
+            contact__offset_law="fixed",
+            contact__offset_mm=11.0,
+            contact__area_cm2=2.0,
+            detector__noise_sd_Nm=0.5,
+            detector__feedback_period_s=0.008,
+        ),
+        # At 1.8 mm/s the body is met just before the five seconds end.
+        control_group(contact__offset_law="fixed", contact__offset_mm=8.9, contact__area_cm2=2.0),
+    ],
+)
+def test_a_safe_speed_is_below_the_first_tooth_that_fails(case: bs.Scenario) -> None:
+    bodies, body = ["hand_finger", "lower_arm_wrist"], ("ts15066", "hand_finger")
+    study = EffectivenessStudy.of(case, bodies=bodies, directions=["down"], speeds_mm_s=[50.0], areas_cm2=[2.0])
+    found = {(s["table"], s["body"]): s["safe_speed_mm_s"] for s in run(study)[1]["safe_speeds"]}
+
+    def over(speed: float) -> float:
+        there = study.scenario_of(*body, "down", speed, 2.0)
+        # Slow arms get longer to go as far.
+        verdict = bs.evaluate(there.with_values({"motion.duration_s": 5 * max(1.0, 50 / speed)})).verdict
+        return max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
+
+    safe = found[body]
+    # Where teeth are high they are as wide as a feedback period is of the time to the body: 3 and 4 % of the speed.
+    slower = np.geomspace(1.0, safe, 600)
+    assert all(over(float(speed)) <= case.verdict.risk for speed in slower)
+    assert any(over(safe + step) > case.verdict.risk for step in np.linspace(0.01, 0.12, 12))
 
 
 def test_a_larger_area_is_never_worse_and_tables_are_not_mixed(summary: dict[str, Any]) -> None:

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from bumpstop.study.effectiveness import EffectivenessStudy
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
+_BOUND_BY = {
+    "force": " (f)", "pressure": " (p)", "false_alarm": " (a)", "undetected": " (u)", "singularity": " (s)",
+    "none": " or more",
+}  # fmt: skip
 _COLORS = (LAW, LIMIT, EVENT, INK)
 
 
@@ -60,7 +64,8 @@ class SafeSpeedsPart(Part):
         return [
             paragraph(
                 f"The highest speed, in mm/s, at which each limit is passed with a probability of at most "
-                f"{percent(self._risk)}. In brackets what stands against more: f force, p pressure, a false alarms."
+                f"{percent(self._risk)}. In brackets what stands against more: f force, p pressure, a false alarms, "
+                f"u collisions that go unnoticed, s a singularity on the way."
             ),
             *(paragraph(f"{label}: {reason}") for label, reason in refused.items()),
             table(headings, rows, caption="Highest safe speed [mm/s]", numbers=True),
@@ -117,8 +122,7 @@ class SafeSpeedsPart(Part):
 def _speed(found: dict[str, Any]) -> str:
     if found["safe_speed_mm_s"] is None:
         return "none"
-    mark = {"force": " (f)", "pressure": " (p)", "false_alarm": " (a)"}.get(found["binding"], " or more")
-    return f"{found['safe_speed_mm_s']:g}{mark}"
+    return f"{found['safe_speed_mm_s']:g}{_BOUND_BY[found['binding']]}"
 
 
 class CollisionsPart(Part):

@@ -8,13 +8,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bumpstop.errors import InputError, near_matches
+from bumpstop.study.sawtooth import is_sawtooth
 from bumpstop.study.study import Study, check_risk
+from bumpstop.study.variable import Variable
 
 if TYPE_CHECKING:
     import polars as pl
 
     from bumpstop.collision import ForceLaw, Scenario
     from bumpstop.contact import LimitTable
+    from bumpstop.study.requirement import Requirement
 
 # Base frame, seen from behind the base.
 DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
@@ -295,21 +298,31 @@ class _Laws:
     def safe_speed(self, area: float) -> dict[str, Any]:
         """The highest speed below which every speed looked at is acceptable, in tenths of mm/s; None: not even 1 mm/s.
 
-        A scan finds the first speed that is not acceptable, and bisection the edge below it.
+        A scan finds the first speed that is not acceptable, and bisection the edge below it. Where the risk is a
+        sawtooth in the speed, a requirement looks at all teeth, and the scan only at false alarms.
         """
+        found: dict[str, Any] = {"kind": "safe_speed", "area_cm2": area, "reason": ""}
         top = self._study.highest_speed_mm_s
+        judged, beyond = self.judged, "none"
+        if self._on_teeth:
+            required = self._required(area)
+            if required.value is None:
+                return found | {"binding": required.binding, "reason": f"Not acceptable even at {required.low:g} mm/s."}
+            if required.binding != "range":
+                tenths = math.floor(required.value / SPEED_STEP_MM_S + 1e-6)
+                top, beyond = round(tenths * SPEED_STEP_MM_S, 1), required.binding
+            judged = self._alarms_judged
         ratio = (top / LOWEST_SPEED_MM_S) ** (1 / (_SCAN - 1))
         scan = sorted({round(LOWEST_SPEED_MM_S * ratio**i, 1) for i in range(_SCAN - 1)} | {top})
-        found: dict[str, Any] = {"kind": "safe_speed", "area_cm2": area, "reason": ""}
         low = None
         for speed in scan:
-            acceptable, binding = self.judged(speed, area)
+            acceptable, binding = judged(speed, area)
             if not acceptable:
                 break
             low = speed
         else:
-            reason = f"Nothing stands against it up to {top:g} mm/s."
-            return found | {"safe_speed_mm_s": top, "binding": "none", "reason": reason}
+            reason = f"Nothing stands against it up to {top:g} mm/s." if beyond == "none" else ""
+            return found | {"safe_speed_mm_s": top, "binding": beyond, "reason": reason}
         if low is None:
             return found | {"binding": binding, "reason": f"Not acceptable even at {scan[0]:g} mm/s."}
         # Whole tenths, so that the speed returned is one that was looked at.
@@ -319,12 +332,31 @@ class _Laws:
             # By straight lines through the logarithms, and every third time by halves.
             tries += 1
             middle = (below + above) // 2 if tries % 3 == 0 else self._crossing(below, above, area)
-            acceptable, against = self.judged(round(middle * SPEED_STEP_MM_S, 1), area)
+            acceptable, against = judged(round(middle * SPEED_STEP_MM_S, 1), area)
             if acceptable:
                 below = middle
             else:
                 above, binding = middle, against
         return found | {"safe_speed_mm_s": round(below * SPEED_STEP_MM_S, 1), "binding": binding}
+
+    @property
+    def _on_teeth(self) -> bool:
+        """Whether the risk may be a sawtooth in the speed, and has the exact law that requirements ask for."""
+        scenario = self._study.scenario
+        return is_sawtooth(scenario) and scenario.detector.residuals is None
+
+    def _required(self, area: float) -> Requirement:
+        """The highest speed that meets the risk, with every slower one; slower arms get longer to go as far."""
+        from bumpstop.study.requirement import require
+
+        own = Variable("motion.speed").value(self._study.scenario)
+        scenario = self._study.scenario_of(*self._which, own, area)
+        return require(scenario, "motion.speed", low=LOWEST_SPEED_MM_S, high=self._study.highest_speed_mm_s)
+
+    def _alarms_judged(self, speed: float, area: float) -> tuple[bool, str]:
+        """As :meth:`judged`, by false alarms alone."""
+        law = self.law(speed, area)
+        return law.false_alarm_probability <= self._study.scenario.verdict.max_false_alarm, "false_alarm"
 
     def _crossing(self, below: int, above: int, area: float) -> int:
         """Whole tenths between two others where the force at risk should reach what is allowed; else the middle."""
