@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -98,7 +99,7 @@ def _power(x: FloatArray, y: FloatArray) -> _Found:
     def scale(B: float) -> float:
         return float(y @ z**B / (z**B @ z**B))
 
-    B = _search(lambda B: float(np.sum((y - scale(B) * z**B) ** 2)))
+    B = _search(lambda B: float(np.sum((y - scale(B) * z**B) ** 2)), _exponents(x))
     A = scale(B) / float(x[-1]) ** B
     return (A, B), scale(B) * z**B, f"{A:.4g} x^{B:.4g}"
 
@@ -118,21 +119,34 @@ def _constant_plus_power(x: FloatArray, y: FloatArray) -> _Found:
         A, B = line(C)
         return float(np.sum((y - A - B * z**C) ** 2))
 
-    C = _search(misfit)
+    C = _search(misfit, _exponents(x))
     A, B = line(C)
     fitted = A + B * z**C
     B /= float(x[-1]) ** C
     return (A, B, C), fitted, f"{A:.4g} {_plus(B)} x^{C:.4g}"
 
 
+# Close together where laws of nature lie, then in even ratios.
 _EXPONENTS = np.linspace(-4.0, 4.0, 81)
+_STEEP, _STEEPEST = 1.05, 40.0
+# Powers of ten within which all powers of x stay, so that their squares are still numbers.
+_MOST_DECADES = 140.0
 
 
-def _search(misfit: Callable[[float], float]) -> float:
+def _exponents(x: FloatArray) -> FloatArray:
+    """Exponents to look at, ascending."""
+    decades = float(np.abs(np.log10([x[0], x[-1], x[-1] / x[0]])).max())
+    most = min(_STEEPEST, _MOST_DECADES / max(decades, 1e-9))
+    count = max(0, math.floor(math.log(most / _EXPONENTS[-1]) / math.log(_STEEP)))
+    steep = _EXPONENTS[-1] * _STEEP ** np.arange(1, count + 1)
+    return np.concatenate([-steep[::-1], _EXPONENTS, steep])
+
+
+def _search(misfit: Callable[[float], float], exponents: FloatArray) -> float:
     """The best exponent: the best of a grid, refined between its neighbours."""
     from scipy import optimize
 
-    values = [misfit(float(exponent)) for exponent in _EXPONENTS]
+    values = [misfit(float(exponent)) for exponent in exponents]
     best = int(np.argmin(values))
-    low, high = _EXPONENTS[max(0, best - 1)], _EXPONENTS[min(_EXPONENTS.size - 1, best + 1)]
+    low, high = exponents[max(0, best - 1)], exponents[min(exponents.size - 1, best + 1)]
     return float(optimize.minimize_scalar(misfit, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).x)
