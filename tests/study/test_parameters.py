@@ -15,7 +15,7 @@ from bumpstop.study.equal_risk import allowed_force
 from bumpstop.study.fits import R2_WANTED, fit_laws
 from bumpstop.study.parameters import SOURCE, ParameterStudy, _difference
 from bumpstop.study.variable import Variable
-from collision.cases import control_group
+from collision.cases import control_group, ur10e
 
 # Of the control group over the lowest [1].
 NOISE = [2.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0]
@@ -230,24 +230,54 @@ def priced() -> tuple[bs.Scenario, dict[str, Any]]:
     return scenario, run(study, threads=2)[1]
 
 
-def test_along_a_curve_of_equal_risk_the_risk_is_equal(priced: Any) -> None:
-    scenario, summary = priced
-    (pair,) = summary["equal_risk"]
+def _check_curves(scenario: bs.Scenario, pair: dict[str, Any]) -> int:
+    """Laws of points of all curves have their risk, and nowhere more; the number of points."""
     seen = 0
     for curve in pair["curves"]:
         for line in curve["lines"]:
-            for speed, acceleration in line[5 :: len(line) // 3]:
-                there = scenario.with_values(
-                    {
-                        "motion.velocity_mm_s": [0.0, 0.0, -speed],
-                        "reaction.joint_acceleration_rad_s2": acceleration,
-                    }
-                )
+            for values in line[:: max(1, len(line) // 6)]:
+                there = scenario
+                for key, value in zip(pair["keys"], values, strict=True):
+                    variable = Variable(key)
+                    assert value == variable.quantised(scenario, value)
+                    there = variable.apply(there, value)
                 law = bs.evaluate(there)
-                # A spline through five points a side of a surface that bends by a few tens of per cent between them.
-                assert law.peak_force.quantile(1 - curve["risk"]) == pytest.approx(allowed_force(law.problem), rel=0.02)
+                allowed = allowed_force(law.problem)
+                assert (1 - 2e-4) * allowed <= law.peak_force.quantile(1 - curve["risk"]) <= (1 + 1e-9) * allowed
+                over = max(law.verdict.p_over_force or 0.0, law.verdict.p_over_pressure or 0.0)
+                assert 0.97 * curve["risk"] <= over <= (1 + 1e-6) * curve["risk"]
                 seen += 1
-    assert seen >= 8
+    return seen
+
+
+def test_along_a_curve_of_equal_risk_the_risk_is_equal(priced: Any) -> None:
+    scenario, summary = priced
+    (pair,) = summary["equal_risk"]
+    assert len(pair["curves"]) == 4
+    assert _check_curves(scenario, pair) >= 20
+
+
+@pytest.mark.parametrize(
+    ("scenario", "ranges"),
+    [
+        # Three rows a side, of which straight lines are off by a tenth of the force, and whole steps.
+        (
+            ur10e(reaction__kind="stop", reaction__latency_s=0.006, motion__velocity_mm_s=[80.0, 40.0, -80.0]),
+            ("detector.feedback_period_s=0.001:0.009:3", "contact.area_cm2=0.5:4:3"),
+        ),
+        # Some of the rows have a force without bound.
+        (
+            control_group(contact__area_cm2=2.0, motion__velocity_mm_s=[15.0, -10.0, -40.0]),
+            ("motion.speed=20:80:7", "detector.thresholds=5:600:7:log"),
+        ),
+    ],
+)
+def test_curves_of_equal_risk_are_no_coarser_than_laws(scenario: bs.Scenario, ranges: tuple[str, str]) -> None:
+    keys = [text.partition("=")[0] for text in ranges]
+    study = ParameterStudy.of(scenario, vary=list(ranges), pairs=[",".join(keys)])
+    (pair,) = run(study)[1]["equal_risk"]
+    assert pair["keys"] == keys
+    assert _check_curves(scenario, pair) >= 8
 
 
 def test_the_guide_meets_the_limits_at_the_least_cost_of_a_grid(priced: Any) -> None:
@@ -359,6 +389,11 @@ def test_a_guide_that_finds_nothing_says_why() -> None:
         (["motion.speed=10:20", "motion.speed=20:30"], {}, "names 'motion.speed' twice"),
         (["contact.padding=1e3:1e4"], {}, "'contact.padding' has no value in the scenario"),
         (["motion.speed=10:20"], {"pairs": ["motion.speed"]}, "KEY,KEY"),
+        (
+            ["motion.speed=10:20", "contact.area_cm2=1:2"],
+            {"pairs": ["motion.speed,contact.area_cm2", "motion.speed, contact.area_cm2"]},
+            "twice",
+        ),
         (["motion.speed=10:20"], {"pairs": ["motion.speed,contact.area_cm2"]}, "is not varied"),
         (["motion.speed=10:20"], {"prices": ["motion.speed=-1"]}, "is no price"),
         (["motion.speed=10:20"], {"prices": ["motion.speed"]}, "is no price"),

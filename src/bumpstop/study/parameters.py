@@ -97,13 +97,16 @@ class ParameterStudy(Study):
                 raise InputError(field, f"{name!r} is not varied", "valid: " + ", ".join(by_name))
             return by_name[name]
 
-        found = []
+        found: list[tuple[Range, Range]] = []
         for text in pairs or []:
             names = [part.strip() for part in text.split(",")]
             if len(names) != 2 or names[0] == names[1]:
                 raise InputError("--pair", f"{text!r} is not KEY,KEY", "wanted two different varied keys")
             first, second = (varied("--pair", name) for name in names)
-            found.append((_thinned(first), _thinned(second)))
+            pair = _thinned(first), _thinned(second)
+            if pair in found:
+                raise InputError("--pair", f"names {text!r} twice", "name each pair once")
+            found.append(pair)
         priced = []
         if prices:
             check_risk(scenario)
