@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 import bumpstop as bs
+from bumpstop.arrays import FloatArray
 from bumpstop.detection import ResidualSeries, Thresholds, blind_forces, tune
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
@@ -257,6 +259,62 @@ def test_sensitivity() -> None:
     assert "along (0, 0, -1): no bound;" in straight.out
     assert "not felt at all: along (0, 0, 1)" in straight.out
     json.loads(json.dumps(found, allow_nan=False))
+
+
+@pytest.mark.parametrize(
+    ("name", "pose", "thresholds"),
+    [
+        ("sia5d", [12, 30, -25, -20, 40, -40, 5], [20, 10, 17, 20, math.inf, 20, 13]),
+        ("ur10e", [10, -80, 110, -120, -90, 20], [40, 40, math.inf, 12, 12, 12]),
+        # Two joints watched: a direction is left that none feels.
+        ("ur10e", [10, -80, 110, -120, -90, 20], [math.inf, 40, 30, math.inf, math.inf, math.inf]),
+    ],
+)
+def test_sensitivity_is_what_linear_programmes_and_levers_say(
+    name: str, pose: list[float], thresholds: list[float]
+) -> None:
+    rng = np.random.default_rng(7)
+    robot, dof, z = bs.Robot.load(name), len(pose), 1.5
+    mean, sd = rng.uniform(-4, 4, dof), rng.uniform(0, 3, dof)
+    point, way = np.array([0.05, -0.1, 0.12]), np.array([1.0, -2.0, -0.5])
+    options = {
+        "pose-deg": pose, "thresholds": thresholds, "direction": way, "point-m": point, "noise-mean": mean,
+        "noise-sd": sd,
+    }  # fmt: skip
+    written = [f"--{key}={','.join(repr(float(value)) for value in values)}" for key, values in options.items()]
+    found = strict_json(run("sensitivity", name, *written, "--z", z, "--json").out)
+
+    def place(q: FloatArray) -> FloatArray:
+        X_BL = np.asarray(robot.pose(q))
+        return np.asarray(X_BL[:3, :3] @ point + X_BL[:3, 3])
+
+    # Levers by moving each joint a little to either side.
+    q, step = np.radians(pose), 1e-6
+    levers = np.array([(place(q + step * e) - place(q - step * e)) / (2 * step) for e in np.eye(dof)])
+    theta = np.array(thresholds)
+    watched = np.isfinite(theta)
+    faces = np.vstack([levers[watched], -levers[watched]])
+    bounds = np.concatenate([(theta + z * sd - mean)[watched], (theta + z * sd + mean)[watched]])
+
+    along = (faces @ (way / np.linalg.norm(way)))[:, None]
+    assert found["force_along_N"] == pytest.approx(-linprog([-1.0], along, bounds, bounds=(None, None)).fun, rel=1e-6)
+    if watched.sum() < 3:
+        assert found["largest_force_N"] is None
+        (unfelt,) = found["null_space"]
+        np.testing.assert_allclose(faces @ unfelt, 0, atol=1e-8)
+        return
+    # The farthest point is a corner: from each of many directions on to the corner farthest in that of the last.
+    largest = 0.0
+    for direction in rng.normal(size=(60, 3)):
+        u, length = direction / np.linalg.norm(direction), 0.0
+        while True:
+            corner = linprog(-u, faces, bounds, bounds=(None, None)).x
+            if np.linalg.norm(corner) <= length * (1 + 1e-12):
+                break
+            length = float(np.linalg.norm(corner))
+            u = corner / length
+        largest = max(largest, length)
+    assert found["largest_force_N"] == pytest.approx(largest, rel=1e-6)
 
 
 def test_what_reading_a_recording_found_is_said_by_every_command(loop: tuple[Path, Path], tmp_path: Path) -> None:

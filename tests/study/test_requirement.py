@@ -12,6 +12,7 @@ import bumpstop as bs
 from bumpstop.errors import InputError
 from bumpstop.study.requirement import HIGHER_IS_HARSHER, require, require_curve
 from bumpstop.study.variable import Range, Variable
+from collision.cases import control_group, ur10e
 
 # Two figures of the issue: half a percent, and twice as far the requirement is no longer met.
 AGREES, BEYOND = 0.005, 1.02
@@ -110,6 +111,69 @@ def test_curve_of_equal_risk_falls_with_the_latency() -> None:
     speeds = [row["value"] for row in rows]
     assert speeds == sorted(speeds, reverse=True)
     assert speeds[0] > speeds[-1]
+
+
+# Other arms, ways, reactions and offsets, and what is traded for what.
+TRADES = [
+    (
+        control_group(motion__velocity_mm_s=[20.0, -15.0, -45.0], reaction__kind="stop", contact__area_cm2=2.0),
+        "motion.speed",
+        "reaction.latency_s=0:0.02:3",
+    ),
+    (control_group(contact__area_cm2=2.0), "detector.thresholds", "motion.speed=20:50:3"),
+    (
+        control_group(contact__offset_law="uniform", contact__area_cm2=2.0, motion__damping=0.02),
+        "motion.speed",
+        "detector.thresholds=5:15:3",
+    ),
+    (
+        control_group(contact__offset_law="fixed", contact__offset_mm=7.3, contact__area_cm2=2.0),
+        "motion.speed",
+        "contact.offset_mm=2:20:3",
+    ),
+    (
+        ur10e(detector__residual="observer", reaction__joint_acceleration_rad_s2=[8, 10, 12, 10, 9, 11]),
+        "reaction.joint_acceleration_rad_s2",
+        "motion.speed=50:110:2",
+    ),
+    (
+        ur10e(detector__noise_mean_Nm=[1, -2, 1, 0.5, 0, 0], detector__noise_correlation=0.6),
+        "detector.thresholds",
+        "contact.area_cm2=1:3:2",
+    ),
+    (ur10e(motion__velocity_mm_s=[110, 55, -80]), "contact.padding", "detector.feedback_period_s=0.002:0.008:3"),
+]
+
+
+@pytest.mark.parametrize(("case", "vary", "against"), TRADES)
+def test_points_of_a_trade_curve_are_on_the_edge(case: bs.Scenario, vary: str, against: str) -> None:
+    second = Range.parse(against, case)
+    upward = HIGHER_IS_HARSHER[vary]
+    rows = require_curve(case, vary, second)
+    assert [row["against"]["value"] for row in rows] == list(second.values)
+    found = 0
+    for row in rows:
+        there = second.variable.apply(case, row["against"]["value"])
+
+        def risk(value: float, there: bs.Scenario = there) -> float:
+            # Braking is that of all joints alike.
+            if vary == "reaction.joint_acceleration_rad_s2":
+                there = there.with_values({vary: 1.0})
+            slower = max(1.0, Variable(vary).value(there) / value) if vary == "motion.speed" else 1.0
+            return over(there.with_values({"motion.duration_s": 5.0 * slower}), vary, value)
+
+        if row["value"] is None:
+            assert risk(row["low"] if upward else row["high"]) > row["risk"]
+            continue
+        milder = np.geomspace(row["low"] if upward else row["high"], row["value"], 20)
+        assert all(risk(float(value)) <= row["risk"] * (1 + 1e-6) for value in milder)
+        if row["binding"] == "range":
+            continue
+        found += 1
+        # Within a tenth of a per cent; a tooth of a sawtooth may end sooner.
+        beyond = row["value"] * (1 + 0.001 * np.linspace(0.1, 1, 10)) ** (1 if upward else -1)
+        assert any(risk(float(value)) > row["risk"] for value in beyond)
+    assert found
 
 
 @pytest.mark.parametrize(
