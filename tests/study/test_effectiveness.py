@@ -75,6 +75,57 @@ def test_a_safe_speed_is_safe_and_a_tenth_more_is_not(summary: dict[str, Any]) -
 
 
 @pytest.mark.parametrize(
+    ("case", "direction", "way"),
+    [
+        # A stiffness of the scenario is not that of any body of a table.
+        (ur10e(contact__stiffness_N_m=12345.0, contact__peak_factor=1.7, reaction__latency_s=0.006), "up", (0, 0, 1)),
+        (ur10e(contact__kind="free", contact__body_mass_kg=2.0, reaction__kind="stop"), "left", (0, 1, 0)),
+        (
+            control_group(contact__offset_law="uniform", motion__damping=0.02, motion__held_joints=[]),
+            "back",
+            (-1, 0, 0),
+        ),
+        (ur10e(contact__padding_N_m=2e4, detector__noise_mean_Nm=[1, -2, 1, 0.5, 0, 0]), "forward", (1, 0, 0)),
+    ],
+)
+def test_rows_are_single_laws(case: bs.Scenario, direction: str, way: tuple[int, int, int]) -> None:
+    rows = run(
+        EffectivenessStudy.of(
+            case,
+            bodies=["hand_finger", "chest", "thigh_knee"],
+            directions=[direction],
+            speeds_mm_s=[20.0, 70.5],
+            areas_cm2=[1.0, 2.5],
+        )
+    )[1]["collisions"]
+    known = [row for row in rows if not row["reason"]]
+    assert {row["table"] for row in known} == {"bgia2011", "ts15066"}
+    data = case.to_dict()
+    data["contact"].pop("stiffness_N_m", None)
+    for row in known:
+        own = {"body": row["body"], "limits": row["table"], "area_cm2": row["area_cm2"]}
+        contact = data["contact"] | own
+        if row["table"] == "ts15066":
+            contact.pop("body_mass_kg", None)
+        motion = data["motion"] | {"velocity_mm_s": [row["speed_mm_s"] * x for x in way]}
+        law = bs.evaluate(bs.Scenario.from_dict(data | {"contact": contact, "motion": motion}))
+        verdict, limits = law.verdict, law.verdict.limits
+        assert limits is not None
+        wanted = {
+            "limit_force_N": limits.force_N,
+            "limit_pressure_N_cm2": limits.pressure_N_cm2,
+            "mean_N": law.peak_force.mean,
+            "p999_N": law.peak_force.quantile(0.999),
+            "p_over_force": verdict.p_over_force,
+            "p_over_pressure": verdict.p_over_pressure,
+            "false_alarm": law.false_alarm_probability,
+            "trigger_2": law.trigger_joint_probability[1],
+            "acceptable": verdict.acceptable,
+        }
+        assert {key: row[key] for key in wanted} == pytest.approx(wanted, rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize(
     "case",
     [
         # Little noise and few ticks: teeth that are farther apart than what a scan in wide steps looks at.

@@ -214,6 +214,7 @@ class _Laws:
         self._which = (table, body, direction)
         self._known: dict[float, ForceLaw] = {}
         self._at_risk: dict[float, float] = {}
+        self._requirements: dict[float, Requirement] = {}
 
     @property
     def _two_phases(self) -> bool:
@@ -351,7 +352,14 @@ class _Laws:
 
         own = Variable("motion.speed").value(self._study.scenario)
         scenario = self._study.scenario_of(*self._which, own, area)
-        return require(scenario, "motion.speed", low=LOWEST_SPEED_MM_S, high=self._study.highest_speed_mm_s)
+        limits = self.law(own, area).problem.limits
+        assert limits is not None
+        # Without phases the area decides nothing but the force that is allowed.
+        key = area if self._two_phases else limits.allowed_force_N(area, scenario.contact.peak_factor)
+        if key not in self._requirements:
+            highest = self._study.highest_speed_mm_s
+            self._requirements[key] = require(scenario, "motion.speed", low=LOWEST_SPEED_MM_S, high=highest)
+        return self._requirements[key]
 
     def _alarms_judged(self, speed: float, area: float) -> tuple[bool, str]:
         """As :meth:`judged`, by false alarms alone."""
