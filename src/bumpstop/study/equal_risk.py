@@ -124,7 +124,7 @@ class _Curve:
         variable = self.ranges[k].variable
         quantum = variable.quantum(self.scenario)
         assert quantum is not None
-        found = []
+        found: list[FloatArray] = []
         for a, b in pairwise(line):
             low, high = sorted((a[k], b[k]))
             for step in range(math.ceil(low / quantum - 1e-9), math.floor(high / quantum + 1e-9) + 1):

@@ -197,9 +197,10 @@ class _Search:
     def _looks(self, k: int) -> FloatArray:
         """Values of one variable over its range, with the present one, ascending."""
         low, here, high = float(self.low[k]), float(self.start[k]), float(self.high[k])
-        if self.quantum[k]:
-            steps = max(1, round((high - low) / self.quantum[k] / (2 * _LOOKS)))
-            values = [here + i * steps * self.quantum[k] for i in range(-2 * _LOOKS, 2 * _LOOKS + 1)]
+        quantum = self.quantum[k]
+        if quantum:
+            steps = max(1, round((high - low) / quantum / (2 * _LOOKS)))
+            values = [here + i * steps * quantum for i in range(-2 * _LOOKS, 2 * _LOOKS + 1)]
             values = [self.variables[k].quantised(self.scenario, value) for value in values]
         else:
             values = [*np.linspace(low, here, _LOOKS + 1), *np.linspace(here, high, _LOOKS + 1)]
@@ -217,14 +218,14 @@ class _Search:
             y[k] = value
             return y
 
-        looks = self._looks(k)
-        best = max(range(looks.size), key=lambda i: (self._mildness(at(looks[i])), looks[i] == x[k]))
-        value = float(looks[best])
+        looks = [float(look) for look in self._looks(k)]
+        best = max(range(len(looks)), key=lambda i: (self._mildness(at(looks[i])), looks[i] == x[k]))
+        value = looks[best]
         if self.quantum[k] or min(self.margins(at(value))) >= 0:
             return value
         found = optimize.minimize_scalar(
             lambda v: -min(self.margins(at(float(v)))),
-            bounds=(looks[max(0, best - 1)], looks[min(looks.size - 1, best + 1)]),
+            bounds=(looks[max(0, best - 1)], looks[min(len(looks) - 1, best + 1)]),
             method="bounded",
         )
         return max(value, float(found.x), key=lambda v: self._mildness(at(v)))
