@@ -262,3 +262,28 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> N
     assert found.value is not None
     milder = np.geomspace(found.value / 4, found.value, 40)
     assert max(over(case, "contact.padding", float(value)) for value in milder) <= case.verdict.risk
+
+
+# An arm that lags behind its line: the risk falls for a while with harder padding, and jumps up where it is a step later.
+LAGGING = {
+    "robot": "sia5d",
+    "pose_rad": [-0.363094726, -0.004907327, -1.003024240, -0.668798952, 0.266017168, -1.855768757, -2.216611018],
+    "motion": {"velocity_mm_s": [71.0627454, 134.0381230, -72.2386140], "held_joints": [7]},
+    "contact": {"body": "upper_arm_elbow", "limits": "bgia2011", "area_cm2": 2.03869461},
+    "detector": {
+        "thresholds_Nm": [22.5951897, 39.2544407, 14.0980883, 12.2826232, 29.0908350, 12.3529798, 15.8620814],
+        "noise_sd_Nm": [3.49700380, 6.07531649, 2.18192762, 1.90095239, 4.50231939, 1.91184132, 2.45493663],
+        "feedback_period_s": 0.008,
+    },
+    "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 10.4317903},
+}
+
+
+@pytest.mark.parametrize("high", [2.1e3, 3e3, 2e4, 1e8])
+def test_values_close_below_a_crossing_are_met_where_the_risk_jumps(high: float) -> None:
+    case = bs.Scenario.from_dict(LAGGING)
+    found = require(case, "contact.padding", low=1e3, high=high)
+    assert found.value is not None
+    assert found.erratic
+    for step in np.linspace(0, 0.03, 7):
+        assert over(case, "contact.padding", found.value * math.exp(-step)) <= found.risk

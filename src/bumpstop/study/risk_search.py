@@ -18,6 +18,8 @@ _SCAN = 14
 _FINE_SCAN = 2 * _SCAN - 1
 _PRECISION, _ERRATIC_PRECISION = 1e-4, 1e-3
 _LEAST_RISK = 1e-30
+# So much milder than a crossing of a risk that jumps others are looked for, in the logarithm.
+_BESIDE = (0.03, 0.024, 0.018, 0.012, 0.006)
 # Of a risk that is a sawtooth so many values are looked at, at most.
 _MOST_TEETH_VALUES = 600
 # How closely a tooth's summit is found, in the logarithm.
@@ -73,6 +75,8 @@ class RiskSearch:
         if fails is None:
             return Crossing(value, None, erratic)
         value, fails = self._bisect(value, fails, _ERRATIC_PRECISION if erratic else _PRECISION)
+        if erratic:
+            value, fails = self._bisect(*self._first_failure_beside(value, fails), _ERRATIC_PRECISION)
         return Crossing(self._rounded(value), fails, erratic)
 
     def risk(self, value: float) -> Risk:
@@ -92,6 +96,17 @@ class RiskSearch:
 
     def _met(self, value: float) -> bool:
         return self.risk(value).met
+
+    def _first_failure_beside(self, met: float, fails: float) -> tuple[float, float]:
+        """The same crossing, or one a little milder: a risk that jumps may pass what is accepted and come back."""
+        if self.quantum is not None:
+            return met, fails
+        milder = [met * math.exp(-step if self.upward else step) for step in _BESIDE]
+        values = [value for value in milder if (value > self.mildest) == self.upward]
+        for candidate, before in zip(values, [None, *values], strict=False):
+            if not self._met(candidate):
+                return self.mildest if before is None else before, candidate
+        return met, fails
 
     def _scan(self, count: int) -> list[float]:
         """From the mildest value to the harshest, in even ratios."""
