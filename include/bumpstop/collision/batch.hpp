@@ -168,19 +168,11 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
     }
     for (int first = 0; first < count; first += lanes) {
         const int here = std::min(lanes, count - first);
-        L q[max_joints], largest;
-        Point3<L> velocity;
-        for (int lane = 0; lane < lanes; ++lane) {
-            const LineJob& job = jobs[std::size_t(first + std::min(lane, here - 1))];
-            for (int j = 0; j < problem.chain->dof; ++j) set_lane(q[j], lane, job.q[j]);
-            set_lane(velocity.x, lane, job.velocity[0]);
-            set_lane(velocity.y, lane, job.velocity[1]);
-            set_lane(velocity.z, lane, job.velocity[2]);
-            set_lane(largest, lane, job.largest_offset);
-        }
-        CertainDetection<L> finished(*problem.detector, timing, problem.motion->step, problem.stiffness, largest);
+        const LineLanes<L> start(&jobs[std::size_t(first)], here, problem.chain->dof);
+        CertainDetection<L> finished(*problem.detector, timing, problem.motion->step, problem.stiffness,
+                                     start.largest_offset);
         LineTracer<L, CertainDetection<L>>(*problem.chain, *problem.motion, *problem.contact, timing, finished)
-            .trace(q, velocity, &worker.path[std::size_t(first)], here);
+            .trace(start.q, start.velocity, &worker.path[std::size_t(first)], here);
     }
 }
 

@@ -15,6 +15,24 @@ struct LineJob {
     double largest_offset = 0;  ///< m
 };
 
+/// Some of them in the lanes of a register; those beyond the last hold it once more.
+template <class T>
+struct LineLanes {
+    T q[max_joints], largest_offset;
+    Point3<T> velocity;
+
+    LineLanes(const LineJob* jobs, int count, int dof) {
+        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
+            const LineJob& job = jobs[std::min(lane, count - 1)];
+            for (int j = 0; j < dof; ++j) set_lane(q[j], lane, job.q[j]);
+            set_lane(largest_offset, lane, job.largest_offset);
+            set_lane(velocity.x, lane, job.velocity[0]);
+            set_lane(velocity.y, lane, job.velocity[1]);
+            set_lane(velocity.z, lane, job.velocity[2]);
+        }
+    }
+};
+
 /// What `LineTracer` with `CertainDetection` finds, for a detector whose noise and residual remember nothing. Lanes whose
 /// joints lag behind, because their accelerations are limited, leap as well, and no lane waits for another: each takes the
 /// next line as soon as it is done with one. Positions inside a leap are read from its polynomial, a register of moments of
@@ -36,13 +54,12 @@ class LaneTracer {
     /// As of `LineTracer::trace`, for any number of lines.
     void trace(const LineJob* jobs, LinePath* paths, int count) {
         begin(jobs, paths, count);
-        int next = 0, busy = std::min(lanes, count);
+        int busy = std::min(lanes, count), next = busy;
         for (int lane = 0; lane < lanes; ++lane) {
             // Lanes without a line of their own stand where the last one began.
             load(lane, jobs, paths, std::min(lane, count - 1));
             if (lane >= count) lane_[lane].path = nullptr;
         }
-        next = busy;
         int most[lanes], gone[lanes];
         T margin;
         auto look = [&] { margin = detail::least_margin(motion_, arm_.state.q); };
@@ -84,14 +101,9 @@ class LaneTracer {
         first_rate_.resize(std::size_t(count) * chain_.dof);
         for (int first = 0; first < count; first += lanes) {
             const int here = std::min(lanes, count - first);
-            T q[max_joints];
-            Point3<T> velocity;
-            for (int lane = 0; lane < lanes; ++lane) {
-                const LineJob& job = jobs[first + std::min(lane, here - 1)];
-                for (int j = 0; j < chain_.dof; ++j) set_lane(q[j], lane, job.q[j]);
-                set_point(velocity, lane, job.velocity);
-            }
-            const LineStart<T> line = begin_line(chain_, motion_, contact_, timing_, q, velocity, paths + first, here);
+            const LineLanes<T> start(jobs + first, here, chain_.dof);
+            const LineStart<T> line =
+                begin_line(chain_, motion_, contact_, timing_, start.q, start.velocity, paths + first, here);
             for (int lane = 0; lane < here; ++lane)
                 for (int j = 0; j < chain_.dof; ++j)
                     first_rate_[std::size_t(first + lane) * chain_.dof + j] = lane_of(line.state.qd[j], lane);
@@ -104,7 +116,9 @@ class LaneTracer {
             set_lane(arm_.state.q[j], lane, jobs[i].q[j]);
             set_lane(arm_.state.qd[j], lane, first_rate_[std::size_t(i) * chain_.dof + j]);
         }
-        set_point(arm_.target, lane, path.velocity);
+        set_lane(arm_.target.x, lane, path.velocity[0]);
+        set_lane(arm_.target.y, lane, path.velocity[1]);
+        set_lane(arm_.target.z, lane, path.velocity[2]);
         arm_.begin(lane, tracing_leap_tolerance);
         Lane& at = lane_[lane];
         at = Lane{};
@@ -114,12 +128,6 @@ class LaneTracer {
         at.start = {T(path.start[0]), T(path.start[1]), T(path.start[2])};
         at.normal = {T(path.normal[0]), T(path.normal[1]), T(path.normal[2])};
         std::copy_n(jobs[i].q, chain_.dof, at.q);
-    }
-
-    static void set_point(Point3<T>& point, int lane, const Vector3& value) {
-        set_lane(point.x, lane, value[0]);
-        set_lane(point.y, lane, value[1]);
-        set_lane(point.z, lane, value[2]);
     }
 
     int longest(int lane) const {
