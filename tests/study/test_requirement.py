@@ -264,7 +264,7 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> N
     assert max(over(case, "contact.padding", float(value)) for value in milder) <= case.verdict.risk
 
 
-# An arm that lags behind its line: the risk falls for a while with harder padding, and jumps up where it is a step later.
+# An arm that lags behind its line: the risk falls for a while with harder padding, and jumps where it is a step later.
 LAGGING = {
     "robot": "sia5d",
     "pose_rad": [-0.363094726, -0.004907327, -1.003024240, -0.668798952, 0.266017168, -1.855768757, -2.216611018],
