@@ -103,10 +103,8 @@ class RiskSearch:
             return met, fails
         milder = [met * math.exp(-step if self.upward else step) for step in _BESIDE]
         values = [value for value in milder if (value > self.mildest) == self.upward]
-        for candidate, before in zip(values, [None, *values], strict=False):
-            if not self._met(candidate):
-                return self.mildest if before is None else before, candidate
-        return met, fails
+        before, failing = self._first_failure(values)
+        return (met, fails) if failing is None else (before, failing)
 
     def _scan(self, count: int) -> list[float]:
         """From the mildest value to the harshest, in even ratios."""
