@@ -45,7 +45,24 @@ def test_run_by_run(name: str) -> None:
 @pytest.mark.parametrize("name", list(VARIED))
 def test_path_and_torques(name: str) -> None:
     """Leaps of many sub-steps land where the sub-steps do."""
-    scenario = VARIED[name]
+    assert_same_path(VARIED[name])
+
+
+@pytest.mark.parametrize("latency_s", [0, 0.001, 0.002, 0.011])
+def test_leaps_keep_acceleration_limits(latency_s: float) -> None:
+    """Near a singularity the line soon asks for more than the joints' accelerations, as smoothly as for less. The
+    latency says how short leaps are, and short ones follow the line however hard it is."""
+    assert_same_path(
+        control_group(
+            pose_deg=[-2.96, 11.705, -133.871, 87.197, -79.669, -11.633, 0],
+            motion__velocity_mm_s=[10.17, -14.52, -19.14],
+            reaction__kind="stop",
+            reaction__latency_s=latency_s,
+        )
+    )
+
+
+def assert_same_path(scenario: bs.Scenario) -> None:
     curve = bs.stopping_curve(bs.Problem.from_scenario(scenario))
     settings = twin_of(scenario, thresholds_Nm=np.full(len(twin_of(scenario).thresholds_Nm), math.inf))
     steps = curve.distance.size - 1

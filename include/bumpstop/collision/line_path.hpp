@@ -262,14 +262,19 @@ class LineTracer {
         place(before, weights);
         look();
         T difference = 0.0, largest = 0.0, use = 0.0;  // use: of the velocity limits
+        T change[max_joints], load[max_joints], most_load = 0.0;
+        limited_change(motion_, rates_.free, state_, change, load);
         for (int f = 0; f < motion_.free_count; ++f) {
             const T rate = absolute(rates_.free[f]);
             difference = maximum(difference, absolute(rates_.free[f] - history_.combine(weights.predict, f)));
             largest = maximum(largest, rate);
             use = maximum(use, rate * (1.0 / motion_.velocity_limit[motion_.free_joint[f]]));
+            most_load = maximum(most_load, load[f]);
         }
         // A limit may be passed inside a long leap that begins and ends below it.
-        const MaskOf<T> near_limit = T(history_.level() > 0 ? 0.9 : 1.0) < minimum(use, 1.9 - use);
+        const bool long_leap = history_.level() > 0;
+        const MaskOf<T> near_limit =
+            (T(long_leap ? 0.9 : 1.0) < minimum(use, 1.9 - use)) | (T(long_leap ? 0.9 : 1.0) < most_load);
         const T margin = detail::least_margin(motion_, state_.q);
         const auto agrees = difference <= (leap_tolerance * (history_.level() > 0 ? long_leap_margin : 1.0)) * largest;
         const auto close = difference <= (leap_tolerance * doubling_margin) * largest;
