@@ -99,9 +99,9 @@ std::vector<double> most_alarm(const ThresholdDetector& detector, const Timing& 
 /// What a thread keeps from register to register.
 template <class L>
 struct BatchWorker {
-    BatchWorker(const BatchProblem& problem, const AlarmTable& alarms) {
+    BatchWorker(const BatchProblem& problem, const AlarmTable& alarms, const QuietTable& quiet) {
         for (int lane = 0; lane < Scalar<L>::lanes; ++lane)
-            law.emplace_back(*problem.detector, *problem.timing, *problem.motion, alarms, problem.stiffness,
+            law.emplace_back(*problem.detector, *problem.timing, *problem.motion, alarms, quiet, problem.stiffness,
                              problem.offset_kind);
     }
 
@@ -211,7 +211,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
             law.stop(curve[lane].farthest);
             write_law(
                 problem, pose, done.end, law, law.peak_force(), [&](double p) { return law.upper_quantile(p); },
-                [&](double force) { return law.tail(force).probability; }, out);
+                [&](double force) { return law.tail(force); }, out);
         } else {
             const LawSettings settings{problem.stiffness, offset[lane], 1, false};
             const ExactLaw law =
@@ -234,13 +234,15 @@ void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult&
     const std::vector<int> order = detail::order_of_work<L>(problem);
     const AlarmTable alarms(*problem.detector);
     const bool quick = BatchLaw<L>::suits(*problem.detector, alarms, problem.offset_kind);
+    const int ticks = (problem.timing->steps + problem.timing->period - 1) / problem.timing->period;
+    const QuietTable quiet(*problem.detector, *problem.timing, problem.motion->step, quick ? ticks : 0);
     // Lanes that follow their lines take one pose after another, so a round is best long, and short enough for no thread to
     // be left with the last.
     const int share = problem.poses / (8 * threads * lanes);
     const int round = lanes * std::clamp(share, 1, detail::longest_round);
     std::atomic<int> next{0};
     auto work = [&] {
-        detail::BatchWorker<L> worker(problem, alarms);
+        detail::BatchWorker<L> worker(problem, alarms, quiet);
         for (int begin = round * next++; begin < problem.poses; begin = round * next++) {
             const int end = std::min(begin + round, problem.poses);
             detail::trace_poses(problem, worker, quick, &order[std::size_t(begin)], end - begin);

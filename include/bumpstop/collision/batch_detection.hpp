@@ -2,11 +2,9 @@
 /// When a collision at an offset that varies is detected, for one pose among many.
 #pragma once
 
-#include <optional>
-
 #include "bumpstop/collision/law_pieces.hpp"
 #include "bumpstop/collision/offset_law.hpp"
-#include "bumpstop/collision/quiet_ticks.hpp"
+#include "bumpstop/collision/quiet_table.hpp"
 #include "bumpstop/detection/alarm_table.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -19,8 +17,9 @@ template <class T>
 class BatchDetection {
   public:
     BatchDetection(const ThresholdDetector& detector, const Timing& timing, const MotionSettings& motion,
-                   const AlarmTable& alarms, double stiffness, OffsetKind offset_kind)
-        : stiffness_(stiffness),
+                   const AlarmTable& alarms, const QuietTable& quiet, double stiffness, OffsetKind offset_kind)
+        : quiet_(quiet),
+          stiffness_(stiffness),
           detector_(detector),
           timing_(timing),
           motion_(motion),
@@ -45,7 +44,6 @@ class BatchDetection {
     bool collide(const LinePath& path, const OffsetLaw& offset) {
         path_ = &path;
         offset_ = offset;
-        quiet_.emplace(detector_, timing_, motion_.step, path.ticks);
         begin();
         if (!cut_panels()) return false;
         find_outcomes();
@@ -98,12 +96,12 @@ class BatchDetection {
         return sum_of_lanes(all);
     }
 
+    const QuietTable& quiet_;
     const double stiffness_;
     double node_[order], weight_[order];
 
     const LinePath* path_ = nullptr;
     OffsetLaw offset_;
-    std::optional<QuietTicks> quiet_;
     std::vector<double> edge_;  ///< panel of tick k: edge_[k]..edge_[k + 1]
     std::vector<Panel> panels_;
     std::vector<double> survived_;  ///< [panel][node]: never detected; given contact, then weighed
@@ -135,7 +133,7 @@ class BatchDetection {
         mass_.clear();
     }
 
-    /// Panels end where a tick comes into contact. Where the arm moves slowly one holds 2, 4, 8 ... ticks, where it moves
+    /// Panels end where a tick comes into contact. Where the arm moves slowly one holds several ticks, where it moves
     /// fast a tick's travel is cut into as many.
     bool cut_panels() {
         const int ticks = path_->ticks;
@@ -148,12 +146,11 @@ class BatchDetection {
         double width = gain > 0 ? AlarmTable::widest / gain : std::numeric_limits<double>::infinity();
         if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
         const double largest = offset_.largest();
-        const bool rare = ticks > 0 && quiet_->idle(ticks - 1).alarm < rare_alarm;
-        for (int k = 0; k < ticks && edge_[k] < largest;) {
-            int group = 1, parts = 1;
-            while (rare && k > 0 && group < longest_group && k + 2 * group <= ticks &&
-                   edge_[k + 2 * group] - edge_[k] <= width)
-                group *= 2;
+        const bool rare = !quiet_.armed(ticks - 1) || quiet_.idle().alarm < rare_alarm;
+        int group = 1;
+        for (int k = 0; k < ticks && edge_[k] < largest; k += group) {
+            int parts = 1;
+            group = rare && k > 0 ? group_at(k, group, width) : 1;
             const double low = edge_[k], high = std::min(edge_[k + group], largest);
             while ((high - low) > parts * width) parts *= 2;
             if (parts > most_parts) return false;
@@ -162,10 +159,19 @@ class BatchDetection {
             for (int part = 0; part < parts && high > low; ++part)
                 panels_.push_back(
                     {low + (high - low) * part / parts, low + (high - low) * (part + 1) / parts, k, whole, part});
-            k += group;
         }
         add_end_panels(edge_[ticks], edge_[ticks + 1], ticks);
         return true;
+    }
+
+    /// How many ticks from k on a panel may hold: as many as the last one, unless they have become too wide, or much narrower.
+    int group_at(int k, int last, double width) const {
+        const int most = std::min(longest_group, path_->ticks - k);
+        auto fits = [&](int group) { return group <= most && edge_[k + group] - edge_[k] <= width; };
+        if (fits(last) && !fits(last + last / 2 + 1)) return last;
+        int group = 1;
+        while (fits(group + 1)) ++group;
+        return group;
     }
 
     void find_outcomes() {
@@ -193,7 +199,7 @@ class BatchDetection {
     /// Whether the `parts` panels from `at` on are a tick's, or a group of ticks', of the same kind as `head`.
     bool alike(const Panel& head, const Panel& next, std::size_t parts, std::size_t at) const {
         return next.ticks == head.ticks && next.part == 0 && head.tick > 0 && head.ticks > 0 &&
-               next.tick == panels_[at - 1].tick + head.ticks && quiet_->armed(head.tick) &&
+               next.tick == panels_[at - 1].tick + head.ticks && quiet_.armed(head.tick) &&
                (parts == 1 || panels_[at + parts - 1].part == int(parts) - 1) &&
                (at + parts == panels_.size() || panels_[at + parts].part == 0);
     }
@@ -313,7 +319,7 @@ class BatchDetection {
             const std::size_t at = outcome_.size();
             outcome_.resize(at + order);
             ++panel.slots;
-            if (!quiet_->armed(k)) {
+            if (!quiet_.armed(k)) {
                 std::fill_n(&outcome_[at], order, 0.0);
                 continue;
             }
@@ -357,10 +363,10 @@ class BatchDetection {
         alarm_before_ = 0;
         contact_from_.assign(std::size_t(ticks) + 1, 0.0);
         // An alarm before contact matters if its stopping path arrives, and all of them may.
-        detection_.resize(std::size_t(ticks));
-        for (int k = 0; k < ticks; ++k)
-            detection_[std::size_t(k)] = quiet_->silence_before(k) * quiet_->idle(k).alarm *
-                                         offset_.probability_beyond(edge_[std::size_t(k) + 1]);
+        find_beyond();
+        detection_.assign(std::size_t(ticks), 0.0);
+        for (int k = quiet_.unarmed(); k < ticks; ++k)
+            detection_[std::size_t(k)] = quiet_.silence_before(k) * quiet_.idle().alarm * beyond_[std::size_t(k) + 1];
         std::size_t values = 0, masses = 0;
         for (Panel& panel : panels_) {
             panel.value_at = values;
@@ -375,8 +381,8 @@ class BatchDetection {
             T offset[registers], weight[registers], row[registers];
             weigh_offsets(panel, offset);
             panel.total = sum(offset);
-            panel.silence = quiet_->silence_before(panel.tick);
-            alarm_before_ += panel.total * quiet_->alarm_before(panel.tick);
+            panel.silence = quiet_.silence_before(panel.tick);
+            alarm_before_ += panel.total * quiet_.alarm_before(panel.tick);
             contact_from_[std::size_t(std::min(panel.tick, ticks))] += panel.total;
             for (int r = 0; r < registers; ++r) weight[r] = offset[r] * panel.silence;
             const double* from = outcome_.data() + outcome_of_[p];
@@ -402,26 +408,35 @@ class BatchDetection {
                 trigger[detector_.joint[w]] += sum(row);
             }
         }
-        const double beyond = offset_.probability_beyond(edge_.back());
-        alarm_before_ += beyond * quiet_->alarm_before(ticks);
+        const double beyond = beyond_[std::size_t(ticks) + 1];
+        alarm_before_ += beyond * quiet_.alarm_before(ticks);
         contact_from_.back() += beyond;
-        no_contact = beyond * quiet_->silence_before(ticks);
+        no_contact = beyond * quiet_.silence_before(ticks);
         for (int k = 0; k < ticks; ++k)
-            false_alarm += (offset_.probability_beyond(edge_[k]) - offset_.probability_beyond(edge_[k + 1])) *
-                           quiet_->alarm_before(k);
-        false_alarm += offset_.probability_beyond(edge_[ticks]) * quiet_->alarm_before(ticks);
+            false_alarm += (beyond_[std::size_t(k)] - beyond_[std::size_t(k) + 1]) * quiet_.alarm_before(k);
+        false_alarm += beyond_[std::size_t(ticks)] * quiet_.alarm_before(ticks);
         share_false_alarms();
     }
 
     /// Alarms before contact that no panel holds are split over the joints as those of idle ticks are.
     void share_false_alarms() {
         double waiting = 0;  // probability of contact after tick k
-        for (int k = path_->ticks - 1; k >= 0; --k) {
+        double silent = 0;   // probability of a tick that may give one
+        for (int k = path_->ticks - 1; k >= quiet_.unarmed(); --k) {
             waiting += contact_from_[std::size_t(k) + 1];
-            if (!quiet_->armed(k)) continue;
-            const double here = waiting * quiet_->silence_before(k);
-            for (int w = 0; w < detector_.watched; ++w) trigger[detector_.joint[w]] += here * quiet_->idle(k).single[w];
+            silent += waiting * quiet_.silence_before(k);
         }
+        for (int w = 0; w < detector_.watched; ++w) trigger[detector_.joint[w]] += silent * quiet_.idle().single[w];
+    }
+
+    /// The probability of an offset beyond every edge.
+    void find_beyond() {
+        const std::size_t edges = edge_.size();
+        beyond_.resize((edges + lanes - 1) / lanes * lanes);
+        std::copy(edge_.begin(), edge_.end(), beyond_.begin());
+        std::fill(beyond_.begin() + std::ptrdiff_t(edges), beyond_.end(), edge_.back());
+        for (std::size_t k = 0; k < edges; k += lanes)
+            store(offset_.probability_beyond(load<T>(&beyond_[k])), &beyond_[k]);
     }
 
     const ThresholdDetector& detector_;
@@ -433,7 +448,7 @@ class BatchDetection {
     std::vector<std::size_t> outcome_of_;  ///< by panel: where its outcomes begin
     std::vector<double> outcome_;          ///< [slot][node], panel by panel: detected then, given contact
     std::vector<double> fired_;            ///< [panel][watched joint][node]: over its threshold when detected
-    std::vector<double> contact_from_, detection_;
+    std::vector<double> contact_from_, detection_, beyond_;
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "bumpstop/collision/batch_detection.hpp"
+#include "bumpstop/collision/known_tails.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -17,8 +18,8 @@ class BatchLaw : public BatchDetection<T> {
     using Detection::undetected;
 
     BatchLaw(const ThresholdDetector& detector, const Timing& timing, const MotionSettings& motion,
-             const AlarmTable& alarms, double stiffness, OffsetKind offset_kind)
-        : Detection(detector, timing, motion, alarms, stiffness, offset_kind) {
+             const AlarmTable& alarms, const QuietTable& quiet, double stiffness, OffsetKind offset_kind)
+        : Detection(detector, timing, motion, alarms, quiet, stiffness, offset_kind) {
         const GaussRule& rule = gauss_rule(order);
         for (int g = 0; g < order; ++g) {
             for (int l = 0; l < order; ++l)
@@ -45,41 +46,30 @@ class BatchLaw : public BatchDetection<T> {
     Moments peak_force() const { return moments_; }
 
     /// P(peak force > force) of detected collisions.
-    TailAt tail(double force) {
-        const auto after = std::upper_bound(known_.begin(), known_.end(), force,
-                                            [](double value, const KnownTail& known) { return value < known.force; });
-        const TailAt at = tail_at(force);
-        known_.insert(after, {force, at});
-        return at;
-    }
+    double tail(double force) { return ask(force).probability - undetected; }
 
     /// The smallest force with P(peak force > force) + undetected <= allowed; infinite where there is none.
     double upper_quantile(double allowed) {
         if (undetected > allowed) return std::numeric_limits<double>::infinity();
         // Every quantile is bracketed from below by the tail at no force.
-        if (known_.empty() || known_.front().force > 0) tail(0.0);
-        if (known_.front().at.probability + undetected <= allowed) return 0;
+        if (known_.knows_none()) ask(0.0);
+        if (known_.at_none() <= allowed) return 0;
         double low = 0, high = most_force_;
-        const double resolution = 1e-11 * high;
+        known_.narrow(allowed, low, high);
+        const double resolution = 1e-11 * high, score = normal_score(allowed);
+        auto foretell = [&] {
+            const double force = known_.foretell(score);
+            return std::isnan(force) ? moments_.mean + moments_.sd * score : force;
+        };
+        double force = foretell();
         for (int iteration = 0; iteration < 200 && high - low > resolution; ++iteration) {
-            // What is known about the tail so far brackets the force, and foretells it.
-            const auto after = std::partition_point(known_.begin(), known_.end(), [&](const KnownTail& known) {
-                return known.at.probability + undetected > allowed;
-            });
-            const KnownTail& above = *std::prev(after);
-            low = std::max(low, above.force);
-            if (after != known_.end()) high = std::min(high, after->force);
-            double force = std::prev(after)->force == 0 && after == known_.end()
-                               ? moments_.mean
-                               : foretold_quantile(above, after == known_.end() ? nullptr : &*after, allowed);
             if (!(force > low && force < high)) force = 0.5 * (low + high);
-            const TailAt at = tail(force);
-            const double excess = at.probability + undetected - allowed;
-            (excess > 0 ? low : high) = force;
-            if (!(at.density > 0)) continue;
-            const double newton = force + excess / at.density;
-            // What Newton's step leaves is less than its square in units of the law's own width.
-            if (std::fabs(newton - force) <= std::max(resolution, 1e-7 * moments_.sd)) return newton;
+            const KnownTails::At at = ask(force);
+            (at.probability > allowed ? low : high) = force;
+            const double next = foretell(), small = std::max(resolution, small_step * moments_.sd);
+            if (at.slope > 0 && std::fabs(at.slope * (score - at.score)) <= small && std::fabs(next - force) <= small)
+                return next;
+            force = next;
         }
         return 0.5 * (low + high);
     }
@@ -101,6 +91,10 @@ class BatchLaw : public BatchDetection<T> {
     using Detection::survived_;
     using Detection::value_;
     using typename Detection::Panel;
+
+    /// A last step towards a quantile may be this long, in standard deviations of the law. What it leaves is less than its
+    /// square.
+    static constexpr double small_step = 3e-4;
 
     /// A detection before contact whose stopping path still arrives. Those of a panel follow one another, the latest first.
     struct EarlyAlarm {
@@ -127,27 +121,9 @@ class BatchLaw : public BatchDetection<T> {
         }
     };
 
-    /// The tail at a force it was asked for.
-    struct KnownTail {
-        double force;
-        TailAt at;
-    };
-
-    /// Where the tail falls to `allowed`, between two forces it is known at (or after one): tails fall like a normal
-    /// distribution's, and their logarithm is nearer to a straight line than they are.
-    double foretold_quantile(const KnownTail& above, const KnownTail* below, double allowed) const {
-        auto height = [&](const KnownTail& known) { return std::log((known.at.probability + undetected) / allowed); };
-        auto slope = [&](const KnownTail& known) { return (known.at.probability + undetected) / known.at.density; };
-        const bool upper = above.at.density > 0;
-        const bool lower = below != nullptr && below->at.density > 0;
-        if (upper && lower) {
-            // Hermite's cubic for the force over the logarithm, at zero.
-            const double y0 = height(above), y1 = height(*below), h = y1 - y0, t = -y0 / h, u = 1 - t;
-            return u * u * (1 + 2 * t) * above.force + t * t * (1 + 2 * u) * below->force -
-                   h * t * u * (u * slope(above) - t * slope(*below));
-        }
-        if (upper) return above.force + height(above) * slope(above);
-        return lower ? below->force + height(*below) * slope(*below) : std::numeric_limits<double>::quiet_NaN();
+    KnownTails::At ask(double force) {
+        const TailAt at = tail_at(force);
+        return known_.add(force, at.probability + undetected, at.density);
     }
 
     TailAt tail_at(double force) {
@@ -259,7 +235,7 @@ class BatchLaw : public BatchDetection<T> {
         early_.clear();
         early_value_.clear();
         most_early_ = 0;
-        if (quiet_->alarm_before(ticks) > 0) {
+        if (quiet_.alarm_before(ticks) > 0) {
             // By tick: the farthest any stopping path gets that begins there or earlier.
             farthest_yet_.assign(farthest_.begin(), farthest_.begin() + ticks);
             for (int k = 1; k < ticks; ++k)
@@ -275,8 +251,8 @@ class BatchLaw : public BatchDetection<T> {
                     const double most = farthest_yet_[std::size_t(k)] - panel.low;
                     if (!(most > 0)) break;
                     const double farthest = farthest_[std::size_t(k)];
-                    if (!quiet_->armed(k) || !(farthest > panel.low)) continue;
-                    const double chance = quiet_->silence_before(k) * quiet_->idle(k).alarm;
+                    if (!quiet_.armed(k) || !(farthest > panel.low)) continue;
+                    const double chance = quiet_.silence_before(k) * quiet_.idle().alarm;
                     early_.push_back({panel.low, panel.high, farthest, sum(offset) * chance, most, 0});
                     early_value_.resize(early_.size() * order);
                     double* value = &early_value_[early_value_.size() - order];
@@ -349,8 +325,8 @@ class BatchLaw : public BatchDetection<T> {
     std::vector<EarlyAlarm> early_;
     std::vector<double> early_value_;  ///< [early alarm][node]: probability
     Cuts cuts_;
-    std::vector<KnownTail> known_;  ///< by force
-    double most_early_ = 0;         ///< deepest an early alarm's path gets [m]
+    KnownTails known_;
+    double most_early_ = 0;  ///< deepest an early alarm's path gets [m]
     double harmless_ = 0, most_force_ = 0;
     Moments moments_{};
 };

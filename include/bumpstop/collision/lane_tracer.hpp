@@ -155,7 +155,9 @@ class LaneTracer {
         const int last_kept = at.last_step - (at.last_step - 1) % stride_;
         int wanted[lanes], known = 0;
         for (int step = int(path.s.size()); step <= last; ++step) {
-            if (!at.careful && !every_step(step) && (step - 1) % stride_ != 0 && step <= last_kept) continue;
+            if (!at.careful && !every_step(step) && step <= last_kept)
+                step += stride_ - 1 - (step + stride_ - 2) % stride_;
+            if (step > last) break;
             wanted[known++] = step;
             if (known == lanes) {
                 if (!record(lane, wanted, known)) return false;
@@ -227,7 +229,8 @@ class LaneTracer {
         if (tick && path.end != PathEnd::certain_detection) {
             const double time = (double(path.ticks) * timing_.period + 1) * motion_.step;
             ++path.ticks;
-            for (int j = 0; j < chain_.dof; ++j) path.torque_per_N.push_back(lane_of(torque[j], i));
+            double* to = added(path.torque_per_N, chain_.dof);
+            for (int j = 0; j < chain_.dof; ++j) to[j] = lane_of(torque[j], i);
             if (detector_.armed(time)) at.survival *= silent;
             if (at.survival < certain_survival) {
                 path.end = PathEnd::certain_detection;
@@ -237,9 +240,16 @@ class LaneTracer {
         const int after_latency = after_first - timing_.latency;
         if (after_latency >= 0 && after_latency % timing_.period == 0 &&
             int(path.reaction_state.size()) < 2 * n * path.ticks) {
-            for (int f = 0; f < n; ++f) path.reaction_state.push_back(lane_of(q[f], i));
-            for (int f = 0; f < n; ++f) path.reaction_state.push_back(lane_of(qd[f], i));
+            double* to = added(path.reaction_state, 2 * n);
+            for (int f = 0; f < n; ++f) to[f] = lane_of(q[f], i);
+            for (int f = 0; f < n; ++f) to[n + f] = lane_of(qd[f], i);
         }
+    }
+
+    /// Where so many values more may be written.
+    static double* added(std::vector<double>& values, int count) {
+        values.resize(values.size() + std::size_t(count));
+        return &values[values.size() - std::size_t(count)];
     }
 
     const Chain& chain_;

@@ -143,9 +143,12 @@ inline void fill_stride(std::vector<double>& path, int stride, double next) {
     const std::size_t end = path.size() - 1;
     const double y[4] = {path[end - 2 * stride], path[end - stride], path[end], next};
     const double third = y[3] - 3 * y[2] + 3 * y[1] - y[0], second = y[3] - 2 * y[2] + y[1];
+    path.resize(path.size() + std::size_t(stride) - 1);
+    const double per_stride = 1.0 / stride;
     for (int step = 1; step < stride; ++step) {
-        const double x = double(step) / stride - 1;  // 0 at the new stride, -1 at the one before
-        path.push_back(y[3] + x * (y[3] - y[2]) + x * (x + 1) / 2 * second + x * (x + 1) * (x + 2) / 6 * third);
+        const double x = step * per_stride - 1;  // 0 at the new stride, -1 at the one before
+        path[end + std::size_t(step)] =
+            y[3] + x * ((y[3] - y[2]) + (x + 1) * (0.5 * second + (x + 2) * (1.0 / 6) * third));
     }
 }
 

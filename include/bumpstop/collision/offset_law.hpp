@@ -30,12 +30,13 @@ struct OffsetLaw {
         const double normalised = 0.79788456080286535588 / (size * within_reach);
         return exp_negative(T(0.5 * z * z), T(0.0)) * normalised;
     }
-    double probability_beyond(double o) const {
-        if (o >= largest()) return 0;
-        if (o <= 0) return 1;
-        if (kind == OffsetKind::uniform) return 1 - o / size;
-        if (kind == OffsetKind::fixed) return 1;
-        return (std::erfc(o / size * 0.70710678118654752440) - beyond_reach) / within_reach;
+    template <class T>
+    T probability_beyond(T o) const {
+        T inside = 1.0;
+        if (kind == OffsetKind::uniform) inside = 1.0 - o * (1 / size);
+        if (kind == OffsetKind::half_normal)
+            inside = (erfc(T(o * (0.70710678118654752440 / size))) - beyond_reach) * (1 / within_reach);
+        return select(o >= T(largest()), T(0.0), select(o <= T(0.0), T(1.0), inside));
     }
 };
 

@@ -63,7 +63,7 @@ template <class T, class Pose, class Tolerance>
 void complete_curves(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                      const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose,
                      Tolerance tolerance) {
-    constexpr int nodes = 6, fewest_ticks = 9;
+    constexpr int nodes = 6, fewest_ticks = 9, lanes = Scalar<T>::lanes;
     std::vector<detail::Stretch> pending;
     std::vector<detail::Refinement> rough;
     for (int c = 0; c < count; ++c) {
@@ -115,14 +115,18 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         bool smooth = true;
         for (int i : {1, nodes / 2}) {  // near an end, and in the middle
             const double difference =
-                detail::OverrunInterpolation(own, nodes, i).at(own[i].tick) - detail::overrun(own[i].distance);
+                detail::OverrunInterpolation(own, nodes, i).at(double(own[i].tick)) - detail::overrun(own[i].distance);
             smooth = smooth && std::fabs(difference) <= tolerance(stretch.curve).of(stretch.first, stretch.last);
         }
         const detail::OverrunInterpolation overrun(own, nodes);
-        for (int k = stretch.first; smooth && k <= stretch.last; ++k) {
-            const double travelled = overrun.at(k);
-            smooth = smooth && travelled >= 0;
-            place(stretch.curve, k, travelled);
+        for (int first = stretch.first; smooth && first <= stretch.last; first += lanes) {
+            T k;
+            for (int lane = 0; lane < lanes; ++lane) set_lane(k, lane, double(first + lane));
+            const T travelled = overrun.at(k);
+            for (int lane = 0; lane < lanes && first + lane <= stretch.last; ++lane) {
+                smooth = smooth && lane_of(travelled, lane) >= 0;
+                place(stretch.curve, first + lane, lane_of(travelled, lane));
+            }
         }
         if (!smooth) rough.emplace_back(stretch, tolerance(stretch.curve));
     }

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "bumpstop/collision/reaction.hpp"
+#include "bumpstop/math/functions.hpp"
 #include "bumpstop/math/quadrature.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -19,20 +20,21 @@ inline double overrun(const std::vector<double>& distance) {
 
 /// The overrun near its greatest value as a cubic in time, about the top: top + bend/2 d^2 + skew/6 d^3, where
 /// d is the time since `time`, both in simulation steps.
-struct Summit {
-    double time, top, bend, skew;
+template <class T>
+struct SummitOf {
+    T time, top, bend, skew;
 
     /// The greatest value at a whole step.
-    double at_steps() const {
-        const double below = std::max(0.0, std::floor(time));
-        double most = 0;
-        for (double step : {below, below + 1}) {
-            const double d = step - time;
-            most = std::max(most, top + d * d * (bend / 2 + d * skew / 6));
-        }
-        return most;
+    T at_steps() const {
+        const T nearest = (time + rounding_shift) - rounding_shift;
+        const T below = maximum(T(0.0), select(nearest > time, nearest - 1.0, nearest));
+        return maximum(T(0.0), maximum(value(below - time), value(below + 1.0 - time)));
     }
+
+  private:
+    T value(const T& d) const { return top + d * d * (0.5 * bend + d * skew * (1.0 / 6)); }
 };
+using Summit = SummitOf<double>;
 
 /// The summit of a reaction's travel, from four steps in a row about it; NaN where there is none, because the
 /// travel has no interior maximum.
@@ -75,17 +77,19 @@ class OverrunInterpolation {
             if (m != without) summit_.push_back(summit(jobs[m]));
         }
     }
-    double at(int k) const {
-        double weight[16];
-        interpolation_.weights(k, weight);
-        Summit sum{0, 0, 0, 0};
+    /// Negative where there is none.
+    template <class T>
+    T at(T k) const {
+        T weight[16];
+        interpolation_.weights_at(k, weight);
+        SummitOf<T> sum{0.0, 0.0, 0.0, 0.0};
         for (int m = 0; m < interpolation_.size(); ++m) {
             sum.time += weight[m] * summit_[m].time;
             sum.top += weight[m] * summit_[m].top;
             sum.bend += weight[m] * summit_[m].bend;
             sum.skew += weight[m] * summit_[m].skew;
         }
-        return sum.time >= 0 ? sum.at_steps() : std::numeric_limits<double>::quiet_NaN();
+        return select(sum.time >= T(0.0), sum.at_steps(), T(-1.0));
     }
 
   private:

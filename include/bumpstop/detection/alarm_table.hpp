@@ -10,11 +10,11 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// P(|r| > threshold) of every watched joint for forces that lie close together, as those on a panel of offsets do: all of
 /// them are served by one polynomial in |r + mean|, whose coefficients no lane has to gather. Chebyshev's nodes leave an
-/// error of 2 (reach / 2)^12 / 12! times the twelfth derivative of the normal distribution, which is below 1e4: 1e-12.
+/// error of 2 (reach / 2)^12 / 12! times the twelfth derivative of the normal distribution, which is below 1e4: 1e-11.
 class AlarmTable {
   public:
     /// Residuals for which one polynomial is asked may lie so far apart [standard deviations of the noise].
-    static constexpr double widest = 0.8;
+    static constexpr double widest = 1.0;
 
     explicit AlarmTable(const ThresholdDetector& detector) {
         for (int w = 0; w < detector.watched; ++w) {

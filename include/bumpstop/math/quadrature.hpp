@@ -188,6 +188,20 @@ class Interpolation {
         for (int m = 0; m < size(); ++m) weight[m] /= sum;
     }
 
+    /// The same for a place or a register of places, which need not be whole numbers.
+    template <class T>
+    void weights_at(T place, T* weight) const {
+        T sum = 0.0;
+        for (int m = 0; m < size(); ++m) {
+            // At a node its own weight outgrows all others by more than a double can tell.
+            const T away = place - double(node_[m]);
+            weight[m] = barycentric_[m] / select(absolute(away) < T(1e-100), T(1e-100), away);
+            sum += weight[m];
+        }
+        const T inverse = 1.0 / sum;
+        for (int m = 0; m < size(); ++m) weight[m] *= inverse;
+    }
+
   private:
     std::vector<int> node_;
     std::vector<double> barycentric_;
