@@ -125,10 +125,11 @@ inline void write_nothing(const BatchProblem& problem, std::size_t pose, const B
 }
 
 /// A law of either kind: `upper_quantile(p)` is the force passed with a probability of p, `exceedance(force)` leaves out
-/// what is never detected.
+/// what is never detected. `detected` is the probability of a detection, summed and not what the others leave of one: of
+/// that little, rounding would be a large share.
 template <class Law, class Quantile, class Exceedance>
-void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const Law& law, const Moments& m,
-               Quantile upper_quantile, Exceedance exceedance, const BatchResult& out) {
+void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const Law& law, double detected,
+               const Moments& m, Quantile upper_quantile, Exceedance exceedance, const BatchResult& out) {
     const bool endless = law.undetected > 1e-12 && end == PathEnd::horizon;
     const int dof = problem.chain->dof;
     out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : m.mean;
@@ -138,8 +139,8 @@ void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const
         out.exceedance[pose * problem.limits + i] = exceedance(problem.limit[i]) + law.undetected;
     for (int i = 0; i < problem.probabilities; ++i)
         out.quantile[pose * problem.probabilities + i] = upper_quantile(1 - problem.probability[i]);
-    const double detected = 1 - law.undetected - law.no_contact;
-    for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = law.trigger[j] / detected;
+    const double given = detected > 0 ? detected : std::numeric_limits<double>::quiet_NaN();
+    for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = law.trigger[j] / given;
     out.false_alarm[pose] = law.false_alarm;
     out.undetected[pose] = law.undetected;
     out.no_contact[pose] = law.no_contact;
@@ -210,14 +211,15 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
             BatchLaw<L>& law = worker.law[lane];
             law.stop(curve[lane].farthest);
             write_law(
-                problem, pose, done.end, law, law.peak_force(), [&](double p) { return law.upper_quantile(p); },
+                problem, pose, done.end, law, law.detected(), law.peak_force(),
+                [&](double p) { return law.upper_quantile(p); },
                 [&](double force) { return law.tail(force); }, out);
         } else {
             const LawSettings settings{problem.stiffness, offset[lane], 1, false};
             const ExactLaw law =
                 ExactLawBuilder<L>(curve[lane], *problem.timing, *problem.motion, *problem.detector, settings).build();
             write_law(
-                problem, pose, done.end, law, peak_force_moments<L>(law),
+                problem, pose, done.end, law, law.detected, peak_force_moments<L>(law),
                 [&](double p) { return upper_quantile<L>(law.pieces, law.peak_force, p, law.undetected); },
                 [&](double force) { return tail<L>(law.pieces, law.peak_force, force).probability; }, out);
         }

@@ -51,6 +51,13 @@ class BatchDetection {
         return true;
     }
 
+    /// Probability of a detection, before contact or after.
+    double detected() const {
+        double total = alarm_before_;
+        for (const Panel& panel : panels_) total += panel.mass;
+        return total;
+    }
+
     /// By tick: how probable a detection there is, at most, that a stopping path matters to.
     const std::vector<double>& detection() const { return detection_; }
 

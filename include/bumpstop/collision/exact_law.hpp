@@ -15,6 +15,7 @@ struct ExactLaw {
     LawPieces pieces;
     LawQuantity peak_force, force_at_detection, detection_delay;  ///< of detected collisions [N, N, s]
     LawQuantity end_force;                                        ///< of collisions never detected, at the end [N]
+    double detected = 0;                                          ///< before contact or after, of clamped contact
     double false_alarm = 0;                                       ///< detection before contact
     double harmless = 0;              ///< of those, and of motions that end before contact: no force at all
     double undetected = 0;            ///< contact, and no detection by the end of the motion
@@ -62,7 +63,7 @@ class ExactLawBuilder {
     ExactLaw build() {
         const std::vector<Panel> panels = cutter_.cut();
         if (panels.empty()) {  // a motion that ends where it begins
-            law_.false_alarm = alarm_before_ = quiet_.alarm_before(curve_.path.ticks);
+            law_.detected = law_.false_alarm = alarm_before_ = quiet_.alarm_before(curve_.path.ticks);
             law_.no_contact = quiet_.silence_before(curve_.path.ticks);
             law_.harmless = 1;
             contact_from_.assign(std::size_t(curve_.path.ticks) + 1, 0.0);
@@ -330,6 +331,7 @@ class ExactLawBuilder {
         summarise(pieces, law_.end_force);
         summarise(pieces, law_.force_at_detection);
         summarise(pieces, law_.detection_delay);
+        law_.detected = alarm_before_ + law_.force_at_detection.total;
     }
 
     /// What a free body suffers, in all panels.
