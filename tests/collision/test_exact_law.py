@@ -349,6 +349,26 @@ def test_a_batch_knows_who_triggered_what_is_hardly_ever_detected() -> None:
     np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=1e-6)
 
 
+def test_a_batch_feels_no_body_that_the_arm_has_left() -> None:
+    """The arm falls back and ends amid the places where the body may be, none of which it is noticed at."""
+    law, batch = alone_and_in_a_batch(
+        {
+            "robot": "iiwa14",
+            "pose_rad": [2.625, -0.6187, -2.5761, -0.2897, 0.1435, -0.0004453, -0.3804],
+            "motion": {"velocity_mm_s": [358.4, -132.5, 236.6], "duration_s": 2.5},
+            "contact": {"stiffness_N_m": 1500.0, "offset_law": "uniform"},
+            "detector": {"thresholds_Nm": [100] * 7, "noise_sd_Nm": 0.5, "feedback_period_s": 0.024},
+            "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 1.57},
+            "simulation": {"step_s": 0.002, "substeps": 7},
+        }
+    )
+    curve, most = law.curve, law.problem.offset_size
+    assert curve.end == "joint_limit"
+    assert 0.1 * most < curve.distance[-1] < 0.95 * most
+    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-7)
+    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-7)
+
+
 @pytest.mark.parametrize("pose", [76, 87, 219])
 def test_rough_stopping_curves_are_those_of_their_reactions(pose: int) -> None:
     """Near singularities, where few ticks can be interpolated: every tick beside its reaction followed step by step."""

@@ -90,6 +90,7 @@ class BatchLaw : public BatchDetection<T> {
     using Detection::sum;
     using Detection::survived_;
     using Detection::value_;
+    using Detection::weight_;
     using typename Detection::Panel;
 
     /// A last step towards a quantile may be this long, in standard deviations of the law. What it leaves is less than its
@@ -291,7 +292,12 @@ class BatchLaw : public BatchDetection<T> {
         }
         about = mass > 0 ? stiffness_ * about / mass : 0;
         T first = 0.0, second = 0.0;
+        double sum1 = -harmless_ * about, sum2 = harmless_ * about * about;
         auto add = [&](const double* value, double low, double high, double farthest) {
+            if (farthest > low && farthest < high) {
+                add_reached(value, low, high, farthest, about, sum1, sum2);
+                return;
+            }
             const double mid = 0.5 * (low + high), half = 0.5 * (high - low);
             for (int r = 0; r < registers; ++r) {
                 const T offset = mid + half * load<T>(node_ + r * lanes);
@@ -311,11 +317,36 @@ class BatchLaw : public BatchDetection<T> {
             for (std::size_t p = 0; p < panels_.size(); ++p)
                 add(&survived_[p * order], panels_[p].low, panels_[p].high, end);
         }
-        double sum1 = -harmless_ * about, sum2 = harmless_ * about * about, total = mass + harmless_ + undetected;
+        const double total = mass + harmless_ + undetected;
         sum1 += sum_of_lanes(first);
         sum2 += sum_of_lanes(second);
         const double offset = sum1 / total;
         moments_ = {about + offset, std::sqrt(std::max(0.0, sum2 / total - offset * offset))};
+    }
+
+    /// Adds the first two moments about `about` of a panel that `farthest` is in: what lies beyond feels no force, and the
+    /// rule is that of the nearer part, where the force is straight.
+    void add_reached(const double* value, double low, double high, double farthest, double about, double& sum1,
+                     double& sum2) const {
+        double series[order], rest = 0;
+        for (int l = 0; l < order; ++l) {
+            double sum = 0;
+            for (int g = 0; g < order; ++g) sum += half_legendre_[l][g] * value[g];
+            series[l] = (2 * l + 1) * sum;
+        }
+        for (int g = 0; g < order; ++g) rest += value[g];
+        const double share = (farthest - low) / (high - low);
+        for (int g = 0; g < order; ++g) {
+            const double part = 0.5 * (node_[g] + 1);  // of the way from `low` to `farthest`
+            const double here = share * weight_[g] *
+                                legendre_series(order, 2 * share * part - 1, [&](int l) { return series[l]; }).value;
+            const double force = stiffness_ * (farthest - low) * (1 - part) - about;
+            sum1 += here * force;
+            sum2 += here * force * force;
+            rest -= here;
+        }
+        sum1 -= rest * about;
+        sum2 += rest * about * about;
     }
 
     double half_legendre_[order][order];  ///< half_legendre_[l]: P_l / 2 at the nodes
