@@ -11,7 +11,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.kernels import core
 from collision.cases import VARIED, control_group, twin_of
-from twin import half_normal_offsets, simulate, simulate_seeded, trace
+from twin import half_normal_offsets, simulate, simulate_seeded, tick_count, trace
 
 # The twin takes a fraction of a second a hundred runs; what needs 10^6 runs is in the validation.
 RUNS = 40
@@ -60,6 +60,31 @@ def test_leaps_keep_acceleration_limits(latency_s: float) -> None:
             reaction__latency_s=latency_s,
         )
     )
+
+
+def test_reactions_come_forward_again_beside_a_singularity() -> None:
+    """The point swings back behind where it was and then farther forward than it ever came, in the time that the twin
+    follows it."""
+    scenario = bs.Scenario.from_dict(
+        {
+            "robot": "panda",
+            "pose_rad": [-1.7521, 0.5671, -1.9873, -0.4124, -0.9738, 2.5927, -0.019],
+            "motion": {"velocity_mm_s": [-230, -53, 204], "duration_s": 0.7},
+            "contact": {"stiffness_N_m": 30000.0},
+            "detector": {"thresholds_Nm": [1e6] * 7, "noise_sd_Nm": 1.0, "feedback_period_s": 0.008},
+            "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 23.5, "latency_s": 0.024},
+            "simulation": {"step_s": 0.002, "substeps": 7},
+        }
+    )
+    curve = bs.stopping_curve(bs.Problem.from_scenario(scenario), whole=True)
+    settings = twin_of(scenario)
+    ticks = range(50, 80)
+    noise = np.zeros((len(ticks), tick_count(settings), 7))
+    noise[np.arange(len(ticks)), ticks] = 1e9
+    runs = simulate(settings, np.full(len(ticks), math.inf), noise)
+    np.testing.assert_array_equal(runs.detection_tick, ticks)
+    # What the singularity makes of roundings is less than 1e-6 m; ours may be followed longer.
+    assert (curve.farthest[ticks] - runs.max_travel_m).min() > -1e-6
 
 
 def assert_same_path(scenario: bs.Scenario) -> None:

@@ -45,6 +45,7 @@ class BrakingArm {
     /// may differ from those extrapolated by `leap_tolerance`, relative to the largest.
     void begin(int lane, double leap_tolerance) {
         set_lane(tolerance_, lane, leap_tolerance);
+        set_lane(slack_, lane, 1.0);
         history_.forget(lane);
         for (int f = 0; f < motion_.free_count; ++f) {
             set_lane(from_[f], lane, lane_of(state.q[motion_.free_joint[f]], lane));
@@ -53,8 +54,10 @@ class BrakingArm {
         known_[lane] = 0;
         wish_[lane] = 1;
         error_[lane] = std::numeric_limits<double>::infinity();
-        reached_[lane] = false;
+        reached_[lane] = reaches_[lane] = false;
     }
+    /// From here on changes need to be known so many times less well.
+    void loosen(int lane, double times) { set_lane(slack_, lane, times); }
     /// The rates asked for were reached in the last sub-step.
     bool reached(int lane) const { return reached_[lane]; }
     /// A singularity was near at an end of the last leap.
@@ -141,7 +144,7 @@ class BrakingArm {
         }
         const T allowed = follows ? select(reaches, largest_rate * following_leap_tolerance, largest * tolerance_)
                                   : largest * tolerance_;
-        const T error = off / maximum(allowed, T(1e-300));
+        const T error = off / maximum(allowed * slack_, T(1e-300));
         look();
         // Where nothing was gone there is nothing to learn about the length of leaps.
         const T roughness = error / maximum(history_.error_growth(count, known), T(1e-300));
@@ -249,7 +252,7 @@ class BrakingArm {
     const Chain& chain_;
     const MotionSettings& motion_;
     const Kind kind_;
-    T tolerance_ = 1.0;
+    T tolerance_ = 1.0, slack_ = 1.0;
     /// Positions are kept as those of the beginning and what was gained since, by free joint: so roundings of the former do
     /// not add up.
     T from_[max_joints], travelled_[max_joints];

@@ -25,10 +25,10 @@ struct ReactionJob {
 
 /// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
 /// `return_to`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
-/// the point retreats for good: on the way back nothing brings it forward again unless a singularity is near. Near
-/// one, it is followed until the reverse rates are reached, or half again the time has passed that the slowest joint
-/// needs to stop, and 50 ms more: the source's own length of a run after detection. A reaction that stops is followed
-/// until it has.
+/// the point retreats for good: on the way back nothing brings it forward again unless a singularity was near, or the arm
+/// did not follow its line and swings on. Such an arm is followed until half again the time has passed that the slowest
+/// joint needs to stop, and 50 ms more, the source's own length of a run after detection, and then until it retreats. A
+/// reaction that stops is followed until it has.
 enum class ReactionDetail { every_step, only_peak };
 
 /// No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
@@ -57,19 +57,32 @@ T speed_along(const Chain& chain, const MotionSettings& motion, const ArmState<T
 struct RunningReaction {
     ReactionJob* job = nullptr;  ///< null: the lane is idle
     double turning_point = 0;
-    double patience = 0;           ///< steps after which a retreat is believed near a singularity
+    int patience = 0;              ///< controller sub-steps after which the retreat of an arm astray is believed
     int gone = 0, retreating = 0;  ///< controller sub-steps since the beginning, and since the point began to retreat
     double here = 0;               ///< distance along the normal [m]
     double speed = 0;              ///< along the normal [m/s]
     double top = 0;                ///< sub-steps until the point will be farthest, as far as one can tell
     bool started = false;          ///< the first look has been taken
+    bool astray = false;           ///< a singularity was near, or the arm did not follow its line when it began
+    bool over = false;             ///< it ends with this step
+    double peak = 0, lowest = 0;   ///< the farthest so far, and the nearest since [m]
+    bool homing = false;   ///< well behind its peak: followed loosely, only to see that it does not come back to it
+    bool careful = false;  ///< it may, and is followed well all the way
 };
+
+/// An arm follows its line where the point's speed is off by no more than this share of it.
+inline constexpr double following_share = 0.1;
+/// An arm on its way home is followed so many times less exactly, until it is this share of its retreat, or this distance,
+/// from its peak again.
+inline constexpr double homing_slack = 1e3, homing_share = 0.1, homing_distance = 1e-5;
 
 /// How far the next leap of a reaction may go, in sub-steps. The steps about the farthest point are gone one by one.
 inline int longest_leap(const RunningReaction& at, int substeps, bool only_peak) {
     const int to_step = substeps - at.gone % substeps;
-    if (!only_peak || at.speed == 0) return to_step;
-    if (at.speed < 0) return at.retreating < steps_past_peak * substeps ? to_step : longest_braking_leap;
+    if (!only_peak || at.speed == 0 || at.over) return to_step;
+    if (at.homing || (at.speed < 0 && at.retreating >= steps_past_peak * substeps))
+        return std::clamp(at.patience - at.gone, 1, longest_braking_leap);
+    if (at.speed < 0) return to_step;
     if (!(at.top < 2 * longest_braking_leap)) return longest_braking_leap;
     // The last step that ends a whole step before the top.
     const int landing = (int(at.gone + at.top) / substeps - 1) * substeps - at.gone;
@@ -86,7 +99,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     const bool only_peak = detail == ReactionDetail::only_peak;
     const bool stopping = kind == ReactionKind::stop;
     using Arm = BrakingArm<T>;
-    Arm arm(chain, motion, stopping ? Arm::Kind::stops : Arm::Kind::reverses);
+    Arm arm(chain, motion, stopping ? Arm::Kind::stops : Arm::Kind::follows);
     const double sign = stopping ? 0 : -1;
     Point3<T> normal, start;
     RunningReaction running[lanes];
@@ -120,8 +133,9 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         at = RunningReaction{};
         at.job = &job;
         at.turning_point = job.return_to;
-        at.patience = (0.05 + 1.5 * stop_time) / motion.step;
+        at.patience = int(std::ceil((0.05 + 1.5 * stop_time) / motion.step)) * substeps;
         at.here = path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency];
+        at.peak = at.here;
         job.distance.assign(1, at.here);
         job.step.assign(1, 0);
     };
@@ -149,7 +163,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             RunningReaction& at = running[lane];
             const double after = lane_of(speed, lane);
             const int to_step = substeps - at.gone % substeps;
-            if (!only_peak || over <= to_step || !(at.speed > 0 && after <= 0)) return true;
+            if (!only_peak || at.homing || over <= to_step || !(at.speed > 0 && after <= 0)) return true;
             at.top = over * at.speed / (at.speed - after);
             return false;
         });
@@ -160,6 +174,8 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                 at.started = true;
                 at.speed = lane_of(speed, lane);
                 at.top = std::numeric_limits<double>::infinity();
+                const double wanted = at.job->path->approach_speed;
+                at.astray = arm.poor(lane) || std::fabs(at.speed - wanted) > following_share * wanted;
                 continue;
             }
             if (gone[lane] == 0) continue;
@@ -170,15 +186,33 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                                        : std::numeric_limits<double>::infinity();
             at.retreating = here < at.here ? at.retreating + gone[lane] : 0;
             at.here = here;
+            if (at.homing) {
+                at.lowest = std::min(at.lowest, here);
+                // Between two looks it may have been farther than at either.
+                const double farthest = here + std::max(0.0, before) * gone[lane] * motion.substep();
+                if (farthest > at.peak - std::max(homing_share * (at.peak - at.lowest), homing_distance)) {
+                    load(lane, *at.job);
+                    at.careful = true;
+                    continue;
+                }
+            }
+            at.peak = std::max(at.peak, here);
             const bool whole = at.gone % substeps == 0;
-            if (whole) {
+            if (whole && !at.homing) {
                 at.job->distance.push_back(here);
                 at.job->step.push_back(at.gone / substeps);
             }
-            const bool back = here <= at.turning_point ||
-                              (only_peak && (!arm.poor(lane) || arm.reached(lane) || at.gone > at.patience * substeps));
-            const bool over = stopping ? arm.reached(lane) : at.retreating >= steps_past_peak * substeps && back;
-            if (!(whole && (over || here > at.job->enough)) && at.gone < longest_reaction_steps * substeps) continue;
+            at.astray = at.astray || arm.poor(lane);
+            const bool back = only_peak ? !at.astray || at.gone >= at.patience : here <= at.turning_point;
+            const bool retreats = at.retreating >= steps_past_peak * substeps;
+            at.over = at.over || (stopping ? arm.reached(lane) : retreats && back);
+            if (only_peak && !stopping && retreats && !at.over && !at.careful && !at.homing &&
+                at.peak - here > homing_distance) {
+                at.homing = true;
+                at.lowest = here;
+                arm.loosen(lane, homing_slack);
+            }
+            if (!(whole && (at.over || here > at.job->enough)) && at.gone < longest_reaction_steps * substeps) continue;
             if (next < count) {
                 load(lane, jobs[next++]);
             } else {
