@@ -3,6 +3,7 @@
 
 #include <functional>
 
+#include "bumpstop/collision/line_tracer.hpp"
 #include "bumpstop/collision/offset_law.hpp"
 #include "bumpstop/collision/reaction.hpp"
 #include "common.hpp"

@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "bumpstop/collision/exact_law.hpp"
+#include "bumpstop/collision/line_tracer.hpp"
 #include "bumpstop/model/robot_description.hpp"
 
 using namespace bumpstop;

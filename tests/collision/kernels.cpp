@@ -4,6 +4,7 @@
 #include <cstdlib>
 
 #include "bumpstop/collision/batch.hpp"
+#include "bumpstop/collision/line_tracer.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
 #include "bumpstop/collision/trajectory.hpp"
 

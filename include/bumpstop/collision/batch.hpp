@@ -8,6 +8,7 @@
 #include "bumpstop/collision/batch_law.hpp"
 #include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/lane_tracer.hpp"
+#include "bumpstop/collision/line_tracer.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -101,8 +102,7 @@ template <class L>
 struct BatchWorker {
     BatchWorker(const BatchProblem& problem, const AlarmTable& alarms, const QuietTable& quiet) {
         for (int lane = 0; lane < Scalar<L>::lanes; ++lane)
-            law.emplace_back(*problem.detector, *problem.timing, *problem.motion, alarms, quiet, problem.stiffness,
-                             problem.offset_kind);
+            law.emplace_back(*problem.detector, *problem.timing, alarms, quiet, problem.stiffness, problem.offset_kind);
     }
 
     std::vector<BatchLaw<L>> law;  ///< by lane
@@ -212,8 +212,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
             law.stop(curve[lane].farthest);
             write_law(
                 problem, pose, done.end, law, law.detected(), law.peak_force(),
-                [&](double p) { return law.upper_quantile(p); },
-                [&](double force) { return law.tail(force); }, out);
+                [&](double p) { return law.upper_quantile(p); }, [&](double force) { return law.tail(force); }, out);
         } else {
             const LawSettings settings{problem.stiffness, offset[lane], 1, false};
             const ExactLaw law =

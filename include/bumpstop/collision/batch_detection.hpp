@@ -2,10 +2,8 @@
 /// When a collision at an offset that varies is detected, for one pose among many.
 #pragma once
 
+#include "bumpstop/collision/batch_panels.hpp"
 #include "bumpstop/collision/law_pieces.hpp"
-#include "bumpstop/collision/offset_law.hpp"
-#include "bumpstop/collision/quiet_table.hpp"
-#include "bumpstop/detection/alarm_table.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -14,17 +12,11 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// table, one polynomial for a panel; panels along a smooth stretch of the path are interpolated from a few. The object
 /// keeps its memory for the next pose.
 template <class T>
-class BatchDetection {
+class BatchDetection : public BatchPanels {
   public:
-    BatchDetection(const ThresholdDetector& detector, const Timing& timing, const MotionSettings& motion,
-                   const AlarmTable& alarms, const QuietTable& quiet, double stiffness, OffsetKind offset_kind)
-        : quiet_(quiet),
-          stiffness_(stiffness),
-          detector_(detector),
-          timing_(timing),
-          motion_(motion),
-          alarms_(alarms),
-          offset_kind_(offset_kind) {
+    BatchDetection(const ThresholdDetector& detector, const Timing& timing, const AlarmTable& alarms,
+                   const QuietTable& quiet, double stiffness, OffsetKind offset_kind)
+        : BatchPanels(detector, timing, quiet, stiffness, offset_kind), alarms_(alarms) {
         const GaussRule& rule = gauss_rule(order);
         for (int g = 0; g < order; ++g) {
             node_[g] = rule.node[g];
@@ -42,10 +34,8 @@ class BatchDetection {
 
     /// Every offset's fate. False where the noise is too narrow for the panels; then nothing else may be asked for.
     bool collide(const LinePath& path, const OffsetLaw& offset) {
-        path_ = &path;
-        offset_ = offset;
         begin();
-        if (!cut_panels()) return false;
+        if (!cut_panels(path, offset)) return false;
         find_outcomes();
         weigh();
         return true;
@@ -65,30 +55,6 @@ class BatchDetection {
     static constexpr int lanes = Scalar<T>::lanes;
     static constexpr int order = 8, registers = order / lanes;
 
-    struct Panel {
-        double low, high;
-        int tick, ticks,
-            part;       ///< first tick in contact; how many it holds, 0: unlike others; part of the tick's travel
-        int slots = 0;  ///< ticks from the first on that may detect
-        bool known = false;
-        bool sorted = false;  ///< the later a stopping path of its slots begins, the farther it ends
-        double mass = 0;      ///< probability of a detection
-        std::size_t value_at = 0, mass_at = 0;
-        double silence = 0, total = 0;  ///< before the panel; of the offset
-    };
-
-    std::size_t end_step() const { return std::min(path_->s.size() - 1, std::size_t(timing_.steps)); }
-
-    void add_end_panels(double low, double high, int tick) {
-        high = std::min(high, offset_.largest());
-        if (!(high > low)) return;
-        int pieces = 1;
-        if (offset_kind_ == OffsetKind::half_normal)
-            pieces = std::max(1, int(std::ceil((high - low) / (widest_density * offset_.size))));
-        for (int i = 0; i < pieces; ++i)
-            panels_.push_back({low + (high - low) * i / pieces, low + (high - low) * (i + 1) / pieces, tick, 0, 0});
-    }
-
     /// Probabilities of the offset by node, in a register row.
     void weigh_offsets(const Panel& panel, T (&row)[registers]) const {
         const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
@@ -103,82 +69,22 @@ class BatchDetection {
         return sum_of_lanes(all);
     }
 
-    const QuietTable& quiet_;
-    const double stiffness_;
     double node_[order], weight_[order];
-
-    const LinePath* path_ = nullptr;
-    OffsetLaw offset_;
-    std::vector<double> edge_;  ///< panel of tick k: edge_[k]..edge_[k + 1]
-    std::vector<Panel> panels_;
     std::vector<double> survived_;  ///< [panel][node]: never detected; given contact, then weighed
     std::vector<double> value_;     ///< [slot][node], panel by panel: probability of a detection then
     std::vector<double> mass_;      ///< [slot], panel by panel: the same, all nodes together
     double alarm_before_ = 0;       ///< probability of an alarm before contact
 
   private:
-    static constexpr int longest_group = 64, most_parts = 16;
-    static constexpr double widest_density = 0.5;  ///< panel, in standard deviations of the offset
-    static constexpr double rare_alarm = 1e-5;     ///< at an idle tick, for a panel to hold several
     static constexpr double least_survival = 1e-13;
     static constexpr int interpolated_from = 8;  ///< panels
     static constexpr double agreement = 1e-9;    ///< of probabilities interpolated and worked out
 
-    double s_tick(int k) const { return path_->at_tick(k, timing_.period); }
-
     void begin() {
-        const int ticks = path_->ticks;
         false_alarm = undetected = no_contact = 0;
         for (double& joint : trigger) joint = 0;
-        edge_.resize(std::size_t(ticks) + 2);
-        edge_[0] = 0;
-        for (int k = 0; k < ticks; ++k) edge_[k + 1] = std::max(edge_[k], s_tick(k));
-        const auto end = path_->s.begin() + std::ptrdiff_t(end_step()) + 1;
-        edge_[ticks + 1] = std::max(edge_[ticks], *std::max_element(path_->s.begin(), end));
-        panels_.clear();
         value_.clear();
         mass_.clear();
-    }
-
-    /// Panels end where a tick comes into contact. Where the arm moves slowly one holds several ticks, where it moves
-    /// fast a tick's travel is cut into as many.
-    bool cut_panels() {
-        const int ticks = path_->ticks;
-        double gain = 0;  // of the residual in standard deviations, per metre
-        for (int k = 0; k < ticks; ++k) {
-            for (int w = 0; w < detector_.watched; ++w)
-                gain = std::max(gain, std::fabs(path_->torque_per_N[std::size_t(k) * path_->dof + detector_.joint[w]]) *
-                                          stiffness_ / detector_.sd[w]);
-        }
-        double width = gain > 0 ? AlarmTable::widest / gain : std::numeric_limits<double>::infinity();
-        if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
-        const double largest = offset_.largest();
-        const bool rare = !quiet_.armed(ticks - 1) || quiet_.idle().alarm < rare_alarm;
-        int group = 1;
-        for (int k = 0; k < ticks && edge_[k] < largest; k += group) {
-            int parts = 1;
-            group = rare && k > 0 ? group_at(k, group, width) : 1;
-            const double low = edge_[k], high = std::min(edge_[k + group], largest);
-            while ((high - low) > parts * width) parts *= 2;
-            if (parts > most_parts) return false;
-            // One that the end of the offsets cuts short is like no other.
-            const int whole = edge_[k + group] <= largest ? group : 0;
-            for (int part = 0; part < parts && high > low; ++part)
-                panels_.push_back(
-                    {low + (high - low) * part / parts, low + (high - low) * (part + 1) / parts, k, whole, part});
-        }
-        add_end_panels(edge_[ticks], edge_[ticks + 1], ticks);
-        return true;
-    }
-
-    /// How many ticks from k on a panel may hold: as many as the last one, unless they have become too wide, or much narrower.
-    int group_at(int k, int last, double width) const {
-        const int most = std::min(longest_group, path_->ticks - k);
-        auto fits = [&](int group) { return group <= most && edge_[k + group] - edge_[k] <= width; };
-        if (fits(last) && !fits(last + last / 2 + 1)) return last;
-        int group = 1;
-        while (fits(group + 1)) ++group;
-        return group;
     }
 
     void find_outcomes() {
@@ -446,11 +352,7 @@ class BatchDetection {
             store(offset_.probability_beyond(load<T>(&beyond_[k])), &beyond_[k]);
     }
 
-    const ThresholdDetector& detector_;
-    const Timing& timing_;
-    const MotionSettings& motion_;
     const AlarmTable& alarms_;
-    const OffsetKind offset_kind_;
     std::vector<int> run_;
     std::vector<std::size_t> outcome_of_;  ///< by panel: where its outcomes begin
     std::vector<double> outcome_;          ///< [slot][node], panel by panel: detected then, given contact

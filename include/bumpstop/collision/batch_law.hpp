@@ -17,9 +17,9 @@ class BatchLaw : public BatchDetection<T> {
     using Detection::no_contact;
     using Detection::undetected;
 
-    BatchLaw(const ThresholdDetector& detector, const Timing& timing, const MotionSettings& motion,
-             const AlarmTable& alarms, const QuietTable& quiet, double stiffness, OffsetKind offset_kind)
-        : Detection(detector, timing, motion, alarms, quiet, stiffness, offset_kind) {
+    BatchLaw(const ThresholdDetector& detector, const Timing& timing, const AlarmTable& alarms, const QuietTable& quiet,
+             double stiffness, OffsetKind offset_kind)
+        : Detection(detector, timing, alarms, quiet, stiffness, offset_kind) {
         const GaussRule& rule = gauss_rule(order);
         for (int g = 0; g < order; ++g) {
             for (int l = 0; l < order; ++l)

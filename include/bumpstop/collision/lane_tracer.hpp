@@ -2,6 +2,8 @@
 /// Paths of many poses, each lane with leaps of its own length.
 #pragma once
 
+#include <numeric>
+
 #include "bumpstop/collision/braking_arm.hpp"
 #include "bumpstop/collision/line_path.hpp"
 #include "bumpstop/collision/outcomes.hpp"

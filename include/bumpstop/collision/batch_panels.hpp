@@ -1,0 +1,123 @@
+/// @file
+/// The panels of offsets that the law of one pose among many is integrated on.
+#pragma once
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/collision/quiet_table.hpp"
+#include "bumpstop/detection/alarm_table.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Panels end where a tick comes into contact, and are narrow enough for one polynomial of the alarm table. The object keeps
+/// its memory for the next pose.
+class BatchPanels {
+  public:
+    BatchPanels(const ThresholdDetector& detector, const Timing& timing, const QuietTable& quiet, double stiffness,
+                OffsetKind offset_kind)
+        : detector_(detector), timing_(timing), quiet_(quiet), stiffness_(stiffness), offset_kind_(offset_kind) {}
+
+  protected:
+    struct Panel {
+        double low, high;
+        int tick, ticks,
+            part;       ///< first tick in contact; how many it holds, 0: unlike others; part of the tick's travel
+        int slots = 0;  ///< ticks from the first on that may detect
+        bool known = false;
+        bool sorted = false;  ///< the later a stopping path of its slots begins, the farther it ends
+        double mass = 0;      ///< probability of a detection
+        std::size_t value_at = 0, mass_at = 0;
+        double silence = 0, total = 0;  ///< before the panel; of the offset
+    };
+
+    /// False where the noise is too narrow for panels.
+    bool cut_panels(const LinePath& path, const OffsetLaw& offset) {
+        path_ = &path;
+        offset_ = offset;
+        panels_.clear();
+        place_edges();
+        return place_panels();
+    }
+
+    std::size_t end_step() const { return std::min(path_->s.size() - 1, std::size_t(timing_.steps)); }
+    double s_tick(int k) const { return path_->at_tick(k, timing_.period); }
+
+    void add_end_panels(double low, double high, int tick) {
+        high = std::min(high, offset_.largest());
+        if (!(high > low)) return;
+        int pieces = 1;
+        if (offset_kind_ == OffsetKind::half_normal)
+            pieces = std::max(1, int(std::ceil((high - low) / (widest_density * offset_.size))));
+        for (int i = 0; i < pieces; ++i)
+            panels_.push_back({low + (high - low) * i / pieces, low + (high - low) * (i + 1) / pieces, tick, 0, 0});
+    }
+
+    const ThresholdDetector& detector_;
+    const Timing& timing_;
+    const QuietTable& quiet_;
+    const double stiffness_;
+    const OffsetKind offset_kind_;
+    const LinePath* path_ = nullptr;
+    OffsetLaw offset_;
+    std::vector<double> edge_;  ///< panel of tick k: edge_[k]..edge_[k + 1]
+    std::vector<Panel> panels_;
+
+  private:
+    static constexpr int longest_group = 64, most_parts = 16;
+    static constexpr double widest_density = 0.5;  ///< panel, in standard deviations of the offset
+    static constexpr double rare_alarm = 1e-5;     ///< at an idle tick, for a panel to hold several
+
+    void place_edges() {
+        const int ticks = path_->ticks;
+        edge_.resize(std::size_t(ticks) + 2);
+        edge_[0] = 0;
+        for (int k = 0; k < ticks; ++k) edge_[k + 1] = std::max(edge_[k], s_tick(k));
+        const auto end = path_->s.begin() + std::ptrdiff_t(end_step()) + 1;
+        edge_[ticks + 1] = std::max(edge_[ticks], *std::max_element(path_->s.begin(), end));
+    }
+
+    /// Where the arm moves slowly a panel holds several ticks, where it moves fast a tick's travel is cut into as many.
+    bool place_panels() {
+        const int ticks = path_->ticks;
+        double gain = 0;  // of the residual in standard deviations, per metre
+        for (int k = 0; k < ticks; ++k) {
+            for (int w = 0; w < detector_.watched; ++w)
+                gain = std::max(gain, std::fabs(path_->torque_per_N[std::size_t(k) * path_->dof + detector_.joint[w]]) *
+                                          stiffness_ / detector_.sd[w]);
+        }
+        double width = gain > 0 ? AlarmTable::widest / gain : std::numeric_limits<double>::infinity();
+        if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
+        const double largest = offset_.largest();
+        const bool rare = !quiet_.armed(ticks - 1) || quiet_.idle().alarm < rare_alarm;
+        int group = 1;
+        for (int k = 0; k < ticks && edge_[k] < largest; k += group) {
+            int parts = 1;
+            group = rare && k > 0 ? group_at(k, group, width) : 1;
+            const double low = edge_[k], high = std::min(edge_[k + group], largest);
+            while ((high - low) > parts * width) parts *= 2;
+            if (parts > most_parts) return false;
+            // One that the end of the offsets cuts short is like no other.
+            const int whole = edge_[k + group] <= largest ? group : 0;
+            for (int part = 0; part < parts && high > low; ++part)
+                panels_.push_back(
+                    {low + (high - low) * part / parts, low + (high - low) * (part + 1) / parts, k, whole, part});
+        }
+        add_end_panels(edge_[ticks], edge_[ticks + 1], ticks);
+        return true;
+    }
+
+    /// How many ticks from k on a panel may hold: as many as the last one, unless they have become too wide, or much narrower.
+    int group_at(int k, int last, double width) const {
+        const int most = std::min(longest_group, path_->ticks - k);
+        auto fits = [&](int group) { return group <= most && edge_[k + group] - edge_[k] <= width; };
+        if (fits(last) && !fits(last + last / 2 + 1)) return last;
+        int group = 1;
+        while (fits(group + 1)) ++group;
+        return group;
+    }
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
