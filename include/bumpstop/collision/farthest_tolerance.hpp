@@ -18,6 +18,9 @@ inline constexpr double largest_farthest_tolerance = 1e-3;
 /// A tick less probable than this need not be simulated because a kink is near: refinement finds what matters of it.
 inline constexpr double kink_probability = 1e-6;
 
+/// All ticks less probable than this together are less than exceedances are right to.
+inline constexpr double unfelt_probability = 1e-10;
+
 /// How well the overrun of every tick must be known. Without probabilities: all equally well.
 struct FarthestTolerance {
     const double* probability = nullptr;  ///< by tick, at most, of a detection there
@@ -33,6 +36,8 @@ struct FarthestTolerance {
                    ? braking_leap_tolerance
                    : std::clamp(300 * of(tick, tick), loose_braking_leap_tolerance, loosest_braking_leap_tolerance);
     }
+    /// Whether an arm that may swing forward again near a singularity is followed until it cannot.
+    bool follows(int tick) const { return probability == nullptr || probability[tick] > unfelt_probability; }
     /// To either side of a tick without a summit, how far others may lie on straight lines.
     int longest_straight() const { return probability == nullptr ? 0 : 8; }
     bool matters(int first, int last) const {

@@ -21,14 +21,15 @@ struct ReactionJob {
     double enough = std::numeric_limits<double>::infinity();  ///< nothing is asked beyond this distance [m]
     const double* q = nullptr;  ///< joint positions the path started in: held joints keep theirs
     double return_to = 0;       ///< distance [m] behind which a point that reverses is back
+    bool comes_back = true;     ///< else the first retreat is believed, whatever is near
 };
 
 /// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
 /// `return_to`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
 /// the point retreats for good: on the way back nothing brings it forward again unless a singularity was near, or the arm
 /// did not follow its line and swings on. Such an arm is followed until half again the time has passed that the slowest
-/// joint needs to stop, and 50 ms more, the source's own length of a run after detection, and then until it retreats. A
-/// reaction that stops is followed until it has.
+/// joint needs to stop, and 50 ms more: the source's own length of a run after detection; longer only while it is farther
+/// than ever. A reaction that stops is followed until it has.
 enum class ReactionDetail { every_step, only_peak };
 
 /// No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
@@ -113,12 +114,18 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             set_lane(arm.state.q[j], lane, q[j]);
             set_lane(arm.state.qd[j], lane, 0.0);
         }
+        // The source counts from the detection on, with the rates the joints had then.
         double stop_time = 0;
+        const int before = (timing.latency + timing.period - 1) / timing.period;
+        for (int k = std::max(0, job.tick - before); k <= job.tick; ++k) {
+            const double* rates = &path.reaction_state[(std::size_t(k) * 2 + 1) * n];
+            for (int f = 0; f < n; ++f)
+                stop_time = std::max(stop_time, std::fabs(rates[f]) / motion.acceleration_limit[motion.free_joint[f]]);
+        }
         for (int f = 0; f < n; ++f) {
             const int j = motion.free_joint[f];
             set_lane(arm.state.q[j], lane, rs[f]);
             set_lane(arm.state.qd[j], lane, rs[n + f]);
-            stop_time = std::max(stop_time, std::fabs(rs[n + f]) / motion.acceleration_limit[j]);
         }
         auto set = [&](Point3<T>& point, const Vector3& value, double scale) {
             set_lane(point.x, lane, scale * value[0]);
@@ -133,7 +140,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         at = RunningReaction{};
         at.job = &job;
         at.turning_point = job.return_to;
-        at.patience = int(std::ceil((0.05 + 1.5 * stop_time) / motion.step)) * substeps;
+        at.patience = int(std::ceil((0.05 + 1.5 * stop_time) / motion.step) + 1) * substeps;
         at.here = path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency];
         at.peak = at.here;
         job.distance.assign(1, at.here);
@@ -202,10 +209,12 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                 at.job->distance.push_back(here);
                 at.job->step.push_back(at.gone / substeps);
             }
-            at.astray = at.astray || arm.poor(lane);
+            at.astray = at.job->comes_back && (at.astray || arm.poor(lane));
             const bool back = only_peak ? !at.astray || at.gone >= at.patience : here <= at.turning_point;
             const bool retreats = at.retreating >= steps_past_peak * substeps;
-            at.over = at.over || (stopping ? arm.reached(lane) : retreats && back);
+            // When its time is up an arm ends behind its farthest point, but not while it goes on to press harder.
+            const bool ends = retreats || (only_peak && at.gone >= at.patience && here < at.peak);
+            at.over = at.over || (stopping ? arm.reached(lane) : ends && back);
             if (only_peak && !stopping && retreats && !at.over && !at.careful && !at.homing &&
                 at.peak - here > homing_distance) {
                 at.homing = true;

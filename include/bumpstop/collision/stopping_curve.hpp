@@ -82,6 +82,7 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
     std::vector<ReactionJob> jobs;
     auto add = [&](int curve, int tick) {
         jobs.push_back({&curves[curve].path, curve, tick, {}, {}, tolerance(curve).of_leaps(tick)});
+        jobs.back().comes_back = tolerance(curve).follows(tick);
     };
     auto simulate = [&] {
         if (jobs.empty()) return;
