@@ -22,14 +22,15 @@ struct ReactionJob {
     const double* q = nullptr;  ///< joint positions the path started in: held joints keep theirs
     double return_to = 0;       ///< distance [m] behind which a point that reverses is back
     bool comes_back = true;     ///< else the first retreat is believed, whatever is near
+    bool came_back = false;     ///< result: on its way home the point came near its farthest again
 };
 
 /// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
 /// `return_to`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
 /// the point retreats for good: on the way back nothing brings it forward again unless a singularity was near, or the arm
 /// did not follow its line and swings on. Such an arm is followed until half again the time has passed that the slowest
-/// joint needs to stop, and 50 ms more: the source's own length of a run after detection; longer only while it is farther
-/// than ever. A reaction that stops is followed until it has.
+/// joint needs to stop, and 50 ms more: the source's own length of a run after detection; and to its first retreat, if that
+/// is later. A reaction that stops is followed until it has.
 enum class ReactionDetail { every_step, only_peak };
 
 /// No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
@@ -65,6 +66,7 @@ struct RunningReaction {
     double top = 0;                ///< sub-steps until the point will be farthest, as far as one can tell
     bool started = false;          ///< the first look has been taken
     bool astray = false;           ///< a singularity was near, or the arm did not follow its line when it began
+    bool turned = false;           ///< it has retreated
     bool over = false;             ///< it ends with this step
     double peak = 0, lowest = 0;   ///< the farthest so far, and the nearest since [m]
     bool homing = false;   ///< well behind its peak: followed loosely, only to see that it does not come back to it
@@ -81,8 +83,7 @@ inline constexpr double homing_slack = 1e3, homing_share = 0.1, homing_distance 
 inline int longest_leap(const RunningReaction& at, int substeps, bool only_peak) {
     const int to_step = substeps - at.gone % substeps;
     if (!only_peak || at.speed == 0 || at.over) return to_step;
-    if (at.homing || (at.speed < 0 && at.retreating >= steps_past_peak * substeps))
-        return std::clamp(at.patience - at.gone, 1, longest_braking_leap);
+    if (at.homing || (at.speed < 0 && at.retreating >= steps_past_peak * substeps)) return longest_braking_leap;
     if (at.speed < 0) return to_step;
     if (!(at.top < 2 * longest_braking_leap)) return longest_braking_leap;
     // The last step that ends a whole step before the top.
@@ -140,7 +141,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         at = RunningReaction{};
         at.job = &job;
         at.turning_point = job.return_to;
-        at.patience = int(std::ceil((0.05 + 1.5 * stop_time) / motion.step) + 1) * substeps;
+        at.patience = (int((0.05 + 1.5 * stop_time) / motion.step + 1e-9) + 1) * substeps;
         at.here = path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency];
         at.peak = at.here;
         job.distance.assign(1, at.here);
@@ -159,8 +160,12 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     T speed, distance;
     int most[lanes], gone[lanes];
     while (busy > 0) {
-        for (int lane = 0; lane < lanes; ++lane)
-            most[lane] = running[lane].job == nullptr ? 0 : longest_leap(running[lane], substeps, only_peak);
+        for (int lane = 0; lane < lanes; ++lane) {
+            const RunningReaction& at = running[lane];
+            most[lane] = at.job == nullptr ? 0 : longest_leap(at, substeps, only_peak);
+            // The time of an arm that has turned ends with a look.
+            if (at.turned && at.gone < at.patience) most[lane] = std::min(most[lane], at.patience - at.gone);
+        }
         auto look = [&] {
             speed = detail::speed_along(chain, motion, arm.state, arm.posture, contact.point, normal);
             distance = dot(arm.posture.position(contact.point) - start, normal);
@@ -199,7 +204,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                 const double farthest = here + std::max(0.0, before) * gone[lane] * motion.substep();
                 if (farthest > at.peak - std::max(homing_share * (at.peak - at.lowest), homing_distance)) {
                     load(lane, *at.job);
-                    at.careful = true;
+                    at.careful = at.job->came_back = true;
                     continue;
                 }
             }
@@ -212,9 +217,8 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
             at.astray = at.job->comes_back && (at.astray || arm.poor(lane));
             const bool back = only_peak ? !at.astray || at.gone >= at.patience : here <= at.turning_point;
             const bool retreats = at.retreating >= steps_past_peak * substeps;
-            // When its time is up an arm ends behind its farthest point, but not while it goes on to press harder.
-            const bool ends = retreats || (only_peak && at.gone >= at.patience && here < at.peak);
-            at.over = at.over || (stopping ? arm.reached(lane) : ends && back);
+            at.turned = at.turned || retreats;
+            at.over = at.over || (stopping ? arm.reached(lane) : (only_peak ? at.turned : retreats) && back);
             if (only_peak && !stopping && retreats && !at.over && !at.careful && !at.homing &&
                 at.peak - here > homing_distance) {
                 at.homing = true;

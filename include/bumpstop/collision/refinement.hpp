@@ -26,6 +26,7 @@ class Refinement {
         : curve(stretch.curve), tolerance_(tolerance), first_(stretch.first), last_(stretch.last) {
         known_.assign(std::size_t(stretch.ticks()), Summit{});
         overrun_.assign(known_.size(), -1.0);
+        came_back_.assign(known_.size(), 0);
         while (2 * spacing_ < stretch.ticks() / 5 && spacing_ < 64) spacing_ *= 2;
         for (int k = first_; k < last_; k += spacing_) open_.push_back(k);
         for (int k : open_) wanted.push_back(k);
@@ -43,14 +44,20 @@ class Refinement {
         for (std::size_t i = 0; i < wanted.size(); ++i) {
             const int k = wanted[i];
             known_[std::size_t(k - first_)] = summit(jobs[i]);
+            came_back_[std::size_t(k - first_)] = jobs[i].came_back;
             overrun_[std::size_t(k - first_)] = -1;  // what the points say without it
             const double predicted = middles_ ? predict(k, 2 * spacing_, k) : 0;
             const bool bent = !std::isnan(predicted);
             const double difference = (bent || !middles_ ? predicted : straight(k)) - overrun(jobs[i].distance);
             overrun_[std::size_t(k - first_)] = overrun(jobs[i].distance);
             const int low = k - spacing_, high = std::min(k + spacing_, last_);
+            // Where arms come back, which do hangs on little.
+            const bool erratic = came_back_[std::size_t(low - first_)] != 0 ||
+                                 came_back_[std::size_t(k - first_)] != 0 ||
+                                 came_back_[std::size_t(high - first_)] != 0;
             // With half the distance between points the error falls by 2^6, or by 2^2 where a straight line must do.
-            if (middles_ && (bent || spacing_ <= tolerance_.longest_straight()) &&
+            if (middles_ && !(erratic && tolerance_.matters(low, high)) &&
+                (bent || spacing_ <= tolerance_.longest_straight()) &&
                 std::fabs(difference) <= (bent ? 8 : 1) * tolerance_.of(low, high) && settle(low, high, bent))
                 continue;
             if (middles_) {
@@ -161,6 +168,7 @@ class Refinement {
     std::vector<int> too_short_;  ///< points before the end that have no middle yet, at the spacing there is
     std::vector<Summit> known_;
     std::vector<double> overrun_;  ///< negative: not known
+    std::vector<char> came_back_;  ///< by tick
     std::vector<std::pair<int, int>> settled_;
 };
 

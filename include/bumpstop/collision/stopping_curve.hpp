@@ -113,7 +113,7 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
                 place(stretch.curve, stretch.first + i, detail::overrun(own[i].distance));
             continue;
         }
-        bool smooth = true;
+        bool smooth = std::none_of(own, own + nodes, [](const ReactionJob& job) { return job.came_back; });
         for (int i : {1, nodes / 2}) {  // near an end, and in the middle
             const double difference =
                 detail::OverrunInterpolation(own, nodes, i).at(double(own[i].tick)) - detail::overrun(own[i].distance);
