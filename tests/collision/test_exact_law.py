@@ -369,6 +369,43 @@ def test_a_batch_feels_no_body_that_the_arm_has_left() -> None:
     assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-7)
 
 
+def test_quantiles_of_a_batch_are_passed_as_often_as_asked_for() -> None:
+    """Most motions end before contact; what is left steps from the stopping path of one tick to that of the next."""
+    settings: dict[str, Any] = {
+        "robot": "iiwa14",
+        "pose_rad": [-1.04, 0.9162, 2.9004, 1.3075, 1.571, -0.7915, 0.0004],
+        "motion": {"velocity_mm_s": [-71.05, 101.69, -71.6], "held_joints": [7], "duration_s": 0.5},
+        "contact": {"stiffness_N_m": 19000.0, "offset_law": "uniform"},
+        "detector": {
+            "thresholds_Nm": [31.3, 7.22, 11.7, 38.9, 2.45, 11.4, 3.75],
+            "noise_sd_Nm": [7.15, 0.635, 1.08, 4.65, 0.788, 2.47, 0.338],
+            "feedback_period_s": 0.008,
+        },
+        "reaction": {
+            "kind": "reverse",
+            "joint_acceleration_rad_s2": [0.406, 0.559, 2.27, 4.66, 0.852, 10.8, 2.31],
+            "latency_s": 0.016,
+        },
+        "simulation": {"step_s": 0.001, "substeps": 3},
+    }
+    scenario = bs.Scenario.from_dict(settings)
+    asked = [0.95, 0.96, 0.97, 0.98, 0.99, 0.995, 0.998, 0.999, 0.9999]
+
+    def laws(probabilities: list[float], limits: list[float]) -> bs.BatchLaws:
+        return bs.evaluate_batch(
+            scenario, [settings["pose_rad"]], [scenario.motion.velocity], probabilities=probabilities, limits_N=limits
+        )
+
+    batch = laws(asked, [])
+    forces = batch.quantile[0]
+    assert (forces > 0).all()
+    np.testing.assert_allclose(laws([0.5], list(forces)).exceedance[0], 1 - np.array(asked), atol=1e-6)
+    # What else was asked for, and when, is no matter.
+    others = laws([0.97, *reversed(asked), 0.5, 0.97], [10.0, *forces[::2]]).quantile[0]
+    np.testing.assert_allclose(others[1:-2][::-1], forces, atol=1e-5 * batch.sd[0])
+    np.testing.assert_allclose(others[[0, -1]], forces[2], atol=1e-5 * batch.sd[0])
+
+
 @pytest.mark.parametrize("pose", [76, 87, 219])
 def test_rough_stopping_curves_are_those_of_their_reactions(pose: int) -> None:
     """Near singularities, where few ticks can be interpolated: every tick beside its reaction followed step by step."""

@@ -57,6 +57,7 @@ class BatchLaw : public BatchDetection<T> {
         double low = 0, high = most_force_;
         known_.narrow(allowed, low, high);
         const double resolution = 1e-11 * high, score = normal_score(allowed);
+        const double small = std::max(resolution, small_step * moments_.sd);
         auto foretell = [&] {
             const double force = known_.foretell(score);
             return std::isnan(force) ? moments_.mean + moments_.sd * score : force;
@@ -66,9 +67,10 @@ class BatchLaw : public BatchDetection<T> {
             if (!(force > low && force < high)) force = 0.5 * (low + high);
             const KnownTails::At at = ask(force);
             (at.probability > allowed ? low : high) = force;
-            const double next = foretell(), small = std::max(resolution, small_step * moments_.sd);
-            if (at.slope > 0 && std::fabs(at.slope * (score - at.score)) <= small && std::fabs(next - force) <= small)
-                return next;
+            const double next = foretell();
+            if (at.slope > 0 && std::fabs(at.probability - allowed) <= small_gap &&
+                std::fabs(at.slope * (score - at.score)) <= small && std::fabs(next - force) <= small)
+                return std::clamp(next, low, high);
             force = next;
         }
         return 0.5 * (low + high);
@@ -93,9 +95,10 @@ class BatchLaw : public BatchDetection<T> {
     using Detection::weight_;
     using typename Detection::Panel;
 
-    /// A last step towards a quantile may be this long, in standard deviations of the law. What it leaves is less than its
-    /// square.
-    static constexpr double small_step = 3e-4;
+    /// A last step towards a quantile may be this long, in standard deviations of the law, and make up for so much
+    /// probability. A smooth law leaves next to nothing of that; others have kinks and steps between any two forces, about
+    /// which what is known of the tail foretells nothing.
+    static constexpr double small_step = 1e-5, small_gap = 1e-6;
 
     /// A detection before contact whose stopping path still arrives. Those of a panel follow one another, the latest first.
     struct EarlyAlarm {
