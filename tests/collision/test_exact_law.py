@@ -406,6 +406,24 @@ def test_quantiles_of_a_batch_are_passed_as_often_as_asked_for() -> None:
     np.testing.assert_allclose(others[[0, -1]], forces[2], atol=1e-5 * batch.sd[0])
 
 
+def test_a_batch_knows_where_a_motion_ends_just_as_a_joint_catches_up() -> None:
+    """The horizon lies between two moments that are kept for the reactions, and so does a kink of the path."""
+    law, batch = alone_and_in_a_batch(
+        {
+            "robot": "sia5d",
+            "pose_rad": [-0.5552, 0.6117, 1.6488, 0.2127, -2.644, 1.8465, -1.2232],
+            "motion": {"velocity_mm_s": [6.192, -15.633, -37.856], "duration_s": 0.05, "start": "rest"},
+            "contact": {"stiffness_N_m": 1750.0, "offset_law": "half_normal", "offset_sd_s": 0.0214},
+            "detector": {"thresholds_Nm": [40] * 7, "noise_sd_Nm": 4.0, "feedback_period_s": 0.00225},
+            "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.5, "latency_s": 0.00075},
+            "simulation": {"step_s": 0.00025, "substeps": 5},
+        }
+    )
+    assert law.curve.end == "horizon"
+    assert batch.no_contact_probability[0] == pytest.approx(law.no_contact_probability, abs=1e-8)
+    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=1e-8)
+
+
 @pytest.mark.parametrize("pose", [76, 87, 219])
 def test_rough_stopping_curves_are_those_of_their_reactions(pose: int) -> None:
     """Near singularities, where few ticks can be interpolated: every tick beside its reaction followed step by step."""

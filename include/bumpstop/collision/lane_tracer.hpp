@@ -140,8 +140,13 @@ class LaneTracer {
         return std::min(longest_braking_leap, at.last_step * motion_.substeps - at.gone);
     }
 
-    /// The first steps are looked at one by one; those between later moments are interpolated.
-    bool every_step(int step) const { return step <= 1 + 2 * stride_; }
+    /// The first steps are looked at one by one, and those about the end of a motion that nothing was noticed in; those
+    /// between other moments are interpolated.
+    bool every_step(const Lane& at, int step) const {
+        if (step <= 1 + 2 * stride_) return true;
+        const int before_end = timing_.steps - (timing_.steps - 1) % stride_;
+        return at.path->end == PathEnd::horizon && step > before_end && step <= before_end + stride_;
+    }
 
     /// Writes what a lane has passed. False when its path is over.
     bool take(int lane, int gone, double margin) {
@@ -157,7 +162,7 @@ class LaneTracer {
         const int last_kept = at.last_step - (at.last_step - 1) % stride_;
         int wanted[lanes], known = 0;
         for (int step = int(path.s.size()); step <= last; ++step) {
-            if (!at.careful && !every_step(step) && step <= last_kept)
+            if (!at.careful && !every_step(at, step) && step <= last_kept)
                 step += stride_ - 1 - (step + stride_ - 2) % stride_;
             if (step > last) break;
             wanted[known++] = step;
