@@ -424,6 +424,29 @@ def test_a_batch_knows_where_a_motion_ends_just_as_a_joint_catches_up() -> None:
     assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=1e-8)
 
 
+def test_a_batch_cuts_its_panels_where_an_arm_that_falls_back_leaves_a_body() -> None:
+    """The noise has a mean, so how probable an alarm is has a kink where the force ends."""
+    law, batch = alone_and_in_a_batch(
+        {
+            "robot": "sia5d",
+            "pose_rad": [0.6061, 1.166, -0.6799, 0.8206, 0.8312, 1.1096, 0.9532],
+            "motion": {"velocity_mm_s": [151.1, 0, 0], "duration_s": 2.5},
+            "contact": {"stiffness_N_m": 2680.0, "offset_law": "uniform"},
+            "detector": {
+                "thresholds_Nm": [9.41, 98.5, 13, 31.4, 4.03, 26.3, 35],
+                "noise_sd_Nm": [3.33, 28.3, 1.54, 7.58, 1.35, 2.69, 3.72],
+                "noise_mean_Nm": [4.4, 29.6, 8.88, 0.763, 1.63, -18.2, -0.05],
+                "feedback_period_s": 0.01,
+            },
+            "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 4.5},
+            "simulation": {"step_s": 0.002},
+        }
+    )
+    assert law.curve.distance[-1] < 0.9 * law.curve.distance.max()
+    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=2e-8)
+    np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=3e-7)
+
+
 @pytest.mark.parametrize("pose", [76, 87, 219])
 def test_rough_stopping_curves_are_those_of_their_reactions(pose: int) -> None:
     """Near singularities, where few ticks can be interpolated: every tick beside its reaction followed step by step."""

@@ -96,8 +96,8 @@ class BatchLaw : public BatchDetection<T> {
     using typename Detection::Panel;
 
     /// A last step towards a quantile may be this long, in standard deviations of the law, and make up for so much
-    /// probability. A smooth law leaves next to nothing of that; others have kinks and steps between any two forces, about
-    /// which what is known of the tail foretells nothing.
+    /// probability. A smooth law leaves next to nothing of that; others have kinks and steps between any two forces,
+    /// about which what is known of the tail foretells nothing.
     static constexpr double small_step = 1e-5, small_gap = 1e-6;
 
     /// A detection before contact whose stopping path still arrives. Those of a panel follow one another, the latest first.

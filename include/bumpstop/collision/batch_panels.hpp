@@ -92,6 +92,10 @@ class BatchPanels {
         if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
         const double largest = offset_.largest();
         const bool rare = !quiet_.armed(ticks - 1) || quiet_.idle().alarm < rare_alarm;
+        left_.clear();
+        for (int k = 0; k < ticks && !rare; ++k)
+            if (s_tick(k) < edge_[k + 1]) left_.push_back(s_tick(k));
+        std::sort(left_.begin(), left_.end());
         int group = 1;
         for (int k = 0; k < ticks && edge_[k] < largest; k += group) {
             int parts = 1;
@@ -99,6 +103,7 @@ class BatchPanels {
             const double low = edge_[k], high = std::min(edge_[k + group], largest);
             while ((high - low) > parts * width) parts *= 2;
             if (parts > most_parts) return false;
+            if (cut_where_left(k, low, high, width)) continue;
             // One that the end of the offsets cuts short is like no other.
             const int whole = edge_[k + group] <= largest ? group : 0;
             for (int part = 0; part < parts && high > low; ++part)
@@ -107,6 +112,22 @@ class BatchPanels {
         }
         add_end_panels(edge_[ticks], edge_[ticks + 1], ticks);
         return true;
+    }
+
+    /// Bodies beyond where an arm that falls back stands at a tick are not touched any more. Where idle alarms are not
+    /// rare, theirs have a kink there, and the panel of tick k is cut. False where there is no such place.
+    bool cut_where_left(int k, double low, double high, double width) {
+        const auto first = std::upper_bound(left_.begin(), left_.end(), low);
+        const auto last = std::lower_bound(first, left_.end(), high);
+        if (first == last) return false;
+        for (auto at = first;; ++at) {
+            const double end = at == last ? high : *at;
+            const int parts = std::max(1, int(std::ceil((end - low) / width)));
+            for (int part = 0; part < parts && end > low; ++part)
+                panels_.push_back({low + (end - low) * part / parts, low + (end - low) * (part + 1) / parts, k, 0, 0});
+            if (at == last) return true;
+            low = end;
+        }
     }
 
     /// How many ticks from k on a panel may hold: as many as the last one, unless they have become too wide, or much narrower.
@@ -118,6 +139,8 @@ class BatchPanels {
         while (fits(group + 1)) ++group;
         return group;
     }
+
+    std::vector<double> left_;  ///< where an arm that falls back stands at a tick [m]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
