@@ -52,9 +52,8 @@ class Refinement {
             overrun_[std::size_t(k - first_)] = overrun(jobs[i].distance);
             const int low = k - spacing_, high = std::min(k + spacing_, last_);
             // Where arms come back, which do hangs on little.
-            const bool erratic = came_back_[std::size_t(low - first_)] != 0 ||
-                                 came_back_[std::size_t(k - first_)] != 0 ||
-                                 came_back_[std::size_t(high - first_)] != 0;
+            auto came_back = [&](int tick) { return came_back_[std::size_t(tick - first_)] != 0; };
+            const bool erratic = middles_ && (came_back(low) || came_back(k) || came_back(high));
             // With half the distance between points the error falls by 2^6, or by 2^2 where a straight line must do.
             if (middles_ && !(erratic && tolerance_.matters(low, high)) &&
                 (bent || spacing_ <= tolerance_.longest_straight()) &&
