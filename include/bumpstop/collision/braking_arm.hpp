@@ -29,9 +29,8 @@ template <class T>
 class BrakingArm {
   public:
     enum class Kind {
-        stops,     ///< no velocity at all is asked for, so no rates need resolving
-        reverses,  ///< over once the rates asked for are reached
-        follows,   ///< leaps with the rates reached, too
+        stops,    ///< no velocity at all is asked for, so no rates need resolving; over once it stands
+        follows,  ///< leaps with the rates reached, too
     };
 
     BrakingArm(const Chain& chain, const MotionSettings& motion, Kind kind)
