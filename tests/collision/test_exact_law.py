@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import mpmath as mp
 import numpy as np
@@ -17,7 +15,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop import kernels
-from collision.cases import VARIED, control_group, ur10e
+from collision.cases import VARIED, control_group
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.toml"))
 
@@ -198,73 +196,6 @@ def test_threads_and_seeds() -> None:
     np.testing.assert_array_equal(few.runs["tick"], one.runs["tick"][:37])
 
 
-@pytest.mark.parametrize("base", [control_group(), ur10e()], ids=["sia5d", "ur10e"])
-def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
-    problem = bs.Problem.from_scenario(base)
-    rng = np.random.default_rng(2)
-    q = problem.q + rng.normal(scale=0.15, size=(13, problem.robot.dof))
-    velocity = problem.velocity * rng.uniform(0.4, 1.5, size=(13, 1))
-    limits = [60.0, 135.0]
-    one = bs.evaluate_batch(base, q, velocity, limits_N=limits, threads=1)
-    two = bs.evaluate_batch(base, q, velocity, limits_N=limits, threads=2)
-    for field in ("mean", "sd", "quantile", "exceedance", "trigger_joint_probability", "undetected_probability"):
-        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
-    for i in range(13):
-        law = bs.evaluate(
-            base.with_values({"pose_rad": q[i].tolist(), "motion.velocity_mm_s": (velocity[i] * 1e3).tolist()})
-        )
-        assert one.mean[i] == pytest.approx(law.peak_force.mean, rel=1e-8)
-        assert one.sd[i] == pytest.approx(law.peak_force.sd, rel=1e-6)
-        for column, p in enumerate((0.5, 0.95, 0.99, 0.999)):
-            assert one.quantile[i, column] == pytest.approx(law.peak_force.quantile(p), rel=1e-7)
-        for column, limit in enumerate(limits):
-            assert one.exceedance[i, column] == pytest.approx(law.peak_force.exceedance(limit), abs=1e-7)
-        np.testing.assert_allclose(one.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-8)
-
-
-@pytest.mark.parametrize("duration_s", [0.198, 0.199, 0.2, 0.201])
-@pytest.mark.parametrize("latency_s", [0.0, 0.003])
-def test_a_batch_ends_with_its_motion_between_two_ticks(duration_s: float, latency_s: float) -> None:
-    """Thresholds nothing reaches: the path ends where the motion does, at a tick (every 4 ms) or between two."""
-    scenario = control_group(
-        detector__thresholds_Nm=[400] * 7, motion__duration_s=duration_s, reaction__latency_s=latency_s
-    )
-    problem = bs.Problem.from_scenario(scenario)
-    batch = bs.evaluate_batch(scenario, problem.q[None], problem.velocity[None], limits_N=[135.0])
-    law = bs.evaluate(scenario)
-    assert batch.end[0] == law.curve.end == "horizon"
-    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=1e-9)
-    assert batch.no_contact_probability[0] == pytest.approx(law.no_contact_probability, abs=1e-9)
-    assert batch.exceedance[0, 0] == pytest.approx(law.peak_force.exceedance(135.0), abs=1e-7)
-
-
-def test_batches_refuse_what_they_cannot_use() -> None:
-    base = control_group()
-    good_q, good_v = np.tile(bs.Problem.from_scenario(base).q, (3, 1)), np.tile([0, 0, -0.05], (3, 1))
-    bad_q, bad_v = good_q.copy(), good_v.copy()
-    bad_q[1, 1], bad_v[2] = 3.0, 0.0
-    with pytest.raises(bs.InputError, match=r"q\[1\]: joint 2"):
-        bs.evaluate_batch(base, bad_q, good_v)
-    with pytest.raises(bs.InputError, match=r"velocity\[2\]: is zero"):
-        bs.evaluate_batch(base, good_q, bad_v)
-    for key, value in (("link", "link_t"), ("point_m", [0.0, 0.0, 0.1]), ("normal", [0, 0, -1])):
-        with pytest.raises(bs.InputError, match=rf"contact\.{key}: batches are computed for contact at the tip"):
-            bs.evaluate_batch(base.with_values({f"contact.{key}": value}), good_q, good_v)
-    with pytest.raises(bs.InputError, match="shape"):
-        bs.evaluate_batch(base, good_q[:, :6], good_v)
-    bad_q[1, 1] = math.nan
-    with pytest.raises(bs.InputError, match="nan"):
-        bs.evaluate_batch(base, bad_q, good_v)
-    with pytest.raises(bs.InputError, match="not real numbers"):
-        bs.evaluate_batch(base, good_q.astype(str), good_v)
-    # Views, other orders and other float types are the same numbers.
-    wide = np.zeros((3, 14))
-    wide[:, ::2] = good_q
-    expected = bs.evaluate_batch(base, good_q, good_v).mean
-    for q in (wide[:, ::2], np.asfortranarray(good_q), good_q.tolist()):
-        np.testing.assert_array_equal(bs.evaluate_batch(base, q, good_v).mean, expected)
-
-
 @pytest.mark.parametrize("offset_sd_s", [1e-4, 1e-3, 4e-3])
 def test_offsets_much_nearer_than_a_tick_of_travel(offset_sd_s: float) -> None:
     """The offset's density is resolved where it changes within a panel: against an average over fixed offsets."""
@@ -298,153 +229,6 @@ def test_probabilities_of_a_motion_that_ends_early_add_up() -> None:
     kernel = law.kernel
     assert law.no_contact_probability > 0.7
     assert kernel.total("peak_force") + kernel.harmless + kernel.undetected == pytest.approx(1, abs=1e-12)
-
-
-def test_a_batch_joins_ticks_without_changing_the_law() -> None:
-    """Random poses: where the residual grows slowly a batch's panels hold several ticks, a single law's never do."""
-    base, robot = control_group(motion__velocity_mm_s=[0, 0, -10]), bs.Robot.load("sia5d")
-    rng = np.random.default_rng(5)
-    q = rng.uniform(robot.lower, robot.upper, size=(24, 7))
-    q[:, 6] = 0
-    velocity = rng.normal(size=(24, 3))
-    velocity *= 0.01 / np.linalg.norm(velocity, axis=1)[:, None]
-    batch = bs.evaluate_batch(base, q, velocity, limits_N=[60.0])
-    settings = base.to_dict()
-    del settings["pose_deg"]
-    compared = 0
-    for i in np.flatnonzero((batch.end == "certain_detection") | (batch.end == "joint_limit")):
-        settings |= {"pose_rad": q[i].tolist()}
-        settings["motion"]["velocity_mm_s"] = (velocity[i] * 1e3).tolist()
-        law = bs.evaluate(bs.Scenario.from_dict(settings))
-        ours = [batch.mean[i], batch.sd[i], batch.exceedance[i, 0], batch.false_alarm_probability[i]]
-        theirs = [law.peak_force.mean, law.peak_force.sd, law.peak_force.exceedance(60.0), law.false_alarm_probability]
-        np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-8)
-        np.testing.assert_allclose(batch.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-6)
-        compared += 1
-    assert compared > 12
-
-
-def alone_and_in_a_batch(settings: dict[str, Any]) -> tuple[bs.ForceLaw, bs.BatchLaws]:
-    scenario = bs.Scenario.from_dict(settings)
-    return bs.evaluate(scenario), bs.evaluate_batch(scenario, [settings["pose_rad"]], [scenario.motion.velocity])
-
-
-def test_a_batch_knows_who_triggered_what_is_hardly_ever_detected() -> None:
-    """The arm retreats from where the body may be: one case in 10^16 alarms, less than the rounding of the others."""
-    law, batch = alone_and_in_a_batch(
-        {
-            "robot": "ur10e",
-            "pose_rad": [-0.8663, -0.5933, 3.0781, -1.6499, -0.1456, -2.3106],
-            "motion": {"velocity_mm_s": [-331.4, 0, 0], "task": "position", "duration_s": 0.5, "damping": 0.00116},
-            "contact": {"stiffness_N_m": 1300.0, "offset_law": "half_normal", "offset_sd_s": 0.0675},
-            "detector": {
-                "thresholds_Nm": [40.9, 34.2, 11, 56.5, 99.4, 7.87],
-                "noise_sd_Nm": [3.84, 3.54, 0.995, 6.51, 8.39, 0.724],
-                "feedback_period_s": 0.006,
-            },
-            "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.5},
-            "simulation": {"step_s": 0.0005},
-        }
-    )
-    np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=1e-6)
-
-
-def test_a_batch_feels_no_body_that_the_arm_has_left() -> None:
-    """The arm falls back and ends amid the places where the body may be, none of which it is noticed at."""
-    law, batch = alone_and_in_a_batch(
-        {
-            "robot": "iiwa14",
-            "pose_rad": [2.625, -0.6187, -2.5761, -0.2897, 0.1435, -0.0004453, -0.3804],
-            "motion": {"velocity_mm_s": [358.4, -132.5, 236.6], "duration_s": 2.5},
-            "contact": {"stiffness_N_m": 1500.0, "offset_law": "uniform"},
-            "detector": {"thresholds_Nm": [100] * 7, "noise_sd_Nm": 0.5, "feedback_period_s": 0.024},
-            "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 1.57},
-            "simulation": {"step_s": 0.002, "substeps": 7},
-        }
-    )
-    curve, most = law.curve, law.problem.offset_size
-    assert curve.end == "joint_limit"
-    assert 0.1 * most < curve.distance[-1] < 0.95 * most
-    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-7)
-    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-7)
-
-
-def test_quantiles_of_a_batch_are_passed_as_often_as_asked_for() -> None:
-    """Most motions end before contact; what is left steps from the stopping path of one tick to that of the next."""
-    settings: dict[str, Any] = {
-        "robot": "iiwa14",
-        "pose_rad": [-1.04, 0.9162, 2.9004, 1.3075, 1.571, -0.7915, 0.0004],
-        "motion": {"velocity_mm_s": [-71.05, 101.69, -71.6], "held_joints": [7], "duration_s": 0.5},
-        "contact": {"stiffness_N_m": 19000.0, "offset_law": "uniform"},
-        "detector": {
-            "thresholds_Nm": [31.3, 7.22, 11.7, 38.9, 2.45, 11.4, 3.75],
-            "noise_sd_Nm": [7.15, 0.635, 1.08, 4.65, 0.788, 2.47, 0.338],
-            "feedback_period_s": 0.008,
-        },
-        "reaction": {
-            "kind": "reverse",
-            "joint_acceleration_rad_s2": [0.406, 0.559, 2.27, 4.66, 0.852, 10.8, 2.31],
-            "latency_s": 0.016,
-        },
-        "simulation": {"step_s": 0.001, "substeps": 3},
-    }
-    scenario = bs.Scenario.from_dict(settings)
-    asked = [0.95, 0.96, 0.97, 0.98, 0.99, 0.995, 0.998, 0.999, 0.9999]
-
-    def laws(probabilities: list[float], limits: list[float]) -> bs.BatchLaws:
-        return bs.evaluate_batch(
-            scenario, [settings["pose_rad"]], [scenario.motion.velocity], probabilities=probabilities, limits_N=limits
-        )
-
-    batch = laws(asked, [])
-    forces = batch.quantile[0]
-    assert (forces > 0).all()
-    np.testing.assert_allclose(laws([0.5], list(forces)).exceedance[0], 1 - np.array(asked), atol=1e-6)
-    # What else was asked for, and when, is no matter.
-    others = laws([0.97, *reversed(asked), 0.5, 0.97], [10.0, *forces[::2]]).quantile[0]
-    np.testing.assert_allclose(others[1:-2][::-1], forces, atol=1e-5 * batch.sd[0])
-    np.testing.assert_allclose(others[[0, -1]], forces[2], atol=1e-5 * batch.sd[0])
-
-
-def test_a_batch_knows_where_a_motion_ends_just_as_a_joint_catches_up() -> None:
-    """The horizon lies between two moments that are kept for the reactions, and so does a kink of the path."""
-    law, batch = alone_and_in_a_batch(
-        {
-            "robot": "sia5d",
-            "pose_rad": [-0.5552, 0.6117, 1.6488, 0.2127, -2.644, 1.8465, -1.2232],
-            "motion": {"velocity_mm_s": [6.192, -15.633, -37.856], "duration_s": 0.05, "start": "rest"},
-            "contact": {"stiffness_N_m": 1750.0, "offset_law": "half_normal", "offset_sd_s": 0.0214},
-            "detector": {"thresholds_Nm": [40] * 7, "noise_sd_Nm": 4.0, "feedback_period_s": 0.00225},
-            "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.5, "latency_s": 0.00075},
-            "simulation": {"step_s": 0.00025, "substeps": 5},
-        }
-    )
-    assert law.curve.end == "horizon"
-    assert batch.no_contact_probability[0] == pytest.approx(law.no_contact_probability, abs=1e-8)
-    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=1e-8)
-
-
-def test_a_batch_cuts_its_panels_where_an_arm_that_falls_back_leaves_a_body() -> None:
-    """The noise has a mean, so how probable an alarm is has a kink where the force ends."""
-    law, batch = alone_and_in_a_batch(
-        {
-            "robot": "sia5d",
-            "pose_rad": [0.6061, 1.166, -0.6799, 0.8206, 0.8312, 1.1096, 0.9532],
-            "motion": {"velocity_mm_s": [151.1, 0, 0], "duration_s": 2.5},
-            "contact": {"stiffness_N_m": 2680.0, "offset_law": "uniform"},
-            "detector": {
-                "thresholds_Nm": [9.41, 98.5, 13, 31.4, 4.03, 26.3, 35],
-                "noise_sd_Nm": [3.33, 28.3, 1.54, 7.58, 1.35, 2.69, 3.72],
-                "noise_mean_Nm": [4.4, 29.6, 8.88, 0.763, 1.63, -18.2, -0.05],
-                "feedback_period_s": 0.01,
-            },
-            "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 4.5},
-            "simulation": {"step_s": 0.002},
-        }
-    )
-    assert law.curve.distance[-1] < 0.9 * law.curve.distance.max()
-    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=2e-8)
-    np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=3e-7)
 
 
 @pytest.mark.parametrize("pose", [76, 87, 219])
