@@ -224,3 +224,39 @@ def test_a_batch_cuts_its_panels_where_an_arm_that_falls_back_leaves_a_body() ->
     assert law.curve.distance[-1] < 0.9 * law.curve.distance.max()
     assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=2e-8)
     np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=3e-7)
+
+
+def test_a_batch_goes_the_way_of_its_law_at_a_singularity() -> None:
+    """From rest beside a singularity: on which side an arm passes it decides between 8 and 254 mm."""
+    law, batch = alone_and_in_a_batch(
+        {
+            "robot": "sia5d",
+            "pose_rad": [
+                0.9724045996632795,
+                -0.5079688956376234,
+                -2.5313068354989157,
+                1.4425702060696044,
+                -1.5690354652802616,
+                1.1088766439437916,
+                2.8476911722160057,
+            ],
+            "motion": {
+                "velocity_mm_s": [-22.303050401099753, 67.44569046647153, -16.08237045816313],
+                "held_joints": [7],
+                "duration_s": 0.2,
+                "start": "rest",
+            },
+            "contact": {"stiffness_N_m": 1267.0, "offset_law": "uniform"},
+            "detector": {
+                "thresholds_Nm": [26.856, 35.1, 46.213, 6.608, 17.547, 3.6675, 18.673],
+                "noise_sd_Nm": 1.3292,
+                "feedback_period_s": 0.004,
+            },
+            "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 4.5},
+            "simulation": {"step_s": 0.002, "substeps": 7},
+        }
+    )
+    farthest = law.curve.farthest
+    assert farthest[4] > 30 * farthest[5]
+    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-6)
+    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-6)
