@@ -195,7 +195,7 @@ def twin_of(scenario: Scenario, **changes: Any) -> TwinSettings:
         "step_s": scenario.simulation.step_s,
         "substeps": scenario.simulation.substeps,
     }
-    if contact.link is not None:
+    if contact.link is not None or any(contact.point_m):
         settings |= {"contact_link": link, "contact_point_m": tuple(point)}
     if contact.normal is not None or motion.damping > 0:
         # Damped rates do not quite go where they were asked to, and the normal is where they go.
