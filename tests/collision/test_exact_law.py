@@ -245,7 +245,21 @@ def test_rough_stopping_curves_are_those_of_their_reactions(pose: int) -> None:
     del settings["pose_deg"]
     settings |= {"pose_rad": q[pose].tolist()}
     settings["motion"]["velocity_mm_s"] = (velocity[pose] * 1e3).tolist()
-    problem = bs.Problem.from_scenario(bs.Scenario.from_dict(settings))
+    assert_farthest_is_that_of_each_reaction(bs.Scenario.from_dict(settings))
+
+
+def test_no_leap_passes_over_two_singularities_in_a_row() -> None:
+    """Four milliseconds apart, with rates slowed to a velocity limit: the arm looks the same before and after both."""
+    assert_farthest_is_that_of_each_reaction(
+        control_group(
+            pose_deg=[-3.025, -58.43, -147.015, 56.138, 112.724, 10.634, 0],
+            motion__velocity_mm_s=[-5.68, 26.65, 16.98],
+        )
+    )
+
+
+def assert_farthest_is_that_of_each_reaction(scenario: bs.Scenario) -> None:
+    problem = bs.Problem.from_scenario(scenario)
     curve = bs.stopping_curve(problem)
     ticks = list(range(len(curve.farthest)))
     there = [float(curve.kernel.distance[problem.period_steps * k + 1]) for k in ticks]

@@ -216,7 +216,7 @@ class BrakingArm {
   private:
     /// How much of the last leap lay before the next kink, as far as the loads at its ends can tell: more than all of it
     /// where the kink is still to come. Kinks are where another joint limits the acceleration, where the rates asked for
-    /// are reached or left, and where a velocity limit begins or ends to matter.
+    /// are reached or left, where a velocity limit begins or ends to matter, and singularities.
     T share_before_kink(const T* load, const T& velocity_load) const {
         const T never = 1e9;
         T most = load_[0], later = load[0], most_later = load[0];
@@ -238,6 +238,10 @@ class BrakingArm {
         const T sign = select(lags, T(1.0), T(-1.0)), way = select(velocity_load_ > T(1.0), T(1.0), T(-1.0));
         cross(sign * (most - 1.0), sign * (most_later - 1.0));
         cross(way * (velocity_load_ - 1.0), way * (velocity_load - 1.0));
+        // Rates asked for that grow past all bounds point the other way beyond the singularity ahead, and those that were
+        // slowed to a velocity limit show it only there: a leap over two of them in a row would not be noticed.
+        cross(1.0 / maximum(most, T(1.0)), 1.0 / maximum(most_later, T(1.0)));
+        cross(1.0 / maximum(velocity_load_, T(1.0)), 1.0 / maximum(velocity_load, T(1.0)));
         return share;
     }
 
