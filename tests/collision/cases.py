@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bumpstop import Problem, Robot, Scenario
-from twin import Joint, TwinSettings
+from twin import Joint, TwinSettings, TwinTrace, tick_count, trace
 
 SIA5D_POSE = [0, 30, 0, -20, 0, -40, 0]
 UR10E_POSE = [10, -80, 110, -120, -90, 20]
@@ -166,6 +166,30 @@ FREE: dict[str, Scenario] = {
         60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=1.3
     ),
 }  # fmt: skip
+
+
+def swinging_forward(offset_mm: float, tick: int, **changes: Any) -> Scenario:
+    """A slow arm beside a singularity, sure to react at a tick: it comes back behind the body, then far into it."""
+    return control_group(
+        **{
+            "pose_deg": [133.29, -46.9, 35.07, 69.4, 77.78, 91.38, 0],
+            "motion__velocity_mm_s": [7.81, -12.28, -26.85],
+            "contact__stiffness_N_m": 30000.0,
+            "contact__offset_law": "fixed",
+            "contact__offset_mm": offset_mm,
+            "detector__noise_sd_Nm": 0.0,
+            "detector__noise_mean_Nm": [0, 11, 0, 0, 0, 0, 0],
+            "detector__arming_delay_s": 0.004 * tick + 0.001,
+        }
+        | changes
+    )
+
+
+def twin_run(scenario: Scenario, **changes: Any) -> TwinTrace:
+    """The slow twin's one run of a scenario with a fixed offset, its noise the mean, until arm and body have parted."""
+    problem, settings = Problem.from_scenario(scenario), twin_of(scenario, run_until_free=True, **changes)
+    noise = np.tile(problem.noise_mean, (tick_count(settings), 1))
+    return trace(settings, problem.offset_size, noise)
 
 
 def twin_of(scenario: Scenario, **changes: Any) -> TwinSettings:

@@ -14,7 +14,7 @@ import bumpstop as bs
 from bumpstop import Scenario
 from bumpstop.collision.tables import law_table
 from bumpstop.report.rollout import Rollouts
-from collision.cases import FREE, control_group, free
+from collision.cases import FREE, control_group, free, swinging_forward, twin_run
 from collision.test_two_laws import compare
 
 NEVER = {"detector__thresholds_Nm": [math.inf] * 7}
@@ -183,6 +183,22 @@ def test_contact_lasts_until_the_body_has_got_away(name: str) -> None:
 @pytest.mark.parametrize("name", list(OUTLASTING))
 def test_exact_and_sampled_agree_where_contact_outlasts_the_reaction(name: str) -> None:
     compare(OUTLASTING[name], 60_000, seed=5)
+
+
+@pytest.mark.parametrize("tick", [5, 14])
+def test_an_arm_that_swings_forward_after_a_false_alarm_strikes_the_body(tick: int) -> None:
+    """Beside a singularity the arm goes back before contact, and then farther than ever."""
+    scenario = swinging_forward(2.0, tick, contact__kind="free", contact__body_mass_kg=5.0)
+    law, twin = bs.evaluate(scenario), twin_run(scenario)
+    assert law.false_alarm_probability == 1.0
+    path = np.append(0.0, twin.travel_m)
+    touch = int(np.argmax(path > 2e-3))
+    assert path[4 * tick + 1 : touch].min() < 0 < path[4 * tick + 1]
+    peak, duration = integrated(path, 2e-3, law.problem.stiffness, 5.0, float(path[-1] - path[-2]))
+    assert peak > 20
+    assert law.peak_force.mean == pytest.approx(peak, rel=2e-5)
+    assert law.contact_time is not None
+    assert law.contact_time.mean == pytest.approx(duration, rel=1e-4)
 
 
 def test_against_mujoco() -> None:

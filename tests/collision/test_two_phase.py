@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from collision.cases import control_group
+from collision.cases import control_group, swinging_forward, twin_run
 
 
 def two_phase(**changes: Any) -> bs.ForceLaw:
@@ -83,6 +83,40 @@ def test_exact_against_sampled_and_against_each_path(reaction: str) -> None:
     share = float(np.mean(over))
     assert law.verdict.p_over_force is not None
     assert abs(share - law.verdict.p_over_force) < 4 * np.sqrt(max(share * (1 - share), 1 / 40) / 40)
+
+
+def deepest(law: bs.ForceLaw) -> tuple[float, float]:
+    """Greatest force [N] in the first phase and after it of a law with one outcome."""
+    return law.phase_shares(1.0, 0.0)[0].mean, law.phase_shares(0.0, 1.0)[0].mean
+
+
+@pytest.mark.parametrize(("offset_mm", "tick"), [(0.4, 11), (0.15, 4)])
+def test_an_arm_that_swings_forward_again_is_judged_by_that(offset_mm: float, tick: int) -> None:
+    """Beside a singularity the point lets go after some hundredths of a second and comes back far harder."""
+    scenario = swinging_forward(offset_mm, tick, contact__limits="ts15066")
+    law, twin = bs.evaluate(scenario), twin_run(scenario)
+    touch = twin.run.contact_start_s[0]
+    assert twin.run.contact_duration_s[0] < 0.3
+    first, late = (float(twin.force_N[when].max()) for when in (twin.time_s < touch + 0.5, twin.time_s >= touch + 0.5))
+    assert late > first > 500
+    assert deepest(law) == pytest.approx((first, late), rel=1e-9)
+    # Nothing is felt later, and nothing harder.
+    assert law.contact_time is not None
+    assert law.contact_time.mean == pytest.approx(float(twin.time_s[twin.force_N > 0].max()) - touch, abs=1e-3)
+    assert law.peak_force.mean == pytest.approx(late, rel=1e-9)
+
+
+def test_an_arm_whose_motion_ends_within_the_latency_stays_in_contact() -> None:
+    """It stands at its joint limit and never goes back, though it was to reverse."""
+    scenario = control_group(
+        pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30], contact__limits="ts15066",
+        contact__offset_law="fixed", contact__offset_mm=0.5, contact__stiffness_N_m=5000.0,
+        reaction__latency_s=0.02, detector__noise_sd_Nm=0.0, detector__noise_mean_Nm=[0, 11, 0, 0, 0, 0, 0],
+        detector__arming_delay_s=0.041,
+    )  # fmt: skip
+    law = bs.evaluate(scenario)
+    stands = 5000.0 * (float(bs.stopping_curve(law.problem, whole=True).distance[-1]) - 0.5e-3)
+    assert deepest(law) == pytest.approx((stands, stands), rel=1e-9)
 
 
 def test_a_head_is_never_acceptable() -> None:

@@ -25,12 +25,13 @@ struct ReactionJob {
     bool came_back = false;     ///< result: on its way home the point came near its farthest again
 };
 
-/// What of a reaction is wanted. `every_step`: all steps; one that reverses is followed until the point is back behind
-/// `return_to`. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses ends once
-/// the point retreats for good: on the way back nothing brings it forward again unless a singularity was near, or the arm
-/// did not follow its line and swings on. Such an arm is followed until half again the time has passed that the slowest
-/// joint needs to stop, and 50 ms more: the source's own length of a run after detection; and to its first retreat, if that
-/// is later. A reaction that stops is followed until it has.
+/// What of a reaction is wanted. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses
+/// ends once the point retreats for good: on the way back nothing brings it forward again unless a singularity was near, or
+/// the arm did not follow its line and swings on. Such an arm is followed until half again the time has passed that the
+/// slowest joint needs to stop, and 50 ms more: the source's own length of a run after detection; and to its first retreat,
+/// if that is later. `every_step`: all steps; one that reverses is followed for as long, and until the point is back behind
+/// `return_to`. If after that time it gets farther than ever before instead, it ends before that: no force counts that
+/// `only_peak` does not know. A reaction that stops is followed until it has.
 enum class ReactionDetail { every_step, only_peak };
 
 /// No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
@@ -217,14 +218,17 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                     continue;
                 }
             }
-            at.peak = std::max(at.peak, here);
             const bool whole = at.gone % substeps == 0;
-            if (whole && !at.homing) {
+            const bool leaves = whole && !only_peak && !stopping && at.turned && here > at.peak &&
+                                (!at.astray || at.gone > at.patience);
+            at.peak = std::max(at.peak, here);
+            if (whole && !at.homing && !leaves) {
                 at.job->distance.push_back(here);
                 at.job->step.push_back(at.gone / substeps);
             }
             at.astray = at.job->comes_back && (at.astray || arm.poor(lane));
-            const bool back = only_peak ? !at.astray || at.gone >= at.patience : here <= at.turning_point;
+            const bool in_time = at.astray && at.gone < at.patience;
+            const bool back = !in_time && (only_peak || here <= at.turning_point);
             const bool retreats = at.retreating >= steps_past_peak * substeps;
             at.turned = at.turned || retreats;
             at.over = at.over || (stopping ? arm.reached(lane) : (only_peak ? at.turned : retreats) && back);
@@ -234,7 +238,8 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                 at.lowest = here;
                 arm.loosen(lane, homing_slack);
             }
-            if (!(whole && (at.over || here > at.job->enough)) && at.gone < longest_reaction_steps * substeps) continue;
+            const bool done = whole && (at.over || here > at.job->enough);
+            if (!done && !leaves && at.gone < longest_reaction_steps * substeps) continue;
             if (next < count) {
                 load(lane, jobs[next++]);
             } else {

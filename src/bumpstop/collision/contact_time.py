@@ -33,18 +33,17 @@ class ContactSpans:
         paths = curve.reaction_paths([int(k) for k in ticks], [float(o) for o in least_offset])
         self._path = {int(k): path for k, path in zip(ticks, paths, strict=True)}
         self._distance = curve.distance
-        self._stays = problem.scenario.reaction.kind == "stop"
 
     def phases(self, tick: int, offset: FloatArray, first_s: float) -> tuple[FloatArray, FloatArray]:
         """Deepest compression in the first ``first_s`` seconds of contact, and after: two arrays like ``offset`` [m].
 
-        An arm that stops in contact stays there; one that reverses has let go when its path ends.
+        An arm whose path ends in contact stays there; one that has reversed has let go by then.
         """
         path = np.concatenate([self._distance[: self._begin[tick]], self._path[tick]])
         touch = np.nan_to_num(contact_times(path, offset, self._step), nan=np.inf)
         turn = np.minimum(np.ceil((touch + first_s) / self._step - 1e-9), path.size).astype(np.int64)
         reached = np.maximum.accumulate(path)
-        rest = path[-1] if self._stays else -np.inf
+        rest = path[-1]  # where the arm stays, unless it has let go
         ahead = np.append(np.maximum.accumulate(np.append(path, rest)[::-1])[::-1][: path.size], rest)
         first = np.where(np.isfinite(touch), reached[np.maximum(turn - 1, 0)] - offset, 0.0)
         late = np.where(np.isfinite(touch), ahead[turn] - offset, 0.0)
