@@ -246,6 +246,23 @@ def test_single_runs_in_the_report_are_those_of_the_kernels(name: str) -> None:
             assert rollout.residual[-1] == pytest.approx(residual, abs=1e-9)
 
 
+@pytest.mark.parametrize("name", list(OUTLASTING))
+def test_single_runs_in_the_report_end_when_the_body_has_got_away(name: str) -> None:
+    law = bs.evaluate(OUTLASTING[name], samples=60, seed=3)
+    assert law.runs is not None
+    rollouts = Rollouts(law)
+    for run in range(0, 60, 4):
+        rollout, lasts = rollouts.rollout(run), float(law.runs["duration"][run])
+        # The law's reactions are interpolated to 1e-8 m.
+        assert rollout.peak_force <= law.runs["peak_force"][run] + 1e-8 * law.problem.stiffness
+        assert rollout.force[-1] == 0
+        pressed = rollout.time[rollout.force > 0]
+        assert (pressed.size == 0) == (lasts < 1e-3)
+        if pressed.size:
+            assert rollout.touch == 0
+            assert pressed[-1] == pytest.approx(lasts, abs=1.1e-3)
+
+
 def test_two_masses_and_the_reduced_mass_bound() -> None:
     driven, shared = bs.evaluate(free(4.0, **NEVER)), bs.evaluate(free(4.0, contact__arm="two_mass", **NEVER))
     bounds = driven.impact_bounds

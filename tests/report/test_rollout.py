@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from bumpstop.kernels import core
+from bumpstop.report.force_over_time import ForceOverTimeSection
 from bumpstop.report.rollout import Rollouts
 from report.cases import evaluate
 
@@ -61,3 +63,26 @@ def test_an_undetected_quantile_shows_an_undetected_run():
     assert rollout.reaction is None
     assert rollout.touch == 0
     assert rollout.peak_force > 0
+
+
+def test_the_compression_scale_is_the_body_s_without_its_padding():
+    law = evaluate({"contact.padding_N_m": 20000.0})
+    figure = Figure()
+    ForceOverTimeSection(law).pictures()[0].draw(figure)
+    force = figure.axes[0]
+    (scale,) = force.child_axes
+    figure.draw_without_rendering()
+    assert scale.get_ylim()[1] == pytest.approx(force.get_ylim()[1] / 75000 * 1e3)
+
+
+def test_a_body_that_gets_away_from_a_stopped_arm_is_drawn_until_it_has():
+    changes = {
+        "contact.kind": "free", "contact.body_mass_kg": 60.0, "contact.stiffness_N_m": 8000.0, "reaction.kind": "stop"
+    }  # fmt: skip
+    law = evaluate(changes, samples=60)
+    for picture in ForceOverTimeSection(law).pictures():
+        figure = Figure()
+        picture.draw(figure)
+        y = np.asarray(figure.axes[0].lines[0].get_ydata())
+        assert y.max() > 10
+        assert y[-1] == 0

@@ -89,8 +89,8 @@ class ForceOverTimeSection(Section):
 
     @property
     def _stays(self) -> bool:
-        """A stopped arm keeps pressing."""
-        return self.law.scenario.reaction.kind == "stop"
+        """A stopped arm keeps pressing, unless the body gets away."""
+        return self.law.scenario.reaction.kind == "stop" and self.law.problem.body_mass is None
 
 
 def _which(law: ForceLaw, p: float) -> str:
@@ -170,7 +170,9 @@ class _Panels:
         panel.plot(x, force, color=LAW)
         panel.set_ylim(0, self._top)
         panel.set_ylabel("force [N]")
-        millimetres = panel.secondary_yaxis("right", functions=scale_by(1e3 / rollout.stiffness))
+        # Padding takes its own share.
+        stiffness = self._law.problem.body_stiffness
+        millimetres = panel.secondary_yaxis("right", functions=scale_by(1e3 / stiffness))
         millimetres.set_ylabel("compression [mm]")
         self._limit(panel)
         self._events(panel)

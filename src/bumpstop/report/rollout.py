@@ -17,7 +17,7 @@ from bumpstop.collision.noise import contact_residual, noise_of_run
 from bumpstop.collision.trajectory_law import TrajectoryLaw, sampled_trajectory_law
 
 if TYPE_CHECKING:
-    from bumpstop.collision import ForceLaw
+    from bumpstop.collision import ForceLaw, Problem
 
 # Runs to choose from where the law itself has none: some twenty lie beyond the 99 % quantile.
 _SAMPLES = 2000
@@ -112,20 +112,23 @@ class Rollouts:
         step, period = problem.scenario.simulation.step_s, problem.period_steps
         distance: FloatArray = curve.distance
         begin = None
-        if tick >= 0:
+        if tick < 0:
+            # The path goes on for a latency beyond the motion's end, for the reactions.
+            distance = distance[: _motion_steps(self._law, distance) + 1]
+        else:
             begin = tick * period + 1 + problem.latency_steps
             # The reaction's path starts with the step in which it begins.
             reaction = curve.kernel.reaction_paths([tick], [offset])[0]
             distance = np.concatenate([distance[:begin], reaction])
+        displacement = np.zeros_like(distance)
+        if problem.body_mass is not None:
+            distance, displacement = _until_parted(problem, distance, offset)
         time: FloatArray = np.arange(distance.size, dtype=np.float64) * step
         touch = _first_passage(distance, time, offset)
         detection = None if tick < 0 else float(curve.tick_time[tick])
         zero = touch if touch is not None else detection if detection is not None else 0.0
 
         ticks = tick + 1 if tick >= 0 else curve.ticks
-        displacement = np.zeros_like(distance)
-        if problem.body_mass is not None:
-            displacement = body_displacement(distance, offset, problem.stiffness, problem.moving_mass, step)
         # The arm looks before it reacts: its own path and this one are the same up to the last of these ticks.
         pushed = displacement[np.arange(ticks) * period + 1]
         force = problem.stiffness * np.maximum(0.0, curve.tick_distance[:ticks] - offset - pushed)
@@ -158,6 +161,31 @@ def _sampled(law: ForceLaw) -> ForceLaw:
     if isinstance(law, TrajectoryLaw):
         return sampled_trajectory_law(law.problem, samples=_SAMPLES, seed=0)
     return sampled_law(law.problem, law.curve, samples=_SAMPLES, seed=0)
+
+
+def _motion_steps(law: ForceLaw, distance: FloatArray) -> int:
+    """Simulation steps until an undetected motion ends."""
+    problem = law.problem
+    if isinstance(law, TrajectoryLaw):
+        return distance.size - 1 - problem.latency_steps
+    return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
+
+
+def _until_parted(problem: Problem, distance: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
+    """A path of the arm, prolonged until a free body has got away, and how far that has been pushed [m].
+
+    Where the path ends in contact, the arm stands; the body swings away in a quarter of an oscillation at most.
+    """
+    step, stiffness, mass = problem.scenario.simulation.step_s, problem.stiffness, problem.moving_mass
+    pushed = body_displacement(distance, offset, stiffness, mass, step)
+    size = distance.size
+    if not distance[-1] - offset > pushed[-1]:
+        return distance, pushed
+    swing = math.ceil(math.pi / 2 * math.sqrt(mass / stiffness) / step) + 1
+    distance = np.append(distance, np.full(swing, distance[-1]))
+    pushed = body_displacement(distance, offset, stiffness, mass, step)
+    parted = size + int(np.argmax(distance[size:] - offset <= pushed[size:]))
+    return distance[: parted + 1], pushed[: parted + 1]
 
 
 def _first_passage(distance: FloatArray, time: FloatArray, offset: float) -> float | None:
