@@ -79,9 +79,6 @@ inline constexpr double following_share = 0.1;
 /// An arm on its way home is followed so many times less exactly, until it is this share of its retreat, or this distance,
 /// from its peak again.
 inline constexpr double homing_slack = 1e3, homing_share = 0.1, homing_distance = 1e-5;
-/// Reactions of looser leaps than this are so improbable that they need not be gone again where a singularity was passed.
-inline constexpr double unfelt_leap_tolerance = 1e-6;
-
 /// How far the next leap of a reaction may go, in sub-steps. The steps about the farthest point are gone one by one.
 inline int longest_leap(const RunningReaction& at, int substeps, bool only_peak) {
     const int to_step = substeps - at.gone % substeps;
@@ -194,13 +191,6 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                 continue;
             }
             if (gone[lane] == 0) continue;
-            // At a singularity the least difference decides where an arm goes.
-            if (arm.singular(lane) && !at.homing && at.job->leap_tolerance > braking_leap_tolerance &&
-                at.job->leap_tolerance < unfelt_leap_tolerance) {
-                at.job->leap_tolerance = braking_leap_tolerance;
-                load(lane, *at.job);
-                continue;
-            }
             at.gone += gone[lane];
             const double before = at.speed, here = lane_of(distance, lane);
             at.speed = lane_of(speed, lane);
