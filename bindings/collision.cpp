@@ -259,7 +259,6 @@ void bind_collision(nb::module_& module) {
         .def_prop_ro("end", [](const Curve& self) { return end_name(self.curve.path.end); })
         .def_prop_ro("end_joint", [](const Curve& self) { return self.curve.path.end_joint; })
         .def_prop_ro("velocity_limited", [](const Curve& self) { return self.curve.path.velocity_limited; })
-        .def_prop_ro("reactions_simulated", [](const Curve& self) { return self.curve.reactions_simulated; })
         .def("reaction_paths", &reaction_paths, nb::arg("ticks"), nb::arg("return_to"))
         .def(
             "exact_law",

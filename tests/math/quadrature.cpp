@@ -175,8 +175,8 @@ void interpolation() {
             // A random polynomial of the highest degree, in Chebyshev's form, which keeps it small.
             long double c[16];
             for (int d = 0; d < count; ++d) c[d] = checks::uniform(-1, 1);
-            auto polynomial = [&](int k) {
-                const long double x = 2 * static_cast<long double>(k - first) / range - 1;
+            auto polynomial = [&](double place) {
+                const long double x = 2 * (static_cast<long double>(place) - first) / range - 1;
                 long double below = 1, here = x, sum = c[0] + (count > 1 ? c[1] * x : 0);
                 for (int d = 2; d < count; ++d) {
                     const long double above = 2 * x * here - below;
@@ -186,9 +186,7 @@ void interpolation() {
                 }
                 return sum;
             };
-            for (int k = first; k <= first + range; k += 1 + range / 200) {
-                double weight[16];
-                rule.weights(k, weight);
+            auto check = [&](double place, const double* weight) {
                 long double sum = 0, value = 0, size = 0;
                 for (int m = 0; m < count; ++m) {
                     sum += weight[m];
@@ -197,12 +195,27 @@ void interpolation() {
                 }
                 // A weight is made of `count` differences and a quotient; the polynomial is at most `count`.
                 CHECK_NEAR(sum, 1.0L, 4 * count * epsilon * size);
-                CHECK_NEAR(value, polynomial(k), 8 * count * count * epsilon * size);
+                CHECK_NEAR(value, polynomial(place), 8 * count * count * epsilon * size);
+            };
+            for (int k = first; k <= first + range; k += 1 + range / 200) {
+                double weight[16];
+                rule.weights(k, weight);
+                check(k, weight);
             }
             for (int m = 0; m < count; ++m) {
                 double weight[16];
                 rule.weights(rule.nodes()[std::size_t(m)], weight);
-                for (int j = 0; j < count; ++j) CHECK(weight[j] == (j == m ? 1 : 0));
+                for (int j = 0; j < count; ++j) CHECK(j == m ? weight[j] == 1 : std::fabs(weight[j]) < 1e-90);
+            }
+            // A register of places that are not whole numbers, the first node and the last among them.
+            constexpr int lanes = 4;
+            Lanes<lanes> place, weights[16];
+            for (int lane = 0; lane < lanes; ++lane) set_lane(place, lane, first + range * lane / (lanes - 1.0));
+            rule.weights(place, weights);
+            for (int lane = 0; lane < lanes; ++lane) {
+                double weight[16];
+                for (int m = 0; m < count; ++m) weight[m] = lane_of(weights[m], lane);
+                check(lane_of(place, lane), weight);
             }
         }
     }

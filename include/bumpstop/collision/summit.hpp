@@ -81,7 +81,7 @@ class OverrunInterpolation {
     template <class T>
     T at(T k) const {
         T weight[16];
-        interpolation_.weights_at(k, weight);
+        interpolation_.weights(k, weight);
         SummitOf<T> sum{0.0, 0.0, 0.0, 0.0};
         for (int m = 0; m < interpolation_.size(); ++m) {
             sum.time += weight[m] * summit_[m].time;

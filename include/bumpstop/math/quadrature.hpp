@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -174,23 +175,9 @@ class Interpolation {
     const std::vector<int>& nodes() const { return node_; }
     int size() const { return int(node_.size()); }
 
-    /// f(k) = sum_m weights[m] f(node[m]); the weights sum to one.
-    void weights(int k, double* weight) const {
-        double sum = 0;
-        for (int m = 0; m < size(); ++m) {
-            if (k == node_[m]) {
-                for (int j = 0; j < size(); ++j) weight[j] = j == m;
-                return;
-            }
-            weight[m] = barycentric_[m] / (k - node_[m]);
-            sum += weight[m];
-        }
-        for (int m = 0; m < size(); ++m) weight[m] /= sum;
-    }
-
-    /// The same for a place or a register of places, which need not be whole numbers.
+    /// f(place) = sum_m weight[m] f(node[m]) for a place or a register of places; the weights sum to one.
     template <class T>
-    void weights_at(T place, T* weight) const {
+    void weights(std::type_identity_t<T> place, T* weight) const {
         T sum = 0.0;
         for (int m = 0; m < size(); ++m) {
             // At a node its own weight outgrows all others by more than a double can tell.
@@ -198,8 +185,7 @@ class Interpolation {
             weight[m] = barycentric_[m] / select(absolute(away) < T(1e-100), T(1e-100), away);
             sum += weight[m];
         }
-        const T inverse = 1.0 / sum;
-        for (int m = 0; m < size(); ++m) weight[m] *= inverse;
+        for (int m = 0; m < size(); ++m) weight[m] = weight[m] / sum;
     }
 
   private:
