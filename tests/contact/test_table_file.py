@@ -36,7 +36,7 @@ def test_a_path_may_be_absolute(tmp_path: Path) -> None:
 
 
 def test_a_path_object_is_a_path_even_if_it_reads_like_a_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"cannot read '.*ts15066'"):
+    with pytest.raises(InputError, match=r"ts15066' cannot be read"):
         LimitTable.load(Path("ts15066"), relative_to=tmp_path)
 
 
@@ -77,7 +77,7 @@ def test_absent_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", ["a\0b.toml", "."])
 def test_unreadable_file(tmp_path: Path, path: str) -> None:
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match="cannot be read"):
         LimitTable.load(Path(path), relative_to=tmp_path)
 
 
@@ -85,7 +85,7 @@ def test_unreadable_file(tmp_path: Path, path: str) -> None:
 def test_damaged_toml(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "damaged.toml"
     file.write_bytes(content)
-    with pytest.raises(InputError, match=r"damaged\.toml: damaged TOML"):
+    with pytest.raises(InputError, match=r"damaged\.toml'? is not UTF-8 text|damaged\.toml: is not valid TOML"):
         LimitTable.load(file)
 
 

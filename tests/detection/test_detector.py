@@ -308,5 +308,5 @@ def test_threshold_files(tmp_path: Path) -> None:
         path.write_text(text, encoding="utf-8")
         with pytest.raises(bs.InputError, match=message):
             Thresholds.load(path)
-    with pytest.raises(bs.InputError, match="cannot read"):
+    with pytest.raises(bs.InputError, match="cannot be read"):
         Thresholds.parse("1,2,x")

@@ -133,7 +133,7 @@ def test_label_files(tmp_path: Path) -> None:
     path.write_text("\ufeffstart_s, end_s, kind\r\n20,22, elbow\r\n\r\n10,11\r\n")
     assert load_labels(path) == (Label(10, 11), Label(20, 22, "elbow"))
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(bs.InputError, match="is no text"):
+    with pytest.raises(bs.InputError, match="is not UTF-8 text"):
         load_labels(path)
     with pytest.raises(bs.InputError, match="cannot be read"):
         load_labels(tmp_path / "none.csv")

@@ -325,7 +325,7 @@ speed_range = [0.1, 2]
         ("[0.1, 2]", "[0.1, 2]\nfriction_sd = -1", "joint elbow friction_sd: is -1; wanted zero or more"),
         ('inertia = "unknown"', "inertia = { value = -1, standard_error = 0 }", "joint elbow inertia.value: is -1.0"),
         ("[[joint]]", "[joint]", "joint: is not a list of tables"),
-        ('unit = "A"', "unit = ", "damaged TOML"),
+        ('unit = "A"', "unit = ", "is not valid TOML"),
     ],
 )
 def test_files_are_read_strictly(old: str, new: str, message: str, tmp_path: Path) -> None:
@@ -361,7 +361,7 @@ def test_two_joints_of_one_name_and_none_at_all(tmp_path: Path) -> None:
     ("call", "message"),
     [
         (lambda: JointTorqueModel.load("sia5"), "joint model: none is called 'sia5'; did you mean 'sia5d'?"),
-        (lambda: JointTorqueModel.load("no/such.toml"), "joint model: cannot read 'no/such.toml': No such file"),
+        (lambda: JointTorqueModel.load("no/such.toml"), "joint model: 'no/such.toml' cannot be read (No such file"),
         (lambda: model().torque([1.0, 2.0], [0.0, 0.0]), "current: has shape (2,); wanted (1,)"),
         (lambda: model().torque([[1.0]], [[0.0], [0.0]]), "qd: has shape (2, 1); wanted (1, 1)"),
         (lambda: model().torque([1.0], [0.0], [[0.0]]), "qdd: has shape (1, 1); wanted (1,)"),

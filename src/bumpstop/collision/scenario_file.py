@@ -8,6 +8,7 @@ from typing import Any
 
 from bumpstop.collision.scenario import Scenario, set_key
 from bumpstop.errors import InputError
+from bumpstop.text_files import read_text
 
 # Beyond this it is no scenario, but perhaps a recording or a device that never ends.
 _MOST_BYTES = 1_000_000
@@ -25,24 +26,7 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
         InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
     """
     path = Path(path)
-    wanted = "wanted a scenario file"
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read ({error.strerror})", wanted) from None
-    except ValueError as error:  # a NUL character in the path
-        raise InputError(str(path), f"cannot be read ({error})", wanted) from None
-    if len(content) > _MOST_BYTES:
-        raise InputError(str(path), f"is longer than {_MOST_BYTES} bytes", wanted)
-    try:
-        # Editors on Windows begin UTF-8 files with a mark that TOML does not know.
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            str(path), f"is not UTF-8 text (byte {error.start + 1})", f"{wanted}, saved as UTF-8"
-        ) from None
-    data = _parse(text, str(path))
+    data = _parse(read_text(path, "wanted a scenario file", most_bytes=_MOST_BYTES), str(path))
     for key, value in (changes or {}).items():
         set_key(data, key, value)
     return Scenario.from_dict(data, path.parent)

@@ -76,18 +76,11 @@ class LimitTable:
                     f"a built-in name or a path ending in .toml; {near_matches(name_or_path, _BUILTIN)}",
                 )
         from bumpstop.contact.table_file import read_table
+        from bumpstop.text_files import read_text
 
         path = Path(relative_to or ".", name_or_path)
-        try:
-            content = path.read_bytes()
-        except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
-            problem = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            raise InputError(
-                "contact.limits",
-                f"cannot read {str(path)!r}: {problem}",
-                f"give a readable TOML file, or one of {', '.join(_BUILTIN)}",
-            ) from error
-        table = read_table(content, str(path))
+        wanted = f"wanted a limit table (TOML), or one of {', '.join(_BUILTIN)}"
+        table = read_table(read_text(path, wanted, field="contact.limits"), str(path))
         if table.name in _BUILTIN:
             # A changed copy under the old name would pass for the original in every report.
             raise InputError(
@@ -198,4 +191,4 @@ def _load_builtin(name: str) -> LimitTable:
     from bumpstop.contact.table_file import read_table
 
     file = resources.files("bumpstop.contact").joinpath("data", f"{name}.toml")
-    return read_table(file.read_bytes(), file.name)
+    return read_table(file.read_text(encoding="utf-8"), file.name)

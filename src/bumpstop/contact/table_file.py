@@ -8,6 +8,7 @@ from typing import Any
 from bumpstop.contact.limits import LimitTable
 from bumpstop.contact.regions import PressureArea, Region
 from bumpstop.errors import InputError, near_matches
+from bumpstop.text_files import parse_toml
 
 # Wide enough for any body and any unit slip, narrow enough that no derived number overflows or vanishes.
 _SMALLEST, _LARGEST = 1e-6, 1e6
@@ -106,19 +107,14 @@ class _Row:
         return limit
 
 
-def read_table(content: bytes, file: str) -> LimitTable:
-    """A table from the content of its file; ``file`` is how messages call it.
+def read_table(text: str, file: str) -> LimitTable:
+    """A table from the text of its file; ``file`` is how messages call it.
 
     Raises:
         InputError: damaged TOML; a key that is unknown, missing or of the wrong type; a figure that is not finite and
             positive; rows that repeat or contradict each other.
     """
-    import tomllib
-
-    try:
-        data = tomllib.loads(content.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:  # ValueError: bad TOML, bad UTF-8, absurd integers
-        raise InputError(file, f"damaged TOML: {error}") from error
+    data = parse_toml(text, file)
     head = _Row(data, file, _TABLE_KEYS)
     source, status = head.text("source"), head.text("status")
     regions: dict[str, Region] = {}

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bumpstop.errors import InputError
+from bumpstop.text_files import read_text
 
 _WANTED = "wanted CSV with the header start_s,end_s or start_s,end_s,kind"
 
@@ -35,12 +36,7 @@ def load_labels(path: str | Path) -> tuple[Label, ...]:
         InputError: the file cannot be read, its header is another, or a line holds no contact: a missing or non-finite
             time, an end that is not after the start, or contacts that overlap.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read ({error.strerror})", _WANTED) from None
-    except UnicodeDecodeError:
-        raise InputError(str(path), "is no text", _WANTED) from None
+    text = read_text(path, _WANTED)
     lines = list(csv.reader(text.splitlines()))
     header = [cell.strip() for cell in lines[0]] if lines else []
     if header not in (["start_s", "end_s"], ["start_s", "end_s", "kind"]):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from dataclasses import InitVar, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -14,6 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.settings import ResidualKind
 from bumpstop.errors import InputError, near_matches
+from bumpstop.text_files import parse_toml, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -150,16 +150,9 @@ class Thresholds:
             InputError: the file cannot be read, or holds something else.
         """
         where = str(path)
-        try:
-            text = Path(path).read_text(encoding="utf-8-sig")
-        except (OSError, ValueError) as error:
-            problem = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            raise InputError("thresholds", f"cannot read {where!r} ({problem})", "wanted numbers or a file") from None
+        text = read_text(path, "wanted numbers or a file", field="thresholds")
         is_json = where.endswith(".json")
-        try:
-            data: Any = json.loads(text) if is_json else tomllib.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise InputError(where, f"is not valid {'JSON' if is_json else 'TOML'}: {error}") from None
+        data = _parse_json(text, where) if is_json else parse_toml(text, where)
         known = (*_KEYS, *_ONE_FOR_ALL)
         if not isinstance(data, dict) or "thresholds_Nm" not in data:
             raise InputError(where, "has no key 'thresholds_Nm'", _WANTED)
@@ -202,6 +195,13 @@ def _check(key: str, values: FloatArray, usable: npt.NDArray[np.bool_], wanted: 
         j = int(bad[0])
         name = f" for {joints[j]}" if j < len(joints) else ""
         raise InputError(f"{key}[{j + 1}]", f"is {values[j]:g}{name}", wanted)
+
+
+def _parse_json(text: str, file: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(file, f"is not valid JSON: {error}") from None
 
 
 def _column(value: Any, where: str) -> FloatArray:

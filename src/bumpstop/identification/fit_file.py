@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.identification.torque_columns import column_names
 from bumpstop.model import Robot
+from bumpstop.text_files import parse_toml, read_text
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
 _KEYS |= {"rows_used", "sign_speed", "top_speed", "couplings", "parameter", "gain"}
@@ -66,12 +66,7 @@ def load_fit(path: str | Path) -> DynamicsFit:
         InputError: the file is absent, damaged, or not of this kind.
     """
     where = str(path)
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(where, f"cannot be read ({error.strerror})", "wanted a file that identify wrote") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(where, f"is not valid TOML: {error}") from None
+    data = parse_toml(read_text(path, "wanted a file that identify wrote"), where)
     unknown = sorted(set(data) - _KEYS)
     if data.get("kind") != "dynamics" or unknown:
         problem = f"has an unknown key {unknown[0]!r}" if unknown else "is no file of fitted dynamics"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from bumpstop.identification.fit_file import chain_of, toml_text
 from bumpstop.identification.gravity_pose import Unseen
 from bumpstop.identification.plan import IdentificationPlan, JointExperiment, ProtocolSettings
 from bumpstop.model import Robot
+from bumpstop.text_files import parse_toml, read_text
 
 _KIND = "identification_plan"
 _TOP = {"kind", "robot", "base", "tip", "home", "settings", "experiment", "unseen"}
@@ -84,12 +84,7 @@ def load_plan(path: str | Path) -> IdentificationPlan:
         InputError: the file is absent, damaged, not of this kind, or has a key or a value that cannot be used.
     """
     where = str(path)
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(where, f"cannot be read ({error.strerror})", "wanted a plan that bumpstop wrote") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(where, f"is not valid TOML: {error}") from None
+    data = parse_toml(read_text(path, "wanted a plan that bumpstop wrote"), where)
     if data.get("kind") != _KIND:
         raise InputError(where, "is no plan", f'wanted kind = "{_KIND}", as bumpstop plan identification writes it')
     _known(data, _TOP, where)

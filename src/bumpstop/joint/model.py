@@ -261,18 +261,15 @@ class JointTorqueModel:
                 from importlib import resources
 
                 data = resources.files("bumpstop.joint").joinpath("data", f"{path_or_name}.toml")
-                return model_from_toml(data.read_bytes(), data.name)
+                return model_from_toml(data.read_text(encoding="utf-8"), data.name)
             if not (path_or_name.endswith(".toml") or "/" in path_or_name or os.sep in path_or_name):
                 raise InputError(
                     "joint model", f"none is called {path_or_name!r}", near_matches(path_or_name, _BUILTIN)
                 )
+        from bumpstop.text_files import read_text
+
         path = Path(path_or_name)
-        try:
-            content = path.read_bytes()
-        except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
-            problem = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            raise InputError("joint model", f"cannot read {str(path)!r}: {problem}") from error
-        return model_from_toml(content, str(path))
+        return model_from_toml(read_text(path, "wanted a joint model (TOML)", field="joint model"), str(path))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model as TOML, so that :meth:`load` gives an equal one."""

@@ -17,6 +17,7 @@ from bumpstop.joint.model import (
     JointTorqueModel,
     Parameter,
 )
+from bumpstop.text_files import parse_toml
 
 if TYPE_CHECKING:
     from bumpstop.joint.model import CurrentMap, FrictionLaw
@@ -27,18 +28,13 @@ _RANGES = ("current_range", "speed_range")
 _OPTIONAL = ("friction", "rest_speed", "friction_sd")
 
 
-def model_from_toml(content: bytes, file: str) -> JointTorqueModel:
+def model_from_toml(text: str, file: str) -> JointTorqueModel:
     """Build a model from a file (see docs/joint.md for its keys).
 
     Raises:
         InputError: damaged TOML; a key that is unknown, missing or has a value that cannot be used. Names file and key.
     """
-    import tomllib
-
-    try:
-        data = tomllib.loads(content.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:  # ValueError: bad TOML, bad UTF-8, absurd integers
-        raise InputError(file, f"damaged TOML: {error}") from error
+    data = parse_toml(text, file)
     try:
         _check_keys(data, (*_HEAD, "note", "joint"), "")
         head: dict[str, Any] = {key: _text(data, key, "") for key in _HEAD}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,6 +32,7 @@ from bumpstop.plant.plant import Plant
 from bumpstop.plant.sample import Sample
 from bumpstop.plant.sensors import Sensors
 from bumpstop.plant.servo import Servo
+from bumpstop.text_files import parse_toml, read_text
 
 if TYPE_CHECKING:
     from bumpstop.plant.run import PlantRun
@@ -82,20 +82,7 @@ class Experiment(ExperimentTable):
             InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
         """
         path = Path(path)
-        try:
-            with path.open("rb") as file:
-                content = file.read(_MOST_BYTES + 1)
-        except (OSError, ValueError) as error:
-            why = error.strerror if isinstance(error, OSError) else str(error)
-            raise InputError(str(path), f"cannot be read ({why})", "wanted an experiment file") from None
-        if len(content) > _MOST_BYTES:
-            raise InputError(str(path), f"is longer than {_MOST_BYTES} bytes", "wanted an experiment file")
-        try:
-            data = tomllib.loads(content.decode("utf-8-sig"))
-        except UnicodeDecodeError as error:
-            raise InputError(str(path), f"is not UTF-8 text (byte {error.start + 1})") from None
-        except (ValueError, RecursionError) as error:
-            raise InputError(str(path), f"is not valid TOML: {' '.join(str(error).split())[:200]}") from None
+        data = parse_toml(read_text(path, "wanted an experiment file", most_bytes=_MOST_BYTES), str(path))
         return cls.from_dict(data, path.parent)
 
     @classmethod

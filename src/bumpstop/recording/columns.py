@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
+from bumpstop.text_files import parse_toml, read_text
 
 FORMATS = ("csv", "parquet", "ros2bag", "mcap", "xlsx", "mat")
 _DEG = np.pi / 180
@@ -106,16 +106,8 @@ class Columns:
         if isinstance(source, Mapping):
             return _from_dict(dict(source), folder)
         path = Path(source)
-        try:
-            text = path.read_text(encoding="utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
-            why = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise InputError("columns", f"{str(path)!r} cannot be read ({why})", "wanted a TOML file") from None
-        try:
-            data = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:  # ValueError: bad TOML, absurd integers
-            raise InputError("columns", f"{str(path)!r} is not valid TOML ({error})") from None
-        return _from_dict(data, path.parent)
+        text = read_text(path, "wanted a column file (TOML)", field="columns")
+        return _from_dict(parse_toml(text, str(path)), path.parent)
 
 
 def _from_dict(data: dict[str, Any], folder: Path) -> Columns:
