@@ -52,6 +52,10 @@ def test_what_several_recordings_cannot_be(tmp_path: Path) -> None:
         ((tmp_path / "b.parquet",), "7 joints"),
         (("--payload", "2:1.5"), "recordings are 1 to 1"),
         (("--known", "elbow_joint.B=3"), "--known: is for drives, and torques were recorded"),
+        *(
+            (("--shared-motor", group), "--shared-motor: ")
+            for group in ("5", "5,5", "5,7", "0,5", "5,6:0", "5,6:nan", "5,x", "")
+        ),
     ):
         result = run("identify", tmp_path / "a.parquet", *options, "--robot", ROBOT, "--cutoff", 6)
         assert result.status == 2

@@ -37,6 +37,10 @@ def check_refusal(result: Result, *words: str) -> None:
         (("experiment", "glass", "--runs", "0"), "--runs: is 0; wanted 1 to 100000"),
         (("experiment", "glass", "--latency", "-1"), "--latency: is -1.0; wanted 0 to 1"),
         (("experiment", "glass", "--runs", "100", "--out", EXAMPLE), "01_hand_downward.toml' cannot be written"),
+        (
+            ("plant", "run", EXAMPLE.parent / "plant" / "01_press_foam.toml", "--seed", "-1"),
+            "--seed: -1 cannot be used; wanted greater than or equal to 0",
+        ),
         (("experiment", "glass", "--seed", "1e3"), "--seed: '1e3' cannot be used; wanted a whole number"),
     ],
 )
@@ -75,9 +79,9 @@ def test_an_empty_folder_is_not_the_current_one(
         ),
         ("contact.body=skull_forehead", "but of ts15066, which must not be mixed with it"),
         ("contact.body=\x1b[31mred", r"contact.body: '\x1b[31mred'"),
-        ("contact.limits=absent.toml", "contact.limits: cannot read"),
+        ("contact.limits=absent.toml", "absent.toml' cannot be read (No such"),
         ("contact.limits=ts1506", "contact.limits: no table is called 'ts1506'"),
-        ("contact.limits=/tmp", "contact.limits: cannot read '/tmp': Is a directory"),
+        ("contact.limits=/tmp", "contact.limits: '/tmp' cannot be read (Is a directory)"),
         ("contact.kind=free", "contact.body_mass_kg: is missing; free contact needs it: bgia2011 gives no mass"),
         ("detector.residuals=absent.parquet", "detector.residuals: "),
         ("motion.kind=trajectory", 'motion.velocity_mm_s: has no meaning with kind = "trajectory"; leave it out'),
@@ -175,7 +179,7 @@ def test_options_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> 
             ("bodies", "--limits", "bgia"),
             "--limits: no table is called 'bgia'; a built-in name or a path ending in .toml",
         ),
-        (("bodies", "--limits", "absent.toml"), "--limits: cannot read 'absent.toml'"),
+        (("bodies", "--limits", "absent.toml"), "--limits: 'absent.toml' cannot be read (No such file"),
     ],
 )
 def test_commands_that_cannot_be_used(arguments: tuple[object, ...], words: str) -> None:
@@ -191,6 +195,66 @@ def test_files_that_are_no_scenario(tmp_path: Path) -> None:
     check_refusal(run("evaluate", binary), f"{binary}: is not UTF-8 text (byte 129)")
     check_refusal(run("evaluate", empty), "robot: is missing; wanted the name of a robot (bumpstop robots lists them)")
     check_refusal(run("evaluate", "/dev/zero"), "/dev/zero: is longer than 1000000 bytes")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("evaluate", "FILE"),
+        ("require", "FILE", "--vary", "motion.speed"),
+        ("study", "parameters", "FILE"),
+        ("bodies", "--limits", "FILE"),
+        ("sensitivity", "ur5e", "--pose-deg", "10,-80,110,-120,-90,20", "--thresholds", "FILE"),
+        ("detect", "absent.csv", "--model", "FILE", "--thresholds", "1"),
+        ("detect", "absent.csv", "--robot", "ur5e", "--thresholds", "FILE"),
+        ("recording", "info", EXAMPLE.parent / "06_pick_and_place.csv", "--columns", "FILE"),
+        ("score", "absent.parquet", "--labels", "FILE", "--thresholds", "1"),
+        ("validate", "FILE", "absent.csv"),
+        ("identify", "absent.csv", "--robot", "ur5e", "--protocol", "FILE"),
+        ("plant", "run", "FILE"),
+        ("plant", "run", EXAMPLE.parent / "plant" / "01_press_foam.toml", "--plan", "FILE"),
+    ],
+)
+def test_text_that_is_none(command: tuple[object, ...], tmp_path: Path) -> None:
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(bytes(range(256)))
+    for file, words in (
+        (binary, "is not UTF-8 text (byte 129); wanted "),
+        ("/dev/zero", "is longer than "),
+        (tmp_path / "absent.toml", "cannot be read (No such file or directory); wanted "),
+    ):
+        check_refusal(run(*(file if part == "FILE" else part for part in command)), str(file), words)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("plan", "excitation", "--robot", "ur5e"),
+        ("plant", "run", EXAMPLE.parent / "plant" / "01_press_foam.toml"),
+        ("experiment", "glass"),
+        ("identify", "absent.csv", "--robot", "ur5e"),
+        ("validate", "absent.toml", "absent.csv"),
+        ("tune", "absent.csv", "--robot", "ur5e"),
+        ("score", "absent.json", "--labels", "absent.csv"),
+    ],
+)
+def test_a_folder_is_looked_at_before_any_work(command: tuple[object, ...], tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("here first")
+    for name in ("file", "file/below"):
+        check_refusal(run(*command, "--out", tmp_path / name), "--out: ", "cannot be written (Not a directory)")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "words"),
+    [
+        (("identify", "absent.csv", "--robot", "ur5e", "--out"), "none/model.toml", "--out: "),
+        (("tune", "absent.csv", "--robot", "ur5e", "--save"), "none/limits.toml", "--save: "),
+        (("tune", "absent.csv", "--robot", "ur5e", "--save"), "", "--save: "),
+    ],
+)
+def test_a_file_is_looked_at_before_any_work(command: tuple[str, ...], name: str, words: str, tmp_path: Path) -> None:
+    check_refusal(run(*command, tmp_path / name), words, "cannot be written (", "give another file")
 
 
 def test_a_name_cannot_steer_the_terminal() -> None:

@@ -96,9 +96,9 @@ def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytes
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--robot", "ur5e", "--thresholds", "20,20"], "thresholds: 2 of them; the robot has 6 joints: wanted 6"),
+        (["--robot", "ur5e", "--thresholds", "20,20"], "--thresholds: 2 of them; the robot has 6 joints: wanted 6"),
         (["--robot", "ur5e", "--thresholds", "20,0,20,20,20,20"], "is 0 for shoulder_lift_joint; wanted one number"),
-        (["--robot", "ur5e", "--thresholds", "20,x"], "thresholds: cannot read '20,x'"),
+        (["--robot", "ur5e", "--thresholds", "20,x"], "--thresholds: '20,x' cannot be read"),
         (["--thresholds", "1,1,1,1,1,1"], "--robot: is missing"),
         (["--robot", "panda", "--thresholds", "1,1,1,1,1,1,1"], "holds 6 joints, panda has 7"),
         (["--robot", "ur5e", "--model", "sia5d", "--thresholds", "1,1,1,1,1,1"], "is for a joint 'joint_s'"),
@@ -114,6 +114,10 @@ def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytes
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--point-m", "0,0"], "--point-m: '0,0' cannot be used"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--link", "hand"], "'hand'"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--max-bad", "2"], "--max-bad"),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--rearm", "nan"], "--rearm: is nan; wanted zero or more"),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--rearm", "-1"], "--rearm: is -1.0; wanted zero or more"),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--from", "-inf"], "--from: is -inf; valid: 0 to "),
+        (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--until", "nan"], "--until: is nan; valid: 0 to "),
     ],
 )
 def test_refusals(pushed: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

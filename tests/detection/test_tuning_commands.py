@@ -376,7 +376,7 @@ def test_what_reading_a_recording_found_is_said_by_every_command(loop: tuple[Pat
         (("tune", "NOISE", "--scenario", "ur"), "has thresholds for 6 joints; the residuals have 7"),
         (("tune", "NOISE", "--per-hour", "60", "--save", "/nowhere/x.toml"), "cannot be written"),
         (("score", "NOISE", "--labels", "LABELS"), "--thresholds: is missing"),
-        (("score", "NOISE", "--labels", "LABELS", "--thresholds", "1,2"), "thresholds: 2 of them"),
+        (("score", "NOISE", "--labels", "LABELS", "--thresholds", "1,2"), "--thresholds: 2 of them"),
         (("score", "NOISE", "--labels", "LABELS", "--thresholds", "1", "--early", "-1"), "--early: is -1"),
         (("score", "LABELS.json", "--labels", "LABELS"), "cannot be read"),
         (("score", "EVENTS", "--labels", "LABELS"), "has no 'start_s'"),

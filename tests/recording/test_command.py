@@ -55,6 +55,7 @@ def test_convert(ending: str, tmp_path: Path) -> None:
         (("info", "run.csv", "--topic", "/x"), "error: --topic: 'run.csv' is no bag"),
         (("info", "run.csv", "--columns", "c.toml", "--robot", "ur10"), "error: run.csv: holds 2 joints, ur10 has 6"),
         (("convert", "run.csv", "out.xyz", "--columns", "c.toml"), "error: out.xyz: '.xyz' is no ending"),
+        (("convert", "run.csv", "./run.csv", "--columns", "c.toml"), "error: run.csv: is the recording itself; give"),
         (("convert", "run.csv", "no/out.mcap", "--columns", "c.toml"), "error: no/out.mcap: cannot be written"),
         (("convert", "run.csv", "no/out.parquet", "--columns", "c.toml"), "error: no/out.parquet: cannot be written"),
     ],

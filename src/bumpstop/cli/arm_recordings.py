@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,12 +32,26 @@ def arm_of(robot: str, base: str | None, tip: str | None) -> Robot:
     return load_robot(robot, base, tip)
 
 
-def is_dynamics(model: Path) -> bool:
+def is_dynamics(model: str | Path) -> bool:
     """Whether a file holds fitted dynamics; a joint model has no ``kind``."""
+    from bumpstop.text_files import parse_toml, read_text
+
     try:
-        return "kind" in tomllib.loads(model.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
-        return False  # its reader says what is wrong
+        return "kind" in parse_toml(read_text(model, ""), "")
+    except InputError:
+        return False  # whoever reads it as a joint model says what is wrong
+
+
+def span_of(begin: float | None, until: float | None, length: float) -> tuple[float, float]:
+    """What ``--from`` and ``--until`` leave of a recording of ``length`` seconds, counted from its beginning [s]."""
+    valid = f"valid: 0 to {length:.6g} s"
+    for option, value in (("--from", begin), ("--until", until)):
+        if value is not None and not value >= 0:
+            raise InputError(option, f"is {value:g}", valid)
+    low, high = begin or 0.0, length if until is None else min(until, length)
+    if not low < high:
+        raise InputError("--from", f"{low:.6g} leaves nothing before {high:.6g}", valid)
+    return low, high
 
 
 def load_parts(
@@ -75,12 +88,8 @@ def part_of(
     start, end = float(log.t[0]), float(log.t[-1])
     if begin is None and until is None:
         return log
-    first = start if begin is None else start + begin
-    last = end if until is None else start + until
-    if not first < last:
-        low, high = (f"{time - start:.6g}" for time in (first, last))
-        raise InputError("--from", f"{low} leaves nothing before {high}", f"valid: 0 to {end - start:.6g} s")
-    return log.between(first, last)
+    low, high = span_of(begin, until, end - start)
+    return log.between(start + low, end if high == end - start else start + high)
 
 
 def carried_of(given: Sequence[str] | None, recordings: int) -> list[Payload | None]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.folders import check_folder, writing
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.origin import (
     DETECTOR_OPTIONS,
@@ -26,8 +27,8 @@ from bumpstop.cli.origin import (
     load_model,
     refuse_gain,
     takes_origin,
+    thresholds_of,
 )
-from bumpstop.cli.plan import writing
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -64,11 +65,11 @@ def detect(
 ) -> None:
     """Run a collision detector over a recording: alarms, and when it was blind."""
     from bumpstop.cli.sensitivity import three, unit
-    from bumpstop.detection import Thresholds, blind_stretches
+    from bumpstop.detection import blind_stretches
     from bumpstop.detection import detect as run_detector
 
     given, arm = origin.parts
-    law = Thresholds.parse(thresholds, origin.names)
+    law = thresholds_of(thresholds, arm)
     with as_options(DETECTOR_OPTIONS):
         settings = replace(
             origin.settings,
@@ -78,8 +79,7 @@ def detect(
             point=three(point_m, "--point-m"),
             direction=unit(direction, "--direction"),
         )
-    with writing(out):
-        pass
+    check_folder(out)
     log = origin.recording(recording)
     with as_options(DETECTOR_OPTIONS):
         run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
@@ -127,11 +127,11 @@ def detector(
     tip: Tip = None,
 ) -> None:
     """Write robot, joint model and thresholds as one file for the control loop (detector_description.hpp)."""
-    from bumpstop.detection import Detector, DetectorSettings, Thresholds, save_detector
+    from bumpstop.detection import Detector, DetectorSettings, save_detector
     from bumpstop.identification import DynamicsFit
 
     given, arm = load_model(model, robot, base, tip)
-    law = Thresholds.parse(thresholds, [joint.name for joint in arm.joints])
+    law = thresholds_of(thresholds, arm)
     if isinstance(given, DynamicsFit):
         raise InputError("--model", "fitted dynamics look ahead and cannot run in a loop", "give a joint model")
     with as_options(DETECTOR_OPTIONS):

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from bumpstop.cli.folders import check_folder
 from bumpstop.cli.option_names import as_options
-from bumpstop.cli.plan import writing
 from bumpstop.errors import InputError
 
 # Fields of an experiment by the name that a person gave them here.
@@ -44,8 +44,7 @@ def command(
 
     wanted = _speeds(speeds)
     # Before the runs, which may take minutes.
-    with writing(out):
-        pass
+    check_folder(out)
     with as_options(_OPTIONS):
         made = CollisionExperiment(
             name=name,

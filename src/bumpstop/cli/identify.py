@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bumpstop.cli.arm_recordings import arm_of, built_in_or_path, carried_of, load_parts, payloads_of
+from bumpstop.cli.folders import check_file, check_folder
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -74,6 +75,10 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Find a joint torque model from motor currents, inertia, friction and rotors from joint torques, or a payload."""
+    if out is not None and out.suffix == ".toml":
+        check_file(out)
+    else:
+        check_folder(out)
     if protocol is not None:
         from bumpstop.cli.protocol import identify_by_protocol
 
@@ -187,6 +192,7 @@ def validate(
     """Compare what a model predicts with recordings: currents of a joint model, torques of dynamics."""
     from bumpstop.cli.arm_recordings import is_dynamics
 
+    check_folder(out)
     _frequency("--filter", filter_hz)
     if not is_dynamics(model):
         from bumpstop.cli.identify_joint import validate_joint
@@ -229,8 +235,7 @@ def _group(text: str, dof: int) -> list[tuple[int, float]]:
         try:
             joint, factor = int(number), float(share or 1)
         except ValueError:
-            joint, factor = 0, 0.0
-        if not 1 <= joint <= dof or factor == 0:
-            raise InputError("--shared-motor", f"{text!r} cannot be used", f"for example 5,6; joints are 1 to {dof}")
+            valid = f"for example 5,6 or 5:1,6:-1; joints are 1 to {dof}"
+            raise InputError("--shared-motor", f"{text!r} cannot be used", valid) from None
         group.append((joint - 1, factor))
     return group

@@ -12,6 +12,7 @@ import typer
 from bumpstop.cli.arm_recordings import carried_of, known_of
 from bumpstop.cli.bodies_found import bodies_json, print_bodies
 from bumpstop.cli.model_report import dynamics_report
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ def identify_dynamics_of(
     else:
         if known:
             raise InputError("--known", "is for drives, and torques were recorded", "leave it out")
-        fit = identify_dynamics(logs, arm, cutoff_hz=cutoff_hz, couplings=groups, payloads=carried)
+        with as_options({"couplings": "--shared-motor"}):
+            fit = identify_dynamics(logs, arm, cutoff_hz=cutoff_hz, couplings=groups, payloads=carried)
     bodies = consistent_inertias(logs, fit, payloads=carried) if consistent else None
     scores = fit.score(logs if fit.fitted is None else None, payloads=carried)
     model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"

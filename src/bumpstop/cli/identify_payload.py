@@ -53,7 +53,8 @@ def identify_what_is_carried(
     model_file = out if out is None or out.suffix == ".toml" else out / "payload.toml"
     if model_file is not None and out is not None:
         try:
-            model_file.parent.mkdir(parents=True, exist_ok=True)
+            if model_file != out:
+                out.mkdir(parents=True, exist_ok=True)
             model_file.write_text(_toml(found, arm, log), encoding="utf-8")
         except OSError as error:
             raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror or error})") from None

@@ -16,7 +16,7 @@ from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop.detection import DetectorSettings
+    from bumpstop.detection import DetectorSettings, Thresholds
     from bumpstop.identification import DynamicsFit
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
@@ -59,6 +59,7 @@ DETECTOR_OPTIONS = {
     "payload_kg": "--payload",
     "payload_change_kg": "--payload-change",
     "period_s": "--period",
+    "rearm_s": "--rearm",
 }
 
 
@@ -173,6 +174,7 @@ def load_model(
     Raises:
         InputError: neither says which robot, or a file is neither kind of model.
     """
+    from bumpstop.cli.arm_recordings import is_dynamics
     from bumpstop.identification import load_fit
     from bumpstop.joint import JointTorqueModel
 
@@ -181,7 +183,7 @@ def load_model(
         if named is None:
             raise InputError("--robot", "is missing", "give a robot, or a model that names one")
         return None, named
-    if _is_dynamics(model):
+    if is_dynamics(model):
         for option, given in (("--base", base), ("--tip", tip)):
             if given is not None:
                 raise InputError(option, "has no meaning with fitted dynamics, which know their robot", "leave it out")
@@ -193,10 +195,10 @@ def load_model(
     return joints, named if named is not None else load_robot(joints.robot, base, tip)
 
 
-def _is_dynamics(model: str) -> bool:
-    import tomllib
+def thresholds_of(text: str, joints: Robot | int) -> Thresholds:
+    """What ``--thresholds`` says, numbers or a file, of a robot's joints or of so many."""
+    from bumpstop.detection import Thresholds
 
-    try:
-        return tomllib.loads(Path(model).read_text(encoding="utf-8-sig")).get("kind") == "dynamics"
-    except (OSError, ValueError, RecursionError):
-        return False  # whoever reads it as a joint model says what is wrong
+    dof, names = (joints, []) if isinstance(joints, int) else (joints.dof, [joint.name for joint in joints.joints])
+    with as_options({"thresholds": "--thresholds"}):
+        return Thresholds.of(Thresholds.parse(text, names), dof)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.folders import check_folder, writing
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -127,19 +126,6 @@ def write_path(folder: Path, name: str, path: TimedPath, arm: Robot, rate: float
     return [f"{name}.csv", f"{name}.json"]
 
 
-@contextmanager
-def writing(folder: Path | None) -> Iterator[None]:
-    """Make the folder, and say plainly where it cannot be written."""
-    try:
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-        yield
-    except OSError as error:
-        raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
-        ) from None
-
-
 def _floor(text: str) -> float | None:
     return None if text == "none" else _numbers("--floor", text, 1)[0]
 
@@ -249,6 +235,7 @@ def excitation(
         rounds=rounds,
         seed=seed,
     )
+    check_folder(out)
     with progress("searching") as report:
         found = plan_excitation(arm, settings, progress=report)
     files: list[str] = []

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.folders import check_folder
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,9 +51,11 @@ def run(
     for path, option, ending in ((picture, "--picture", ".png"), (video, "--video", ".gif")):
         if path is not None:
             checked_ending(path, option, ending)
+    check_folder(out)
     found = Experiment.load(experiment)
     if seed is not None:
-        found = Experiment.from_dict(found.model_dump(exclude_unset=True) | {"seed": seed}, found.folder)
+        with as_options({"seed": "--seed"}):
+            found = Experiment.from_dict(found.model_dump(exclude_unset=True) | {"seed": seed}, found.folder)
     if plan is not None:
         if picture is not None or video is not None:
             raise InputError("--picture" if picture is not None else "--video", "has no meaning with --plan")

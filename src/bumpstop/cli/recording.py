@@ -71,6 +71,8 @@ def convert(
     from bumpstop.recording.writing import left_out
 
     found = _load(file, columns, _robot(robot), topic, max_bad)
+    if out.exists() and out.samefile(file):
+        raise InputError(str(out), "is the recording itself", "give another file")
     found.save(out)
     dropped = found.report.rows_dropped
     typer.echo(f"recording: {out}, {found.t.size} rows" + (f", {dropped} bad ones left out" if dropped else ""))

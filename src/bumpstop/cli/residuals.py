@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bumpstop.cli.arm_recordings import span_of
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.origin import DETECTOR_OPTIONS, Origin
 from bumpstop.errors import InputError
@@ -53,8 +54,7 @@ def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
     if origin.begin is None and origin.until is None:
         return series
     start, length = float(series.t[0]), float(series.t[-1] - series.t[0])
-    low = 0.0 if origin.begin is None else origin.begin
-    high = length if origin.until is None else origin.until
+    low, high = span_of(origin.begin, origin.until, length)
     first, last = np.searchsorted(series.t, [start + low, math.nextafter(start + high, math.inf)])
     if last - first < 2:
         raise InputError("--from", f"{low:g} leaves nothing before {high:g}", f"valid: 0 to {length:.6g} s")

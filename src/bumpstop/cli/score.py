@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.origin import Arming, Origin, takes_origin
+from bumpstop.cli.folders import check_folder
+from bumpstop.cli.origin import Arming, Origin, takes_origin, thresholds_of
 from bumpstop.cli.residuals import holds_residuals, load_run, residuals_of
 from bumpstop.errors import InputError
+from bumpstop.text_files import read_text
 
 if TYPE_CHECKING:
     from bumpstop.detection import Label, Roc, Score, Tolerance
     from bumpstop.detection.scoring import Interval
 
+_MOST_BYTES = 100_000_000  # of events
 _REARM_S = 0.5
 # From a quarter of the thresholds to four times, in steps of a quarter of an octave.
 _FACTORS = tuple(2 ** (k / 4) for k in range(-8, 9))
@@ -46,6 +49,7 @@ def command(
     for option, value in (("--early", early), ("--late", late), ("--rearm", rearm)):
         if not 0 <= value < math.inf:
             raise InputError(option, f"is {value}", "wanted zero or more")
+    check_folder(out)
     tolerance = Tolerance(early, late)
     known = load_labels(labels)
     notes: list[str] = []
@@ -83,13 +87,12 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> S
     from bumpstop.detection import score
 
     wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, blind"
+    text = read_text(file, wanted, most_bytes=_MOST_BYTES)
     try:
-        data: Any = json.loads(file.read_text(encoding="utf-8"))
+        data: Any = json.loads(text)
         events = [float(event["t"]) for event in data["events"]]
         watched = (float(data["start_s"]), float(data["end_s"]))
         blind: list[Interval] = [(float(a), float(b)) for a, b in data["blind"]]
-    except OSError as error:
-        raise InputError(str(file), f"cannot be read ({error.strerror})", wanted) from None
     except KeyError as error:
         raise InputError(str(file), f"has no {error.args[0]!r}", wanted) from None
     except (ValueError, TypeError, RecursionError):
@@ -146,18 +149,18 @@ def _of_residuals(
     """Events of a recording are those of the detector; residuals alone are compared with constant thresholds."""
     import numpy as np
 
-    from bumpstop.detection import Thresholds, event_times, gaps, roc, scaled_residual, score
+    from bumpstop.detection import event_times, gaps, roc, scaled_residual, score
 
     notes: list[str] = []
     if holds_residuals(file):
         series = residuals_of(file, origin)
         if arming_delay_s:
             raise InputError("--arming-delay", f"has no meaning with the residuals of {str(file)!r}", "leave it out")
-        given = Thresholds.parse(thresholds)
+        given = thresholds_of(thresholds, series.dof)
         times = event_times(series, scaled_residual(series, given.constant), 1.0, rearm_s)
         watched, blind = (float(series.t[0]), float(series.t[-1])), gaps(series)
     else:
-        given = Thresholds.parse(thresholds, origin.names)
+        given = thresholds_of(thresholds, origin.parts[1])
         series, run, notes = load_run(file, given, origin, arming_delay_s, rearm_s)
         times = np.array([event.t for event in run.events])
         watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()

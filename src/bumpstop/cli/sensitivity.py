@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.origin import thresholds_of
 from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
 
@@ -42,7 +43,6 @@ def command(
     """Tell which forces at a pose go unnoticed: the largest, along a direction, and those that no joint feels."""
     import numpy as np
 
-    from bumpstop.detection import Thresholds
     from bumpstop.model.pose_limits import check_pose
 
     arm = load_robot(robot, base, tip)
@@ -56,7 +56,7 @@ def command(
     found = _found(
         arm,
         q,
-        Thresholds.of(Thresholds.parse(thresholds, [joint.name for joint in arm.joints]), arm.dof).constant.tolist(),
+        thresholds_of(thresholds, arm).constant.tolist(),
         unit(direction, "--direction"),
         {
             "link": link,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.folders import check_file, check_folder
 from bumpstop.cli.origin import Origin, takes_origin
 from bumpstop.cli.residuals import holds_residuals, joint_numbers, load_series
 from bumpstop.errors import InputError
@@ -47,6 +48,8 @@ def command(
     from bumpstop.cli.trade import trade
     from bumpstop.detection import tune
 
+    check_folder(out)
+    check_file(save, "--save")
     loaded = [load_series(path, origin) for path in recordings]
     series = [one for one, _ in loaded]
     recorded = not all(holds_residuals(path) for path in recordings)

@@ -141,7 +141,8 @@ class Detector:
 
         Args:
             recording: with currents (or with joint torque where there is no joint model).
-            rearm_s: an alarm is taken as dealt with once everything was below its thresholds for so long [s].
+            rearm_s: an alarm is taken as dealt with once everything was below its thresholds for so long [s]; infinite:
+                never.
 
         Raises:
             InputError: other joints, nothing to make torque of, a rate that is not the detector's.
@@ -180,7 +181,7 @@ class Detector:
         rates = None if qd is None else as_float_array(qd, "qd", (times.size, n), finite=False)
         if (rates is None) == self.settings.measured_rates:
             raise InputError("qd", "is needed with measured_rates, and only there")
-        as_number(rearm_s, "rearm_s", finite=False)
+        check_rearm(rearm_s)
         kernel = self.kernel(self._period(times))
         residual, fast, threshold, state, fault, flags, events = kernel.run(times, rows, signals, rates, rearm_s)
         return DetectionRun(
@@ -367,7 +368,8 @@ class Detector:
         if not self.settings.measured_rates:
             return None
         if recording.qd is None:
-            raise InputError("recording", f"{recording.source or 'it'} has no joint speeds", "leave measured_rates out")
+            problem = f"{recording.source or 'it'} has no joint speeds"
+            raise InputError("recording", problem, "wanted qd_1 .., or no measured rates")
         return recording.qd
 
     def _period(self, t: FloatArray) -> float:
@@ -383,6 +385,12 @@ class Detector:
         if period is None:
             raise InputError("t", "has no interval", "wanted rising times, or period_s in the settings")
         return period
+
+
+def check_rearm(rearm_s: float) -> None:
+    """Refuse a time without alarms that is none; an infinite one never ends an alarm."""
+    if not as_number(rearm_s, "rearm_s", finite=False) >= 0:
+        raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")
 
 
 def padded(values: npt.ArrayLike, rest: float = 0.0) -> list[float]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.detection.detector import Detector
+from bumpstop.detection.detector import Detector, check_rearm
 from bumpstop.detection.events import STATES, DetectionRun
 from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.settings import DetectorSettings
@@ -65,6 +65,7 @@ def detect(
         raise InputError("limit_margin", "is not available with fitted dynamics: they know no limits", "leave it out")
     if model.robot.dof != robot.dof:
         raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
+    check_rearm(rearm_s)
     law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
     if law.model_errors > 0:
         raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")

@@ -212,10 +212,10 @@ def identify_dynamics(
         payloads: what each recording carried that is not to be part of the arm; default: nothing.
 
     Raises:
-        InputError: no torque, too few rows, or a robot of another number of joints.
+        InputError: no torque, too few rows, a robot of another number of joints, or a shared motor of fewer than two.
     """
     logs = listed(recordings)
-    groups = tuple(tuple((int(j), float(share)) for j, share in group) for group in couplings)
+    groups = tuple(_checked(group, robot.dof) for group in couplings)
     held_out: dict[float, float] = {}
     for recording in logs:
         if recording.dof != robot.dof:
@@ -229,6 +229,18 @@ def identify_dynamics(
     if rows.rows_whole > ENOUGH_TO_CHOOSE:
         few = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_CHOOSE, filters_hz=(fit_hz,))
     return fit_of(best_friction(few, robot, cutoff_hz, groups, of=rows), held_out)
+
+
+def _checked(group: Sequence[tuple[int, float]], dof: int) -> tuple[tuple[int, float], ...]:
+    """A shared motor: two joints or more, each once and with a share."""
+    made = tuple((int(j), float(share)) for j, share in group)
+    joints = [j for j, _ in made]
+    usable = all(0 <= j < dof and share != 0 and math.isfinite(share) for j, share in made)
+    if not usable or len(joints) < 2 or len(set(joints)) < len(joints):
+        told = ",".join(f"{j + 1}:{share:g}" for j, share in made)
+        valid = f"for example 5,6 or 5:1,6:-1, two joints or more; joints are 1 to {dof}"
+        raise InputError("couplings", f"{told!r} cannot be used", valid)
+    return made
 
 
 def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:

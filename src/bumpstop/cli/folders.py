@@ -1,0 +1,59 @@
+"""Folders that ``--out`` names."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bumpstop.errors import InputError
+
+
+def check_folder(folder: Path | None, option: str = "--out") -> None:
+    """Refuse a folder that can be neither made nor written into, before any work is done for it.
+
+    Raises:
+        InputError: it is a file or lies below one, or its place may not be written.
+    """
+    if folder is None:
+        return
+    try:
+        there = next(place for place in (folder, *folder.parents) if place.exists())
+        why = "Not a directory" if not there.is_dir() else "" if os.access(there, os.W_OK) else "Permission denied"
+    except OSError as error:  # on the way there is a folder that may not be looked into
+        why = error.strerror or str(error)
+    if why:
+        raise InputError(option, f"{str(folder)!r} cannot be written ({why})", "give another folder")
+
+
+def check_file(file: Path | None, option: str = "--out") -> None:
+    """Refuse a file that cannot be written into the folder it is in, before any work is done for it.
+
+    Raises:
+        InputError: it is a folder, or its folder does not exist or may not be written.
+    """
+    if file is None:
+        return
+    try:
+        if file.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        with tempfile.TemporaryFile(dir=file.parent):
+            pass
+    except OSError as error:
+        raise InputError(option, f"{str(file)!r} cannot be written ({error.strerror})", "give another file") from None
+
+
+@contextmanager
+def writing(folder: Path | None) -> Iterator[None]:
+    """Make the folder, and say plainly where it cannot be written."""
+    try:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise InputError(
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
+        ) from None
