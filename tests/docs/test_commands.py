@@ -22,13 +22,14 @@ from docs.pages import AS_DOCTEST, ROOT, WIDTH, blocks, code, read, rows, sectio
 
 
 def consoles() -> list[Any]:
-    """Each console of docs/cli.md as commands with what they print."""
+    """Each console of the pages as commands with what they print."""
     found = []
-    for number, text in enumerate(blocks(ROOT / "docs" / "cli.md", "console"), start=1):
-        parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
-        assert parts[0] == ""
-        session = list(zip(parts[1::2], parts[2::2], strict=True))
-        found.append(pytest.param(session, id=f"{number}-{session[0][0][:40]}"))
+    for page in ("cli.md", "study.md"):
+        for number, text in enumerate(blocks(ROOT / "docs" / page, "console"), start=1):
+            parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
+            assert parts[0] == ""
+            session = list(zip(parts[1::2], parts[2::2], strict=True))
+            found.append(pytest.param(session, id=f"{page}-{number}-{session[0][0][:40]}"))
     return found
 
 
@@ -94,11 +95,42 @@ def test_console(
         printed = shell.run(command)
         assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
         assert shell.status in ((2,) if "error:" in wanted or wanted == "2\n" else (0, 3))
-    if "--out" in session[0][0]:
+    if "--out out/hand" in session[0][0]:
         written = {path.name for path in (tmp_path / "out" / "hand").iterdir()}
         for name, *_ in rows(section(read("docs/cli.md"), "### Files: `--out`"), "file"):
             for pattern in code(name):
                 assert any(Path(file).match(pattern) for file in written), pattern
+
+
+def test_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """What make run ends with, every command of the README, and its session in Python."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    shell = Shell(tmp_path, capsys)
+    (recipe,) = re.findall(r"^run: build\n\t\$\(BIN\)/(bumpstop .*?) \|\|", read("Makefile"), re.MULTILINE)
+    printed = shell.run(recipe.replace("$(OUT)", "out/hand_downward"))
+    (shown,) = blocks(ROOT / "README.md", "text")
+    assert doctest.OutputChecker().check_output(shown, printed, AS_DOCTEST), printed
+    asked = [line[2:] for text in blocks(ROOT / "README.md", "console")[1:] for line in text.splitlines()]
+    assert len(asked) > 5
+    for command in asked:
+        printed = shell.run(command)
+        assert shell.status in (0, 3), f"$ {command}\n{printed}"
+    (session,) = blocks(ROOT / "README.md", "python")
+    exec(compile(session, "README.md", "exec"), {})
+    numbers = capsys.readouterr().out.splitlines()
+    assert numbers[1] == "True " + bs.evaluate(bs.load_scenario("examples/01_hand_downward.toml")).verdict.reason
+
+
+def test_python_of_the_page_on_studies(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(ROOT)
+    page = ROOT / "docs" / "study.md"
+    program, session = blocks(page, "python")
+    exec(compile(program, page.name, "exec"), {})
+    assert capsys.readouterr().out == blocks(page, "text")[0]
+    test = doctest.DocTestParser().get_doctest(session, {}, page.name, str(page), 0)
+    assert doctest.DocTestRunner(optionflags=AS_DOCTEST).run(test).failed == 0
 
 
 @pytest.mark.parametrize("page", ["tutorial_identification.md", "tutorial_plant.md"])
@@ -123,47 +155,23 @@ def test_tutorial(
             assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["evaluate", "bodies", "robots", "identify", "validate", "detect", "detector", "tune", "score", "sensitivity"],
-)
+def commands(group: Any, above: str = "") -> dict[str, Any]:
+    """Every command below a group by its words; a group that does something by itself is one, too."""
+    found = {above: group} if above and group.invoke_without_command else {}
+    for name, command in group.commands.items():
+        words = f"{above} {name}".strip()
+        found |= commands(command, words) if hasattr(command, "commands") else {words: command}
+    return found
+
+
+COMMANDS = commands(typer.main.get_command(app))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_options(command: str) -> None:
-    parameters: Any = typer.main.get_command(app).commands[command].params  # type: ignore[attr-defined]
-    compare_options(parameters, command)
-
-
-@pytest.mark.parametrize("command", ["show", "export"])
-def test_options_of_robots(command: str) -> None:
-    group: Any = typer.main.get_command(app).commands["robots"]  # type: ignore[attr-defined]
-    compare_options(group.commands[command].params, f"robots {command}")
-
-
-@pytest.mark.parametrize("command", ["identification", "excitation"])
-def test_options_of_plan(command: str) -> None:
-    group: Any = typer.main.get_command(app).commands["plan"]  # type: ignore[attr-defined]
-    compare_options(group.commands[command].params, f"plan {command}")
-
-
-@pytest.mark.parametrize("command", ["info", "convert"])
-def test_options_of_recording(command: str) -> None:
-    group: Any = typer.main.get_command(app).commands["recording"]  # type: ignore[attr-defined]
-    compare_options(group.commands[command].params, f"recording {command}")
-
-
-def test_options_of_plant() -> None:
-    group: Any = typer.main.get_command(app).commands["plant"]  # type: ignore[attr-defined]
-    compare_options(group.commands["run"].params, "plant run")
-
-
-@pytest.mark.parametrize("command", ["parameters", "effectiveness", "workspace"])
-def test_options_of_studies(command: str) -> None:
-    group: Any = typer.main.get_command(app).commands["study"]  # type: ignore[attr-defined]
-    compare_options(group.commands[command].params, f"study {command}")
-
-
-def compare_options(parameters: Any, heading: str) -> None:
+    parameters = COMMANDS[command].params
     options = {p.opts[0]: p.default for p in parameters if p.param_type_name == "option" and p.name != "help"}
-    text = section(read("docs/cli.md"), f"## `bumpstop {heading}`")
+    text = section(read("docs/cli.md"), f"## `bumpstop {command}`")
     table = {code(name)[0].split()[0]: code(default) for name, default, _ in rows(text, "option")} if options else {}
     assert set(table) == set(options)
     for name, default in table.items():
@@ -171,6 +179,14 @@ def compare_options(parameters: Any, heading: str) -> None:
             assert str(options[name]) == default[0], name
         else:
             assert options[name] in (None, False, [])
+
+
+def test_the_first_table_has_every_command_in_the_words_of_the_headings() -> None:
+    page = read("docs/cli.md")
+    listed = [re.sub(r" [A-Z-].*", "", code(row[0])[0]).removeprefix("bumpstop ") for row in rows(page, "command")]
+    assert sorted(listed) == sorted(COMMANDS)
+    headings = re.findall(r"^## `bumpstop (.*)`$", page, re.MULTILINE)
+    assert sorted(headings) == sorted(COMMANDS)
 
 
 def test_json_keys() -> None:
