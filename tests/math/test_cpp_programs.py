@@ -1,13 +1,11 @@
 """The C++ test programs of the lower rooms and of detection: compiled against the headers alone, and run.
 
-``CXX`` names the compiler (default: c++); clang++-14 is tried beside it when it is there.
+clang++-14 is tried beside the compiler when it is there.
 """
 
 from __future__ import annotations
 
 import os
-import shlex
-import shutil
 import subprocess
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -15,11 +13,8 @@ from pathlib import Path
 import pytest
 
 from bumpstop import kernels
+from cpp.builds import COMPILER, ROOT, SANITIZERS, WARNINGS, can, compiled
 
-ROOT = Path(__file__).parents[2]
-COMPILER = shlex.split(os.environ.get("CXX", "c++"))
-WARNINGS = ["-std=c++20", "-Wall", "-Wextra", "-Werror", "-Wno-psabi"]
-SANITIZED = ["-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 # As the kernels are compiled (CMakeLists.txt), for the widest instruction set that runs here.
 FLAGS_OF_TARGET = {
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma"],
@@ -28,9 +23,9 @@ FLAGS_OF_TARGET = {
 OPTIMISED = ["-O1", "-ffp-contract=fast", *FLAGS_OF_TARGET.get(kernels.available_targets()[0], [])]
 
 BUILDS = {
-    "sanitized": (COMPILER, SANITIZED),
-    "optimised": (COMPILER, OPTIMISED),
-    "clang++-14": (["clang++-14"], SANITIZED),
+    "sanitized": [*COMPILER, "-O0", *SANITIZERS],
+    "optimised": [*COMPILER, *OPTIMISED],
+    "clang++-14": ["clang++-14", "-O0", *SANITIZERS],
 }
 # Registers and unrolled loops are what an optimiser and an instruction set change.
 CASES = [
@@ -46,16 +41,6 @@ CASES = [
 ]
 
 
-def can(build: str, folder: Path) -> bool:
-    """Whether a program can be built so here: a clang without its runtime library compiles, but links no sanitizer."""
-    compiler, flags = BUILDS[build]
-    command = [*compiler, *flags, "-x", "c++", "-", "-o", str(folder / "nothing")]
-    return (
-        shutil.which(compiler[0]) is not None
-        and not subprocess.run(command, input=b"int main() {}", capture_output=True, check=False).returncode
-    )
-
-
 Builds = dict[tuple[Path, str], "Future[tuple[Path, subprocess.CompletedProcess[str]]]"]
 
 
@@ -64,22 +49,19 @@ def builds(tmp_path_factory: pytest.TempPathFactory) -> Builds:
     """Every program for which there is a compiler, compiled side by side."""
     folder = tmp_path_factory.mktemp("programs")
 
-    def compiled(source: Path, build: str) -> tuple[Path, subprocess.CompletedProcess[str]]:
-        compiler, flags = BUILDS[build]
+    def build_of(source: Path, build: str) -> tuple[Path, subprocess.CompletedProcess[str]]:
         program = folder / f"{source.stem}-{build}"
-        command = [*compiler, *WARNINGS, *flags, f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests'}", str(source)]
-        return program, subprocess.run([*command, "-o", str(program)], capture_output=True, text=True, check=False)
+        return program, compiled(BUILDS[build], source, program)
 
-    able = {build for build in BUILDS if can(build, folder)}
+    able = {build for build, command in BUILDS.items() if can(command, folder)}
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return {case: pool.submit(compiled, *case) for case in CASES if case[1] in able}
+        return {case: pool.submit(build_of, *case) for case in CASES if case[1] in able}
 
 
 @pytest.mark.parametrize(("source", "build"), CASES, ids=lambda part: getattr(part, "stem", part))
 def test_program(source: Path, build: str, builds: Builds) -> None:
     if (source, build) not in builds:
-        compiler, flags = BUILDS[build]
-        pytest.skip(f"nothing here builds with {' '.join([*compiler, *flags])}")
+        pytest.skip(f"nothing here builds with {' '.join(BUILDS[build])}")
     program, compilation = builds[source, build].result()
     assert compilation.returncode == 0, f"does not compile:\n{compilation.stderr}"
     run = subprocess.run([program], capture_output=True, text=True, check=False, timeout=120)
