@@ -47,8 +47,8 @@ struct BatchProblem {
 
 namespace detail {
 
-/// How hard the start of a pose works its joints: the largest rate in units of its limit. Poses near a
-/// singularity cannot leap, and their register waits for the slowest lane, so like goes with like.
+/// The poses by how hard their start works the joints: by the time the slowest needs to get to its rate. Poses near a
+/// singularity leap less, and where `LineTracer` traces, a register waits for its slowest lane, so like goes with like.
 template <class L>
 std::vector<int> order_of_work(const BatchProblem& problem) {
     const int dof = problem.chain->dof;

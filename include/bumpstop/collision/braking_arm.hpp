@@ -1,5 +1,5 @@
 /// @file
-/// Arms that brake, one in each lane, each with leaps of its own length.
+/// Arms that brake or follow a line, one in each lane, each with leaps of its own length.
 #pragma once
 
 #include "bumpstop/collision/line_motion.hpp"
@@ -23,8 +23,9 @@ inline constexpr double loosest_braking_leap_tolerance = 1e-4;
 inline constexpr double tracing_leap_tolerance = 3e-7;
 inline constexpr double following_leap_tolerance = 3e-9;
 
-/// Arms that brake. While the same joint limits the deceleration the changes of the rates are smooth, and many
-/// sub-steps are a leap; where they are not, the controller's sub-steps are taken.
+/// Arms that change their rates as fast as they may: they brake, or lag behind a line. While the same joint limits the
+/// acceleration the changes of the rates are smooth, and many sub-steps are a leap; where they are not, the controller's
+/// sub-steps are taken. An arm that follows its line leaps by the rates themselves.
 template <class T>
 class BrakingArm {
   public:
@@ -37,7 +38,7 @@ class BrakingArm {
         : chain_(chain), motion_(motion), kind_(kind) {}
 
     ArmState<T> state;
-    Point3<T> target;  ///< velocity the reaction asks for
+    Point3<T> target;  ///< velocity asked of the tool: the line's, or the reaction's [m/s]
     Posture<T> posture;
 
     /// The lane's state and target have been set anew. Its next `advance` only looks where it is. Changes of the rates

@@ -1,5 +1,5 @@
 /// @file
-/// The exact law: the distribution over contact offset and white sensor noise, integrated instead of sampled.
+/// The exact law: the distribution over contact offset and sensor noise, integrated instead of sampled.
 #pragma once
 
 #include <optional>

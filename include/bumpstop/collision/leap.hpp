@@ -90,7 +90,7 @@ class LeapTable {
     std::array<LeapWeights, (1 << leap_levels) - 1> weights_;
 };
 
-/// Rates, or their changes, at the beginnings of the last strides of 2^level stretches, newest first.
+/// Rates at the beginnings of the last strides of 2^level stretches, newest first.
 template <class T>
 class RateHistory {
   public:

@@ -56,9 +56,10 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
 
 }  // namespace detail
 
-/// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each
-/// stretch and interpolated between; a stretch where the others say something else of one of them is halved, down to
-/// single ticks. `pose(i)` gives the joint positions curve i started in, `tolerance(i)` how well its ticks must be known.
+/// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each stretch and
+/// interpolated between; a stretch where the others say something else of one of them is simulated on a grid that is
+/// halved where it must be. `pose(i)` gives the joint positions curve i started in, `tolerance(i)` how well its ticks
+/// must be known.
 template <class T, class Pose, class Tolerance>
 void complete_curves(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                      const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose,
