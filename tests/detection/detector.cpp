@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <new>
 
-#include "bumpstop/signal/causal_derivative.hpp"
+#include "joint/random_joint.hpp"
 #include "math/check.hpp"
 #include "model/random_chain.hpp"
 
@@ -29,27 +29,6 @@ namespace {
 using namespace random_chain;
 
 const double nan_ = std::nan(""), inf = std::numeric_limits<double>::infinity();
-
-JointTorqueParameters random_joint() {
-    JointTorqueParameters p;
-    p.map = checks::uniform(0, 1) < 0.5 ? CurrentMap::odd : CurrentMap::load_dependent;
-    p.friction = checks::uniform(0, 1) < 0.5 ? FrictionLaw::power : FrictionLaw::stribeck;
-    p.B = checks::uniform(5, 12);
-    p.A = checks::uniform(0, 0.2);
-    p.D = checks::uniform(0, 3);
-    p.F = checks::uniform(0.2, 2);
-    p.coulomb = checks::uniform(0, 2);
-    p.viscous = checks::uniform(0, 1);
-    p.stribeck = checks::uniform(0, 2);
-    p.stribeck_speed = checks::uniform(0.01, 0.2);
-    p.load = checks::uniform(0, 0.3);
-    p.hysteresis = checks::uniform(-2, 2);
-    p.inertia = checks::uniform(0, 1);
-    p.rest_speed = checks::uniform(0.005, 0.02);
-    p.current_low = checks::uniform(-8, -2);
-    p.current_high = checks::uniform(2, 8);
-    return p;
-}
 
 LinkInertia random_link() {
     LinkInertia link;
@@ -89,66 +68,6 @@ struct Arm {
     }
     Detector detector() const { return Detector(made.chain, links, joints, errors, settings); }
 };
-
-void bank_is_joint_torque() {
-    for (int n = 1; n <= max_joints; ++n) {
-        std::vector<JointTorqueParameters> joints;
-        std::vector<JointTorqueErrors> errors(std::size_t(n), JointTorqueErrors{});
-        for (int j = 0; j < n; ++j) joints.push_back(random_joint());
-        // One standard error at a time, so that the sd is a derivative.
-        double JointTorqueErrors::*const error[] = {&JointTorqueErrors::A,        &JointTorqueErrors::B,
-                                                    &JointTorqueErrors::D,        &JointTorqueErrors::F,
-                                                    &JointTorqueErrors::coulomb,  &JointTorqueErrors::viscous,
-                                                    &JointTorqueErrors::stribeck, &JointTorqueErrors::stribeck_speed,
-                                                    &JointTorqueErrors::load,     &JointTorqueErrors::hysteresis,
-                                                    &JointTorqueErrors::inertia};
-        double JointTorqueParameters::*const figure[] = {
-            &JointTorqueParameters::A,        &JointTorqueParameters::B,
-            &JointTorqueParameters::D,        &JointTorqueParameters::F,
-            &JointTorqueParameters::coulomb,  &JointTorqueParameters::viscous,
-            &JointTorqueParameters::stribeck, &JointTorqueParameters::stribeck_speed,
-            &JointTorqueParameters::load,     &JointTorqueParameters::hysteresis,
-            &JointTorqueParameters::inertia};
-        for (int which = 0; which < 11; ++which) {
-            for (JointTorqueErrors& e : errors) {
-                e = {};
-                e.*error[which] = 1;
-            }
-            JointTorqueBank bank(joints, errors);
-            std::vector<JointTorqueState<double>> state(std::size_t(n), JointTorqueState<double>{});
-            for (int i = 0; i < 30; ++i) {
-                double current[max_joints] = {}, qd[max_joints] = {}, qdd[max_joints] = {}, tau[max_joints],
-                       sd[max_joints];
-                for (int j = 0; j < n; ++j) {
-                    current[j] = checks::uniform(-6, 6);
-                    qd[j] = i % 3 == 0 ? checks::uniform(-0.03, 0.03) : checks::uniform(-1, 1);
-                    qdd[j] = checks::uniform(-3, 3);
-                }
-                bank.torque(current, qd, qdd, tau, sd);
-                for (int j = 0; j < n; ++j) {
-                    const JointTorqueState<double> before = state[std::size_t(j)];
-                    const double wanted =
-                        joint_torque(joints[std::size_t(j)], current[j], qd[j], qdd[j], state[std::size_t(j)]);
-                    CHECK_NEAR(tau[j], wanted, 1e-11 * (1 + std::fabs(wanted)));
-                    CHECK(bank.direction(j) == state[std::size_t(j)].direction);
-                    // Where the fitted range ends the torque has a corner in its parameters.
-                    const auto shifted = [&](double step) {
-                        JointTorqueParameters p = joints[std::size_t(j)];
-                        p.*figure[which] += step;
-                        JointTorqueState<double> again = before;
-                        return joint_torque(p, current[j], qd[j], qdd[j], again);
-                    };
-                    const double forward = (shifted(1e-6) - wanted) / 1e-6, back = (wanted - shifted(-1e-6)) / 1e-6;
-                    const bool power = joints[std::size_t(j)].friction == FrictionLaw::power;
-                    const bool used = power ? which != 4 && which != 6 && which != 7 : which != 2 && which != 3;
-                    if (!used || std::fabs(forward - back) > 1e-3) continue;
-                    // With the load-dependent map A and the slope depend on the rate alone beside the range's corner.
-                    CHECK_NEAR(sd[j], std::fabs(forward), 2e-4 * (1 + std::fabs(forward)));
-                }
-            }
-        }
-    }
-}
 
 void momentum_against_the_mass_matrix() {
     for (int trial = 0; trial < 60; ++trial) {
@@ -192,27 +111,6 @@ void momentum_against_the_mass_matrix() {
             up[i] += 1e-5;
             down[i] -= 1e-5;
             CHECK_NEAR(terms.velocity_force[i], (energy(up) - energy(down)) / 2e-5, 1e-6 * scale * n);
-        }
-    }
-}
-
-void chain_derivative_is_the_causal_one() {
-    for (int columns : {1, 7, 16}) {
-        ChainDerivative<max_joints> together(8, 2, columns);
-        std::vector<CausalDerivative<double>> single(std::size_t(columns), CausalDerivative<double>(8, 2));
-        double t = 0;
-        for (int i = 0; i < 40; ++i) {
-            double q[max_joints] = {};
-            t += checks::uniform(0.001, 0.003);
-            for (int j = 0; j < columns; ++j) q[j] = checks::normal();
-            const bool full = together.update(t, q);
-            CHECK(full == (i >= 7));
-            for (int j = 0; j < columns; ++j) {
-                const CausalEstimate<double> e = single[std::size_t(j)].update(t, q[j]);
-                if (!full) continue;
-                CHECK_NEAR(together.rate()[j], e.rate, 1e-10 * (1 + std::fabs(e.rate)));
-                CHECK_NEAR(together.acceleration()[j], e.acceleration, 1e-10 * (1 + std::fabs(e.acceleration)) * 1e3);
-            }
         }
     }
 }
@@ -413,9 +311,7 @@ void no_sequence_breaks_it(long sequences) {
 }  // namespace
 
 int main(int count, char** arguments) {
-    bank_is_joint_torque();
     momentum_against_the_mass_matrix();
-    chain_derivative_is_the_causal_one();
     payload_adds_its_torque();
     a_contact_is_where_it_was();
     a_changed_payload_is_recognised();
