@@ -55,6 +55,9 @@ def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
         problem: a checked scenario.
         whole: trace to the end of the motion. By default the curve ends where even the farthest body would have been
             noticed for certain, which is all that a law needs.
+
+    Raises:
+        InputError: the motion is a trajectory, which has such a curve for every time of contact.
     """
     if problem.trajectory is not None:
         raise InputError("motion.kind", "a trajectory has a stopping curve for every time of contact", "wanted 'line'")

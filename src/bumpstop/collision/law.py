@@ -240,7 +240,16 @@ def evaluate(
 
 
 def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) -> ForceLaw:
-    """Integrate over contact offset and noise on a stopping curve of this problem's pose, motion and reaction."""
+    """Integrate over contact offset and noise on a stopping curve of this problem's pose, motion and reaction.
+
+    Args:
+        problem: a checked scenario.
+        curve: of :func:`stopping_curve`; traced whole it serves other bodies, offsets, thresholds and noise, too.
+        refinement: multiplies the order of the quadrature.
+
+    Raises:
+        InputError: the noise is measured residuals, of which there are only samples.
+    """
     if problem.residuals is not None:
         raise InputError("detector.residuals", "measured residuals have no exact law", "draw it: give samples")
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
@@ -283,7 +292,18 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
 
 
 def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1) -> ForceLaw:
-    """Draw single collisions on a stopping curve of this problem's pose, motion and reaction."""
+    """Draw single collisions on a stopping curve of this problem's pose, motion and reaction.
+
+    Args:
+        problem: a checked scenario.
+        curve: as for :func:`exact_law`.
+        samples: number of collisions.
+        seed: 0 to 2^64 - 1. The same seed gives the same collisions, whatever the threads.
+        threads: that share the work.
+
+    Raises:
+        InputError: too many samples, or a seed that is none.
+    """
     _check_sample(samples, seed)
     runs = curve.kernel.sample(
         problem.detector,

@@ -173,6 +173,10 @@ class Detector:
             signal: (N, n) currents in the model's unit, or joint torques [Nm or N].
             qd: (N, n) measured rates, with ``measured_rates`` [rad/s or m/s].
             rearm_s: as for :meth:`run`.
+
+        Raises:
+            InputError: arrays of other shapes, rates without ``measured_rates`` or the reverse, or rows at another rate
+                than the detector's.
         """
         n = self.robot.dof
         times = as_float_array(t, "t", (None,), finite=False)
@@ -217,6 +221,9 @@ class Detector:
 
         Args:
             period_s: between samples [s]; None: that of the settings.
+
+        Raises:
+            InputError: neither says how long a period is.
         """
         period = period_s or self.settings.period_s
         if period is None:

@@ -38,7 +38,11 @@ def save_detector(detector: Detector, path: str | Path) -> None:
 
 
 def describe_detector(detector: Detector) -> str:
-    """The text of :func:`save_detector`: that of ``describe``, then a line for each setting, with all digits."""
+    """The text of :func:`save_detector`: that of ``describe``, then a line for each setting, with all digits.
+
+    Raises:
+        InputError: the settings have no period.
+    """
     if detector.settings.period_s is None:
         raise InputError("period_s", "is not known", "a loop's detector needs the time between its samples")
     links, joints, errors = detector.parts()

@@ -49,6 +49,9 @@ class ResidualRecord:
             rows: (N, dof), at least 100 of them [Nm or N].
             notes: what is already known of the record.
             t: (N,) times of the rows [s], where they are known.
+
+        Raises:
+            InputError: fewer rows, or values that are not finite.
         """
         rows = as_float_array(rows, "residuals", (None, None))
         count = rows.shape[0]

@@ -237,6 +237,9 @@ def roc(
         factors: (M,) positive.
         rearm_s: quiet time after which there may be another event [s].
         tolerance: as of :func:`score`.
+
+    Raises:
+        InputError: no factor, one that is not positive, or thresholds of another number of joints.
     """
     scaled = scaled_residual(series, thresholds)
     steps = np.sort(as_float_array(factors, "factors", (None,)))
@@ -263,14 +266,32 @@ def roc(
 
 
 def scaled_residual(series: ResidualSeries, thresholds: npt.ArrayLike) -> FloatArray:
-    """(N,) largest residual of any joint in units of its threshold: an alarm where it is over 1."""
+    """(N,) largest residual of any joint in units of its threshold: an alarm where it is over 1.
+
+    Args:
+        series: residuals.
+        thresholds: (dof,) [Nm or N]; infinite: not watched.
+    """
     theta = Thresholds.of(thresholds, series.dof).constant
     largest: FloatArray = np.abs(series.rows / theta).max(axis=1)
     return largest
 
 
 def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm_s: float) -> FloatArray:
-    """Times of events [s]: the first row over ``factor`` after ``rearm_s`` without one, anew after every gap."""
+    """Times of events: the first row over ``factor`` after ``rearm_s`` without one, anew after every gap.
+
+    Args:
+        series: residuals.
+        scaled: (N,) of :func:`scaled_residual`.
+        factor: on all thresholds.
+        rearm_s: quiet time after which there may be another event [s].
+
+    Returns:
+        (events,) [s].
+
+    Raises:
+        InputError: a quiet time below zero, or none that is finite.
+    """
     rows = round(as_number(rearm_s, "rearm_s") / series.period) + 1
     if rows < 1:
         raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")

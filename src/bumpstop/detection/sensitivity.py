@@ -48,7 +48,11 @@ class BlindForces:
 
     @property
     def null_space(self) -> FloatArray:
-        """(3 - rank, 3) unit vectors in B along which no force is felt; of a single pose."""
+        """(3 - rank, 3) unit vectors in B along which no force is felt; of a single pose.
+
+        Raises:
+            InputError: of several poses, whose null spaces may differ in size.
+        """
         if np.ndim(self.rank) != 0:
             raise InputError("null_space", "is that of a single pose", "take rows of axes from rank on")
         return self.axes[int(self.rank) :]
@@ -181,6 +185,9 @@ def blind_force_along(
 
     Returns:
         () or (N,) [N]; infinite where no watched joint feels it.
+
+    Raises:
+        InputError: a direction that is no unit vector, or arrays of other shapes.
     """
     rows, single = as_rows(q, "q", robot.dof)
     along, _ = as_rows(direction, "direction", 3)
@@ -230,11 +237,11 @@ def required_torque(residual: PerJoint, threshold: PerJoint) -> tuple[FloatArray
     """Contact torques that must be passed to be noticed upward and downward (the source's table 4.1).
 
     Args:
-        residual: without contact [Nm].
-        threshold: positive [Nm].
+        residual: without contact, a number or (n,) [Nm].
+        threshold: positive, a number or (n,) [Nm].
 
     Returns:
-        threshold - residual, and -threshold - residual.
+        threshold - residual, and -threshold - residual [Nm]; each () or (n,).
     """
     error, theta = np.asarray(residual, dtype=np.float64), np.asarray(threshold, dtype=np.float64)
     return theta - error, -theta - error
@@ -247,9 +254,12 @@ def largest_undetected_torque(threshold: PerJoint, torque_rate: PerJoint, period
     what the torque grows between two samples.
 
     Args:
-        threshold: of each joint [Nm].
-        torque_rate: growth of the contact torque [Nm/s].
+        threshold: of each joint, a number or (n,) [Nm].
+        torque_rate: growth of the contact torque, a number or (n,) [Nm/s].
         period_s: between samples [s].
+
+    Returns:
+        () or (n,) [Nm].
     """
     theta, rate = np.asarray(threshold, dtype=np.float64), np.asarray(torque_rate, dtype=np.float64)
     return 2 * theta + np.abs(rate) * as_number(period_s, "period_s")
@@ -259,8 +269,11 @@ def largest_undetected_force(torque: PerJoint, torque_per_newton: PerJoint) -> F
     """Force along a direction that gives each joint a torque (the source's eq 4.4), infinite where it gives none.
 
     Args:
-        torque: largest undetected, of each joint [Nm].
-        torque_per_newton: of a force of one newton in the direction, of each joint [Nm/N].
+        torque: largest undetected, of each joint, a number or (n,) [Nm].
+        torque_per_newton: of a force of one newton in the direction, of each joint, a number or (n,) [Nm/N].
+
+    Returns:
+        () or (n,) [N].
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         force = np.abs(np.asarray(torque, dtype=np.float64)) / np.abs(np.asarray(torque_per_newton, dtype=np.float64))

@@ -168,7 +168,11 @@ class Thresholds:
         return cls(**fields, joints=joints)
 
     def save(self, path: str | Path) -> None:
-        """Write them as TOML, so that :meth:`load` gives equal ones."""
+        """Write them as TOML, so that :meth:`load` gives equal ones.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         lines = [f"{key} = {_toml(getattr(self, name))}" for key, name in _KEYS.items()]
         lines.append(f"model_errors = {float(self.model_errors)!r}")
         for key in ("period_s", "observer_gain_1_s"):

@@ -26,6 +26,9 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         path: of the file.
         robot: ``robot`` as a scenario names it, with ``base`` and ``tip`` where a URDF needs them.
         created_from: the recordings.
+
+    Raises:
+        InputError: the file cannot be written.
     """
     lines = ['kind = "dynamics"', *(f"{key} = {toml_text(value)}" for key, value in robot.items())]
     lines += [

@@ -138,6 +138,9 @@ def effective_mass(
 
     Returns:
         () or (N,) [kg]; infinite where no joint moves the point along n.
+
+    Raises:
+        InputError: a direction that is no unit vector, or a motion that moves no mass.
     """
     rows, single = as_rows(q, "q", robot.dof)
     along = _for_each(direction, "direction", 3, len(rows), single)

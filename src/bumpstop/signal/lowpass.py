@@ -61,6 +61,12 @@ def filter_even(x: FloatArray, rate_hz: float, cutoff_hz: float, order: int = 4)
         rate_hz: values a second.
         cutoff_hz: above 0, below half the rate.
         order: of the filter in one direction.
+
+    Returns:
+        As ``x``.
+
+    Raises:
+        InputError: fewer rows than the filter reaches over.
     """
     flat = np.ascontiguousarray(x, dtype=np.float64).reshape(x.shape[0], -1)
     if x.shape[0] <= _padding(order):
