@@ -150,9 +150,7 @@ def test_quantiles_of_the_exact_law(exact: tuple[Path, str]) -> None:
             assert row[name] == pytest.approx(law[name][quantile], rel=1e-9), (quantile, name)
 
 
-def test_settings_repeat_the_sampled_law(
-    sampled: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_settings_repeat_the_sampled_law(sampled: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> None:
     folder, out = sampled
     settings = folder / "settings.toml"
     first = settings.read_text(encoding="utf-8").splitlines()[0]

@@ -194,7 +194,7 @@ def test_the_general_fit_knows_the_plans_gravity() -> None:
         assert parameter.value == pytest.approx(10.0, rel=0.05)
 
 
-def test_every_stroke_is_found(fit: ProtocolFit, plan: IdentificationPlan) -> None:
+def test_every_stroke_is_found(fit: ProtocolFit) -> None:
     """There and back at every speed and repeat, at the planned speed; two holds from either side."""
     for joint in fit.joints:
         experiment = joint.experiment

@@ -186,7 +186,7 @@ def test_sources_settings_and_assumptions_are_stated(written, law):
     assert "bought copy" in text
 
 
-def test_same_law_same_bytes(law, written, tmp_path):
+def test_same_law_same_bytes(written, tmp_path):
     with matplotlib.rc_context({"font.size": 31, "axes.grid": True, "svg.hashsalt": "other"}):
         mine = dict(matplotlib.rcParams)
         write_report(evaluate(), tmp_path, details={"command": "bumpstop evaluate <file>"})
@@ -210,7 +210,7 @@ def test_hostile_text_is_only_text(law, tmp_path):
     ElementTree.fromstring((tmp_path / "limits_over_area.svg").read_text(encoding="utf-8"))
 
 
-def test_not_acceptable(tmp_path):
+def test_not_acceptable():
     law = evaluate({"contact.body": "lower_arm_wrist", "motion.velocity_mm_s": [0.0, 0.0, -75.0]})
     page = Outline(Page(law).html())
     assert law.verdict.acceptable is False

@@ -44,7 +44,7 @@ def test_arms_downward(summary: dict[str, Any]) -> None:
     assert upper["p_over_pressure"] < 1e-4
 
 
-def test_lateral_motion_is_noticed_by_joints_1_and_3(summary: dict[str, Any]) -> None:
+def test_lateral_motion_is_noticed_by_joints_1_and_3() -> None:
     rows, _ = run(EffectivenessStudy.of(control_group(), bodies=["hand_finger"], directions=["left"]))
     lateral = rows.filter((rows["kind"] == "collision") & (rows["table"] == "bgia2011") & (rows["area_cm2"] == 1.0))
     for row in lateral.iter_rows(named=True):

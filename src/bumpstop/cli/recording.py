@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,8 +47,7 @@ def info(
     """Print rates, gaps, bad rows and ranges, and the limits touched where a robot is given."""
     from rich.console import Console
 
-    if picture is not None and picture.suffix not in (".png", ".svg"):
-        raise InputError("--picture", f"{str(picture)!r} is neither .png nor .svg", "for example --picture run.svg")
+    check_picture(picture, "run.svg")
     arm = _robot(robot)
     found = _load(file, columns, arm, topic, max_bad)
     if picture is not None:
@@ -156,10 +156,4 @@ def _print_table(recording: Recording, robot: Robot | None, console: Console) ->
 def _draw(recording: Recording, robot: Robot | None, path: Path) -> None:
     from bumpstop.report.recording import recording_picture
 
-    drawn = recording_picture(recording, robot).render()
-    try:
-        path.write_bytes(drawn.png if path.suffix == ".png" else drawn.svg.encode("utf-8"))
-    except OSError as error:
-        raise InputError(
-            "--picture", f"{str(path)!r} cannot be written ({error.strerror})", "give another file"
-        ) from None
+    save_picture(recording_picture(recording, robot), path)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,8 +60,7 @@ def show(
     """Print a robot's chain, limits and inertia, and draw it."""
     from rich.console import Console
 
-    if picture is not None and picture.suffix not in (".png", ".svg"):
-        raise InputError("--picture", f"{str(picture)!r} is neither .png nor .svg", "for example --picture arm.svg")
+    check_picture(picture, "arm.svg")
     found = load_robot(robot, base, tip, strict_inertia=strict_inertia)
     if picture is not None:
         _draw(found, picture)
@@ -78,12 +78,9 @@ def export(
 ) -> None:
     """Write a robot as a text that C++ programs read (bumpstop/model/robot_description.hpp)."""
     from bumpstop.model import describe
+    from bumpstop.text_files import write_text
 
-    text = describe(load_robot(robot, base, tip))
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(str(file), f"cannot be written ({error.strerror})") from None
+    write_text(file, describe(load_robot(robot, base, tip)))
     typer.echo(f"robot: {file}")
 
 
@@ -170,10 +167,4 @@ def _limits(joint: Joint) -> tuple[str, str]:
 def _draw(robot: Robot, path: Path) -> None:
     from bumpstop.report.chain import chain_picture
 
-    drawn = chain_picture(robot).render()
-    try:
-        path.write_bytes(drawn.png if path.suffix == ".png" else drawn.svg.encode("utf-8"))
-    except OSError as error:
-        raise InputError(
-            "--picture", f"{str(path)!r} cannot be written ({error.strerror})", "give another file"
-        ) from None
+    save_picture(chain_picture(robot), path)

@@ -71,7 +71,7 @@ def command(
     if as_json:
         typer.echo(json.dumps(_finite(found), allow_nan=False, indent=2))
     else:
-        _print(arm, found)
+        _print(found)
 
 
 def _refuse_half_of_what_is_needed(noise_sd: str, z: float, stiffness: float, speed: float, period: float) -> None:
@@ -185,7 +185,7 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _print(robot: Robot, found: dict[str, Any]) -> None:
+def _print(found: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 

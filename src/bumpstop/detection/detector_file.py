@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
 from bumpstop.model import describe
+from bumpstop.text_files import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,13 +29,7 @@ def save_detector(detector: Detector, path: str | Path) -> None:
     Raises:
         InputError: the settings have no period, or the file cannot be written.
     """
-    from pathlib import Path
-
-    text = describe_detector(detector)
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+    write_text(path, describe_detector(detector))
 
 
 def describe_detector(detector: Detector) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.settings import ResidualKind
 from bumpstop.errors import InputError, near_matches
-from bumpstop.text_files import parse_toml, read_text
+from bumpstop.text_files import parse_toml, read_text, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -180,10 +180,7 @@ class Thresholds:
                 lines.append(f"{key} = {float(value)!r}")
         if self.residual is not None:
             lines.append(f'residual = "{self.residual}"')
-        try:
-            Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+        write_text(path, "\n".join(lines) + "\n")
 
     @property
     def watched(self) -> Sequence[bool]:

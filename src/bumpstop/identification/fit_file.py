@@ -12,7 +12,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.identification.torque_columns import column_names
 from bumpstop.model import Robot
-from bumpstop.text_files import parse_toml, read_text
+from bumpstop.text_files import parse_toml, read_text, write_text
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
 _KEYS |= {"rows_used", "sign_speed", "top_speed", "couplings", "parameter", "gain"}
@@ -56,10 +56,7 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         ]
         if fit.predicting is not None:
             lines.append(f"predicting = {float(fit.predicting[place])!r}  # value in predictions; 0: left out")
-    try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def load_fit(path: str | Path) -> DynamicsFit:

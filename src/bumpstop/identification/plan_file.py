@@ -15,7 +15,7 @@ from bumpstop.identification.fit_file import chain_of, toml_text
 from bumpstop.identification.gravity_pose import Unseen
 from bumpstop.identification.plan import IdentificationPlan, JointExperiment, ProtocolSettings
 from bumpstop.model import Robot
-from bumpstop.text_files import parse_toml, read_text
+from bumpstop.text_files import parse_toml, read_text, write_text
 
 _KIND = "identification_plan"
 _TOP = {"kind", "robot", "base", "tip", "home", "settings", "experiment", "unseen"}
@@ -71,10 +71,7 @@ def save_plan(plan: IdentificationPlan, path: str | Path, *, robot: dict[str, st
             f"joint = {lost.joint + 1}",
             *(f"{key} = {toml_text(getattr(lost, key))}" for key in ("name", "reason", "remedy")),
         ]
-    try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def load_plan(path: str | Path) -> IdentificationPlan:

@@ -272,10 +272,15 @@ class JointTorqueModel:
         return model_from_toml(read_text(path, "wanted a joint model (TOML)", field="joint model"), str(path))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the model as TOML, so that :meth:`load` gives an equal one."""
-        from bumpstop.joint.model_file import model_to_toml
+        """Write the model as TOML, so that :meth:`load` gives an equal one.
 
-        Path(path).write_text(model_to_toml(self), encoding="utf-8")
+        Raises:
+            InputError: the file cannot be written.
+        """
+        from bumpstop.joint.model_file import model_to_toml
+        from bumpstop.text_files import write_text
+
+        write_text(path, model_to_toml(self))
 
     def torque(
         self,

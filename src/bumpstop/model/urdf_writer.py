@@ -10,6 +10,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.text_files import write_text
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -47,10 +48,7 @@ def write_urdf(robot: Robot, path: str | Path) -> None:
         element = Xml.SubElement(root, "joint", name=f"{name}_fixed", type="fixed")
         _placed(element, parent, name, origin, rotation)
     Xml.indent(root)
-    try:
-        Path(path).write_text(Xml.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+    write_text(path, Xml.tostring(root, encoding="unicode") + "\n")
 
 
 def _joint(root: Xml.Element, joint: Joint, before: str) -> None:

@@ -165,7 +165,7 @@ def line(
     rates[0] = first
     positions[1:, free], rates[1:, free] = states[:, 0], states[:, 1]
     notes = () if path.end == "horizon" else (f"The line ends after {len(states) * COMMAND_STEP:.3g} s: {path.end}.",)
-    resolver = _Resolver(robot, free, rows, target)
+    resolver = _Resolver(robot, free, rows)
 
     def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
         aim = None if reaction.kind == "stop" else -target
@@ -194,7 +194,7 @@ def line(
 class _Resolver:
     """Rates of the joints that move the tip as wanted, in the manner of ``line_motion.hpp``."""
 
-    def __init__(self, robot: Robot, free: list[int], rows: int, velocity: FloatArray) -> None:
+    def __init__(self, robot: Robot, free: list[int], rows: int) -> None:
         self._robot, self._free, self._rows = robot, np.array(free), rows
         self._place = robot.frame(None)
         self._velocity_limit = robot.velocity[self._free]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,28 +61,37 @@ class ScoresPart(Part):
         ]
 
 
-class OverTimePart(Part):
-    """Measured and predicted over time, with the error and the acceleration (as figures 3.4 to 3.8)."""
+class _JointsPart(Part):
+    """A figure of each joint, and how to read them."""
 
-    title = "Measured and predicted"
-    anchor = "over-time"
+    text = ""
 
     def __init__(self, comparison: Comparison) -> None:
         self._comparison = comparison
 
     def content(self) -> list[Html]:
         """How to read the figures."""
-        return [
-            paragraph(
-                "Upper panel: measured (thin) and predicted (dashed). Middle: predicted less measured. Lower: the "
-                "joint's acceleration; errors that follow it point to inertia, errors that follow the sign of the "
-                "speed to friction."
-            )
-        ]
+        return [paragraph(self.text)]
 
     def pictures(self) -> list[Picture]:
         """One for each joint."""
         return [self._picture(j, name) for j, name in enumerate(self._comparison.names)]
+
+    @abstractmethod
+    def _picture(self, j: int, name: str) -> Picture:
+        """That of joint j, which has this name."""
+
+
+class OverTimePart(_JointsPart):
+    """Measured and predicted over time, with the error and the acceleration (as figures 3.4 to 3.8)."""
+
+    title = "Measured and predicted"
+    anchor = "over-time"
+    text = (
+        "Upper panel: measured (thin) and predicted (dashed). Middle: predicted less measured. Lower: the "
+        "joint's acceleration; errors that follow it point to inertia, errors that follow the sign of the "
+        "speed to friction."
+    )
 
     def _picture(self, j: int, name: str) -> Picture:
         found = self._comparison
@@ -108,27 +118,15 @@ class OverTimePart(Part):
         return Picture(f"over_time_{j + 1}", alt, caption, draw, height=4.2)
 
 
-class HistogramPart(Part):
+class HistogramPart(_JointsPart):
     """How errors are distributed (as figure 3.9)."""
 
     title = "Distribution of the error"
     anchor = "histogram"
-
-    def __init__(self, comparison: Comparison) -> None:
-        self._comparison = comparison
-
-    def content(self) -> list[Html]:
-        """How to read the figures."""
-        return [
-            paragraph(
-                "The dashed line is a normal distribution with the error's mean and standard deviation. Thresholds of "
-                "a detector must hold where the bars reach farther than it."
-            )
-        ]
-
-    def pictures(self) -> list[Picture]:
-        """One for each joint."""
-        return [self._picture(j, name) for j, name in enumerate(self._comparison.names)]
+    text = (
+        "The dashed line is a normal distribution with the error's mean and standard deviation. Thresholds of "
+        "a detector must hold where the bars reach farther than it."
+    )
 
     def _picture(self, j: int, name: str) -> Picture:
         error, unit = self._comparison.error[:, j], self._comparison.units[j]
@@ -152,28 +150,16 @@ class HistogramPart(Part):
         return Picture(f"error_{j + 1}", alt, f"{name}: how its error is distributed.", draw, height=2.6)
 
 
-class WherePart(Part):
+class WherePart(_JointsPart):
     """Error against speed and acceleration: where the model is weak."""
 
     title = "Where the model is weak"
     anchor = "where"
-
-    def __init__(self, comparison: Comparison) -> None:
-        self._comparison = comparison
-
-    def content(self) -> list[Html]:
-        """How to read the figures."""
-        return [
-            paragraph(
-                "Mean error (dots) and one standard deviation to either side (bars), by the joint's own speed and "
-                "acceleration. Bins with fewer than 20 rows are left out. A step at zero speed is friction, a slope "
-                "over acceleration is inertia that the model lacks."
-            )
-        ]
-
-    def pictures(self) -> list[Picture]:
-        """One for each joint."""
-        return [self._picture(j, name) for j, name in enumerate(self._comparison.names)]
+    text = (
+        "Mean error (dots) and one standard deviation to either side (bars), by the joint's own speed and "
+        "acceleration. Bins with fewer than 20 rows are left out. A step at zero speed is friction, a slope "
+        "over acceleration is inertia that the model lacks."
+    )
 
     def _picture(self, j: int, name: str) -> Picture:
         found = self._comparison

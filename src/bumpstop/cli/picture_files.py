@@ -1,0 +1,27 @@
+"""Files that ``--picture`` names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.report.picture import Picture
+
+
+def check_picture(path: Path | None, example: str) -> None:
+    """Refuse another ending than those of pictures, before any work; ``example`` is a name with one of them."""
+    if path is not None and path.suffix not in (".png", ".svg"):
+        raise InputError("--picture", f"{str(path)!r} is neither .png nor .svg", f"for example --picture {example}")
+
+
+def save_picture(picture: Picture, path: Path) -> None:
+    """Draw into a file, as its ending says."""
+    drawn = picture.render()
+    try:
+        path.write_bytes(drawn.png if path.suffix == ".png" else drawn.svg.encode("utf-8"))
+    except OSError as error:
+        problem = f"{str(path)!r} cannot be written ({error.strerror})"
+        raise InputError("--picture", problem, "give another file") from None
