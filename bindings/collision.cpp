@@ -4,6 +4,7 @@
 
 #include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
+#include "interrupt.hpp"
 #include "law.hpp"
 #include "setup.hpp"
 
@@ -147,6 +148,7 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
     NewArray<std::uint32_t> triggers({n});
     const std::size_t free_runs = body_mass > 0 ? n : 0;
     NewArray<double> peak_force({free_runs}), duration({free_runs}), force_at_detection({free_runs});
+    std::atomic<bool> stopped{false};
     {
         nb::gil_scoped_release unlocked;
         const FreePaths free = body_mass > 0 ? curve.free_paths({stiffness, body_mass}) : FreePaths{};
@@ -158,8 +160,8 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
         // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.
         constexpr std::int64_t block = 1 << 16;
         std::atomic<std::int64_t> next{0};
-        auto work = [&] {
-            for (std::int64_t begin = block * next++; begin < runs; begin = block * next++) {
+        auto work = [&](bool asks) {
+            for (std::int64_t begin = block * next++; begin < runs && !stopped; begin = block * next++) {
                 SampledRuns out{offset.data.get() + begin, tick.data.get() + begin, triggers.data.get() + begin};
                 if (with_noise) {
                     out.noise = noise.data.get() + begin * std::int64_t(dof);
@@ -171,13 +173,15 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
                     out.force_at_detection = force_at_detection.data.get() + begin;
                 }
                 sampler.run(first_run + begin, std::min(block, runs - begin), out);
+                if (asks && interrupted()) stopped = true;
             }
         };
         std::vector<std::thread> crew;
-        for (int i = 1; i < threads; ++i) crew.emplace_back(work);
-        work();
+        for (int i = 1; i < threads; ++i) crew.emplace_back(work, false);
+        work(true);
         for (std::thread& worker : crew) worker.join();
     }
+    if (stopped) throw nb::python_error();
     nb::dict out;
     out["offset"] = offset.release();
     out["tick"] = tick.release();

@@ -5,6 +5,7 @@
 #include <thread>
 
 #include "common.hpp"
+#include "interrupt.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -115,6 +116,7 @@ nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& det
     NewArray<double> peak({n}), duration({n}), force({n});
     NewArray<std::int32_t> tick({n});
     NewArray<std::uint32_t> triggers({n});
+    std::atomic<bool> stopped{false};
     {
         nb::gil_scoped_release unlocked;
         constexpr std::size_t block = 256;
@@ -150,15 +152,18 @@ nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& det
             peak.data[i] = outcome.peak;
             duration.data[i] = outcome.duration;
         };
-        auto work = [&] {
-            for (std::size_t first = block * next++; first < n; first = block * next++)
+        auto work = [&](bool asks) {
+            for (std::size_t first = block * next++; first < n && !stopped; first = block * next++) {
                 for (std::size_t i = first; i < std::min(n, first + block); ++i) one(i);
+                if (asks && interrupted()) stopped = true;
+            }
         };
         std::vector<std::thread> crew;
-        for (int i = 1; i < threads; ++i) crew.emplace_back(work);
-        work();
+        for (int i = 1; i < threads; ++i) crew.emplace_back(work, false);
+        work(true);
         for (std::thread& worker : crew) worker.join();
     }
+    if (stopped) throw nb::python_error();
     nb::dict out;
     out["tick"] = tick.release();
     out["triggers"] = triggers.release();

@@ -33,6 +33,13 @@ def check_refusal(result: Result, *words: str) -> None:
             "--speed: '1,5' cannot be used;",
         ),
         (("require", EXAMPLE, "--vary", "motion.speed", "--risk", ""), "--risk: '' cannot be used; wanted a number"),
+        *(
+            (
+                ("require", EXAMPLE, "--vary", f"motion.speed={span}"),
+                f"--vary: 'motion.speed={span}' is not KEY=LOW:HIGH",
+            )
+            for span in ("10", "10:200:20", "10:200:log", "[10, 20]", "")
+        ),
         (("experiment", "glass", "--runs", "2.5"), "--runs: '2.5' cannot be used; wanted a whole number"),
         (("experiment", "glass", "--runs", "0"), "--runs: is 0; wanted 1 to 100000"),
         (("experiment", "glass", "--latency", "-1"), "--latency: is -1.0; wanted 0 to 1"),

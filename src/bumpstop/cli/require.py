@@ -72,10 +72,13 @@ def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | Non
     from bumpstop.study.requirement import check_name
     from bumpstop.study.variable import Range
 
-    name = text.partition("=")[0].strip()
+    name, given, span = (part.strip() for part in text.partition("="))
     check_name(name)
-    if "=" not in text:
+    if not given:
         return name, None, None
+    if span.count(":") != 1 or span.startswith("["):
+        # Which values are looked at between the ends is for the search to say.
+        raise InputError("--vary", f"{text!r} is not KEY=LOW:HIGH", f"for example --vary {name}=10:200")
     ends = Range.parse(text, scenario)
     return name, ends.low, ends.high
 

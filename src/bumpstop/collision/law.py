@@ -302,7 +302,7 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
         threads: that share the work.
 
     Raises:
-        InputError: too many samples, or a seed that is none.
+        InputError: no samples, or a seed that is none.
     """
     _check_sample(samples, seed)
     runs = curve.kernel.sample(
