@@ -40,6 +40,15 @@ def check_refusal(result: Result, *words: str) -> None:
             )
             for span in ("10", "10:200:20", "10:200:log", "[10, 20]", "")
         ),
+        (
+            ("plan", "identification", "--robot", "ur5e", "--speeds", "50,200"),
+            "--speeds: 200 % cannot be used; wanted a",
+        ),
+        (("plan", "identification", "--robot", "ur5e", "--ramps", "-1"), "--ramps: is -1; wanted 0 to 1000"),
+        (("plan", "identification", "--robot", "ur5e", "--hold-s", "nan"), "--hold-s: is nan; wanted 1 to 3600"),
+        (("plan", "identification", "--robot", "ur5e", "--repeats", "12345678"), "--repeats: is 12345678; wanted 1"),
+        (("plan", "excitation", "--robot", "ur5e", "--speed-percent", "nan"), "--speed-percent: nan % cannot be used;"),
+        (("plan", "excitation", "--robot", "ur5e", "--period-s", "0"), "--period-s: is 0.0; wanted 1 to 600"),
         (("experiment", "glass", "--runs", "2.5"), "--runs: '2.5' cannot be used; wanted a whole number"),
         (("experiment", "glass", "--runs", "0"), "--runs: is 0; wanted 1 to 100000"),
         (("experiment", "glass", "--latency", "-1"), "--latency: is -1.0; wanted 0 to 1"),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bumpstop.cli.folders import check_folder, writing
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,6 +34,12 @@ Radius = Annotated[float, typer.Option(help="Radius of the links' capsules [m]."
 Rate = Annotated[float, typer.Option(help="Rows a second of the CSV files [Hz].")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 _RATES = (1.0, 2000.0)
+# Fields of the settings that are called as their options are, and one that is not.
+_OF_BOTH = ("acceleration", "floor", "radius")
+_OF_PROTOCOL = ("repeats", "holds", "hold_s", "least_torque", "gravity", "load_kg")
+_OF_SERIES = ("period_s", "harmonics", "periods", "rounds", "seed")
+_OPTIONS = {field: f"--{field.replace('_', '-')}" for field in (*_OF_BOTH, *_OF_PROTOCOL, *_OF_SERIES)}
+_OPTIONS["ramp_repeats"] = "--ramps"
 
 
 @app.command("identification")
@@ -65,22 +72,23 @@ def identification(
     arm, named = named_robot(robot, base, tip)
     if load_kg == 0 and any(_three("--load-m", load_m)):
         raise InputError("--load-m", "has no effect without --load-kg", "give both, or neither")
-    settings = ProtocolSettings(
-        speed_shares=tuple(percent / 100 for percent in _numbers("--speeds", speeds)),
-        repeats=repeats,
-        ramp_repeats=ramps,
-        holds=holds,
-        hold_s=hold_s,
-        acceleration=acceleration,
-        floor=_floor(floor),
-        radius=radius,
-        least_torque=least_torque,
-        gravity=_three("--gravity", gravity),
-        load_kg=load_kg,
-        load_m=_three("--load-m", load_m),
-    )
     check_rate(rate)
-    plan = plan_identification(arm, settings)
+    with as_options(_OPTIONS):
+        settings = ProtocolSettings(
+            speed_shares=tuple(_share("--speeds", percent) for percent in _numbers("--speeds", speeds)),
+            repeats=repeats,
+            ramp_repeats=ramps,
+            holds=holds,
+            hold_s=hold_s,
+            acceleration=acceleration,
+            floor=_floor(floor),
+            radius=radius,
+            least_torque=least_torque,
+            gravity=_three("--gravity", gravity),
+            load_kg=load_kg,
+            load_m=_three("--load-m", load_m),
+        )
+        plan = plan_identification(arm, settings)
     files = ["plan.toml"]
     with writing(out):
         seconds = []
@@ -124,6 +132,13 @@ def write_path(folder: Path, name: str, path: TimedPath, arm: Robot, rate: float
     names = [joint.name for joint in arm.joints]
     (folder / f"{name}.json").write_text(joint_trajectory(path, names), encoding="utf-8")
     return [f"{name}.csv", f"{name}.json"]
+
+
+def _share(option: str, percent: float, least: float = 0.0) -> float:
+    if not (0 < percent <= 100 and percent >= least):
+        wanted = f"{least:g} to 100" if least else "above 0, at most 100"
+        raise InputError(option, f"{percent:g} % cannot be used", f"wanted {wanted}")
+    return percent / 100
 
 
 def _floor(text: str) -> float | None:
@@ -224,19 +239,19 @@ def excitation(
 
     arm, _ = named_robot(robot, base, tip)
     check_rate(rate)
-    settings = ExcitationSettings(
-        period_s=period_s,
-        harmonics=harmonics,
-        periods=periods,
-        acceleration=acceleration,
-        speed_share=speed_percent / 100,
-        floor=_floor(floor),
-        radius=radius,
-        rounds=rounds,
-        seed=seed,
-    )
     check_folder(out)
-    with progress("searching") as report:
+    with as_options(_OPTIONS), progress("searching") as report:
+        settings = ExcitationSettings(
+            period_s=period_s,
+            harmonics=harmonics,
+            periods=periods,
+            acceleration=acceleration,
+            speed_share=_share("--speed-percent", speed_percent, least=1.0),
+            floor=_floor(floor),
+            radius=radius,
+            rounds=rounds,
+            seed=seed,
+        )
         found = plan_excitation(arm, settings, progress=report)
     files: list[str] = []
     if out is not None:

@@ -70,7 +70,7 @@ class ExcitationSettings:
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise InputError(name, f"is {value:g}", f"wanted {low:g} to {high:g}")
+                raise InputError(name, f"is {value}", f"wanted {low:g} to {high:g}")
         if self.floor is not None and not math.isfinite(self.floor):
             raise InputError("floor", f"is {self.floor}", "wanted a height [m]")
 

@@ -82,7 +82,7 @@ class ProtocolSettings:
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise InputError(name, f"is {value:g}", f"wanted {low:g} to {high:g}")
+                raise InputError(name, f"is {value}", f"wanted {low:g} to {high:g}")
         if self.floor is not None and not math.isfinite(self.floor):
             raise InputError("floor", f"is {self.floor}", "wanted a height [m]")
         if not (np.isfinite(self.gravity).all() and np.isfinite(self.load_m).all()):
