@@ -49,8 +49,7 @@ namespace detail {
 
 /// The poses by how hard their start works the joints: by the time the slowest needs to get to its rate. Poses near a
 /// singularity leap less, and where `LineTracer` traces, a register waits for its slowest lane, so like goes with like.
-template <class L>
-std::vector<int> order_of_work(const BatchProblem& problem) {
+inline std::vector<int> order_of_work(const BatchProblem& problem) {
     const int dof = problem.chain->dof;
     std::vector<double> effort(std::size_t(problem.poses));
     for (int pose = 0; pose < problem.poses; ++pose) {
@@ -232,7 +231,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
 template <class L>
 void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult& out) {
     constexpr int lanes = Scalar<L>::lanes;
-    const std::vector<int> order = detail::order_of_work<L>(problem);
+    const std::vector<int> order = detail::order_of_work(problem);
     const AlarmTable alarms(*problem.detector);
     const bool quick = BatchLaw<L>::suits(*problem.detector, alarms, problem.offset_kind);
     const int ticks = (problem.timing->steps + problem.timing->period - 1) / problem.timing->period;

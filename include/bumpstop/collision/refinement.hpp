@@ -46,7 +46,7 @@ class Refinement {
             known_[std::size_t(k - first_)] = summit(jobs[i]);
             came_back_[std::size_t(k - first_)] = jobs[i].came_back;
             overrun_[std::size_t(k - first_)] = -1;  // what the points say without it
-            const double predicted = middles_ ? predict(k, 2 * spacing_, k) : 0;
+            const double predicted = middles_ ? predict(k, 2 * spacing_) : 0;
             const bool bent = !std::isnan(predicted);
             const double difference = (bent || !middles_ ? predicted : straight(k)) - overrun(jobs[i].distance);
             overrun_[std::size_t(k - first_)] = overrun(jobs[i].distance);
@@ -86,7 +86,7 @@ class Refinement {
     void finish() {
         std::vector<double> filled = overrun_;
         for (const auto& [k, spacing] : settled_) {
-            const double bent = predict(k, spacing, k);
+            const double bent = predict(k, spacing);
             filled[std::size_t(k - first_)] = bent >= 0 ? bent : straight(k);
         }
         overrun_ = filled;
@@ -98,15 +98,14 @@ class Refinement {
   private:
     static constexpr int most_points = 6;
 
-    /// The overrun at tick k from the six known points nearest to `centre` whose distance is `spacing`,
-    /// without k.
-    double predict(int k, int spacing, int centre) const {
+    /// The overrun at tick k from the six known points nearest to it whose distance is `spacing`, without k.
+    double predict(int k, int spacing) const {
         const double nan = std::numeric_limits<double>::quiet_NaN();
         if (!(known_[std::size_t(neighbour(k, -1) - first_)].time >= 0) ||
             !(known_[std::size_t(neighbour(k, 1) - first_)].time >= 0))
             return nan;  // beyond the summits: points on one side would have to be extrapolated
         int point[most_points], points = 0;
-        const int base = first_ + (centre - first_) / spacing * spacing;
+        const int base = first_ + (k - first_) / spacing * spacing;
         for (int reach = 0; reach < most_points && points < most_points; ++reach) {
             for (int at : {base - reach * spacing, base + (reach + 1) * spacing}) {
                 if (at < first_ || at > last_ || at == k || points == most_points) continue;
@@ -152,7 +151,7 @@ class Refinement {
     /// Leaves the ticks between two points to interpolation, where the same serves them all.
     bool settle(int low, int high, bool bent) {
         for (int k = low + 1; bent && k < high; ++k) {
-            if (overrun_[std::size_t(k - first_)] < 0 && !(predict(k, spacing_, k) >= 0)) return false;
+            if (overrun_[std::size_t(k - first_)] < 0 && !(predict(k, spacing_) >= 0)) return false;
         }
         for (int k = low + 1; k < high; ++k) {
             if (overrun_[std::size_t(k - first_)] < 0) settled_.push_back({k, spacing_});

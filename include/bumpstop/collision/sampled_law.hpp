@@ -193,16 +193,23 @@ class Sampler {
             }
             if (!any(fired)) continue;
             for (int lane = 0; lane < used; ++lane) {
-                if (!open[lane] || !lane_of(fired, lane)) continue;
-                open[lane] = false;
-                --remaining;
-                const std::int64_t i = index[lane];
-                out.tick[i] = k;
-                for (int w = 0; w < detector_.watched; ++w)
-                    if (lane_of(over[w], lane)) out.triggers[i] |= 1u << detector_.joint[w];
+                if (close(k, lane, fired, over, open, index, out)) --remaining;
             }
         }
         if (out.noise != nullptr) describe(first_run, index, used, out);
+    }
+
+    /// A lane still open in which some joint has `fired` is detected at tick k, by the joints that are `over`. False where
+    /// it is not.
+    bool close(int k, int lane, const MaskOf<T>& fired, const MaskOf<T>* over, bool* open, const std::int64_t* index,
+               const SampledRuns& out) const {
+        if (!open[lane] || !lane_of(fired, lane)) return false;
+        open[lane] = false;
+        const std::int64_t i = index[lane];
+        out.tick[i] = k;
+        for (int w = 0; w < detector_.watched; ++w)
+            if (lane_of(over[w], lane)) out.triggers[i] |= 1u << detector_.joint[w];
+        return true;
     }
 
     /// The first tick at which the arm is beyond an offset; the number of ticks if none is.
@@ -279,13 +286,9 @@ class Sampler {
             }
             if (!any(fired)) continue;
             for (int lane = 0; lane < used; ++lane) {
-                if (!open[lane] || !lane_of(fired, lane)) continue;
-                open[lane] = false;
+                if (!close(k, lane, fired, over, open, index, out)) continue;
                 --remaining;
                 const std::int64_t i = index[lane];
-                out.tick[i] = k;
-                for (int w = 0; w < detector_.watched; ++w)
-                    if (lane_of(over[w], lane)) out.triggers[i] |= 1u << detector_.joint[w];
                 for (int j = 0; out.noise != nullptr && j < dof; ++j) {
                     out.noise[i * dof + j] = lane_of(noise[j], lane);
                     out.residual[i * dof + j] = lane_of(noise[j], lane) + lane_of(contact[j], lane);
