@@ -140,12 +140,13 @@ nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& det
                 .run(std::int64_t(i), 1, out);
             const int k = tick.data[i];
             farthest.data[i] = k < 0 ? 0 : curve.farthest[std::size_t(k)];
-            distance.data[i] = k < 0 ? 0 : curve.path.at_tick(k, self.timing().period);
+            const int period = self.timing().period;
+            int first = 0;
+            while (first < curve.path.ticks && !(curve.path.at_tick(first, period) > 0)) ++first;
+            distance.data[i] = k < 0 ? -1 : compression_at(curve.path, k, period, first);
             greatest.data[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
             if (!free || k < 0) return;
             paths = self.free_paths(curve, begin(i), way, k);
-            int first = 0;
-            while (first < curve.path.ticks && !(curve.path.at_tick(first, self.timing().period) > 0)) ++first;
             const FreeReactions<double> reactions(paths, {stiffness, body_mass});
             const int since = k - first;
             const auto outcome = FreeCollision<double>(reactions, &first, 0.0).detected(&since);

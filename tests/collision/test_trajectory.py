@@ -266,6 +266,42 @@ def test_quantiles_and_tails_belong_together(contact_time: float | str, tmp_path
         assert mass == pytest.approx(quantity.exceedance(0.0) - quantity.exceedance(edges[-1]), abs=1e-12)
 
 
+def there_and_back(folder: Path, duration: float = 0.5, way: float = 0.02) -> None:
+    """Down and up again along z, fastest at both ends; turns in the middle."""
+    gantry(folder)
+    t = np.linspace(0, duration, 60)
+    z = -way * np.sin(math.pi * t / duration)
+    write_csv(folder / "path.csv", t, z[:, None] * [0, 0, 1.0])
+
+
+def test_an_alarm_after_the_point_turned_back_is_a_detection(tmp_path: Path) -> None:
+    there_and_back(tmp_path)
+    begin, threshold, sd = 0.1013, 20.0, 6.0
+    path = scenario(
+        tmp_path,
+        trajectory_motion(contact_time=begin),
+        contact={"stiffness_N_m": 100},  # hardly felt: most alarms come by themselves, later than contact
+        detector={"thresholds_Nm": [threshold] * 3, "noise_sd_Nm": sd},
+    )
+    exact, drawn = bs.evaluate(path), bs.evaluate(path, samples=20_000, seed=3)
+    assert isinstance(exact, TrajectoryLaw)
+    quiet = (1 - math.erfc(threshold / sd / math.sqrt(2))) ** 3
+    before = int((exact.curve.tick_time <= begin).sum())
+    assert exact.curve.tick_distance[exact.curve.tick_time > 0.5 - begin + 0.01].max() < 0, "the body is behind"
+    assert exact.false_alarm_probability == pytest.approx(1 - quiet**before, rel=1e-9)
+    error = math.sqrt(exact.false_alarm_probability / 20_000)
+    assert drawn.false_alarm_probability == pytest.approx(exact.false_alarm_probability, abs=4 * error)
+    assert drawn.runs is not None
+    late = drawn.runs["felt"] & (drawn.runs["force_at_detection"] == 0)
+    assert late.mean() > 0.03
+    # What was detected is detected by some joint, and no probability is lost.
+    assert exact.trigger_joint_probability.sum() - exact.several_joints_probability == pytest.approx(1, abs=0.02)
+    assert exact.force_at_detection.exceedance(0.0) == pytest.approx(
+        (drawn.force_at_detection.values > 0).mean(), abs=0.02
+    )
+    compare(path, 20_000, seed=4)
+
+
 def test_sampled_runs_do_not_depend_on_threads(tmp_path: Path) -> None:
     t, q = waves(2, 0.4, rows=10)
     write_csv(tmp_path / "path.csv", t, q)

@@ -297,11 +297,16 @@ class ArmTrajectory {
     std::vector<PathReaction> reaction_;
 };
 
+/// Distance at tick k of a contact whose first tick is `first`: 0 where the point has fallen back, negative before contact.
+inline double compression_at(const LinePath& path, int k, int period, int first) {
+    return k < first ? -1 : std::max(0.0, path.at_tick(k, period));
+}
+
 /// The exact law of one contact time: what happens at which tick.
 struct ContactLaw {
     struct Detection {
         int tick;
-        double probability, farthest, distance;    // distance at the tick; negative: a false alarm
+        double probability, farthest, distance;  // distance at the tick, 0 behind the contact; negative: a false alarm
         double peak = 0, duration = 0, force = 0;  // of free contact [N, s, N]
     };
     std::vector<Detection> detection;
@@ -342,8 +347,8 @@ ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Poin
         const int k = pieces.first_tick[0] + slot - pieces.slots_before;
         const double probability = 2 * *pieces.series(slot, 0);
         if (k < 0 || k >= curve.path.ticks || !(probability > 0)) continue;
-        const double distance = slot < pieces.slots_before ? -1 : curve.path.at_tick(k, trajectory.timing().period);
-        out.detection.push_back({k, probability, curve.farthest[std::size_t(k)], distance});
+        out.detection.push_back({k, probability, curve.farthest[std::size_t(k)],
+                                 compression_at(curve.path, k, trajectory.timing().period, pieces.first_tick[0])});
         if (body_mass > 0) {
             const std::size_t at = std::size_t(slot) * std::size_t(nodes.panels);
             out.detection.back().peak = nodes.peak_force[at];

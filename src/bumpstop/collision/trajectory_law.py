@@ -210,11 +210,12 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
     undetected = ~detected & (runs["greatest"] > 0)
     peak = K * np.where(detected, runs["farthest"], runs["greatest"])
     tick_time = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s
+    # From the first tick in contact on, also where the point falls back from the body again.
+    felt = detected & (runs["distance"] >= 0)
     force = K * np.maximum(0.0, runs["distance"])
     free = problem.body_mass is not None
     if free:
         peak, force = runs["peak"], np.where(detected, runs["force"], 0.0)
-    felt = detected & (force > 0)
     fired = (runs["triggers"][:, None] >> np.arange(problem.robot.dof, dtype=np.uint32)) & 1
     some = bool(detected.any())
     spans = SampledDistribution(runs["duration"][runs["duration"] > 0]) if free else None
