@@ -78,6 +78,38 @@ def test_exact_and_sampled_agree_on_free_bodies(kind: str, tmp_path: Path) -> No
     )
 
 
+@pytest.mark.parametrize(("begin", "duration"), [(0.005, 0.6), (0.05, 0.6)])
+def test_an_arm_that_speeds_up_keeps_pushing(begin: float, duration: float, tmp_path: Path) -> None:
+    """Along s = jerk t^3 / 6 a body struck slowly is pushed to the end: its own oscillation lasts a tenth of that."""
+    gantry(tmp_path, speed=2.0)
+    jerk, stiffness, mass = 8.0, 25_000.0, 5.0
+    t = np.linspace(0, duration, 2)
+    unit = np.array([0, 0, -1.0])
+    write_csv(tmp_path / "path.csv", t, (jerk * t**3 / 6)[:, None] * unit, (jerk * t**2 / 2)[:, None] * unit)
+    law = bs.evaluate(
+        scenario(
+            tmp_path,
+            trajectory_motion(contact_time=begin),
+            contact={"stiffness_N_m": stiffness, "kind": "free", "body_mass_kg": mass},
+            detector={"thresholds_Nm": [1e6] * 3, "noise_sd_Nm": 1.0},
+        )
+    )
+    # m x'' = K y and s = x + y: y'' + w^2 y = s'', from rest of the body and the arm's speed at contact.
+    w, since = math.sqrt(stiffness / mass), np.linspace(0, duration - begin, 20_001)
+    y = (
+        jerk * begin**2 / 2 / w * np.sin(w * since)
+        + jerk * begin / w**2 * (1 - np.cos(w * since))
+        + jerk / w**2 * (since - np.sin(w * since) / w)
+    )
+    assert y[1:].min() > 0, "they never part on the way"
+    assert math.pi / w < 0.1 * duration
+    assert law.undetected_probability == pytest.approx(1)
+    chords = (w * 1e-3) ** 2 / 10  # between steps of a millisecond the arm goes straight
+    assert law.peak_force.mean == pytest.approx(stiffness * y.max(), rel=chords)
+    assert law.contact_time is not None
+    assert duration - begin < law.contact_time.mean < duration - begin + math.pi / w
+
+
 def test_two_phases_beside_a_straight_trajectory(tmp_path: Path) -> None:
     for kind, noise in (("stop", 4.0), ("reverse", 6.0)):
         line, path = straight(
@@ -146,3 +178,26 @@ def test_two_masses_are_refused(tmp_path: Path) -> None:
     with pytest.raises(bs.InputError, match=r"'two_mass' is not available with motion\.kind") as refused:
         scenario(tmp_path, trajectory_motion(), contact=contact)
     assert refused.value.field == "contact.arm"
+
+
+def test_a_place_passed_before_contact_does_not_touch_a_free_body(tmp_path: Path) -> None:
+    """Down, up and down again: the body stands there from the third leg on."""
+    gantry(tmp_path)
+    t = np.linspace(0, 0.6, 80)
+    write_csv(tmp_path / "path.csv", t, (0.02 * np.sin(5 * math.pi * t))[:, None] * [0, 0, -1.0])
+    threshold, sd = 20.0, 6.0
+    quiet = (1 - math.erfc(threshold / sd / math.sqrt(2))) ** 3
+    for begin in np.arange(0.4, 0.48, 0.0013):
+        path = scenario(
+            tmp_path,
+            trajectory_motion(contact_time=float(begin)),
+            contact={"stiffness_N_m": 3000, "kind": "free", "body_mass_kg": 0.3, "normal": [0, 0, -1]},
+            detector={"thresholds_Nm": [threshold] * 3, "noise_sd_Nm": sd},
+        )
+        law = bs.evaluate(path)
+        before = int((law.curve.tick_time <= begin).sum())
+        assert law.false_alarm_probability == pytest.approx(1 - quiet**before, rel=1e-9)
+        assert law.no_contact_probability == 0
+        assert law.undetected_probability > 0.3
+        assert law.contact_time is not None
+        assert law.contact_time.mean > 0.01, "about half an oscillation"

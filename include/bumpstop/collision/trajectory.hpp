@@ -125,7 +125,8 @@ class ArmTrajectory {
 
     /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
     /// on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
-    /// the curve ends where contact has been noticed for certain, or a body of a mass above zero [kg] has got away.
+    /// the curve ends where contact has been noticed for certain, or a tick after a body of a mass above zero [kg] has got
+    /// away.
     StoppingCurve curve(double begin, const Point3<double>& normal, const ThresholdDetector* detector, double stiffness,
                         double body_mass = 0) const {
         StoppingCurve curve;
@@ -137,25 +138,30 @@ class ArmTrajectory {
         path.s.reserve(std::size_t(steps_) + 1);
         ThresholdDetector nobody;
         CertainDetection<double> certain(detector ? *detector : nobody, timing_, step(), stiffness, 0.0);
-        CertainParting<double> parted({stiffness, body_mass > 0 ? body_mass : 1}, timing_, step(), 0.0);
+        // An arm that speeds up pushes a body for as long as it does so: only the collision itself says when they part.
+        const bool free = body_mass > 0;
+        const FreeImpact<double> impact({stiffness, free ? body_mass : 1}, step());
+        ImpactState<double> body;
+        bool away = false;  // at the tick before
         const std::size_t n = std::size_t(chain_.dof);
         double greatest = 0;  // distance since contact began
         std::vector<double> torque(n);
         for (int i = 0; i <= steps_; ++i) {
             const double s = dot(point_[std::size_t(i)] - origin, normal);
             const bool touched = i * step() > begin;
-            path.s.push_back(touched ? s : std::min(s, 0.0));
+            path.s.push_back(touched ? s : std::min(s, not_yet));
             if (touched) greatest = std::max(greatest, s);
+            if (free && touched && i > 0) impact.step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0, 1.0);
             if (i < 1 || (i - 1) % settings_.period != 0) continue;
             const int k = path.ticks++;
             for (std::size_t j = 0; j < n; ++j) torque[j] = touched ? dot(lever_[std::size_t(k) * n + j], normal) : 0.0;
             path.torque_per_N.insert(path.torque_per_N.end(), torque.begin(), torque.end());
             curve.farthest.push_back(farthest(k, begin, origin, normal, greatest));
-            if (detector &&
-                (body_mass > 0 ? parted(path.s.back(), torque.data()) : certain(path.s.back(), torque.data()))) {
+            if (detector && (free ? away : certain(path.s.back(), torque.data()))) {
                 path.end = PathEnd::certain_detection;
                 break;
             }
+            away = body.parted > 0.5;
         }
         return curve;
     }
@@ -167,7 +173,7 @@ class ArmTrajectory {
         std::vector<double> distance;
         auto visit = [&](double u) {
             const double s = dot(point_at(u) - origin, normal);
-            distance.push_back(u > begin ? s : std::min(s, 0.0));
+            distance.push_back(u > begin ? s : std::min(s, not_yet));
         };
         const PathReaction& reaction = reaction_[std::size_t(tick)];
         for (double u : reaction.u) visit(u);
@@ -232,6 +238,10 @@ class ArmTrajectory {
     }
 
   private:
+    /// The greatest distance before contact begins [m]: a path that passes its place earlier does not touch, not even by
+    /// rounding.
+    static constexpr double not_yet = -2 * surely_apart;
+
     void pose(double u, Posture<double>& posture) const {
         ArmState<double> state;
         double second[max_joints];
