@@ -302,6 +302,35 @@ def test_an_alarm_after_the_point_turned_back_is_a_detection(tmp_path: Path) -> 
     compare(path, 20_000, seed=4)
 
 
+def test_contact_begins_only_while_the_point_moves_toward_the_body(tmp_path: Path) -> None:
+    there_and_back(tmp_path, duration=0.1357)
+    law = bs.evaluate(scenario(tmp_path, trajectory_motion(), contact__normal=[0, 0, -1], detector__noise_sd_Nm=5.0))
+    assert isinstance(law, TrajectoryLaw)
+    assert law.times.still == pytest.approx(0.5, abs=1e-6), "it turns in the middle"
+    drawn = bs.evaluate(law.scenario, samples=4000, seed=2)
+    assert drawn.runs is not None
+    assert drawn.runs["contact_time"].max() < 0.1357 / 2
+    assert drawn.runs["contact_time"].max() > 0.1357 / 2 * 0.998
+
+
+def test_where_a_slow_point_turns_round(tmp_path: Path) -> None:
+    """Within some milliseconds the normal turns from -z to z by way of x, and only there the first slide feels much."""
+    gantry(tmp_path)
+    t = np.linspace(0, 0.4, 3)
+    way = np.column_stack([3e-4 * t, 0 * t, 0.1 * (t - 0.2021) ** 2])
+    rate = np.column_stack([3e-4 + 0 * t, 0 * t, 0.2 * (t - 0.2021)])
+    write_csv(tmp_path / "path.csv", t, way, rate)
+    path = scenario(
+        tmp_path,
+        trajectory_motion(),
+        contact={"stiffness_N_m": 500_000},
+        detector={"thresholds_Nm": [10.0, 10.0, 200.0], "noise_sd_Nm": 1.5},
+    )
+    law, fine = (bs.evaluate(path, refinement=n) for n in (1, 8))
+    assert 1e-3 < fine.trigger_joint_probability[0] < 0.2, "seldom, so that few nodes may all miss it"
+    assert law.trigger_joint_probability[0] == pytest.approx(fine.trigger_joint_probability[0], rel=5e-3)
+
+
 def test_sampled_runs_do_not_depend_on_threads(tmp_path: Path) -> None:
     t, q = waves(2, 0.4, rows=10)
     write_csv(tmp_path / "path.csv", t, q)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.trajectory import Trajectory, point_motion
+from bumpstop.collision.trajectory import Trajectory, point_motion, point_places
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 
@@ -20,6 +22,9 @@ _STANDSTILL = 1e-6
 _ORDER = 4
 _GROWTH = 3.0
 _MOST_NODES = 60_000
+# In half a panel the contact normal turns by no more than this, unless the panel is this narrow, in feedback periods.
+_LEAST_COSINE = math.cos(0.1)
+_NARROWEST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +107,12 @@ def approach(problem: Problem, t: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
-    """Edges of the panels [s]: every tick, and more where the residual grows fast."""
+    """Edges of the panels [s]: every tick, where the point turns, and more where the residual grows fast."""
     step, end = problem.scenario.simulation.step_s, trajectory.duration
     ticks = np.arange(1, math.ceil(end / step) + 1, problem.period_steps) * step
-    edges = np.concatenate([[0.0], ticks[ticks < end - 1e-9 * step], [end]])
+    edges = np.unique(np.concatenate([[0.0], ticks, _turns(problem, trajectory, step)]))
+    edges = np.append(edges[edges < end - 1e-9 * step], end)
+    edges = _bent(problem, edges[np.append(True, np.diff(edges) > 1e-9 * step)])
     middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
     normal, speed = approach(problem, middle)
     _, jacobian = point_motion(trajectory, problem.robot, problem.contact_point, middle)
@@ -119,6 +126,61 @@ def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
     starts = np.repeat(edges[:-1], parts)
     place = np.arange(len(starts)) - np.repeat(np.cumsum(parts) - parts, parts)
     return np.append(starts + np.repeat(width / parts, parts) * place, end)
+
+
+def _bent(problem: Problem, edges: FloatArray) -> FloatArray:
+    """Halves panels until the normal turns little in each: where the point is slow it may turn round in no time."""
+    narrowest = _NARROWEST * problem.period_steps * problem.scenario.simulation.step_s
+    ends, _ = approach(problem, edges)
+    while True:
+        between = (edges[1:] + edges[:-1]) / 2
+        normal, _ = approach(problem, between)
+        turn = np.minimum(np.einsum("ni,ni->n", ends[:-1], normal), np.einsum("ni,ni->n", normal, ends[1:]))
+        cut = np.flatnonzero((turn < _LEAST_COSINE) & (np.diff(edges) > narrowest))
+        if not cut.size:
+            return edges
+        edges, ends = np.insert(edges, cut + 1, between[cut]), np.insert(ends, cut + 1, normal[cut], axis=0)
+
+
+def _turns(problem: Problem, trajectory: Trajectory, step: float) -> FloatArray:
+    """Times at which the contact point begins or ceases to move toward the body [s].
+
+    So are those from which on it ceases too soon to touch anything at the end of a step. A panel across one would count
+    the time of some node as a whole for one or the other.
+    """
+    t = np.unique(np.concatenate([np.arange(0.0, trajectory.duration, step), trajectory.time]))
+
+    def moves(at: FloatArray) -> npt.NDArray[np.bool_]:
+        found: npt.NDArray[np.bool_] = approach(problem, at)[1] > _STANDSTILL
+        return found
+
+    known = moves(t)
+    before = np.flatnonzero(known[1:] != known[:-1])
+    if not before.size:
+        return np.zeros(0)
+    turn = _bisected(lambda at: moves(at) == known[before], t[before], t[before + 1])
+    last = turn[known[before]]
+    if problem.scenario.contact.normal is None or not last.size:
+        return turn
+    normal, _ = approach(problem, last)
+    begin = np.floor(last / step) * step
+
+    def way_left(at: FloatArray) -> FloatArray:
+        there = np.minimum(begin + step, trajectory.duration)
+        ahead = point_places(trajectory, problem.robot, problem.contact_point, np.concatenate([there, at]))
+        left: FloatArray = np.einsum("ni,ni->n", ahead[: there.size] - ahead[there.size :], normal)
+        return left
+
+    return np.concatenate([turn, _bisected(lambda at: way_left(at) > 0, begin, last)])
+
+
+def _bisected(still: Callable[[FloatArray], npt.NDArray[np.bool_]], low: FloatArray, high: FloatArray) -> FloatArray:
+    """Where something ceases that is so at ``low`` and no more at ``high``; ``low`` where it was not so at all."""
+    for _ in range(40):
+        middle = (low + high) / 2
+        so = still(middle)
+        low, high = np.where(so, middle, low), np.where(so, high, middle)
+    return low
 
 
 def draw_times(times: ContactTimes, seed: int, samples: int) -> FloatArray:

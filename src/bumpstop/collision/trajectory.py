@@ -198,3 +198,10 @@ def point_motion(
     link, point = place
     jacobian: FloatArray = robot.chain.jacobians(np.ascontiguousarray(trajectory.at(t)), link, point)[:, :3]
     return np.einsum("nij,nj->ni", jacobian, trajectory.at(t, 1)), jacobian
+
+
+def point_places(trajectory: Trajectory, robot: Robot, place: tuple[int, FloatArray], t: FloatArray) -> FloatArray:
+    """Where the contact point is at times of the trajectory (N,) [s]: base frame (N, 3) [m]. Arguments as above."""
+    link, point = place
+    poses: FloatArray = robot.chain.poses(np.ascontiguousarray(trajectory.at(t)), link, point)
+    return poses[:, :3, 3]
