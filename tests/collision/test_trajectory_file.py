@@ -65,6 +65,23 @@ def test_velocities_are_kept(tmp_path: Path) -> None:
     np.testing.assert_allclose(path.at(1.0)[2], 0.05)
 
 
+def test_extremes_are_those_of_a_dense_look() -> None:
+    rng = np.random.default_rng(8)
+    time = np.cumsum(rng.uniform(0.05, 1, 12))
+    path = Trajectory(time - time[0], rng.normal(size=(12, 3)), rng.normal(size=(12, 3)))
+    for derivative in (0, 1):
+        at, value = path.extremes(derivative)
+        for i in range(11):
+            t = np.linspace(path.time[i], path.time[i + 1], 4001)
+            dense = path.at(np.minimum(t, np.nextafter(path.time[i + 1], 0)), derivative)
+            np.testing.assert_allclose(value[i].max(axis=0), dense.max(axis=0), atol=1e-5)
+            np.testing.assert_allclose(value[i].min(axis=0), dense.min(axis=0), atol=1e-5)
+            for j in range(3):
+                np.testing.assert_allclose(
+                    path.at(path.time[i] + at[i, 2:, j], derivative)[:, j], value[i, 2:, j], atol=1e-9
+                )
+
+
 def test_numbers_that_yaml_takes_for_texts(tmp_path: Path) -> None:
     text = "joint_names: [slide_x, slide_y, slide_z]\npoints:\n"
     text += "- {positions: [0, 0, 0], time_from_start: 0}\n- {positions: [1e-3, 0, -2E-2], time_from_start: 1e0}\n"
@@ -91,6 +108,14 @@ CSV_REFUSALS = {
     "limit between rows": (
         HEAD + "0,0,0,1.99\n4,0,0,1.99\n5,0,0,1.6\n9,0,0,1.6\n",
         "between rows 1 and 2 .*the curve through the rows takes joint 3 to .*give more rows",
+    ),
+    "time too great": (
+        HEAD + "0,0,0,0\n1e300,0,0,0\n",
+        r"row 2, column t: 1e\+300 cannot be used; wanted -1e\+12 to 1e\+12",
+    ),
+    "speed of one row": (
+        HEAD[:-1] + ",qd_1,qd_2,qd_3\n0,0,0,0,0,0,0\n0.0005,0,0,0,0,3,0\n0.001,0,0,0,0,0,0\n9,0,0,0.1,0,0,0\n",
+        "between rows 1 and 2 .*q_2: joint 2 moves at 3 m/s; its limit is 1 m/s",
     ),
     "too short": (HEAD + "0,0,0,0\n0.0005,0,0,0\n", "the motion takes 0.0005 s; wanted 0.001 to 120 s"),
     "too long": (HEAD + "0,0,0,0\n200,0,0,0.5\n", "the motion takes 200 s"),
@@ -142,6 +167,11 @@ def test_message_refusals(name: str, kind: str, tmp_path: Path) -> None:
     assert refused.value.field == "motion.file"
 
 
+# Forty lines that stand for 2^40 values.
+NESTED = "[&a0 {x: 1}, " + ", ".join(f"&a{i} {{l: *a{i - 1}, r: *a{i - 1}}}" for i in range(1, 41)) + "]"
+MERGED = "  m0: &m0 {a: 1}\n" + "\n".join(f"  m{i}: &m{i} {{<<: [*m{i - 1}, *m{i - 1}]}}" for i in range(1, 41))
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
@@ -149,6 +179,12 @@ def test_message_refusals(name: str, kind: str, tmp_path: Path) -> None:
         ("path.json", "[" * 100_000, "not valid JSON"),
         ("path.yaml", "a: [", "not valid YAML"),
         ("path.yaml", "!!python/object/apply:os.system [ls]", "not valid YAML"),
+        ("path.yaml", "[" * 200_000, "nested deeper than 20 levels"),
+        ("path.yaml", "- " * 200_000, "nested deeper than 20 levels"),
+        ("path.yaml", "0x" + "f" * 6000, "is no JointTrajectory"),
+        ("path.yaml", "joint_names: [0x" + "f" * 6000 + "]\npoints: []", "no joint a number of more than 60 digits"),
+        ("path.yaml", f"header: {NESTED}\njoint_names: [*a40]\npoints: []", "no joint a value of type dict"),
+        ("path.yaml", f"header:\n{MERGED}\njoint_names: []\npoints: []", "merge keys are not read"),
         ("path.yaml", "{}\n---\n{}\n", "holds 2 trajectories; wanted one"),
         ("path.yaml", "", "is no JointTrajectory"),
         ("path.txt", "", "has the extension '.txt'; wanted one of .csv"),

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 _MOST_STEPS = 120_000
 # Between rows a cubic may pass a limit by rounding, or where a row lies on it by what the file's digits leave [rad].
 _ROUNDING = 1e-6
+# No number of a file may be greater [s, rad or m, and per s]: a clock counts from 1970, a joint without limits turns.
+_GREATEST = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +68,45 @@ class Trajectory:
         """
         return self._spline(t, derivative)
 
+    def extremes(self, derivative: int) -> tuple[FloatArray, FloatArray]:
+        """Where joint positions or rates are greatest and least between every two rows.
+
+        Args:
+            derivative: 0: of the positions, 1: of the rates.
+
+        Returns:
+            Times since the earlier row [s] and values there [rad or m, or per s], each (rows - 1, places, dof): both
+            ends, and the places between them where the derivative is zero.
+        """
+        cubic = self._spline.c
+        length = np.diff(self.time)[:, None]
+        inside = _zero_rates(cubic) if derivative == 0 else [_vertex(3 * cubic[0], 2 * cubic[1])]
+        places = [np.zeros(cubic.shape[1:]), np.broadcast_to(length, cubic.shape[1:])]
+        at = np.stack([*places, *(np.clip(np.nan_to_num(x), 0.0, length) for x in inside)], axis=1)
+        c3, c2, c1, c0 = (c[:, None] for c in cubic)
+        if derivative == 0:
+            return at, c0 + at * (c1 + at * (c2 + at * c3))
+        return at, c1 + at * (2 * c2 + at * 3 * c3)
+
     @property
     def coefficients(self) -> FloatArray:
         """Of the cubics: (rows - 1, 4, dof), highest power of the time since the row first."""
         return np.ascontiguousarray(self._spline.c.transpose(1, 0, 2))
+
+
+def _vertex(square: FloatArray, linear: FloatArray) -> FloatArray:
+    """Where parabolas turn; not finite where there is no such place."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return -linear / (2 * square)
+
+
+def _zero_rates(cubic: FloatArray) -> list[FloatArray]:
+    """The two places where cubics (4, ...) turn; not finite where there is none."""
+    a, half, c = 3 * cubic[0], cubic[1], cubic[2]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # The sum has terms of one sign, so that nothing cancels.
+        sum_ = -(half + np.copysign(np.sqrt(half**2 - a * c), half))
+        return [sum_ / a, c / sum_]
 
 
 def load_motion(path: Path, robot: Robot, step: float = 1e-3) -> Trajectory:
@@ -78,7 +115,7 @@ def load_motion(path: Path, robot: Robot, step: float = 1e-3) -> Trajectory:
     Args:
         path: of the file.
         robot: whose joints it moves.
-        step: at which it is checked, and of which it has 1 to 120 000 [s].
+        step: of which it has 1 to 120 000 [s].
 
     Raises:
         InputError: the file cannot be used, or the motion passes a limit of the robot; names file, row and column.
@@ -92,7 +129,7 @@ def load_motion(path: Path, robot: Robot, step: float = 1e-3) -> Trajectory:
             f"the motion takes {trajectory.duration:.6g} s",
             f"wanted {step:g} to {_MOST_STEPS * step:g} s, 1 to {_MOST_STEPS} simulation steps",
         )
-    _check_between(path, rows, trajectory, robot, step)
+    _check_between(path, rows, trajectory, robot)
     return trajectory
 
 
@@ -129,6 +166,14 @@ def _check_rows(path: Path, rows: Rows, robot: Robot) -> None:
             raise refusal(
                 path, f"{rows.row} {i + 1}, column {names[j]}: {values[i, j]} cannot be used", "wanted a finite number"
             )
+        bad = np.argwhere(np.abs(values) > _GREATEST)
+        if len(bad):
+            i, j = bad[0]
+            raise refusal(
+                path,
+                f"{rows.row} {i + 1}, column {names[j]}: {values[i, j]:g} cannot be used",
+                f"wanted {-_GREATEST:g} to {_GREATEST:g}",
+            )
     late = np.flatnonzero(np.diff(rows.time) <= 0)
     if late.size:
         i = int(late[0]) + 1
@@ -148,33 +193,36 @@ def _check_rows(path: Path, rows: Rows, robot: Robot) -> None:
         )
 
 
-def _check_between(path: Path, rows: Rows, trajectory: Trajectory, robot: Robot, step: float) -> None:
-    """Limits at every simulation step: the curve between two rows may pass what the rows keep."""
-    t = np.append(np.arange(0, trajectory.duration, step), trajectory.duration)
-    position, rate = trajectory.at(t), trajectory.at(t, 1)
-    over = np.argwhere(np.abs(rate) > robot.velocity * (1 + _ROUNDING))
+def _check_between(path: Path, rows: Rows, trajectory: Trajectory, robot: Robot) -> None:
+    """Limits on the whole way: the curve between two rows may pass what the rows keep."""
+    at, rate = trajectory.extremes(1)
+    over = np.argwhere((np.abs(rate) > robot.velocity * (1 + _ROUNDING)).any(axis=1))
     if len(over):
         i, j = (int(x) for x in over[0])
+        worst = int(np.argmax(np.abs(rate[i, :, j])))
         raise refusal(
             path,
-            f"{_between(rows, trajectory, t[i])}, column {rows.position_names[j]}: joint {j + 1} moves at "
-            f"{abs(rate[i, j]):.4g} {_unit(robot, j)}/s",
+            f"{_between(rows, i, at[i, worst, j])}, column {rows.position_names[j]}: joint {j + 1} moves at "
+            f"{abs(rate[i, worst, j]):.4g} {_unit(robot, j)}/s",
             f"its limit is {robot.velocity[j]:.4g} {_unit(robot, j)}/s",
         )
-    outside = np.argwhere((position < robot.lower - _ROUNDING) | (position > robot.upper + _ROUNDING))
+    at, position = trajectory.extremes(0)
+    beyond = np.maximum(robot.lower - position, position - robot.upper)
+    outside = np.argwhere((beyond > _ROUNDING).any(axis=1))
     if len(outside):
         i, j = (int(x) for x in outside[0])
+        worst = int(np.argmax(beyond[i, :, j]))
         raise refusal(
             path,
-            f"{_between(rows, trajectory, t[i])}, column {rows.position_names[j]}: the curve through the rows takes "
-            f"joint {j + 1} to {position[i, j]:.6g}, outside its limits",
+            f"{_between(rows, i, at[i, worst, j])}, column {rows.position_names[j]}: the curve through the rows takes "
+            f"joint {j + 1} to {position[i, worst, j]:.6g}, outside its limits",
             f"valid: {robot.lower[j]:g} to {robot.upper[j]:g} {_unit(robot, j)}; give more rows there",
         )
 
 
-def _between(rows: Rows, trajectory: Trajectory, t: float) -> str:
-    i = int(np.clip(np.searchsorted(trajectory.time, t, side="right"), 1, len(trajectory.time) - 1))
-    return f"between {rows.row}s {i} and {i + 1} (t = {t + rows.time[0]:.4g} s)"
+def _between(rows: Rows, piece: int, since: float) -> str:
+    t = rows.time[piece] + since
+    return f"between {rows.row}s {piece + 1} and {piece + 2} (t = {t:.4g} s)"
 
 
 def _unit(robot: Robot, j: int) -> str:

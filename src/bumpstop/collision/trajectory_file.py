@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 FIELD = "motion.file"
 _MOST_BYTES = {".csv": 50_000_000, ".json": 50_000_000, ".yaml": 5_000_000, ".yml": 5_000_000}
 _MOST_CHARACTERS = 60  # of a value that is shown
+_MOST_LEVELS = 20  # of YAML
+_LONGEST_INT = 10**_MOST_CHARACTERS
+_MOST_PARTS = 8  # of a table that is shown
 _TIMES = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2, of ROS 1
 _MESSAGE_KEYS = ("header", "joint_names", "points")
 _POINT_KEYS = ("positions", "velocities", "accelerations", "effort", "time_from_start")
@@ -89,7 +92,7 @@ def _csv(path: Path, text: str, robot: Robot) -> Rows:
     for name in header:
         if name not in ("t", *positions, *velocities):
             raise refusal(
-                path, f"has a column {_shown(name)}", f"{near_matches(name[:100], ['t', *positions])}; {wanted}"
+                path, f"has a column {_shown(name)}", f"{near_matches(_word(name), ['t', *positions])}; {wanted}"
             )
         if header.count(name) > 1:
             raise refusal(path, f"has the column {name!r} twice", wanted)
@@ -125,10 +128,24 @@ def _parsed_yaml(path: Path, text: str) -> Any:
     import yaml
 
     # The loader in C, where there is one, is ten times as fast and just as safe.
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+        def flatten_mapping(self, node: Any) -> None:
+            # Merges of merges grow without bound, and no message has any.
+            if any(key.tag == "tag:yaml.org,2002:merge" for key, _ in node.value):
+                raise yaml.constructor.ConstructorError(None, None, "merge keys are not read", node.start_mark)
+
+    depth = 0
     try:
+        for event in yaml.parse(text, Loader):
+            if isinstance(event, yaml.CollectionStartEvent):
+                depth += 1
+            elif isinstance(event, yaml.CollectionEndEvent):
+                depth -= 1
+            # Thousands of levels exhaust the stack of the loader in C, which ends the process.
+            if depth > _MOST_LEVELS:
+                raise yaml.YAMLError(f"nested deeper than {_MOST_LEVELS} levels")
         # A recording of a topic ends with the mark that begins the next message.
-        documents = [document for document in yaml.load_all(text, loader) if document is not None]
+        documents = [document for document in yaml.load_all(text, Loader) if document is not None]
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise refusal(path, f"is not valid YAML ({_one_line(error)})") from None
     if len(documents) > 1:
@@ -150,7 +167,7 @@ def _message(path: Path, message: Any, robot: Robot) -> Rows:
     for name in names:
         if not isinstance(name, str) or name not in known:
             raise refusal(
-                path, f"joint_names: {robot.name} has no joint {_shown(name)}", near_matches(str(name)[:100], known)
+                path, f"joint_names: {robot.name} has no joint {_shown(name)}", near_matches(_word(name), known)
             )
         if names.count(name) > 1:
             raise refusal(path, f"joint_names: {name!r} occurs twice")
@@ -180,7 +197,7 @@ def _message(path: Path, message: Any, robot: Robot) -> Rows:
 def _check_keys(path: Path, data: Mapping[Any, Any], known: Iterable[str], needed: Iterable[str], where: str) -> None:
     for key in data:
         if key not in known:
-            raise refusal(path, f"{where}{_shown(key)} is not a key", near_matches(str(key)[:100], known))
+            raise refusal(path, f"{where}{_shown(key)} is not a key", near_matches(_word(key), known))
     for key in needed:
         if key not in data:
             raise refusal(path, f"{where}{key} is missing")
@@ -222,7 +239,17 @@ def _seconds(path: Path, value: Any, where: str) -> float:
 
 
 def _shown(value: Any) -> str:
-    text = (
-        repr(value) if isinstance(value, str | int | float | dict | None) else f"a value of type {type(value).__name__}"
-    )
+    if isinstance(value, dict) and len(value) <= _MOST_PARTS and not any(isinstance(x, dict) for x in value.values()):
+        text = "{" + ", ".join(f"{_shown(key)}: {_shown(part)}" for key, part in value.items()) + "}"
+    elif isinstance(value, int) and abs(value) >= _LONGEST_INT:
+        text = "a number of more than 60 digits"
+    elif isinstance(value, str | int | float | None):
+        text = repr(value[: _MOST_CHARACTERS + 1] if isinstance(value, str) else value)
+    else:
+        # Not looked into: references in YAML make a value of a few lines as large as they like.
+        text = f"a value of type {type(value).__name__}"
     return text if len(text) <= _MOST_CHARACTERS else text[:_MOST_CHARACTERS] + "..."
+
+
+def _word(value: Any) -> str:
+    return value[:100] if isinstance(value, str) else ""
