@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.collision import trajectory_law
 from bumpstop.collision.trajectory_curve import trajectory_kernel
 from bumpstop.collision.trajectory_law import TrajectoryLaw
 from collision.cases import control_group
@@ -329,6 +330,23 @@ def test_where_a_slow_point_turns_round(tmp_path: Path) -> None:
     law, fine = (bs.evaluate(path, refinement=n) for n in (1, 8))
     assert 1e-3 < fine.trigger_joint_probability[0] < 0.2, "seldom, so that few nodes may all miss it"
     assert law.trigger_joint_probability[0] == pytest.approx(fine.trigger_joint_probability[0], rel=5e-3)
+
+
+def test_many_contact_times_take_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    t, q = waves(3, 0.24, rows=12, size=0.25)
+    write_csv(tmp_path / "path.csv", t, q)
+    path = scenario(tmp_path, trajectory_motion(), robot="sia5d")
+    together = bs.evaluate(path)
+    monkeypatch.setattr(trajectory_law, "_CONTACTS_AT_ONCE", 7)
+    assert bs.evaluate(path).to_json() == together.to_json()
+    assert isinstance(together, TrajectoryLaw)
+    monkeypatch.setattr(trajectory_law, "_MOST_DETECTIONS", together.detections.tick.size)
+    bs.evaluate(path)
+    monkeypatch.setattr(trajectory_law, "_MOST_DETECTIONS", together.detections.tick.size - 1)
+    with pytest.raises(bs.InputError, match="goes unnoticed for so long") as refused:
+        bs.evaluate(path)
+    assert refused.value.field == "motion.file"
+    assert bs.evaluate(path, samples=10).samples == 10
 
 
 def test_sampled_runs_do_not_depend_on_threads(tmp_path: Path) -> None:

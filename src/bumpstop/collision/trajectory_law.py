@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from bumpstop.arrays import FloatArray
 from bumpstop.collision.contact_begin import ContactTimes, approach, contact_times, draw_times, trajectory_of
 from bumpstop.collision.contact_mixture import Detections, Mixer
 from bumpstop.collision.curve import StoppingCurve
@@ -19,6 +22,10 @@ from bumpstop.collision.trajectory import Trajectory
 from bumpstop.collision.trajectory_curve import trajectory_curve, trajectory_kernel
 from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.errors import InputError
+
+# Every pair of a contact time and a tick that may detect it takes some 300 bytes of memory.
+_MOST_DETECTIONS = 20_000_000
+_CONTACTS_AT_ONCE = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +137,7 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
     used = np.flatnonzero(times.weight > 0)
     begin, weight, K = times.begin[used], times.weight[used], problem.stiffness
     normal = np.ascontiguousarray(times.normal[used])
-    out = kernel.laws(problem.detector, K, begin, normal, problem.moving_mass)
+    out = _laws(problem, kernel, begin, normal)
     contact, tick, probability = out["contact"], out["tick"], out["probability"]
     free = problem.body_mass is not None
     mass = weight[contact] * probability
@@ -186,6 +193,26 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         detections=Detections(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
         greatest_undetected=float(undetected_peak.max(where=never > 0, initial=0.0)),
     )
+
+
+def _laws(problem: Problem, kernel: Any, begin: FloatArray, normal: FloatArray) -> dict[str, npt.NDArray[Any]]:
+    """The exact laws of contact times, some hundreds at a time: of slow motions each has thousands of detections."""
+    parts: list[dict[str, npt.NDArray[Any]]] = []
+    detections = 0
+    for first in range(0, begin.size, _CONTACTS_AT_ONCE):
+        own = slice(first, first + _CONTACTS_AT_ONCE)
+        part = kernel.laws(problem.detector, problem.stiffness, begin[own], normal[own], problem.moving_mass)
+        part["contact"] += first
+        detections += part["contact"].size
+        if detections > _MOST_DETECTIONS:
+            raise InputError(
+                "motion.file",
+                f"the motion goes unnoticed for so long that the exact law has more than {_MOST_DETECTIONS:,} pairs of "
+                "a contact time and a tick that detects it",
+                "draw it: give samples; or give motion.contact_time, or a part of the motion",
+            )
+        parts.append(part)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, threads: int = 1) -> TrajectoryLaw:
