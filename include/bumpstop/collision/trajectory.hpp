@@ -203,8 +203,10 @@ class ArmTrajectory {
     /// Greatest distances in the first `first` seconds of contact, and after them, of the contact that is noticed at a tick.
     std::array<double, 2> phases(int tick, double begin, const Point3<double>& normal, double first) const {
         const Point3<double> origin = point_at(begin);
-        const int turn = int(std::ceil((begin + first) / step() - 1e-9)), reacts = first_step(tick) + settings_.latency;
         std::array<double, 2> deepest{0, 0};
+        if (!(reaction_[std::size_t(tick)].reach > begin)) return deepest;
+        const int turn = int(std::ceil((touch_time(tick, begin) + first) / step() - 1e-9));
+        const int reacts = first_step(tick) + settings_.latency;
         auto meet = [&](int i, double distance) {
             double& most = deepest[i < turn ? 0 : 1];
             most = std::max(most, distance);
@@ -222,14 +224,9 @@ class ArmTrajectory {
     double contact_span(int tick, double begin) const {
         const PathReaction& reaction = reaction_[std::size_t(tick)];
         const std::vector<double>& u = reaction.u;
-        const double from = (first_step(tick) + settings_.latency) * step();
+        const double from = reaction_time(tick);
         if (!(reaction.reach > begin)) return std::numeric_limits<double>::quiet_NaN();
-        double touch = begin;
-        for (std::size_t i = 1; begin > u[0] && i < u.size(); ++i) {
-            if (u[i] <= begin) continue;
-            touch = from + (double(i) - 1 + (begin - u[i - 1]) / (u[i] - u[i - 1])) * step();
-            break;
-        }
+        const double touch = touch_time(tick, begin);
         const std::size_t last = u.size() - 1;
         if (u[last] >= begin) return from + double(last) * step() + (u[last] - begin) - touch;
         std::size_t i = last;
@@ -241,6 +238,19 @@ class ArmTrajectory {
     /// The greatest distance before contact begins [m]: a path that passes its place earlier does not touch, not even by
     /// rounding.
     static constexpr double not_yet = -2 * surely_apart;
+
+    double reaction_time(int tick) const { return (first_step(tick) + settings_.latency) * step(); }
+
+    /// When contact begins in the case that is noticed at a tick, and whose path arrives [s]: an arm that has slowed down
+    /// before arrives later.
+    double touch_time(int tick, double begin) const {
+        const std::vector<double>& u = reaction_[std::size_t(tick)].u;
+        for (std::size_t i = 1; begin > u[0] && i < u.size(); ++i) {
+            if (u[i] > begin)
+                return reaction_time(tick) + (double(i) - 1 + (begin - u[i - 1]) / (u[i] - u[i - 1])) * step();
+        }
+        return begin;
+    }
 
     void pose(double u, Posture<double>& posture) const {
         ArmState<double> state;
