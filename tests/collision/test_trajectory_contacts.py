@@ -110,6 +110,35 @@ def test_an_arm_that_speeds_up_keeps_pushing(begin: float, duration: float, tmp_
     assert duration - begin < law.contact_time.mean < duration - begin + math.pi / w
 
 
+def test_a_body_touched_between_two_ticks_alone(tmp_path: Path) -> None:
+    """Thrown up against it, z = v t - a t^2 / 2: the arm turns back before the next tick."""
+    gantry(tmp_path)
+    speed, brake, begin, turn = 0.01, 2.0, 0.051, 0.056
+    t = np.linspace(0, 0.2, 3)
+    way, rate = -brake / 2 * (t - turn) ** 2, -brake * (t - turn)
+    unit = np.array([0, 0, 1.0])
+    write_csv(tmp_path / "path.csv", t, way[:, None] * unit, rate[:, None] * unit)
+    assert rate[0] - brake * begin == pytest.approx(speed)
+    stiffness, mass = 40_000.0, 0.4
+    path = scenario(
+        tmp_path,
+        trajectory_motion(contact_time=begin),
+        contact={"stiffness_N_m": stiffness, "kind": "free", "body_mass_kg": mass, "normal": [0, 0, 1]},
+        detector={"thresholds_Nm": [1e6] * 3, "noise_sd_Nm": 1.0, "feedback_period_s": 0.05},
+        simulation={"step_s": 1e-4},
+    )
+    law, drawn = bs.evaluate(path), bs.evaluate(path, samples=3)
+    assert (law.curve.tick_distance <= 0).all()
+    assert law.undetected_probability == drawn.undetected_probability == 1
+    # y'' + w^2 y = -brake until they part.
+    w = math.sqrt(stiffness / mass)
+    deepest = math.hypot(speed / w, brake / w**2) - brake / w**2
+    for found in (law, drawn):
+        assert found.peak_force.mean == pytest.approx(stiffness * deepest, rel=1e-3)
+        assert found.contact_time is not None
+        assert found.contact_time.mean == pytest.approx(2 / w * math.atan(speed * w / brake), rel=1e-2)
+
+
 def test_two_phases_beside_a_straight_trajectory(tmp_path: Path) -> None:
     for kind, noise in (("stop", 4.0), ("reverse", 6.0)):
         line, path = straight(

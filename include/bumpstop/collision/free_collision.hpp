@@ -78,10 +78,12 @@ class FreeCollision {
 
     FreeCollision(const FreeReactions<T>& reactions, const int* tick, T offset)
         : reactions_(&reactions), offset_(offset) {
-        // From the tick before the first one in contact: contact begins after it.
+        // From the tick before the first one in contact: contact begins after it. Only an arm that turns back at once may
+        // have touched the body before, between two ticks.
         for (int lane = 0; lane < lanes; ++lane) {
             tick_[lane] = tick[lane];
             first_[lane] = reactions.paths().tick_step(tick[lane] - 1);
+            earlier_ = std::max(earlier_, first_[lane] - reactions.paths().step_before(lane_of(offset, lane)));
         }
         run();
     }
@@ -120,8 +122,8 @@ class FreeCollision {
         State state, end;  // end: when the undetected motion ends
         bool ended[lanes];
         for (int lane = 0; lane < lanes; ++lane) ended[lane] = first_[lane] >= paths.end_step;
-        T from = undisturbed(0), active = 0.0;
-        for (int r = 1;; ++r) {
+        T from = undisturbed(-earlier_), active = 0.0;
+        for (int r = 1 - earlier_;; ++r) {
             bool over = true;
             for (int lane = 0; lane < lanes; ++lane) {
                 const int step = first_[lane] + r;
@@ -134,7 +136,7 @@ class FreeCollision {
             const T to = undisturbed(r);
             if (any(state.meets(to, offset_))) impact.step(state, from, to, offset_, active);
             from = to;
-            if (r % paths.period == 0) {
+            if (r > 0 && r % paths.period == 0) {
                 force.push_back(reactions_->force(state.compression));
                 touched.push_back(1.0 - state.parted);
             }
@@ -156,6 +158,7 @@ class FreeCollision {
 
     const FreeReactions<T>* reactions_;
     T offset_;
+    int earlier_ = 0;                 // steps to look back for the first touch
     int tick_[lanes], first_[lanes];  // first_: step of the tick before the first one in contact
     std::vector<State> begun_;        // by tick in contact: when the reaction to it begins; at last, the end
 };

@@ -12,6 +12,7 @@ struct FreePaths {
     double step = 0;
     std::vector<std::vector<double>> reaction;  ///< by tick, from the step in which it begins on; may be empty
     std::vector<double> farthest;               ///< by tick: the greatest distance from the tick on
+    std::vector<double> reached;                ///< by step: the greatest distance of the undisturbed motion so far
 
     /// The step after which nothing is known of the undisturbed motion: it goes on for a latency, for the reactions.
     int last_step() const { return int(path->s.size()) - 1; }
@@ -20,8 +21,15 @@ struct FreePaths {
     int tick_step(int k) const { return k * period + 1; }
     int reaction_step(int k) const { return tick_step(k) + latency; }
 
+    /// The step after which a body at `offset` is touched; the last one where none is.
+    int step_before(double offset) const {
+        return int(std::upper_bound(reached.begin() + 1, reached.end(), offset) - reached.begin()) - 1;
+    }
+
     void find_farthest() {
         farthest.clear();
+        reached = path->s;
+        for (std::size_t i = 1; i < reached.size(); ++i) reached[i] = std::max(reached[i], reached[i - 1]);
         for (std::size_t k = 0; k < reaction.size(); ++k) {
             double most = -HUGE_VAL;
             for (int i = tick_step(int(k)); i <= reaction_step(int(k)); ++i) most = std::max(most, undisturbed(i));
@@ -165,6 +173,7 @@ FreePaths free_paths(const Chain& chain, const MotionSettings& motion, const Con
                     timing.latency,
                     int(std::min(path.s.size() - 1, std::size_t(timing.steps))),
                     motion.step,
+                    {},
                     {},
                     {}};
     paths.reaction.resize(std::size_t(path.ticks));

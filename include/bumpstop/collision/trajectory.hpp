@@ -186,7 +186,7 @@ class ArmTrajectory {
     FreePaths free_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
                          int only_tick = -1) const {
         const int end = int(std::min(curve.path.s.size() - 1, std::size_t(steps_)));
-        FreePaths paths{&curve.path, settings_.period, settings_.latency, end, step(), {}, {}};
+        FreePaths paths{&curve.path, settings_.period, settings_.latency, end, step(), {}, {}, {}};
         paths.reaction.resize(std::size_t(curve.path.ticks));
         for (int k = 0; k < curve.path.ticks; ++k) {
             if (only_tick < 0 ? curve.farthest[std::size_t(k)] > 0 : k == only_tick)
