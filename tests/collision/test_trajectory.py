@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision import trajectory_law
+from bumpstop.collision import contact_begin, trajectory_law
 from bumpstop.collision.trajectory_curve import trajectory_kernel
 from bumpstop.collision.trajectory_law import TrajectoryLaw
 from collision.cases import control_group
@@ -242,6 +242,8 @@ def test_a_point_that_stands_still_meets_nobody(tmp_path: Path) -> None:
     law = bs.evaluate(scenario(tmp_path, trajectory_motion()))
     assert isinstance(law, TrajectoryLaw)
     assert law.times.still == pytest.approx(0.49, abs=0.015)
+    # No node is wasted on it: 250 periods of four, and some more where the motion begins.
+    assert law.times.begin.size <= 4 * 265
     assert any("ends while the arm still moves" in note for note in law.notes)
     (note,) = [note for note in law.notes if "does not move toward a body" in note]
     assert f"{law.times.still:.2%}" in note
@@ -330,6 +332,36 @@ def test_where_a_slow_point_turns_round(tmp_path: Path) -> None:
     law, fine = (bs.evaluate(path, refinement=n) for n in (1, 8))
     assert 1e-3 < fine.trigger_joint_probability[0] < 0.2, "seldom, so that few nodes may all miss it"
     assert law.trigger_joint_probability[0] == pytest.approx(fine.trigger_joint_probability[0], rel=5e-3)
+
+
+def test_nodes_go_where_the_residual_grows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also of a motion whose periods alone take most of the nodes there may be."""
+    gantry(tmp_path)
+    t = np.linspace(0, 1, 200)
+    write_csv(tmp_path / "path.csv", t, (0.05 * t**12)[:, None] * [0, 0, -1.0], (0.6 * t**11)[:, None] * [0, 0, -1.0])
+    problem = bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion(), detector__noise_sd_Nm=0.2))
+    plenty = contact_begin.contact_times(problem).begin.size
+    monkeypatch.setattr(contact_begin, "_MOST_NODES", 1500)
+    times = contact_begin.contact_times(problem)
+    assert plenty > 3000
+    assert 1300 < times.begin.size <= 1500
+    width = times.high[3::4] - times.low[::4]
+    assert width[-2] < 0.7 * width[1] == pytest.approx(0.7 * 0.004)
+
+
+@pytest.mark.parametrize("normal", [None, [0, 0, 1]])
+def test_a_recording_that_trembles_needs_no_more_nodes_than_it_is_worth(
+    normal: list[float] | None, tmp_path: Path
+) -> None:
+    gantry(tmp_path)
+    t = np.arange(0, 4, 0.001)
+    way = 1e-6 * np.random.default_rng(4).normal(size=(t.size, 3))
+    way[:, 2] += 0.01 * np.clip(t - 3.5, 0, None) ** 2
+    write_csv(tmp_path / "path.csv", t, way)
+    contact = {"stiffness_N_m": 20000} | ({"normal": normal} if normal else {})
+    problem = bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion(), contact=contact))
+    times = contact_begin.contact_times(problem)
+    assert times.begin.size < 4 * (3 * 1000 + 2000)
 
 
 def test_many_contact_times_take_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ _MOST_NODES = 60_000
 # In half a panel the contact normal turns by no more than this, unless the panel is this narrow, in feedback periods.
 _LEAST_COSINE = math.cos(0.1)
 _NARROWEST = 1e-3
+_FEW_PANELS = 1000  # whatever the length of a motion, so many may be added for that
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +111,10 @@ def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
     """Edges of the panels [s]: every tick, where the point turns, and more where the residual grows fast."""
     step, end = problem.scenario.simulation.step_s, trajectory.duration
     ticks = np.arange(1, math.ceil(end / step) + 1, problem.period_steps) * step
-    edges = np.unique(np.concatenate([[0.0], ticks, _turns(problem, trajectory, step)]))
+    turns = _turns(problem, trajectory, step)
+    # A recorded arm that trembles in place turns at every row: there nothing is gained by a panel for each.
+    turns = turns if turns.size <= ticks.size else np.zeros(0)
+    edges = np.unique(np.concatenate([[0.0], ticks, turns]))
     edges = np.append(edges[edges < end - 1e-9 * step], end)
     edges = _bent(problem, edges[np.append(True, np.diff(edges) > 1e-9 * step)])
     middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
@@ -121,8 +125,12 @@ def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
         growth = np.abs(np.einsum("nij,ni->nj", jacobian, normal))[:, watched] / problem.noise_sd[watched]
     # A joint that feels nothing of the contact has no need of any panel, even without noise.
     growth = np.nan_to_num(growth, nan=0.0, posinf=1e6).max(axis=1, initial=0.0) * problem.stiffness
-    most = max(1, _MOST_NODES // (order * len(middle)))
-    parts = np.clip(np.ceil(growth * np.maximum(speed, 0.0) * width / _GROWTH), 1, most).astype(int)
+    wanted = np.maximum(np.ceil(growth * np.maximum(speed, 0.0) * width / _GROWTH), 1.0)
+    # Where there would be too many nodes, the panels with the most parts get fewer.
+    most = _MOST_NODES
+    while most > 1 and order * np.minimum(wanted, most).sum() > _MOST_NODES:
+        most = most * 9 // 10
+    parts = np.minimum(wanted, most).astype(int)
     starts = np.repeat(edges[:-1], parts)
     place = np.arange(len(starts)) - np.repeat(np.cumsum(parts) - parts, parts)
     return np.append(starts + np.repeat(width / parts, parts) * place, end)
@@ -131,15 +139,22 @@ def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
 def _bent(problem: Problem, edges: FloatArray) -> FloatArray:
     """Halves panels until the normal turns little in each: where the point is slow it may turn round in no time."""
     narrowest = _NARROWEST * problem.period_steps * problem.scenario.simulation.step_s
-    ends, _ = approach(problem, edges)
+    ends, most = _way(problem, edges), 2 * edges.size + _FEW_PANELS
     while True:
         between = (edges[1:] + edges[:-1]) / 2
-        normal, _ = approach(problem, between)
-        turn = np.minimum(np.einsum("ni,ni->n", ends[:-1], normal), np.einsum("ni,ni->n", normal, ends[1:]))
+        way = _way(problem, between)
+        # A point that stands still has no direction: products with its NaN are below no cosine.
+        turn = np.fmin(np.einsum("ni,ni->n", ends[:-1], way), np.einsum("ni,ni->n", way, ends[1:]))
         cut = np.flatnonzero((turn < _LEAST_COSINE) & (np.diff(edges) > narrowest))
-        if not cut.size:
+        if not cut.size or edges.size + cut.size > most:
             return edges
-        edges, ends = np.insert(edges, cut + 1, between[cut]), np.insert(ends, cut + 1, normal[cut], axis=0)
+        edges, ends = np.insert(edges, cut + 1, between[cut]), np.insert(ends, cut + 1, way[cut], axis=0)
+
+
+def _way(problem: Problem, t: FloatArray) -> FloatArray:
+    """Contact normals at times [s], NaN where the point does not move toward the body (N, 3)."""
+    normal, speed = approach(problem, t)
+    return np.where(speed[:, None] > _STANDSTILL, normal, np.nan)
 
 
 def _turns(problem: Problem, trajectory: Trajectory, step: float) -> FloatArray:
