@@ -165,6 +165,11 @@ FREE: dict[str, Scenario] = {
     "soft and heavy, fixed": free(
         60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=1.3
     ),
+    # After a false alarm the arm swings forward again and strikes most bodies then, much harder than at first.
+    "false alarms beside a singularity": free(
+        9.0, pose_deg=[133.29, -46.9, 35.07, 69.4, 77.78, 91.38, 0], motion__velocity_mm_s=[7.81, -12.28, -26.85],
+        detector__noise_sd_Nm=[8, 4, 8, 8, 8, 8, 8],
+    ),
 }  # fmt: skip
 
 

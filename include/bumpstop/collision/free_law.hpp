@@ -107,15 +107,34 @@ class FreeContact {
     std::vector<FreeCollision<T>> collision_;  // [register][node]
 };
 
-/// Adds the false alarms at tick k, of probability `chance`, against bodies from `low` on. Where a reaction barely
-/// arrives, contact time grows from nothing like a square root: places crowd there.
+namespace detail {
+
+/// Distances above `low` at which the path after tick k turns back and later goes on: bodies on this side are struck at
+/// first, those beyond when the arm swings forward again.
+inline std::vector<double> turns(const FreePaths& paths, int k, double low) {
+    constexpr double back = 1e-8;  // [m]: as well as reactions are known
+    std::vector<double> found;
+    const PathAfter path(paths, k, 0);
+    double farthest = low;
+    bool turned = true;
+    for (int i = 0; i <= path.length(); ++i) {
+        const double here = path.at(i);
+        if (here > farthest) {
+            if (turned && farthest > low) found.push_back(farthest);
+            farthest = here;
+            turned = false;
+        }
+        turned = turned || here < farthest - back;
+    }
+    return found;
+}
+
+/// Some of the false alarms at tick k, against bodies from `low` to `top`.
 template <class T>
-void add_alarms(const FreeReactions<T>& reactions, const OffsetLaw& offset, int k, double chance, double low,
-                FreeAlarms& out) {
+void add_piece(const FreeReactions<T>& reactions, const OffsetLaw& offset, int k, double chance, double low, double top,
+               FreeAlarms& out) {
     constexpr int lanes = Scalar<T>::lanes, cells = FreeAlarms::cells, nodes = FreeAlarms::nodes;
-    const double top = std::min(reactions.paths().farthest[std::size_t(k)], offset.largest());
     const bool fixed = offset.kind == OffsetKind::fixed;
-    if (fixed ? !(top >= offset.size && offset.size >= low) : !(top > low)) return;
     out.tick.push_back(k);
     std::array<double, cells + 1 + nodes> place;
     const GaussRule& rule = gauss_rule(nodes);
@@ -154,6 +173,35 @@ void add_alarms(const FreeReactions<T>& reactions, const OffsetLaw& offset, int 
     out.edge_duration.insert(out.edge_duration.end(), duration.begin(), duration.begin() + cells + 1);
     out.node_force.insert(out.node_force.end(), force.begin() + cells + 1, force.end());
     out.node_duration.insert(out.node_duration.end(), duration.begin() + cells + 1, duration.end());
+}
+
+}  // namespace detail
+
+/// Adds the false alarms at tick k, of probability `chance`, against bodies from `low` on. Where a reaction barely
+/// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
+/// reaches far has a piece for each swing, and the density of the offset bends little in any.
+template <class T>
+void add_alarms(const FreeReactions<T>& reactions, const OffsetLaw& offset, int k, double chance, double low,
+                FreeAlarms& out) {
+    constexpr double most_sd = 0.5;  // in a piece
+    const double top = std::min(reactions.paths().farthest[std::size_t(k)], offset.largest());
+    if (offset.kind == OffsetKind::fixed) {
+        if (top >= offset.size && offset.size >= low) detail::add_piece(reactions, offset, k, chance, low, top, out);
+        return;
+    }
+    if (!(top > low)) return;
+    const double widest = offset.kind == OffsetKind::half_normal ? most_sd * offset.size : HUGE_VAL;
+    std::vector<double> ends = detail::turns(reactions.paths(), k, low);
+    std::erase_if(ends, [&](double end) { return !(end < top); });
+    ends.push_back(top);
+    double begin = low;
+    for (double end : ends) {
+        const int parts = std::max(1, int(std::ceil((end - begin) / widest)));
+        for (int i = 0; i < parts; ++i)
+            detail::add_piece(reactions, offset, k, chance, begin + (end - begin) * i / parts,
+                              begin + (end - begin) * (i + 1) / parts, out);
+        begin = end;
+    }
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
