@@ -98,6 +98,12 @@ def test_an_alarm_after_the_arm_fell_back_from_the_body_is_a_detection() -> None
     compare(scenario, 20_000, seed=4)
 
 
+def test_a_point_that_comes_forward_again_passes_an_offset_where_its_path_does() -> None:
+    times = contact_time.contact_times(np.array([0.0, 2.0, 1.0, 1.5, 3.0]), np.array([1.0, 2.25, 3.5]), 0.1)
+    assert times[:2] == pytest.approx([0.05, 0.35])
+    assert math.isnan(times[2])
+
+
 def test_slowly_growing_forces_need_few_cells_in_a_piece(monkeypatch: pytest.MonkeyPatch) -> None:
     """A soft body felt often has hundreds of thousands of pieces; here one cell and two nodes of each are tried."""
     scenario = control_group(

@@ -70,12 +70,12 @@ class ContactSpans:
 
 def contact_times(distance: FloatArray, offset: FloatArray, step: float) -> FloatArray:
     """Times [s] at which a path first passes each offset, linear between steps; NaN beyond its end."""
-    reach = np.maximum.accumulate(distance)
-    index = np.searchsorted(reach, offset, side="right")
-    inside = index < reach.size
-    last = np.clip(index, 1, reach.size - 1)
-    rise = reach[last] - reach[last - 1]
-    part = np.where(rise > 0, (offset - reach[last - 1]) / np.where(rise > 0, rise, 1.0), 0.0)
+    index = np.searchsorted(np.maximum.accumulate(distance), offset, side="right")
+    inside = index < distance.size
+    last = np.clip(index, 1, distance.size - 1)
+    # A point that comes forward again may have been farther than a step ago.
+    rise = distance[last] - distance[last - 1]
+    part = np.where(rise > 0, (offset - distance[last - 1]) / np.where(rise > 0, rise, 1.0), 0.0)
     return np.where(inside, (last - 1 + part) * step, np.nan)
 
 
