@@ -201,6 +201,20 @@ def test_an_arm_that_swings_forward_after_a_false_alarm_strikes_the_body(tick: i
     assert law.contact_time.mean == pytest.approx(duration, rel=1e-4)
 
 
+def test_an_arm_that_a_singularity_drives_back_meets_nobody() -> None:
+    scenario = free(
+        0.14, pose_deg=[67.0815, 10.6915, 118.7534, 13.078, -89.8323, -93.7495, 0],
+        motion__velocity_mm_s=[29.073, -16.216, 49.546], motion__duration_s=1.0,
+    )  # fmt: skip
+    law, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=2000, seed=1)
+    assert law.curve.distance[1:].max() < 0
+    assert law.peak_force.mean == drawn.peak_force.mean == 0
+    assert law.contact_time is not None
+    assert math.isnan(law.contact_time.mean)
+    assert law.no_contact_probability + law.false_alarm_probability == pytest.approx(1, abs=1e-12)
+    assert law.verdict.p_over_force == 0
+
+
 def test_against_mujoco() -> None:
     """A mass behind a spring and a light pad, struck by a driven pusher: the spring's greatest force."""
     mass, stiffness, speed = 4.4, 25000.0, 0.25
