@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.arrays import FloatArray
 from bumpstop.detection.detector import Detector, check_rearm
-from bumpstop.detection.events import STATES, DetectionRun
+from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun
 from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
+from bumpstop.identification.drive_rows import stretches_of
 from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.kernels import core
+from bumpstop.recording.checks import gaps_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -25,6 +29,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 _TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
+_SAME_TIME = 1e-3  # of a period
 
 
 def detect(
@@ -39,7 +44,9 @@ def detect(
     """Run a detector over a recording.
 
     With fitted dynamics the residual is recorded minus predicted torque. Prediction uses zero-phase filters, which look
-    ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct.
+    ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct. It is
+    blind inside a gap, where rows are made up, and within a period of the cut-off beside one of more than 0.1 s and ten
+    intervals, where the filter knows one side of the motion only.
 
     Args:
         recording: with currents for a joint model, with joint torque otherwise.
@@ -76,11 +83,20 @@ def detect(
         # What is no torque in Nm says nothing of a force.
         noise = np.where(unscaled, np.inf, detector.noise_sd)
         detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
+    dark = _beside_gaps(motion.t, recording.t, 1 / model.cutoff_hz)
+    seen = np.flatnonzero(~dark)
     decision = core.DecisionSettings()
     detector.fill_decision(decision)
-    fast, threshold, state, unseen, rows, over, over_fast = core.judge(
-        decision, motion.t, residual, motion.qd, motion.qdd, rearm_s
+    judged = core.judge(decision, motion.t[seen], residual[seen], motion.qd[seen], motion.qdd[seen], rearm_s)
+    *columns, rows, over, over_fast = judged
+    # In a blind row: no residual, and the threshold of the row before, none at the beginning.
+    before = np.cumsum(~dark)
+    fast, threshold, state, unseen = (
+        np.concatenate([np.zeros_like(c, shape=(1, *c.shape[1:])), c])[before] for c in columns
     )
+    residual[dark] = fast[dark] = math.nan
+    state[dark] = BLIND
+    fault = np.where(dark, FAULTS.index("gap"), 0).astype(np.uint8)
     events = tuple(
         detector.event_of(
             detector.explain(motion.q[row], residual[row]),
@@ -91,10 +107,8 @@ def detect(
             threshold=threshold[row],
             q=motion.q[row],
         )
-        for k, row in enumerate(rows)
+        for k, row in enumerate(seen[rows])
     )
-    blind = _in_gaps(motion.t, recording)
-    state[blind] = STATES.index("blind")
     nothing = np.zeros(motion.t.size, dtype=bool)
     notes = ["Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."]
     if unscaled.any():
@@ -106,10 +120,10 @@ def detect(
         fast=fast,
         threshold=threshold,
         state=state,
-        fault=np.zeros(motion.t.size, dtype=np.uint8),
+        fault=fault,
         stop=state == STATES.index("alarm"),
         late=nothing,
-        unseen=unseen != 0,
+        unseen=(unseen != 0) & ~dark,
         payload_changed=nothing,
         events=events,
         notes=(*recording.report.notes, *notes, *detector.notes),
@@ -162,12 +176,20 @@ def residual_record(
     return ResidualRecord.from_rows(np.ascontiguousarray(run.residual[seen]), notes, run.t[seen])
 
 
-def _in_gaps(t: npt.NDArray[np.float64], recording: Recording) -> npt.NDArray[np.bool_]:
-    """Grid times inside a gap of the recording, where what stands there was made up by interpolation."""
-    inside = np.zeros(t.size, dtype=bool)
-    for start, length in recording.report.gaps:
-        inside |= (t > start) & (t < start + length)
-    return inside
+def _beside_gaps(t: FloatArray, recorded: FloatArray, beside_s: float) -> npt.NDArray[np.bool_]:
+    """Grid times inside a gap of the recorded times, where what stands there was made up by interpolation, or near one.
+
+    Near: within ``beside_s`` [s] of a gap across which no filter of an identification reaches.
+    """
+    found = np.zeros(t.size, dtype=bool)
+    # The grid's times are rounded otherwise than those of the rows that they stand for.
+    same = _SAME_TIME * float(np.median(np.diff(recorded)))
+    for start, length in gaps_of(recorded):
+        found |= (t > start + same) & (t < start + length - same)
+    parts = stretches_of(recorded)
+    for one, other in itertools.pairwise(parts):
+        found |= (t > recorded[one.stop - 1] - beside_s) & (t < recorded[other.start] + beside_s)
+    return found
 
 
 def _with_some_inertia(robot: Robot) -> Robot:

@@ -1,0 +1,69 @@
+"""Residuals of fitted dynamics over recordings with gaps: what was made up between samples is not judged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bumpstop.arrays import FloatArray
+from bumpstop.detection import detect
+from bumpstop.identification import DynamicsFit, identify_dynamics
+from bumpstop.recording import Recording
+from detection.moving_arms import UR5E, moving
+
+DT = 0.004
+CUTOFF_HZ = 25.0  # at which every row is kept
+THETA = 8.0
+
+
+def log(seed: int, rows: int, lost: tuple[tuple[int, int], ...] = (), push: FloatArray | None = None) -> Recording:
+    """A motion without contact, but for ``push`` (rows,) on every joint, some rows of which were lost."""
+    t, q, _, _, tau = moving(UR5E, rows, DT, seed, pace=0.4)
+    tau = tau + np.random.default_rng(seed).normal(0, 0.2, tau.shape)
+    if push is not None:
+        tau = tau + push[:, None]
+    kept = np.ones(rows, dtype=bool)
+    for first, end in lost:
+        kept[first:end] = False
+    return Recording(t=t[kept], q=q[kept], tau=tau[kept])
+
+
+@pytest.fixture(scope="module")
+def fit() -> DynamicsFit:
+    return identify_dynamics([log(1, 4000), log(2, 4000)], UR5E, cutoff_hz=CUTOFF_HZ)
+
+
+def test_a_gap_blinds_and_makes_no_alarm(fit: DynamicsFit) -> None:
+    """A lost second: straight lines across it and the filter beside it leave more than the thresholds."""
+    whole = detect(log(3, 3000), UR5E, fit, [THETA] * 6)
+    assert not whole.blind.any()
+    assert whole.events == ()
+    run = detect(log(3, 3000, ((1000, 1250),)), UR5E, fit, [THETA] * 6)
+    assert run.events == ()
+    # From a period of the cut-off before the last row to as much after the next.
+    dark = (run.t > 999 * DT - 1 / CUTOFF_HZ) & (run.t < 1250 * DT + 1 / CUTOFF_HZ)
+    np.testing.assert_array_equal(run.blind, dark)
+    assert run.blind_rows() == {"gap": int(dark.sum())}
+    assert np.isnan(run.residual[dark]).all()
+    np.testing.assert_allclose(run.residual[~dark], whole.residual[~dark], atol=0.5)
+
+
+def test_nothing_is_noticed_inside_a_short_gap(fit: DynamicsFit) -> None:
+    """Five lost rows after one that was pushed: what is interpolated from it is no second push."""
+    push = np.zeros(3000)
+    push[1000] = 60.0
+    run = detect(log(3, 3000, ((1001, 1006),), push), UR5E, fit, [THETA] * 6, rearm_s=0.0)
+    assert [round(event.t / DT) for event in run.events] == [1000]
+    np.testing.assert_array_equal(np.flatnonzero(run.blind), np.arange(1001, 1006))
+    # The alarm lasts until the first row after the gap, which is quiet, and begins no second time.
+    assert (run.state[1007:] != run.state[1000]).all()
+    # Made of the last row that was recorded: a push inside the gap that nobody recorded raises nothing either.
+    later = detect(log(3, 3000, ((999, 1006),), push), UR5E, fit, [THETA] * 6)
+    assert later.events == ()
+
+
+def test_a_recording_of_nothing_but_gaps_is_all_blind(fit: DynamicsFit) -> None:
+    lost = tuple((first, first + 60) for first in range(5, 3000, 65))
+    run = detect(log(3, 3000, lost), UR5E, fit, [0.1] * 6)
+    assert run.blind.all()
+    assert run.events == ()
