@@ -92,6 +92,16 @@ def test_the_same_numbers_however_a_text_is_written(change: str, tmp_path: Path)
     assert (found.q == plain.q).all()
 
 
+def test_decimal_commas_may_begin_late(tmp_path: Path) -> None:
+    """An arm that stands still writes whole numbers, over more lines than a reader would look at to find out."""
+    resting = [f"{i};0;0" for i in range(3000)]
+    path = written(tmp_path, ["t;q_1;q_2", *resting, "3000;0,25;-1,5", "3000,5;0,5;1"])
+    found = Recording.load(path, max_bad=0)
+    assert found.t.size == 3002
+    assert found.t[-1] == 3000.5
+    assert found.q[-2:].tolist() == [[0.25, -1.5], [0.5, 1.0]]
+
+
 def test_too_many_bad_rows_are_refused(tmp_path: Path) -> None:
     text = lines()
     for i in (3, 5, 7):
