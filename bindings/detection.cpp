@@ -28,20 +28,26 @@ void store_row(const std::array<double, max_joints>& values, NewArray<double>& o
     for (std::size_t j = 0; j < width; ++j) out.data[row * width + j] = values[j];
 }
 
-// An alarm is taken as dealt with once every residual has been below its threshold for `rearm` seconds.
+// An alarm is taken as dealt with once every residual has been below its threshold for `rearm` seconds. Where the detector
+// is blind nothing is known to be quiet, and the time of such a row may be none or one long past: the first tick that is
+// judged again begins anew.
 class Rearming {
   public:
     explicit Rearming(double after) : after_(after) {}
     bool over(double t, bool alarm, bool loud) {
-        if (!alarm || loud || quiet_ > t) {
+        if (!alarm || loud) {
             quiet_ = t;
+            judged_ = alarm;
             return false;
         }
+        if (!judged_) quiet_ = t;
+        judged_ = true;
         return t - quiet_ >= after_;
     }
 
   private:
     double after_, quiet_ = -std::numeric_limits<double>::infinity();
+    bool judged_ = false;
 };
 
 nb::tuple run(Detector& detector, Vector t, Matrix q, Matrix signal, std::optional<Matrix> qd, double rearm) {

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings, Thresholds
+from bumpstop.detection.events import STATES
 from bumpstop.model import inverse_dynamics
 from detection.moving_arms import DT, UR5E, parabola
 
@@ -100,6 +101,18 @@ def test_an_alarm_stays_and_ends_after_quiet() -> None:
     assert len(latched.events) == 1
     assert latched.stop[200:].all()
     assert not latched.stop[7:200].any()
+
+
+@pytest.mark.parametrize("time", [math.nan, -math.inf, math.inf, 0.0, -5.0])
+def test_a_row_without_a_time_of_its_own_does_not_end_an_alarm_nor_keep_it(time: float) -> None:
+    """Quiet from 0.6 s on, but for a row at 0.65 s: whatever its time, the alarm ends 0.2 s after the next row."""
+    t, q, tau = pressed(1.0)
+    tau[300:] = pressed(0.0)[2][300:]
+    t[325] = time
+    run = Detector(UR5E, None, [12.0] * 6).run_rows(t, q, tau, rearm_s=0.2)
+    (over,) = np.flatnonzero(np.diff((run.state == STATES.index("alarm")).astype(int)[326:]) < 0) + 327
+    assert run.blind[325]
+    assert t[over] == pytest.approx(326 * DT + 0.2 + DT, abs=1.5 * DT)
 
 
 def test_thresholds_grow_with_motion() -> None:

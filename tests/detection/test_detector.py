@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -240,6 +241,21 @@ def test_a_bad_sample_is_told_and_makes_no_spike(fault: str, spoil: object) -> N
     assert worst < 1e-6
     assert run.events == ()
     assert np.nanmax(np.abs(run.residual[101:120] - clean.residual[101:120]), initial=0) < 3
+
+
+def test_rows_without_a_time_of_their_own_leave_the_others_theirs() -> None:
+    """How long it was blind is a number, and one that JSON has, whatever times rows came with."""
+    t, q, _, _, tau = moving(UR5E, 300)
+    clean = Detector(UR5E, None, [50.0] * 6).run_rows(t, q, tau)
+    spoilt = t.copy()
+    spoilt[[0, 100, 150, 200, 299]] = math.nan, math.nan, math.inf, t[20], -math.inf
+    run = Detector(UR5E, None, [50.0] * 6).run_rows(spoilt, q, tau)
+    assert run.blind[[100, 150, 200]].all()
+    # The first time is that of the second row; the intervals that end in judged rows count whole.
+    assert run.blind_s == pytest.approx(clean.blind_s)
+    found = json.loads(json.dumps(run.to_json(), allow_nan=False))
+    assert (found["start_s"], found["end_s"]) == (t[1], t[298])
+    assert all(t[1] <= a <= b <= t[298] for a, b in found["blind"])
 
 
 def test_grace_delays_the_request_to_stop() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -131,15 +132,24 @@ class DetectionRun:
         """How long it did not judge because a motion had just begun [s]."""
         return self._seconds(self.state == STATES.index("arming"))
 
+    @property
+    def _clock(self) -> FloatArray:
+        """(N,) times that never fall [s]: a row with none, or with one long past, has that of the rows before."""
+        known = np.where(np.isfinite(self.t), self.t, math.nan)
+        rising: FloatArray = np.fmax.accumulate(known)
+        first = rising[np.isfinite(rising)][:1]
+        return np.where(np.isnan(rising), first if first.size else 0.0, rising)
+
     def _seconds(self, rows: npt.NDArray[np.bool_]) -> float:
-        steps = np.diff(self.t, prepend=self.t[0])
-        return float(np.maximum(steps[rows], 0).sum())
+        clock = self._clock
+        return float(np.diff(clock, prepend=clock[0])[rows].sum())
 
     def blind_intervals(self) -> list[tuple[float, float]]:
         """Times from and to when it was blind: from the last row that was not to the last that was [s]."""
+        clock = self._clock
         edges = np.flatnonzero(np.diff(np.concatenate([[False], self.blind, [False]]).astype(np.int8)))
         return [
-            (float(self.t[max(0, first - 1)]), float(self.t[end - 1]))
+            (float(clock[max(0, first - 1)]), float(clock[end - 1]))
             for first, end in zip(edges[::2], edges[1::2], strict=True)
         ]
 
@@ -151,8 +161,8 @@ class DetectionRun:
         """For programs."""
         return {
             "events": [event.to_json() for event in self.events],
-            "start_s": float(self.t[0]),
-            "end_s": float(self.t[-1]),
+            "start_s": float(self._clock[0]),
+            "end_s": float(self._clock[-1]),
             "blind": [list(interval) for interval in self.blind_intervals()],
             "blind_s": self.blind_s,
             "blind_rows": self.blind_rows(),
