@@ -93,6 +93,7 @@ def _payload_json(found: PayloadFit, log: Recording) -> dict[str, Any]:
         ],
         "joints_left_out": list(found.joints_left_out),
         "rows_used": found.rows_used,
+        "rows_left": found.rows_left,
         "rows_dropped": log.report.rows_dropped,
     }
 
@@ -115,7 +116,10 @@ def _toml(found: PayloadFit, arm: Robot, log: Recording) -> str:
 
 
 def _print(found: PayloadFit) -> None:
-    typer.echo(f"payload at the tip from {found.rows_used} rows")
+    typer.echo(
+        f"payload at the tip from {found.rows_used} rows; {found.rows_left} recorded ones are left away at the ends, "
+        "beside gaps, or in stretches too short to use"
+    )
     for name, value in found.values.items():
         unit = _UNITS.get(name, "kg m2")
         error = found.standard_errors[name]

@@ -20,6 +20,7 @@ _RATE_PER_CUTOFF = 10.0
 # What lies beyond the margins of a part of a recording would change it by this share of its range: far below the noise
 # of any sensor. A share of 1e-9 would make margins half as wide again.
 REACH_SHARE = 1e-6
+LEAST_ROWS = 50  # of a motion
 _SLOPE_ROWS = 2  # that two differences one after the other reach to either side
 
 
@@ -135,8 +136,8 @@ def even_motion(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: 
     """The motion of a whole recording at times ``t`` (N,); other arguments as for :meth:`EvenGrid.motion`.
 
     Raises:
-        InputError: fewer than 50 rows.
+        InputError: fewer than ``LEAST_ROWS`` rows.
     """
-    if t.size < 50:
-        raise InputError("recording", f"{t.size} rows", "wanted at least 50")
+    if t.size < LEAST_ROWS:
+        raise InputError("recording", f"{t.size} rows", f"wanted at least {LEAST_ROWS}")
     return EvenGrid.of(t).motion(q, qd, cutoff_hz)

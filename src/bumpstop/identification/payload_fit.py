@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.drive_rows import without_rotors
-from bumpstop.identification.motion import GRAVITY, EvenMotion, even_motion, lowpass, onto
+from bumpstop.identification.drive_rows import stretches_of, without_rotors
+from bumpstop.identification.motion import GRAVITY, LEAST_ROWS, EvenMotion, even_motion, lowpass, onto
 from bumpstop.identification.regressor import INERTIAL, link_regressor
 from bumpstop.identification.robust_fit import long_run_covariance, visible_share
 from bumpstop.model.inertia import vector3
@@ -32,6 +32,7 @@ _ROUNDS = 4  # of the joints' weights, and of a point mass's second moments
 _WINDOW = 4.0  # of the long-run covariance, in correlation times
 # Torques are compared after a filter at this many times the motion's cut-off.
 _FIT_PER_CUTOFF = 2.0
+_LEAST_PERIODS = 4.0  # of the cut-off, that a stretch between gaps lasts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +48,8 @@ class PayloadFit:
         unseen: names of what the motion cannot show.
         joints_left_out: joints whose torque is unknown.
         rows_used: of the fit.
+        rows_left: recorded rows left away: in stretches between gaps too short to use, or within a period of the
+            cut-off of their ends.
         joints: names of the others, by which the payload was found.
         t: (N,) of the rows that were compared [s].
         wanted: (N, joints) torque that the arm without payload does not explain, filtered [Nm or N].
@@ -61,6 +64,7 @@ class PayloadFit:
     unseen: tuple[str, ...]
     joints_left_out: tuple[str, ...]
     rows_used: int
+    rows_left: int
     joints: tuple[str, ...]
     t: FloatArray
     wanted: FloatArray
@@ -103,12 +107,28 @@ def identify_payload(
     if recording.dof != robot.dof:
         raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
-    motion = even_motion(recording.t, recording.q, recording.qd, cutoff)
-    bare, known = _bare_torque(recording, robot, model, motion)
-    payload = link_regressor(robot, motion.q, motion.qd, motion.qdd, GRAVITY, robot.dof - 1) @ _tip_to_link(robot)
-    nuisance = _friction(motion.qd) if model is None else np.zeros((motion.t.size, robot.dof, 0))
-    filter_hz = _FIT_PER_CUTOFF * cutoff
-    wanted, seen_by, others = (lowpass(x[:, known], motion.rate_hz, filter_hz) for x in (bare, payload, nuisance))
+    parts, left = _parts(recording, cutoff)
+    motions = [even_motion(part.t, part.q, part.qd, cutoff) for part in parts]
+    torques = [_bare_torque(part, robot, model, own) for part, own in zip(parts, motions, strict=True)]
+    known = torques[0][1]
+    q, qd, qdd = (np.concatenate([getattr(own, name) for own in motions]) for name in ("q", "qd", "qdd"))
+    payload = link_regressor(robot, q, qd, qdd, GRAVITY, robot.dof - 1) @ _tip_to_link(robot)
+    nuisance = _friction(qd) if model is None else np.zeros((len(qd), robot.dof, 0))
+    ends = np.cumsum([own.t.size for own in motions])[:-1]
+    inside = [_inside(own.t, cutoff) for own in motions]
+
+    def filtered(x: FloatArray) -> FloatArray:
+        """Each stretch by itself, without its ends."""
+        return np.concatenate(
+            [
+                lowpass(part, own.rate_hz, _FIT_PER_CUTOFF * cutoff)[rows]
+                for part, own, rows in zip(np.split(x[:, known], ends), motions, inside, strict=True)
+            ]
+        )
+
+    t = np.concatenate([own.t[rows] for own, rows in zip(motions, inside, strict=True)])
+    bare = np.concatenate([torque for torque, _ in torques])
+    wanted, seen_by, others = filtered(bare), filtered(payload), filtered(nuisance)
     count = 10 if inertia else 4
     point = np.zeros(6)
     weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
@@ -143,12 +163,37 @@ def identify_payload(
         center_errors=center_errors,
         unseen=tuple(name for i, name in enumerate(names) if not seen[i]),
         joints_left_out=left_out,
-        rows_used=motion.t.size,
+        rows_used=t.size,
+        rows_left=left,
         joints=tuple(joint.name for joint in robot.joints if joint.name not in left_out),
-        t=motion.t,
+        t=t,
         wanted=wanted - friction,
         explained=explained,
     )
+
+
+def _parts(recording: Recording, cutoff_hz: float) -> tuple[list[Recording], int]:
+    """Stretches between gaps that are long enough, and how many recorded rows are left away in all.
+
+    At either end of a stretch, within a period of the cut-off, the filter knows one side of the motion only: the torque
+    that an arm which moves there seems to want is off by several times the noise.
+    """
+    found, used = [], 0
+    for rows in stretches_of(recording.t):
+        t = recording.t[rows]
+        if t.size >= LEAST_ROWS and t[-1] - t[0] >= _LEAST_PERIODS / cutoff_hz:
+            found.append(recording.between(float(t[0]), float(t[-1])))
+            used += int(np.count_nonzero(_inside(t, cutoff_hz)))
+    if not found:
+        problem = f"has no {LEAST_ROWS} rows and {_LEAST_PERIODS / cutoff_hz:.3g} s without a gap"
+        raise InputError("recording", problem, "record for longer, or give a higher cut-off")
+    return found, recording.t.size - used
+
+
+def _inside(t: FloatArray, cutoff_hz: float) -> npt.NDArray[np.bool_]:
+    """Which of rising times (N,) lie a period of the cut-off inside both ends."""
+    inside: npt.NDArray[np.bool_] = (t >= t[0] + 1 / cutoff_hz) & (t <= t[-1] - 1 / cutoff_hz)
+    return inside
 
 
 def _bare_torque(
