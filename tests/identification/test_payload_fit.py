@@ -12,7 +12,8 @@ import bumpstop as bs
 from bumpstop.identification import identify_payload, inertial_regressor, with_payload
 from bumpstop.identification.drive_rows import without_rotors
 from bumpstop.identification.payload_fit import parameters_of, pseudo_inertia
-from bumpstop.model import inverse_dynamics
+from bumpstop.identification.robust_fit import visible_share
+from bumpstop.model import LinkInertia, inverse_dynamics
 from bumpstop.recording import Recording
 from identification.drives import driven, drives, fourier
 
@@ -91,6 +92,59 @@ def test_a_pose_that_stands_still_does_not_show_every_moment() -> None:
     # Along gravity a shift of the centre changes no torque.
     assert fit.unseen
     assert fit.center is None
+
+
+def test_a_pose_that_never_changes_shows_nothing_beside_offsets() -> None:
+    """Whatever a payload asks for there, the offsets of the joints could as well."""
+    robot = bs.Robot.load("ur5e")
+    t = np.arange(0, 10, 0.01)
+    q = np.tile(np.array([0.2, -1.0, 1.2, -0.4, 0.5, 0.1]), (t.size, 1))
+    torque = inverse_dynamics(with_payload(robot, MASS, CENTER), q, 0 * q, 0 * q)
+    for seed in range(5):
+        noise = 0.01 * np.random.default_rng(seed).normal(size=q.shape)
+        fit = identify_payload(Recording(t=t, q=q, tau=torque + noise), robot)
+        assert fit.unseen == ("m", "mx", "my", "mz")
+
+
+def test_a_moment_that_no_joint_can_feel_is_not_seen() -> None:
+    """Two slides, and one joint about y: where the centre lies along y changes nothing, but for rounding."""
+    link = LinkInertia(mass=2.0, center=(0.02, 0.03, 0.1), tensor=((0.03, 0, 0), (0, 0.02, 0), (0, 0, 0.01)))
+    robot = bs.Robot(
+        name="gantry",
+        joints=tuple(
+            bs.Joint(
+                name=name, link=f"link_{name}", kind=kind, axis=axis, lower=-3.0, upper=3.0, velocity=3.0, inertia=link
+            )
+            for name, kind, axis in (
+                ("x", "prismatic", (1.0, 0.0, 0.0)),
+                ("z", "prismatic", (0.0, 0.0, 1.0)),
+                ("tilt", "revolute", (0.0, 1.0, 0.0)),
+            )
+        ),
+    )
+    t, q, qd, qdd = fourier(robot, 20.0, 200.0, 1)
+    tau = inverse_dynamics(with_payload(robot, MASS, (0.05, 0.0, 0.1)), q, qd, qdd) + 2 * np.tanh(qd / 0.01)
+    tau += 0.2 * np.random.default_rng(2).normal(size=tau.shape)
+    fit = identify_payload(Recording(t=t, q=q, tau=tau), robot)
+    assert fit.unseen == ("my",)
+    assert fit.center is None
+    assert fit.values["m"] == pytest.approx(MASS, abs=0.05)
+    assert fit.values["mx"] == pytest.approx(0.05 * MASS, abs=0.03)
+    assert fit.values["mz"] == pytest.approx(0.1 * MASS, abs=0.03)
+
+
+def test_visible_share_is_what_is_left_after_the_other_columns() -> None:
+    """Against the residual of a regression, column by column, also of columns that stand twice."""
+    rng = np.random.default_rng(6)
+    for copies in (0, 1, 2):
+        columns = rng.normal(size=(40, 6)) @ (np.eye(6) + 0.5 * rng.normal(size=(6, 6)))
+        columns = np.concatenate([columns, 3 * columns[:, :copies], np.zeros((40, 1))], axis=1)
+        left = []
+        for k in range(columns.shape[1]):
+            others = np.delete(columns, k, axis=1)
+            rest = columns[:, k] - others @ np.linalg.lstsq(others, columns[:, k])[0]
+            left.append(np.linalg.norm(rest) / max(np.linalg.norm(columns[:, k]), 1e-300))
+        np.testing.assert_allclose(visible_share(columns), left, atol=3e-7)
 
 
 def test_columns_of_a_payload_are_the_difference_it_makes() -> None:

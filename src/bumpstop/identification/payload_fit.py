@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 # Columns that the others make up to this share of their length are not seen.
 _DEPENDENT = 1e-3
+_ROUNDING = 1e-9  # of the longest column
 # Nor are those known no better than to a kilogram, or the payload's own mass, at this distance from the tip [m].
 _ARM = 0.1
 _ROUNDS = 4  # of the joints' weights, and of a point mass's second moments
@@ -130,6 +131,9 @@ def identify_payload(
     bare = np.concatenate([torque for torque, _ in torques])
     wanted, seen_by, others = filtered(bare), filtered(payload), filtered(nuisance)
     count = 10 if inertia else 4
+    # What no joint feels is rounding, and would become huge.
+    size = np.linalg.norm(seen_by[:, :, :count].reshape(-1, count), axis=0)
+    seen_by[:, :, :count][:, :, size < _ROUNDING * size.max()] = 0.0
     point = np.zeros(6)
     weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
     for _ in range(_ROUNDS):
@@ -140,7 +144,7 @@ def identify_payload(
         solution = np.linalg.lstsq(flat / length, (target * weight).ravel(), rcond=1e-9)[0] / length
         residual = target * weight - columns @ solution
         if not inertia:
-            point = _point_moments(solution[:4])
+            point = _point_moments(np.where(visible_share(flat)[:4] > _DEPENDENT, solution[:4], 0.0))
         weight = weight / np.maximum(residual.std(axis=0), 1e-12)
     weight_columns = columns / np.maximum(residual.std(axis=0), 1e-12)[None, :, None]
     residual = residual / np.maximum(residual.std(axis=0), 1e-12)

@@ -19,6 +19,7 @@ HUBER = 2.5
 _WINDOW = 4.0
 # A step that changes predictions by less than this share of the residuals is the last.
 _SETTLED = 3e-4
+_SAME_DIRECTION = 1e-14  # of the largest eigenvalue: below it is rounding
 _TO_SD = 1.4826  # median absolute deviation of a Gaussian
 
 
@@ -185,8 +186,10 @@ def visible_share(columns: FloatArray) -> FloatArray:
     """Share of each column's length (N, k) that the others cannot make up, 0 to 1."""
     length = np.linalg.norm(columns, axis=0)
     full = np.where(length > 0, length, 1.0)
-    inverse = np.linalg.pinv((columns / full).T @ (columns / full), hermitian=True)
-    share: FloatArray = np.where(length > 0, 1 / np.sqrt(np.maximum(np.diag(inverse), 1.0)), 0.0)
+    squares, directions = np.linalg.eigh((columns / full).T @ (columns / full))
+    # A direction that is left out, as a pseudo-inverse does, would make columns that are alike seem seen as a whole.
+    inverse = (directions**2 / np.maximum(squares, _SAME_DIRECTION * squares[-1])).sum(axis=1)
+    share: FloatArray = np.where(length > 0, 1 / np.sqrt(np.maximum(inverse, 1.0)), 0.0)
     return share
 
 
