@@ -110,6 +110,25 @@ def test_contact_by_the_base_frame_and_what_is_refused() -> None:
         compare_contact(robot, np.arange(30.0), q, torque, wrench, joint=8)
 
 
+def test_contact_is_not_judged_where_the_recording_has_gaps() -> None:
+    """Two seconds of a long push were lost: neither they nor a period of the cut-off beside them count."""
+    robot = bs.Robot.load("ur5e")
+    log = planted(robot, 2, seconds=12.0, noise=0.1)
+    fit = identify_dynamics(log, robot, cutoff_hz=6.0)
+    wrench = np.zeros((log.t.size, 6))
+    wrench[:, 2] = -40.0
+    kept = (log.t <= 4) | (log.t >= 6)
+    assert log.tau is not None
+    torn = Recording(t=log.t[kept], q=log.q[kept], tau=log.tau[kept], wrench=wrench[kept])
+    contact = contact_of(fit, torn)
+    assert contact is not None
+    before, after = contact.t[contact.t < 5], contact.t[contact.t > 5]
+    step = float(np.median(np.diff(contact.t)))
+    assert before[-1] == pytest.approx(torn.t[torn.t < 5][-1] - 1 / 6, abs=1.01 * step)
+    assert after[0] == pytest.approx(torn.t[torn.t > 5][0] + 1 / 6, abs=1.01 * step)
+    assert before[0] == log.t[0]
+
+
 def test_pages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The page, its figures, and the contact comparison of a recording with a wrench."""
     robot = bs.Robot.load("ur5e")

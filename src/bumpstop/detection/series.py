@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.arrays import FloatArray
 from bumpstop.detection.detector import Detector, check_rearm
 from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun
 from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
-from bumpstop.identification.drive_rows import stretches_of
 from bumpstop.identification.dynamics_fit import DynamicsFit
+from bumpstop.identification.torque_rows import near_gaps
 from bumpstop.kernels import core
-from bumpstop.recording.checks import gaps_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -29,7 +26,6 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 _TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
-_SAME_TIME = 1e-3  # of a period
 
 
 def detect(
@@ -83,7 +79,7 @@ def detect(
         # What is no torque in Nm says nothing of a force.
         noise = np.where(unscaled, np.inf, detector.noise_sd)
         detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
-    dark = _beside_gaps(motion.t, recording.t, 1 / model.cutoff_hz)
+    dark = near_gaps(motion.t, recording.t, 1 / model.cutoff_hz)
     seen = np.flatnonzero(~dark)
     decision = core.DecisionSettings()
     detector.fill_decision(decision)
@@ -174,22 +170,6 @@ def residual_record(
             )
         seen = seen[::stride]
     return ResidualRecord.from_rows(np.ascontiguousarray(run.residual[seen]), notes, run.t[seen])
-
-
-def _beside_gaps(t: FloatArray, recorded: FloatArray, beside_s: float) -> npt.NDArray[np.bool_]:
-    """Grid times inside a gap of the recorded times, where what stands there was made up by interpolation, or near one.
-
-    Near: within ``beside_s`` [s] of a gap across which no filter of an identification reaches.
-    """
-    found = np.zeros(t.size, dtype=bool)
-    # The grid's times are rounded otherwise than those of the rows that they stand for.
-    same = _SAME_TIME * float(np.median(np.diff(recorded)))
-    for start, length in gaps_of(recorded):
-        found |= (t > start + same) & (t < start + length - same)
-    parts = stretches_of(recorded)
-    for one, other in itertools.pairwise(parts):
-        found |= (t > recorded[one.stop - 1] - beside_s) & (t < recorded[other.start] + beside_s)
-    return found
 
 
 def _with_some_inertia(robot: Robot) -> Robot:

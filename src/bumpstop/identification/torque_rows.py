@@ -18,6 +18,7 @@ from bumpstop.identification.motion import EvenGrid, EvenMotion, even_motion, lo
 from bumpstop.identification.payload_fit import payload_torque
 from bumpstop.identification.reach import Reach
 from bumpstop.identification.torque_blocks import Stretch, blocks_of_stretches
+from bumpstop.recording.checks import gaps_of
 
 if TYPE_CHECKING:
     from bumpstop.identification.payload import Payload
@@ -29,6 +30,7 @@ _LEAST_ROWS, _LEAST_PERIODS = 50, 5.0
 _LEAST_KEPT = 16  # behind the filter, as torques pass another
 # Beside a gap the arm moves, and the filter has one side only to go by: so many periods of the cut-off are left away.
 _SEAM_PERIODS = 1.0
+_SAME_TIME = 1e-3  # of a period
 
 
 class RecordedTorque(NamedTuple):
@@ -240,6 +242,22 @@ def recorded_motion(
     torque = _torque_of(recording, gains)
     motion = even_motion(recording.t, recording.q, recording.qd, cutoff_hz)
     return motion, onto(motion.t, recording.t, torque)
+
+
+def near_gaps(t: FloatArray, recorded: FloatArray, beside_s: float) -> np.ndarray:
+    """Grid times inside a gap of the recorded times, where what stands there was made up by interpolation, or near one.
+
+    Near: within ``beside_s`` [s] of a gap across which no filter of an identification reaches.
+    """
+    found = np.zeros(t.size, dtype=bool)
+    # The grid's times are rounded otherwise than those of the rows that they stand for.
+    same = _SAME_TIME * float(np.median(np.diff(recorded)))
+    for start, length in gaps_of(recorded):
+        found |= (t > start + same) & (t < start + length - same)
+    parts = stretches_of(recorded)
+    for one, other in pairwise(parts):
+        found |= (t > recorded[one.stop - 1] - beside_s) & (t < recorded[other.start] + beside_s)
+    return found
 
 
 def _torque_of(recording: Recording, gains: FloatArray | None) -> FloatArray:

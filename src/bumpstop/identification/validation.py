@@ -17,7 +17,7 @@ from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import JointScore, share_predicted
 from bumpstop.identification.motion import lowpass
-from bumpstop.identification.torque_rows import recorded_motion
+from bumpstop.identification.torque_rows import near_gaps, recorded_motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -302,9 +302,19 @@ def compare_contact(
 
 
 def contact_of(fit: DynamicsFit, recording: Recording, *, joint: int | None = None) -> ContactComparison | None:
-    """The contact comparison of a recording with torques and a wrench in the tip's frame; None: it has no wrench."""
+    """The contact comparison of a recording with torques and a wrench in the tip's frame; None: it has no wrench.
+
+    Rows in gaps were made up, and beside longer ones the motion is not known: they are left out.
+
+    Raises:
+        InputError: gaps leave no row.
+    """
     if recording.wrench is None or not np.linalg.norm(recording.wrench[:, :3], axis=1).max() > 0:
         return None
     motion, torque = recorded_motion(recording, fit.cutoff_hz)
     wrench = np.stack([np.interp(motion.t, recording.t, column) for column in recording.wrench.T], axis=1)
-    return compare_contact(fit.robot, motion.t, motion.q, fit.predict(motion) - torque, wrench, joint=joint)
+    known = ~near_gaps(motion.t, recording.t, 1 / fit.cutoff_hz)
+    if not known.any():
+        raise InputError("recording", "gaps leave no row whose motion is known", "record without losing samples")
+    external = fit.predict(motion) - torque
+    return compare_contact(fit.robot, motion.t[known], motion.q[known], external[known], wrench[known], joint=joint)
