@@ -145,6 +145,7 @@ def test_visible_share_is_what_is_left_after_the_other_columns() -> None:
             rest = columns[:, k] - others @ np.linalg.lstsq(others, columns[:, k])[0]
             left.append(np.linalg.norm(rest) / max(np.linalg.norm(columns[:, k]), 1e-300))
         np.testing.assert_allclose(visible_share(columns), left, atol=3e-7)
+    assert visible_share(np.zeros((40, 3))).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_columns_of_a_payload_are_the_difference_it_makes() -> None:
