@@ -201,10 +201,11 @@ def test_an_arm_that_swings_forward_after_a_false_alarm_strikes_the_body(tick: i
     assert law.contact_time.mean == pytest.approx(duration, rel=1e-4)
 
 
-def test_an_arm_that_a_singularity_drives_back_meets_nobody() -> None:
-    scenario = free(
-        0.14, pose_deg=[67.0815, 10.6915, 118.7534, 13.078, -89.8323, -93.7495, 0],
-        motion__velocity_mm_s=[29.073, -16.216, 49.546], motion__duration_s=1.0,
+@pytest.mark.parametrize("body", [{}, {"contact__kind": "free", "contact__body_mass_kg": 0.14}])
+def test_an_arm_that_a_singularity_drives_back_meets_nobody(body: dict[str, Any]) -> None:
+    scenario = control_group(
+        pose_deg=[67.0815, 10.6915, 118.7534, 13.078, -89.8323, -93.7495, 0],
+        motion__velocity_mm_s=[29.073, -16.216, 49.546], motion__duration_s=1.0, **body,
     )  # fmt: skip
     law, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=2000, seed=1)
     assert law.curve.distance[1:].max() < 0
