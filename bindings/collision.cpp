@@ -100,11 +100,19 @@ Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetect
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
     PathIsOver is_over = NeverFinished{};
     if (detector != nullptr && body_mass > 0) {
-        is_over = CertainParting<double>({stiffness, body_mass}, setup.timing, setup.motion.step, largest_offset);
-    } else if (detector != nullptr) {
-        is_over = CertainDetection<double>(*detector, setup.timing, setup.motion.step, stiffness, largest_offset);
+        const FreeBody body{stiffness, body_mass};
+        for (double half_oscillations = 3;; half_oscillations *= 4) {
+            is_over = CertainParting<double>(body, setup.timing, setup.motion.step, largest_offset, half_oscillations);
+            result.curve.path = trace_line(setup, result.q.data(), velocity, is_over);
+            if (result.curve.path.end != PathEnd::certain_detection ||
+                all_parted(result.curve.path, body, setup.timing, setup.motion.step, largest_offset))
+                break;
+        }
+    } else {
+        if (detector != nullptr)
+            is_over = CertainDetection<double>(*detector, setup.timing, setup.motion.step, stiffness, largest_offset);
+        result.curve.path = trace_line(setup, result.q.data(), velocity, is_over);
     }
-    result.curve.path = trace_line(setup, result.q.data(), velocity, is_over);
     complete_curves<L>(
         setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve, 1,
         [&](int) { return result.q.data(); }, [](int) { return FarthestTolerance{}; });

@@ -201,6 +201,25 @@ def test_an_arm_that_swings_forward_after_a_false_alarm_strikes_the_body(tick: i
     assert law.contact_time.mean == pytest.approx(duration, rel=1e-4)
 
 
+@pytest.mark.parametrize("offset_mm", [0.01, 0.05])
+def test_an_arm_that_speeds_up_keeps_pushing_a_heavy_body(offset_mm: float) -> None:
+    """From rest, ever faster: bodies near the start are never let go before the arm has its speed."""
+    scenario = free(
+        75.0, contact__stiffness_N_m=5000.0, pose_deg=[6.1, 27.3, 49.7, -54.7, 52.0, -44.2, 65.6],
+        motion__velocity_mm_s=[-111.4, 91.1, 204.4], motion__start="rest", motion__duration_s=2.3,
+        contact__offset_law="fixed", contact__offset_mm=offset_mm, detector__thresholds_Nm=[1e6] * 7,
+        reaction__joint_acceleration_rad_s2=0.5,
+    )  # fmt: skip
+    law, drawn, twin = bs.evaluate(scenario), bs.evaluate(scenario, samples=10, seed=1), twin_run(scenario)
+    peak, duration = integrated(np.append(0.0, twin.travel_m), offset_mm / 1e3, 5000.0, 75.0, 0.0)
+    assert duration > 5 * math.pi * math.sqrt(75.0 / 5000.0), "half oscillations"
+    assert law.undetected_probability == pytest.approx(1)
+    for each in (law, drawn):
+        assert each.peak_force.mean == pytest.approx(peak, rel=1e-4)
+        assert each.contact_time is not None
+        assert each.contact_time.mean == pytest.approx(duration, rel=1e-4)
+
+
 @pytest.mark.parametrize("body", [{}, {"contact__kind": "free", "contact__body_mass_kg": 0.14}])
 def test_an_arm_that_a_singularity_drives_back_meets_nobody(body: dict[str, Any]) -> None:
     scenario = control_group(

@@ -124,13 +124,16 @@ class FreeImpact {
     double cos_, sin_;
 };
 
-/// Tells the tracer when even the farthest body has been struck and has got away: at constant speed that takes half an
-/// oscillation, and three halves leave room for an arm that does not keep its speed.
+/// Tells the tracer when even the farthest body has been struck and should have got away: at constant speed that takes
+/// half an oscillation, and three halves leave room for an arm that does not keep its speed. One that speeds up may
+/// push for longer: see `all_parted`.
 template <class T>
 class CertainParting {
   public:
-    CertainParting(const FreeBody& body, const Timing& timing, double step, T largest_offset)
-        : largest_(largest_offset), patience_(3 * std::numbers::pi / body.frequency() / (timing.period * step) + 2) {}
+    CertainParting(const FreeBody& body, const Timing& timing, double step, T largest_offset,
+                   double half_oscillations = 3)
+        : largest_(largest_offset),
+          patience_(half_oscillations * std::numbers::pi / body.frequency() / (timing.period * step) + 2) {}
 
     MaskOf<T> operator()(const T& s, const T*) {
         beyond_ += select(s > largest_, T(1.0), T(0.0));
@@ -142,5 +145,24 @@ class CertainParting {
     double patience_;  ///< ticks beyond the farthest body
     T beyond_ = 0.0;
 };
+
+/// Whether every body up to `largest_offset` has got away before the last tick of a path, which touches all of them. A
+/// body struck after every step tells.
+inline bool all_parted(const LinePath& path, const FreeBody& body, const Timing& timing, double step,
+                       double largest_offset) {
+    const FreeImpact<double> impact(body, step);
+    const std::size_t last = std::size_t(path.ticks - 1) * timing.period + 1;
+    double offset = -HUGE_VAL;
+    for (std::size_t first = 0; first < last && offset < largest_offset; ++first) {
+        if (!(path.s[first] > offset)) continue;  // whoever stands here has been struck before
+        offset = std::min(path.s[first], largest_offset);
+        ImpactState<double> state;
+        // The farthest body stands before this step.
+        for (std::size_t i = first > 0 ? first - 1 : 0; i < last && !(state.parted > 0.5); ++i)
+            impact.step(state, path.s[i], path.s[i + 1], offset, 1.0);
+        if (!(state.parted > 0.5)) return false;
+    }
+    return true;
+}
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
