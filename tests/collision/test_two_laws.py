@@ -98,6 +98,35 @@ def test_an_alarm_after_the_arm_fell_back_from_the_body_is_a_detection() -> None
     compare(scenario, 20_000, seed=4)
 
 
+def test_contact_times_far_beyond_the_line_have_cells_of_their_own() -> None:
+    """An observer feels so little that there are 200 000 pieces; false alarms swing far beyond the end of the line."""
+    scenario = bs.Scenario.from_dict(
+        {
+            "robot": "sia5d",
+            "pose_rad": [-2.650139, -0.746427, -0.777856, 1.126974, 2.449786, 0.000132, -0.010996],
+            "motion": {"velocity_mm_s": [20.49, 0, 0], "duration_s": 0.2},
+            "contact": {
+                "stiffness_N_m": 190_000,
+                "offset_law": "half_normal",
+                "offset_sd_s": 0.183,
+                "link": "link_b",
+                "point_m": [-0.05648, -0.13785, 0.08798],
+                "normal": [1.7116, 0.5388, -1.0391],
+            },
+            "detector": {
+                "thresholds_Nm": [88.8, 9.75, 53.5, 37.7, 13.7, 5.76, 2.34],
+                "noise_sd_Nm": [35.3, 0.857, 9.48, 3.64, 1.3, 0.862, 0.316],
+                "feedback_period_s": 0.002,
+                "residual": "observer",
+                "observer_gain_1_s": 6.88,
+            },
+            "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 0.415, "latency_s": 0.007},
+            "simulation": {"step_s": 0.001, "substeps": 2},
+        }
+    )
+    compare(scenario, 40_000, seed=5)
+
+
 def test_a_point_that_comes_forward_again_passes_an_offset_where_its_path_does() -> None:
     times = contact_time.contact_times(np.array([0.0, 2.0, 1.0, 1.5, 3.0]), np.array([1.0, 2.25, 3.5]), 0.1)
     assert times[:2] == pytest.approx([0.05, 0.35])

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 # cell and two nodes.
 _CELLS, _NODES = 16, 12
 _MOST_CELLS = 400_000
+# But pieces of panels that span more than this share of all offsets count by themselves: where a reaction goes far
+# beyond the line a few panels, as wide as the offset's density allows, may hold much of the probability.
+_SLIVER = 1 / 64
 # Pieces with less probability than this are left out: there may be thousands of them.
 _NEGLIGIBLE = 1e-11
 
@@ -118,8 +121,18 @@ class Cells:
         return edge, np.diff(below, axis=1)
 
 
+def _cell_count(pieces: int) -> int:
+    return int(np.clip(_MOST_CELLS // max(pieces, 1), 1, _CELLS))
+
+
+def _unit_quadrature(nodes: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss nodes and weights on 0 to 1."""
+    node, weight = np.polynomial.legendre.leggauss(nodes)
+    return (node + 1) / 2, weight / 2
+
+
 def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
-    """Cut all detections of an exact law into cells, tick by tick."""
+    """Cut all detections of an exact law into cells, tick by tick; those of wide panels by themselves."""
     coefficients = law.coefficients
     if not coefficients.size:  # an arm that only falls back meets no body
         return
@@ -132,16 +145,24 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
     ticks, begin = np.unique(detection[order_of_ticks], return_index=True)
     if not ticks.size:
         return
-    cells = int(np.clip(_MOST_CELLS // order_of_ticks.size, 1, _CELLS))
-    unit_node, unit_weight = (a / 2 for a in np.polynomial.legendre.leggauss(max(2, _NODES * cells // _CELLS)))
-    unit_node = unit_node + 0.5
+    span = np.max((mid + half)[panels_used]) - np.min((mid - half)[panels_used])
+    wide = 2 * half[panels_used] > _SLIVER * span
+    cells_in = {group: _cell_count(int(np.sum(wide[order_of_ticks] == group))) for group in (False, True)}
     low = mid[panels_used[order_of_ticks]] - half[panels_used[order_of_ticks]]
     spans = ContactSpans(problem, curve, ticks, np.minimum.reduceat(low, begin))
-    for k, own in zip(ticks, np.split(order_of_ticks, begin[1:]), strict=True):
+    parts = [
+        (int(k), own[wide[own] == group], cells)
+        for k, own in zip(ticks, np.split(order_of_ticks, begin[1:]), strict=True)
+        for group, cells in cells_in.items()
+    ]
+    for k, own, cells in parts:
+        if not own.size:
+            continue
+        unit_node, unit_weight = _unit_quadrature(max(2, _NODES * cells // _CELLS))
         slot, panel = slots_used[own], panels_used[own]
         # Where a stopping path barely arrives, its contact grows from nothing like a square root: the panel ends at the
         # farthest point, and places crowd there.
-        top = np.clip((spans.farthest(int(k)) - mid[panel]) / np.maximum(half[panel], 1e-300), -1.0, 1.0)
+        top = np.clip((spans.farthest(k) - mid[panel]) / np.maximum(half[panel], 1e-300), -1.0, 1.0)
         grazing = slot < law.slots_before
         top = np.where(grazing, top, 1.0)[:, None]
         power = np.where(grazing, 2.0, 1.0)[:, None]
@@ -154,7 +175,7 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
         place = mid[panel][:, None], half[panel][:, None]
         yield Cells(
             spans=spans,
-            tick=int(k),
+            tick=k,
             edge=place[0] + place[1] * edge,
             mass=np.diff(below, axis=1),
             node=place[0] + place[1] * node,
