@@ -220,6 +220,46 @@ def test_an_arm_that_speeds_up_keeps_pushing_a_heavy_body(offset_mm: float) -> N
         assert each.contact_time.mean == pytest.approx(duration, rel=1e-4)
 
 
+def test_bodies_let_go_and_bodies_pushed_on_are_told_apart() -> None:
+    """A point that hardly moves at first, and ever faster: the nearer bodies are pushed on, the others bounce off."""
+    scenario = Scenario.from_dict(
+        {
+            "robot": "sia5d",
+            "pose_rad": [
+                1.5721191452,
+                1.1843571682,
+                2.829642280,
+                1.0469884309,
+                -1.7929561235,
+                -1.6204416523,
+                -2.9004130948,
+            ],
+            "motion": {
+                "velocity_mm_s": [4.8279427876, 16.4245974042, 4.0134146749],
+                "held_joints": [7],
+                "duration_s": 0.2,
+            },
+            "contact": {
+                "stiffness_N_m": 4369.66,
+                "kind": "free",
+                "body_mass_kg": 0.003498,
+                "point_m": [-0.0851013701, 0.1333087883, 0.0701689312],
+                "normal": [0.4608556887, 1.3007056137, 0.7490103241],
+            },
+            "detector": {"thresholds_Nm": [math.inf] * 7, "noise_sd_Nm": 1.0},
+            "reaction": {"kind": "stop", "joint_acceleration_rad_s2": [26, 21, 16, 23, 0.986276358, 22, 28]},
+        }
+    )
+    law, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=20_000, seed=2)
+    ours, theirs = law.contact_time, drawn.contact_time
+    assert ours is not None
+    assert theirs is not None
+    assert theirs.quantile(0.7) > 2 * theirs.quantile(0.3), "some are pushed on, some are not"
+    assert ours.mean == pytest.approx(theirs.mean, abs=4 * theirs.sd / math.sqrt(20_000))
+    for p in (0.01, 0.2, 0.8, 0.99):
+        assert ours.quantile(p) == pytest.approx(theirs.quantile(p), rel=1e-3)
+
+
 @pytest.mark.parametrize("body", [{}, {"contact__kind": "free", "contact__body_mass_kg": 0.14}])
 def test_an_arm_that_a_singularity_drives_back_meets_nobody(body: dict[str, Any]) -> None:
     scenario = control_group(

@@ -7,12 +7,13 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Offsets at which the undetected body gets away just at a tick: there it stops being felt. With thresholds also those
-/// about which a joint's residual passes its threshold at a tick, where the noise is narrow.
+/// Offsets between a body that the arm lets go and one that it pushes on, because it speeds up meanwhile. Where alarms are
+/// `felt` also those at which the undetected body gets away just at a tick: there it stops being felt. With thresholds
+/// also those about which a joint's residual passes its threshold at a tick, where the noise is narrow.
 class FreeCuts {
   public:
-    FreeCuts(const FreePaths& paths, const FreeBody& body, const ThresholdDetector* narrow)
-        : paths_(paths), body_(body), impact_(body, paths.step), narrow_(narrow) {}
+    FreeCuts(const FreePaths& paths, const FreeBody& body, bool felt, const ThresholdDetector* narrow)
+        : paths_(paths), body_(body), impact_(body, paths.step), felt_(felt), narrow_(narrow) {}
 
     /// In ascending order, up to `largest` [m].
     std::vector<double> operator()(double largest) const {
@@ -23,7 +24,10 @@ class FreeCuts {
             const double offset = std::min(paths_.undisturbed(i), largest);
             if (!(offset > reached)) continue;
             const Probe here = probe(offset);
-            if (reached >= 0) between(before, here, cuts);
+            if (reached >= 0) {
+                push_on(before, here, cuts);
+                if (felt_) between(before, here, cuts);
+            }
             before = here;
             reached = offset;
         }
@@ -62,6 +66,22 @@ class FreeCuts {
         }
         if (state.parted > 0.5) made.parted = touch + state.since / paths_.step;
         return made;
+    }
+
+    /// The step in which contact ends, with the path at the latest.
+    double contact_end(const Probe& at) const { return std::min(at.parted, double(paths_.last_step())); }
+
+    void push_on(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
+        double a = low.offset, b = high.offset, end_a = contact_end(low), end_b = contact_end(high);
+        // Neighbours part a step or so after each other, or half an oscillation and more.
+        if (std::fabs(end_b - end_a) < 2 + std::numbers::pi / body_.frequency() / paths_.step) return;
+        for (int i = 0; i < 30; ++i) {
+            const double middle = 0.5 * (a + b), end = contact_end(probe(middle));
+            const bool like_low = std::fabs(end - end_a) < std::fabs(end - end_b);
+            (like_low ? a : b) = middle;
+            (like_low ? end_a : end_b) = end;
+        }
+        cuts.push_back(0.5 * (a + b));
     }
 
     void between(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
@@ -113,6 +133,7 @@ class FreeCuts {
     const FreePaths& paths_;
     const FreeBody& body_;
     FreeImpact<double> impact_;
+    bool felt_;
     const ThresholdDetector* narrow_;
 };
 

@@ -207,10 +207,9 @@ class PanelCutter {
         const double largest = settings_.offset.largest();
         const int ticks = curve_.path.ticks;
         const FreeBody body{settings_.stiffness, settings_.body_mass};
-        std::vector<double> abrupt;
         const bool felt = ticks > 0 && quiet_.idle(ticks - 1).alarm > unnoticeable_alarm;
-        if (felt || split_by_transitions_)
-            abrupt = FreeCuts(*settings_.free, body, split_by_transitions_ ? &detector_ : nullptr)(largest);
+        const std::vector<double> abrupt = FreeCuts(*settings_.free, body, felt || split_by_transitions_,
+                                                    split_by_transitions_ ? &detector_ : nullptr)(largest);
         std::vector<std::vector<Panel>> by_tick;
         for (int k = 0; k < ticks && edge_[k] < largest; ++k) {
             by_tick.emplace_back();
