@@ -127,6 +127,18 @@ def test_contact_times_far_beyond_the_line_have_cells_of_their_own() -> None:
     compare(scenario, 40_000, seed=5)
 
 
+def test_a_line_that_ends_before_the_first_tick_has_both_laws() -> None:
+    scenario = control_group(
+        pose_deg=[0, 109.9999999, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -50], motion__held_joints=[7],
+        contact__offset_law="fixed", contact__offset_mm=1.0,
+    )  # fmt: skip
+    exact, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=100, seed=1)
+    assert exact.curve.ticks == 0
+    assert exact.curve.end == "joint_limit"
+    assert exact.no_contact_probability == drawn.no_contact_probability == 1
+    assert exact.peak_force.mean == drawn.peak_force.mean == 0
+
+
 def test_a_point_that_comes_forward_again_passes_an_offset_where_its_path_does() -> None:
     times = contact_time.contact_times(np.array([0.0, 2.0, 1.0, 1.5, 3.0]), np.array([1.0, 2.25, 3.5]), 0.1)
     assert times[:2] == pytest.approx([0.05, 0.35])

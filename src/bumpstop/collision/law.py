@@ -323,14 +323,19 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
     detected = tick >= 0
     at = np.where(detected, tick, 0)
     K, step = problem.stiffness, problem.scenario.simulation.step_s
-    peak = K * np.maximum(0.0, curve.farthest[at] - offset)
+
+    def at_tick(values: FloatArray) -> FloatArray:
+        # A motion that ends before the first tick has none to look up, and no detection.
+        return values[at] if values.size else np.zeros(at.shape)
+
+    peak = K * np.maximum(0.0, at_tick(curve.farthest) - offset)
     # The path goes on for a latency beyond the horizon, for the reactions; the motion does not.
     motion = curve.distance[: _horizon(problem) + 1]
     touches = offset < motion.max()
     end = K * np.maximum(0.0, motion[-1] - offset)
     unbounded = curve.end == "horizon"
     peak = np.where(detected, peak, np.where(touches & unbounded, math.inf, end))
-    force = K * np.maximum(0.0, curve.tick_distance[at] - offset)
+    force = K * np.maximum(0.0, at_tick(curve.tick_distance) - offset)
     free_contact_time = None
     # From the first tick in contact on, also where the arm falls back from the body again.
     felt = detected & (tick >= np.searchsorted(np.maximum.accumulate(curve.tick_distance), offset, side="right"))
@@ -338,7 +343,7 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
         peak, force = runs["peak_force"], np.where(detected, runs["force_at_detection"], 0.0)
         felt = detected & (force > 0)
         free_contact_time = SampledDistribution(runs["duration"][runs["duration"] > 0])
-    delay = curve.tick_time[at] - contact_times(curve.distance, offset, step)
+    delay = at_tick(curve.tick_time) - contact_times(curve.distance, offset, step)
     dof = problem.robot.dof
     fired = (runs["triggers"][:, None] >> np.arange(dof, dtype=np.uint32)) & 1
     some = detected.any()
