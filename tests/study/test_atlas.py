@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 import bumpstop as bs
 from bumpstop.collision import Problem, evaluate_batch, load_scenario
@@ -153,6 +153,63 @@ def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
     assert (again.pace(rows) == 1).all()
 
 
+def few_rows(path: Path, t: Any, q: Any, qd: Any = None) -> TrajectoryAtlas:
+    """The atlas of the pick's arm along a few rows."""
+    names = ["t", *(f"{kind}_{j + 1}" for kind in ("q", "qd")[: 1 if qd is None else 2] for j in range(7))]
+    rows = np.column_stack([t, q] if qd is None else [t, q, qd])
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    return TrajectoryAtlas(load_scenario(PICK, {"motion.file": str(path)}))
+
+
+def begin() -> Any:
+    return TrajectoryAtlas(load_scenario(PICK)).trajectory.position[0]
+
+
+def test_two_waypoints_at_rest_are_not_safe_if_the_way_between_them_is_not(tmp_path: Path) -> None:
+    """A person's program: stand, move half a radian in half a second, stand. No waypoint is passed too fast."""
+    q = begin() + np.array([[0.0] * 7, [0.5, *[0.0] * 6]])
+    study = few_rows(tmp_path / "two.csv", [0.0, 0.5], q, np.zeros((2, 7)))
+    rows, summary = run(study)
+    assert (summary["waypoints"], summary["over"]) == (2, 0)
+    assert summary["over_between"] > 0
+    assert not summary["acceptable"]
+    assert rows.filter(~rows["between"])["waypoint"].to_list() == [1, 2]
+    # Where the cubic is fastest the law of a straight line says so too.
+    top = rows.row(int(rows["speed_mm_s"].to_numpy().argmax()), named=True)
+    assert top["t_s"] == pytest.approx(0.25, abs=0.02)
+    laws = evaluate_batch(
+        study._line,
+        np.array([[top[f"q_{j}"] for j in range(1, 8)]]),
+        1e-3 * top["speed_mm_s"] * np.array([[top[f"direction_{axis}"] for axis in "xyz"]]),
+        limits_N=[160.0],
+    )
+    assert laws.exceedance[0, 0] > 1e-3
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 4, 6, 9])
+def test_slowed_between_few_waypoints_too(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 8))
+    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.3, 1, count - 1))])
+    q = begin() + np.cumsum(rng.normal(0, 0.12, (count, 7)), axis=0)
+    qd = np.gradient(q, t, axis=0)
+    qd[[0, -1]] = 0
+    study = few_rows(tmp_path / "few.csv", t, q, qd if seed % 3 else None)
+    rows, _ = run(study)
+    assert not (rows["limit_mm_s"] == 0).any()
+    slow = retime(study.trajectory, study.pace(rows), study.problem.robot.velocity, study.problem.joint_acceleration)
+    # The waypoints of the file are among the rows, bit for bit, and all rows lie on the file's own path.
+    assert all((slow.position == each).all(axis=1).any() for each in q)
+    given = CubicHermiteSpline(t, q, qd) if seed % 3 else CubicSpline(t, q)
+    assert np.abs(slow.position - given(slow.path_time)).max() < 1e-12
+    write_csv(tmp_path / "slow.csv", slow)
+    again = TrajectoryAtlas(study.scenario.with_values({"motion.file": str(tmp_path / "slow.csv")}))
+    some = np.arange(0, len(again.trajectory.time), 16)
+    speed = np.linalg.norm(again.tip_velocity[some], axis=1)
+    found = speed_limits(again._line, again.trajectory.position[some], again.direction[some], np.full(some.size, 1.0))
+    assert (speed <= found.speed).all()
+
+
 def test_nothing_to_slow_down_changes_nothing() -> None:
     trajectory = wavy(np.random.default_rng(1), 50, True)
     found = retime(trajectory, np.ones(50), np.full(6, 1e3), np.full(6, 1e4))
@@ -285,11 +342,11 @@ def test_an_arm_without_a_spare_joint_is_refused() -> None:
         feel_better(problem, problem.q[None], np.array([[0.0, 0.0, 1.0]]))
 
 
-def test_a_waypoint_without_a_safe_speed_is_named() -> None:
+def test_a_moment_without_a_safe_speed_is_named() -> None:
     trajectory = wavy(np.random.default_rng(1), 10, True)
     allowed = np.ones(10)
     allowed[6] = 0.0
-    with pytest.raises(InputError, match="waypoint 7"):
+    with pytest.raises(InputError, match=f"at {trajectory.time[6]:.6g} s"):
         retime(trajectory, allowed, np.ones(6), np.ones(6))
 
 

@@ -108,16 +108,20 @@ def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: 
         rows.select("waypoint", "t_s", "limit_mm_s").write_csv(out / "speed_limit.csv")
         parts: list[Any] = [TrajectoryAtlasPart(rows, summary, speed)]
         if null_space:
-            suggestions = _suggest(study, rows)
+            waypoints = rows.filter(~rows["between"])
+            suggestions = _suggest(study, waypoints)
             suggestions.write_parquet(out / "suggestions.parquet")
-            parts.append(SuggestionPart(rows, suggestions))
+            parts.append(SuggestionPart(waypoints, suggestions))
         return "Safe speed along a trajectory", parts, _NOTES
 
     def lines(summary: dict[str, Any]) -> list[str]:
         none = summary["none_safe"]
         unsafe = [f"at {none} of them no speed is safe, so there is no slower trajectory"] if none else []
+        over, moments = summary["over_between"], summary["moments_between"]
+        between = [f"between them the arm is faster than is safe at {over} of {moments} moments"] if moments else []
         return [
             f"{summary['over']} of {summary['waypoints']} waypoints are passed faster than is safe",
+            *between,
             *unsafe,
             f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
             f"({summary['lowest_at_s']:.4g} s)",
@@ -128,7 +132,7 @@ def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: 
 
 
 def _slowed(study: TrajectoryAtlas, rows: pl.DataFrame) -> tuple[Retimed | None, Any]:
-    """The re-timed trajectory and its speed at the waypoints [mm/s]; None where some waypoint has no safe speed."""
+    """The re-timed trajectory and its speed at the rows [mm/s]; None where one of them has no safe speed."""
     import numpy as np
 
     from bumpstop.study.retiming import retime
@@ -151,7 +155,7 @@ def _suggest(study: TrajectoryAtlas, rows: pl.DataFrame) -> pl.DataFrame:
     from bumpstop.study.null_space import feel_better
 
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
-    found = feel_better(study.problem, study.trajectory.position, direction)
+    found = feel_better(study.problem, study.given.position, direction)
     columns = {f"q_{j + 1}": found.q[:, j] for j in range(found.q.shape[1])}
     return pl.DataFrame({"waypoint": rows["waypoint"], **columns, "unnoticed_N": found.unnoticed, "gain": found.gain})
 

@@ -36,8 +36,11 @@ class TrajectoryAtlasPart(Part):
     def content(self) -> list[Html]:
         """What limits how many waypoints, and what re-timing costs."""
         found, rows = self._summary, self._rows
+        between = found["moments_between"]
         text = (
-            f"{found['over']} of {found['waypoints']} waypoints are passed faster than is safe. The lowest limit is "
+            f"{found['over']} of {found['waypoints']} waypoints are passed faster than is safe"
+            + (f", and so are {found['over_between']} of {between} moments between them" if between else "")
+            + ". The lowest limit is "
             f"{found['lowest_limit_mm_s']:.4g} mm/s, at waypoint {found['lowest_at_waypoint']} "
             f"({found['lowest_at_s']:.4g} s)."
         )
@@ -47,7 +50,10 @@ class TrajectoryAtlasPart(Part):
         counts = [
             (what, str((rows["by"] == name).sum())) for name, what in _COUNTED.items() if (rows["by"] == name).any()
         ]
-        return [paragraph(text), table(("limited by", "waypoints"), counts, caption="What limits the speed")]
+        return [
+            paragraph(text),
+            table(("limited by", "moments" if between else "waypoints"), counts, caption="What limits the speed"),
+        ]
 
     def pictures(self) -> list[Picture]:
         """Speed and limit over time."""
@@ -56,7 +62,7 @@ class TrajectoryAtlasPart(Part):
                 "atlas_speed",
                 "Speed of the tip and its safe limit over the time of the trajectory.",
                 "Speed of the tip as programmed, the highest safe speed, and the speed after slowing down, at the "
-                "waypoints.",
+                "waypoints and moments between them that were looked at.",
                 self._draw,
             )
         ]

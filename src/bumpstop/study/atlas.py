@@ -9,14 +9,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import Problem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.arms import Arms
+from bumpstop.study.between_waypoints import cut_at_summits, cut_by_turn
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.risk import allowed_force
-from bumpstop.study.speed_limit import CLOSE, SpeedLimits, foretold_speed, speed_limits, stop_gain
+from bumpstop.study.speed_limit import CLOSE, SLOWEST, SpeedLimits, foretold_speed, speed_limits, stop_gain
 from bumpstop.study.study import Study, check_risk
 
 if TYPE_CHECKING:
@@ -112,6 +114,19 @@ class Atlas(Study):
         }
 
 
+def _directions(velocity: FloatArray) -> FloatArray:
+    """Unit vectors along velocities of the tip (rows, 3); where it stands, as at the nearest row where it moves."""
+    speed = np.linalg.norm(velocity, axis=1)
+    moves = np.flatnonzero(speed > _STANDS)
+    if not moves.size:
+        raise InputError("motion.file", "the tip does not move", "wanted a trajectory that moves it")
+    rows = np.arange(len(speed))
+    after = np.searchsorted(moves, rows).clip(max=moves.size - 1)
+    before = (after - 1).clip(min=0)
+    nearest = moves[np.where(np.abs(rows - moves[before]) <= np.abs(moves[after] - rows), before, after)]
+    return np.asarray(velocity[nearest] / speed[nearest][:, None])
+
+
 def _cone(direction: FloatArray, angle: float, count: int) -> list[FloatArray]:
     """The axis (N, 3), then directions in the cone of this half angle [rad] about it."""
     axis = np.where(np.abs(direction[:, [0]]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
@@ -134,9 +149,9 @@ def _cone(direction: FloatArray, angle: float, count: int) -> list[FloatArray]:
 class TrajectoryAtlas(Atlas):
     """A row for every waypoint: the tool moves on a straight line through it, in the direction it moves there.
 
-    Waypoints at which the tip stands still take the direction of the nearest one at which it moves. Where the
-    trajectory turns a joint faster, for the speed of its tip, than a straight line asks for, the formula with the
-    trajectory's own rates limits the speed too.
+    Where waypoints are far apart there are rows for moments between them too. Rows at which the tip stands still take
+    the direction of the nearest one at which it moves. Where the trajectory turns a joint faster, for the speed of its
+    tip, than a straight line asks for, the formula with the trajectory's own rates limits the speed too.
     """
 
     def __post_init__(self) -> None:
@@ -150,48 +165,68 @@ class TrajectoryAtlas(Atlas):
         return Problem.from_scenario(self.scenario)
 
     @property
-    def trajectory(self) -> Trajectory:
-        """What is followed."""
+    def given(self) -> Trajectory:
+        """What is followed, as the file has it."""
         trajectory = self.problem.trajectory
         assert trajectory is not None
         return trajectory
 
     @cached_property
-    def _line(self) -> Scenario:
-        data = self.scenario.to_dict()
-        robot = self.problem.robot
-        data["motion"] = {"velocity_mm_s": [0.0, 0.0, 100.0], "task": "pose" if robot.dof >= 6 else "position"}
-        row = self._usable_row
-        data["pose_rad"] = self.trajectory.position[row].tolist()
-        data["motion"]["velocity_mm_s"] = (100 * self.direction[row]).tolist()
-        return Scenario.from_dict(data, self.scenario.folder)
+    def _coarse(self) -> Trajectory:
+        """The same with rows between waypoints that are far apart, by how far joints turn."""
+        return cut_by_turn(self.given)
 
     @cached_property
-    def tip_velocity(self) -> FloatArray:
-        """Of the tip at every waypoint (rows, 3) [m/s]."""
+    def trajectory(self) -> Trajectory:
+        """The same with a row for every moment looked at."""
+        return cut_at_summits(self._coarse, self._nearness)
+
+    @cached_property
+    def _waypoint(self) -> npt.NDArray[np.int64]:
+        """Number of the waypoint at or before every row, from 0."""
+        return np.searchsorted(self.given.time, self.trajectory.time, side="right") - 1
+
+    @cached_property
+    def _line(self) -> Scenario:
+        data = self.scenario.to_dict()
+        robot, rows = self.problem.robot, self._coarse
+        data["motion"] = {"velocity_mm_s": [0.0, 0.0, 100.0], "task": "pose" if robot.dof >= 6 else "position"}
+        # A row that is not singular, to check the scenario at: the one that feels a push best.
+        row = int(np.linalg.svd(robot.jacobian(rows.position), compute_uv=False)[:, -1].argmax())
+        data["pose_rad"] = rows.position[row].tolist()
+        data["motion"]["velocity_mm_s"] = (100 * _directions(self._tip(rows.time))[row]).tolist()
+        return Scenario.from_dict(data, self.scenario.folder)
+
+    def _tip(self, t: FloatArray) -> FloatArray:
+        """Velocity of the tip (N, 3) [m/s]."""
         from bumpstop.collision.trajectory import point_motion
 
         robot = self.problem.robot
-        return point_motion(self.trajectory, robot, robot.frame(None), self.trajectory.time)[0]
+        return point_motion(self.given, robot, robot.frame(None), t)[0]
+
+    @cached_property
+    def tip_velocity(self) -> FloatArray:
+        """Of the tip at every row (rows, 3) [m/s]."""
+        return self._tip(self.trajectory.time)
 
     @cached_property
     def direction(self) -> FloatArray:
         """Unit vectors (rows, 3)."""
-        speed = np.linalg.norm(self.tip_velocity, axis=1)
-        moves = np.flatnonzero(speed > _STANDS)
-        if not moves.size:
-            raise InputError("motion.file", "the tip does not move", "wanted a trajectory that moves it")
-        rows = np.arange(len(speed))
-        after = np.searchsorted(moves, rows).clip(max=moves.size - 1)
-        before = (after - 1).clip(min=0)
-        nearest = moves[np.where(np.abs(rows - moves[before]) <= np.abs(moves[after] - rows), before, after)]
-        return np.asarray(self.tip_velocity[nearest] / speed[nearest][:, None])
+        return _directions(self.tip_velocity)
 
-    @property
-    def _usable_row(self) -> int:
-        """A waypoint that is not singular, to check the scenario at: the one that feels a push best."""
-        jacobian = self.problem.robot.jacobian(self.trajectory.position)
-        return int(np.linalg.svd(jacobian, compute_uv=False)[:, -1].argmax())
+    def _nearness(self, t: FloatArray) -> FloatArray:
+        """Speed of the tip over what the formula allows (N,), at times of the trajectory (N,) [s]."""
+        problem, q, velocity = self._line_problem, self.given.at(t), self._tip(t)
+        speed = np.linalg.norm(velocity, axis=1)
+        # Where the tip stands any direction will do: it is at no limit.
+        own = np.where(speed[:, None] > _STANDS, velocity / np.maximum(speed, _STANDS)[:, None], [1.0, 0.0, 0.0])
+        arms = Arms(problem, q, own)
+        torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), own)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            gain = np.fmax(stop_gain(problem, arms.unlimited_rates(q)), stop_gain(problem, self.given.at(t, 1)) / speed)
+        gain = np.nan_to_num(gain, posinf=1e9)
+        allowed = foretold_speed(problem, torque, gain, allowed_force(problem), self.scenario.verdict.risk)
+        return np.asarray(speed / np.maximum(allowed, SLOWEST))
 
     @property
     def shards(self) -> int:  # noqa: D102
@@ -220,7 +255,8 @@ class TrajectoryAtlas(Atlas):
         speed = np.linalg.norm(self.tip_velocity[rows], axis=1)
         return pl.DataFrame(
             {
-                "waypoint": rows + 1,
+                "waypoint": self._waypoint[rows] + 1,
+                "between": self.trajectory.time[rows] != self.given.time[self._waypoint[rows]],
                 "t_s": self.trajectory.time[rows],
                 "speed_mm_s": 1e3 * speed,
                 **self._columns(q, direction, found),
@@ -249,23 +285,27 @@ class TrajectoryAtlas(Atlas):
         )
 
     def pace(self, rows: pl.DataFrame) -> FloatArray:
-        """Greatest pace at every waypoint, 0 to 1, with which the whole trajectory keeps to the limits of its rows.
+        """Greatest pace at every row, 0 to 1, with which the whole trajectory keeps to the limits of its rows.
 
         All 1 where it keeps to them as it is. Else it stays below every limit by as much as the search leaves open, so
-        that what lies between two waypoints, whose own limits were not looked for, keeps to them too.
+        that what lies between two rows, whose own limits were not looked for, keeps to them too.
         """
         if not rows["over"].any():
             return np.ones(rows.height)
         limit, speed = rows["limit_mm_s"].to_numpy(), rows["speed_mm_s"].to_numpy()
-        return np.asarray(np.minimum(1.0, (1 - CLOSE) * limit / np.maximum(speed, 1e3 * _STANDS)))
+        own = np.minimum(1.0, (1 - CLOSE) * limit / np.maximum(speed, 1e3 * _STANDS))
+        beside = np.pad(own, 1, constant_values=1.0)
+        return np.asarray(np.minimum(own, np.minimum(beside[:-2], beside[2:])))
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
         least = rows["limit_mm_s"].arg_min()
         assert least is not None
         return {
             "study": self.name,
-            "waypoints": rows.height,
-            "over": int(rows["over"].sum()),
+            "waypoints": int((~rows["between"]).sum()),
+            "over": int((rows["over"] & ~rows["between"]).sum()),
+            "moments_between": int(rows["between"].sum()),
+            "over_between": int((rows["over"] & rows["between"]).sum()),
             "none_safe": int((rows["limit_mm_s"] == 0).sum()),
             "lowest_limit_mm_s": rows["limit_mm_s"][least],
             "lowest_at_waypoint": rows["waypoint"][least],

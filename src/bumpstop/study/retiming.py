@@ -52,7 +52,7 @@ def retime(
     time-optimal path parameterization based on reachability analysis", 2018).
 
     Args:
-        trajectory: as given.
+        trajectory: with its waypoints as near to each other as ``pace`` needs them.
         pace: greatest lambda at every waypoint (rows,), 0 to 1.
         velocity_limit: of the joints (dof,) [rad/s or m/s].
         acceleration_limit: of the joints (dof,) [rad/s2 or m/s2].
@@ -63,9 +63,7 @@ def retime(
     """
     u = trajectory.time
     if (pace <= 0).any():
-        raise InputError(
-            "trajectory", f"no speed is safe at waypoint {int(np.argmax(pace <= 0)) + 1}", "change the path"
-        )
+        raise InputError("trajectory", f"no speed is safe at {u[int(np.argmax(pace <= 0))]:.6g} s", "change the path")
     rate = trajectory.at(u, 1)
     with np.errstate(divide="ignore"):
         joint = (_SHARE * velocity_limit / np.abs(rate)).min(axis=1)
@@ -79,16 +77,14 @@ def retime(
     for i in range(len(u) - 2, -1, -1):
         allowed[i] = pieces.greatest_start(i, float(most[i]), float(allowed[i + 1]))
         if not allowed[i] > 0:
-            raise InputError(
-                "trajectory", f"no pace keeps the acceleration limits at waypoint {i + 1}", "smooth the path"
-            )
+            raise InputError("trajectory", f"no pace keeps the acceleration limits at {u[i]:.6g} s", "smooth the path")
     x = np.empty_like(allowed)
     x[0] = allowed[0]
     for i in range(len(step)):
         x[i + 1] = min(allowed[i + 1], x[i] + 2 * step[i] * pieces.greatest_change(i, float(x[i])))
         if not x[i + 1] > 0:
             raise InputError(
-                "trajectory", f"no pace keeps the acceleration limits at waypoint {i + 2}", "smooth the path"
+                "trajectory", f"no pace keeps the acceleration limits at {u[i + 1]:.6g} s", "smooth the path"
             )
     return _written(trajectory, x)
 
