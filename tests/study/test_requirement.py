@@ -243,6 +243,41 @@ def test_every_milder_value_is_met_where_the_risk_is_a_sawtooth(
     assert max(over(case, vary, float(value)) for value in milder) <= case.verdict.risk
 
 
+def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> None:
+    """One period among the milder ones, 26 ms, falls on the point of a tooth; its neighbours have no risk."""
+    changes = {
+        "motion.velocity_mm_s": [48.25, 24.125, -48.25],
+        "contact.offset_law": "fixed",
+        "contact.offset_mm": 6.18,
+        "verdict.risk": 0.01,
+    }
+    case = scenario(**changes)
+    found = require(case, "detector.feedback_period_s")
+    assert found.value is not None
+    tried = {step: over(case, "detector.feedback_period_s", 1e-3 * step) for step in range(1, 51)}
+    least = min(step for step, risk in tried.items() if risk > 0.01)
+    assert max(tried[least - 1], tried[least + 1]) < 1e-3
+    assert found.value == pytest.approx(1e-3 * (least - 1))
+
+
+def test_a_risk_that_no_value_meets_is_told_closely() -> None:
+    """From rest, where risks far from the accepted one are only bounded while values are looked for."""
+    changes = {
+        "motion.velocity_mm_s": [0.0, 0.0, -61.66],
+        "motion.start": "rest",
+        "contact.area_cm2": 2.0,
+        "contact.offset_law": "half_normal",
+        "contact.offset_sd_s": 0.0548,
+        "detector.feedback_period_s": 0.008,
+        "reaction.latency_s": 0.01,
+    }
+    case = control_group().with_values(changes)
+    found = require(case, "reaction.joint_acceleration_rad_s2", high=45.0)
+    assert found.value is None
+    assert 1e-3 < found.risk_at_value < 0.1
+    assert found.risk_at_value == pytest.approx(over(case, found.variable, 45.0), rel=2e-3)
+
+
 def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> None:
     """Its ticks are nearer to each other than the distances the body may have."""
     case = bs.Scenario.from_dict({

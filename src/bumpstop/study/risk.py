@@ -21,6 +21,8 @@ _OFF_LINE = 1e-3
 _FAR = 1e-5
 # A bound from below that is as much as this says all there is to say.
 _NEARLY_ALL = 0.9
+# Asked whether it is accepted without doubt, a risk below this is not known closely.
+_NEAR = 0.2
 # What changes neither the path nor the ticks on it: path and reactions of one value serve all others.
 _SAME_PATH = ("detector.thresholds", "contact.padding")
 # What changes the path itself.
@@ -157,6 +159,9 @@ class VariedRisk:
         found = ask(accepted)
         if closely and accepted < found["low"] < _NEARLY_ALL:
             found = ask(1.0)
+            # Far below what is asked about it is a bound all the same; near it, it is not.
+            near = ask(found["low"]) if 0 < found["low"] < _NEAR else found
+            found = near if near["low"] > found["low"] else found
         binding = "pressure" if by_pressure < by_force else "force"
         over = min(1.0, found["high"] if found["high"] <= accepted or found["low"] <= accepted else found["low"])
         met = over <= accepted

@@ -137,6 +137,10 @@ class RiskSearch:
         start, apart = self._teeth(last)
         first, end = self._hardness(start), self._hardness(last)
         count = min(_MOST_TEETH_VALUES, max(2, math.ceil(abs(math.log(end / first)) / apart)))
+        if self.quantum is not None and abs(last - start) <= _MOST_TEETH_VALUES * self.quantum:
+            # No summits are searched for between whole steps, so each is looked at.
+            steps = round((last - start) / self.quantum)
+            return [self._quantised(start + i * self.quantum) for i in range(steps)] + [last]
         values = [start, *(self._softened(first * (end / first) ** (i / count)) for i in range(1, count)), last]
         return values if self.quantum is None else list(dict.fromkeys(self._quantised(value) for value in values))
 
