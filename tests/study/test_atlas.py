@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
@@ -151,6 +152,31 @@ def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
     assert rows.height > 2 * found.height
     assert summary["acceptable"]
     assert (again.pace(rows) == 1).all()
+
+
+@pytest.mark.parametrize(("path", "angle"), [(LINE, 180.0), (HAND, 30.0)])
+def test_no_direction_of_the_cone_is_worse(path: Path, angle: float) -> None:
+    """In many of these poses the formula expects no safe speed in several directions, and cannot rank them."""
+    study = WorkspaceAtlas(load_scenario(path), poses=8, cone_deg=angle, seed=2)
+    rows = run(study)[0].filter(pl.col("limit_mm_s") > 0)
+    assert rows.height >= 4
+    axis = np.array(study.scenario.motion.velocity_mm_s)
+    axis /= np.linalg.norm(axis)
+    # The cone's spiral, written out: even steps of height, golden angles apart.
+    side = np.cross(axis, [1.0, 0, 0])
+    side /= np.linalg.norm(side)
+    height = 1 - (1 - math.cos(math.radians(angle))) * np.arange(1, 49) / 48
+    turn = np.arange(48) * math.pi * (3 - math.sqrt(5))
+    across = np.sqrt(np.maximum(0, 1 - height**2))[:, None]
+    around = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * np.cross(axis, side)
+    directions = np.vstack([axis, height[:, None] * axis + across * around])
+    own = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
+    assert max(np.abs(directions - each).sum(axis=1).min() for each in own) < 1e-12
+    q = np.repeat(rows.select(pl.col(r"^q_\d$")).to_numpy(), 49, axis=0)
+    speed = np.repeat(rows["limit_mm_s"].to_numpy() / 1e3, 49)[:, None]
+    velocity = np.tile(directions, (rows.height, 1)) * speed
+    laws = evaluate_batch(study.scenario, q, velocity, limits_N=[allowed_force(study._line_problem)])
+    assert laws.exceedance.max() <= study.scenario.verdict.risk
 
 
 def few_rows(path: Path, t: Any, q: Any, qd: Any = None) -> TrajectoryAtlas:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision import Problem, Scenario
+from bumpstop.collision import Problem, Scenario, evaluate_batch
 from bumpstop.errors import InputError
 from bumpstop.study.arms import Arms
 from bumpstop.study.between_waypoints import cut_at_summits, cut_by_turn
@@ -81,16 +81,52 @@ class Atlas(Study):
     def _line_problem(self) -> Problem:
         return Problem.from_scenario(self._line)
 
-    def _worst(self, q: FloatArray, direction: FloatArray, cone: float, count: int) -> FloatArray:
-        """The direction in the cone whose foretold safe speed is the lowest (N, 3)."""
+    def _in_cone(
+        self, q: FloatArray, own: FloatArray, angle: float, count: int, cap: FloatArray
+    ) -> tuple[FloatArray, SpeedLimits]:
+        """The worst of directions (N, 3) in a cone about ``own``, and highest safe speeds there.
+
+        The formula guesses which it is. Exact laws of all directions at the speed found decide: where one passes what
+        is accepted the search goes on in it, until none does.
+        """
+        directions = _cone(own, angle, count)
+        if len(directions) == 1:
+            return own, speed_limits(self._line, q, own, cap)
+        direction = self._foretold_worst(q, directions)
+        found = speed_limits(self._line, q, direction, cap)
+        open_ = np.flatnonzero(found.speed > 0)
+        laws = found.laws
+        while open_.size:
+            velocity = np.concatenate([each[open_] * found.speed[open_, None] for each in directions])
+            poses = np.tile(q[open_], (len(directions), 1))
+            limit = allowed_force(self._line_problem)
+            over = evaluate_batch(self._line, poses, velocity, limits_N=[limit]).exceedance[:, 0]
+            laws += len(over)
+            # Without a law, as at a singularity, no speed is safe either.
+            over = np.nan_to_num(over, nan=np.inf).reshape(len(directions), -1)
+            fails = over.max(axis=0) > self.scenario.verdict.risk
+            worst, open_ = over.argmax(axis=0)[fails], open_[fails]
+            if not open_.size:
+                break
+            direction[open_] = np.stack(directions)[worst, open_]
+            # A little slower in any case, so that rounding at the very limit cannot go on for ever.
+            slower = speed_limits(self._line, q[open_], direction[open_], (1 - 0.1 * CLOSE) * found.speed[open_])
+            laws += slower.laws
+            found.speed[open_], found.risk[open_] = slower.speed, slower.risk
+            found.by[open_] = np.where(slower.speed > 0, "law", "none")
+            open_ = open_[slower.speed > 0]
+        return direction, replace(found, laws=laws)
+
+    def _foretold_worst(self, q: FloatArray, directions: list[FloatArray]) -> FloatArray:
+        """The direction whose foretold safe speed is the lowest (N, 3)."""
         problem = self._line_problem
-        jacobian = Arms(problem, q, direction).linear_jacobian(q)
         best = np.full(len(q), np.inf)
-        worst = direction.copy()
-        for around in _cone(direction, cone, count):
+        worst = directions[0].copy()
+        for around in directions:
+            arms = Arms(problem, q, around)
             with np.errstate(invalid="ignore", over="ignore"):
-                gain = stop_gain(problem, Arms(problem, q, around).unlimited_rates(q))
-            torque = np.einsum("nij,ni->nj", jacobian, around)
+                gain = stop_gain(problem, arms.unlimited_rates(q))
+            torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), around)
             accepted = self.scenario.verdict.risk
             speed = np.nan_to_num(foretold_speed(problem, torque, gain, allowed_force(problem), accepted))
             lower = speed < best
@@ -238,19 +274,7 @@ class TrajectoryAtlas(Atlas):
         rows = np.arange(number * SHARD_ROWS, min((number + 1) * SHARD_ROWS, len(self.trajectory.time)))
         q, own = self.trajectory.position[rows], self.direction[rows]
         cap = np.full(len(rows), self.cap_mm_s / 1e3)
-        found = speed_limits(self._line, q, own, cap)
-        direction = own
-        if self.cone_deg > 0:
-            direction = self._worst(q, own, math.radians(self.cone_deg), _RIM)
-            aside = speed_limits(self._line, q, direction, cap)
-            lower = aside.speed < found.speed
-            direction = np.where(lower[:, None], direction, own)
-            found = SpeedLimits(
-                np.where(lower, aside.speed, found.speed),
-                np.where(lower, aside.risk, found.risk),
-                np.where(lower, aside.by, found.by),
-                found.laws + aside.laws,
-            )
+        direction, found = self._in_cone(q, own, math.radians(self.cone_deg), _RIM, cap)
         found = self._turning(rows, own, found)
         speed = np.linalg.norm(self.tip_velocity[rows], axis=1)
         return pl.DataFrame(
@@ -356,8 +380,8 @@ class WorkspaceAtlas(Atlas):
             low[j], high[j] = ends
         q = rng.uniform(low, high, (count, problem.robot.dof))
         own = np.tile(problem.velocity / np.linalg.norm(problem.velocity), (count, 1))
-        direction = self._worst(q, own, math.radians(self.cone_deg), _SPHERE) if self.cone_deg > 0 else own
-        found = speed_limits(self.scenario, q, direction, np.full(count, self.cap_mm_s / 1e3))
+        cap = np.full(count, self.cap_mm_s / 1e3)
+        direction, found = self._in_cone(q, own, math.radians(self.cone_deg), _SPHERE, cap)
         first = number * SHARD_ROWS
         return pl.DataFrame({"pose": np.arange(first, first + count) + 1, **self._columns(q, direction, found)})
 
