@@ -146,6 +146,7 @@ def test_visible_share_is_what_is_left_after_the_other_columns() -> None:
             left.append(np.linalg.norm(rest) / max(np.linalg.norm(columns[:, k]), 1e-300))
         np.testing.assert_allclose(visible_share(columns), left, atol=3e-7)
     assert visible_share(np.zeros((40, 3))).tolist() == [0.0, 0.0, 0.0]
+    assert visible_share(np.zeros((40, 0))).size == 0  # all of a fit may be known already
 
 
 def test_columns_of_a_payload_are_the_difference_it_makes() -> None:

@@ -188,8 +188,8 @@ def visible_share(columns: FloatArray) -> FloatArray:
     full = np.where(length > 0, length, 1.0)
     squares, directions = np.linalg.eigh((columns / full).T @ (columns / full))
     # A direction that is left out, as a pseudo-inverse does, would make columns that are alike seem seen as a whole.
-    # Without any column that is not zero there is no largest one either.
-    least = _SAME_DIRECTION * max(float(squares[-1]), 1.0)
+    # The largest is 1 at least, unless no column is other than zero, or there is none.
+    least = _SAME_DIRECTION * squares.max(initial=1.0)
     inverse = (directions**2 / np.maximum(squares, least)).sum(axis=1)
     share: FloatArray = np.where(length > 0, 1 / np.sqrt(np.maximum(inverse, 1.0)), 0.0)
     return share
