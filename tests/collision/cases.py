@@ -172,6 +172,36 @@ FREE: dict[str, Scenario] = {
     ),
 }  # fmt: skip
 
+# Short stops and slow retreats under bodies that take their time, where contact outlasts what the arm does.
+OUTLASTING: dict[str, Scenario] = {
+    "a short stop under a heavy body": free(
+        60.0, contact__stiffness_N_m=8000, contact__offset_law="uniform", reaction__kind="stop",
+        reaction__joint_acceleration_rad_s2=20.0, detector__thresholds_Nm=[4, 2, 4, 4, 4, 4, 4],
+        detector__noise_sd_Nm=0.4,
+    ),
+    "a retreat from a heavy body": free(
+        60.0, contact__stiffness_N_m=8000, contact__offset_law="uniform",
+        detector__thresholds_Nm=[8, 4, 8, 8, 8, 8, 8], detector__noise_sd_Nm=1.5,
+    ),
+    "a hard retreat, late": free(
+        300.0, contact__stiffness_N_m=5000, contact__offset_law="uniform", reaction__latency_s=0.03,
+        reaction__joint_acceleration_rad_s2=15.0, motion__velocity_mm_s=[0, 0, -120],
+    ),
+    "false alarms whose stop still arrives": free(
+        60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=2.0,
+        detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8], reaction__kind="stop", reaction__latency_s=0.013,
+    ),
+    "a motion that ends in contact": free(
+        60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=1.0,
+        pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30],
+        detector__thresholds_Nm=[6, 3, 6, 6, 6, 6, 6], detector__noise_sd_Nm=1.5, reaction__latency_s=0.02,
+    ),
+    "a horizon within the latency": free(
+        30.0, contact__stiffness_N_m=20000, contact__offset_law="uniform", motion__duration_s=0.02,
+        reaction__latency_s=0.01, detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8],
+    ),
+}  # fmt: skip
+
 
 def swinging_forward(offset_mm: float, tick: int, **changes: Any) -> Scenario:
     """A slow arm beside a singularity, sure to react at a tick: it comes back behind the body, then far into it."""

@@ -13,8 +13,7 @@ from scipy.integrate import solve_ivp
 import bumpstop as bs
 from bumpstop import Scenario
 from bumpstop.collision.tables import law_table
-from bumpstop.report.rollout import Rollouts
-from collision.cases import FREE, control_group, free, swinging_forward, twin_run
+from collision.cases import FREE, OUTLASTING, control_group, free, swinging_forward, twin_run
 from collision.test_two_laws import compare
 
 NEVER = {"detector__thresholds_Nm": [math.inf] * 7}
@@ -92,37 +91,6 @@ def test_one_detected_collision_against_a_general_integrator() -> None:
             break
     assert law.peak_force.mean == pytest.approx(peak, rel=1e-5)
     assert law.force_at_detection.mean == pytest.approx(at_tick, rel=1e-6)
-
-
-# Short stops and slow retreats under bodies that take their time, where contact outlasts what the arm does.
-OUTLASTING: dict[str, Scenario] = {
-    "a short stop under a heavy body": free(
-        60.0, contact__stiffness_N_m=8000, contact__offset_law="uniform", reaction__kind="stop",
-        reaction__joint_acceleration_rad_s2=20.0, detector__thresholds_Nm=[4, 2, 4, 4, 4, 4, 4],
-        detector__noise_sd_Nm=0.4,
-    ),
-    "a retreat from a heavy body": free(
-        60.0, contact__stiffness_N_m=8000, contact__offset_law="uniform",
-        detector__thresholds_Nm=[8, 4, 8, 8, 8, 8, 8], detector__noise_sd_Nm=1.5,
-    ),
-    "a hard retreat, late": free(
-        300.0, contact__stiffness_N_m=5000, contact__offset_law="uniform", reaction__latency_s=0.03,
-        reaction__joint_acceleration_rad_s2=15.0, motion__velocity_mm_s=[0, 0, -120],
-    ),
-    "false alarms whose stop still arrives": free(
-        60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=2.0,
-        detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8], reaction__kind="stop", reaction__latency_s=0.013,
-    ),
-    "a motion that ends in contact": free(
-        60.0, contact__stiffness_N_m=8000, contact__offset_law="fixed", contact__offset_mm=1.0,
-        pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30],
-        detector__thresholds_Nm=[6, 3, 6, 6, 6, 6, 6], detector__noise_sd_Nm=1.5, reaction__latency_s=0.02,
-    ),
-    "a horizon within the latency": free(
-        30.0, contact__stiffness_N_m=20000, contact__offset_law="uniform", motion__duration_s=0.02,
-        reaction__latency_s=0.01, detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8],
-    ),
-}  # fmt: skip
 
 
 def integrated(path: np.ndarray, offset: float, stiffness: float, mass: float, retreat: float) -> tuple[float, float]:
@@ -303,38 +271,6 @@ def test_against_mujoco() -> None:
              contact__offset_law="uniform", **NEVER)
     )  # fmt: skip
     assert greatest == pytest.approx(law.peak_force.mean, rel=0.02)
-
-
-@pytest.mark.parametrize("name", ["fast, detected while it rises", "latency, stop", "light, mostly noticed"])
-def test_single_runs_in_the_report_are_those_of_the_kernels(name: str) -> None:
-    law = bs.evaluate(FREE[name], samples=60, seed=8)
-    assert law.runs is not None
-    rollouts = Rollouts(law)
-    for run in range(0, 60, 7):
-        rollout, peak = rollouts.rollout(run), law.runs["peak_force"][run]
-        # The report looks at simulation steps, the law between them too.
-        assert peak * 0.98 - 0.5 < rollout.peak_force <= peak * (1 + 1e-9)
-        tick = int(law.runs["tick"][run])
-        if tick >= 0:
-            residual = law.runs["residual"][run][rollout.joint]
-            assert rollout.residual[-1] == pytest.approx(residual, abs=1e-9)
-
-
-@pytest.mark.parametrize("name", list(OUTLASTING))
-def test_single_runs_in_the_report_end_when_the_body_has_got_away(name: str) -> None:
-    law = bs.evaluate(OUTLASTING[name], samples=60, seed=3)
-    assert law.runs is not None
-    rollouts = Rollouts(law)
-    for run in range(0, 60, 4):
-        rollout, lasts = rollouts.rollout(run), float(law.runs["duration"][run])
-        # The law's reactions are interpolated to 1e-8 m.
-        assert rollout.peak_force <= law.runs["peak_force"][run] + 1e-8 * law.problem.stiffness
-        assert rollout.force[-1] == 0
-        pressed = rollout.time[rollout.force > 0]
-        assert (pressed.size == 0) == (lasts < 1e-3)
-        if pressed.size:
-            assert rollout.touch == 0
-            assert pressed[-1] == pytest.approx(lasts, abs=1.1e-3)
 
 
 def test_two_masses_and_the_reduced_mass_bound() -> None:

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+import bumpstop as bs
 from bumpstop.kernels import core
 from bumpstop.report.force_over_time import ForceOverTimeSection
 from bumpstop.report.rollout import Rollouts
+from collision.cases import FREE, OUTLASTING
 from report.cases import evaluate
 
 
@@ -86,3 +88,35 @@ def test_a_body_that_gets_away_from_a_stopped_arm_is_drawn_until_it_has():
         y = np.asarray(figure.axes[0].lines[0].get_ydata())
         assert y.max() > 10
         assert y[-1] == 0
+
+
+@pytest.mark.parametrize("name", ["fast, detected while it rises", "latency, stop", "light, mostly noticed"])
+def test_single_runs_in_the_report_are_those_of_the_kernels(name: str) -> None:
+    law = bs.evaluate(FREE[name], samples=60, seed=8)
+    assert law.runs is not None
+    rollouts = Rollouts(law)
+    for run in range(0, 60, 7):
+        rollout, peak = rollouts.rollout(run), law.runs["peak_force"][run]
+        # The report looks at simulation steps, the law between them too.
+        assert peak * 0.98 - 0.5 < rollout.peak_force <= peak * (1 + 1e-9)
+        tick = int(law.runs["tick"][run])
+        if tick >= 0:
+            residual = law.runs["residual"][run][rollout.joint]
+            assert rollout.residual[-1] == pytest.approx(residual, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", list(OUTLASTING))
+def test_single_runs_in_the_report_end_when_the_body_has_got_away(name: str) -> None:
+    law = bs.evaluate(OUTLASTING[name], samples=60, seed=3)
+    assert law.runs is not None
+    rollouts = Rollouts(law)
+    for run in range(0, 60, 4):
+        rollout, lasts = rollouts.rollout(run), float(law.runs["duration"][run])
+        # The law's reactions are interpolated to 1e-8 m.
+        assert rollout.peak_force <= law.runs["peak_force"][run] + 1e-8 * law.problem.stiffness
+        assert rollout.force[-1] == 0
+        pressed = rollout.time[rollout.force > 0]
+        assert (pressed.size == 0) == (lasts < 1e-3)
+        if pressed.size:
+            assert rollout.touch == 0
+            assert pressed[-1] == pytest.approx(lasts, abs=1.1e-3)

@@ -66,6 +66,7 @@ class ExactLawBuilder {
             law_.detected = law_.false_alarm = alarm_before_ = quiet_.alarm_before(curve_.path.ticks);
             law_.no_contact = quiet_.silence_before(curve_.path.ticks);
             law_.harmless = 1;
+            law_.pieces.order = order_;
             contact_from_.assign(std::size_t(curve_.path.ticks) + 1, 0.0);
             contact_from_.back() = 1;
             share_false_alarms();

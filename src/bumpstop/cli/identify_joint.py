@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bumpstop.cli.arm_recordings import known_of
+from bumpstop.cli.folders import writing
 from bumpstop.cli.model_report import joint_model_report
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
@@ -48,12 +49,8 @@ def identify_joint(
     model = replace(fit.model, robot=robot)
     model_file = out if out is None or out.suffix == ".toml" else out / "joint_model.toml"
     if model_file is not None:
-        try:
-            if model_file != out:
-                model_file.parent.mkdir(parents=True, exist_ok=True)
+        with writing(None if model_file == out else out):
             model.save(model_file)
-        except OSError as error:
-            raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror or error})") from None
         if out is not None and model_file != out:
             found = compare_currents(model, logs, arms, cutoff_hz=fit.cutoff_hz)
             joint_model_report(found, arms[0], out, where="on the recordings of the fit", fit=fit)

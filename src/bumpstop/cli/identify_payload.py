@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from bumpstop.cli.folders import writing
 from bumpstop.errors import InputError
+from bumpstop.text_files import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,12 +54,8 @@ def identify_what_is_carried(
     found = identify_payload(log, arm, model=drives, inertia=inertia, cutoff_hz=cutoff_hz)
     model_file = out if out is None or out.suffix == ".toml" else out / "payload.toml"
     if model_file is not None and out is not None:
-        try:
-            if model_file != out:
-                out.mkdir(parents=True, exist_ok=True)
-            model_file.write_text(_toml(found, arm, log), encoding="utf-8")
-        except OSError as error:
-            raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror or error})") from None
+        with writing(None if model_file == out else out):
+            write_text(model_file, _toml(found, arm, log))
         if model_file != out:
             from bumpstop.report.payload import write_payload_report
 

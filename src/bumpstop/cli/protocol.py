@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from bumpstop.cli.folders import writing
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,14 +60,11 @@ def identify_by_protocol(
 
 
 def _write(fit: ProtocolFit, beside: GeneralBeside, out: Path) -> None:
-    try:
-        if out.suffix == ".toml":
-            fit.model().save(out)
-            return
-        out.mkdir(parents=True, exist_ok=True)
+    if out.suffix == ".toml":
+        fit.model().save(out)
+        return
+    with writing(out):
         fit.model().save(out / "joint_model.toml")
-    except OSError as error:
-        raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror})", "give another") from None
     from bumpstop.report.protocol import write_protocol_report
 
     write_protocol_report(fit, out, beside)

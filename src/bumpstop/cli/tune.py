@@ -14,6 +14,7 @@ from bumpstop.cli.folders import check_file, check_folder
 from bumpstop.cli.origin import Origin, takes_origin
 from bumpstop.cli.residuals import holds_residuals, joint_numbers, load_series
 from bumpstop.errors import InputError
+from bumpstop.text_files import write_text
 
 if TYPE_CHECKING:
     from bumpstop.cli.trade import TradePoint
@@ -98,10 +99,7 @@ def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, origin: Orig
         lines.append(f"residual = {json.dumps(origin.residual)}")
         if origin.residual == "observer":
             lines.append(f"observer_gain_1_s = {origin.observer_gain!r}")
-    try:
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError("--save", f"{str(path)!r} cannot be written ({error.strerror})", "give another file") from None
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _print(tuning: Tuning, points: list[TradePoint], names: list[str]) -> None:

@@ -134,8 +134,6 @@ def _unit_quadrature(nodes: int) -> tuple[FloatArray, FloatArray]:
 def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
     """Cut all detections of an exact law into cells, tick by tick; those of wide panels by themselves."""
     coefficients = law.coefficients
-    if not coefficients.size:  # an arm that only falls back meets no body
-        return
     mid, half, first_tick = law.panel_mid, law.panel_half, law.panel_first_tick
     slots, order, _ = coefficients.shape
     slots_used, panels_used = np.nonzero(coefficients[: slots - 1, 0] > _NEGLIGIBLE)

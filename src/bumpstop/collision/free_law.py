@@ -38,10 +38,6 @@ class FreeQuantities:
         self._nodes, self._alarms = kernel.free_nodes(), kernel.free_alarms()
         coefficients: FloatArray = kernel.coefficients
         self._harmless = float(kernel.harmless)
-        if not coefficients.size:  # an arm that only falls back meets no body: no panel, and no order
-            none = (coefficients.shape[0], 1, 0)
-            coefficients = coefficients.reshape(none)
-            self._nodes = {name: value.reshape(none) for name, value in self._nodes.items()}
         _, order, panels = coefficients.shape
         node, weight = np.polynomial.legendre.leggauss(order)
         edge = np.linspace(-1.0, 1.0, _cell_count(order, panels) + 1)

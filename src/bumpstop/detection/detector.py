@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.events import DetectionRun, Event, bits
+from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.detection.events import DetectionRun, Event, bits, check_rearm
 from bumpstop.detection.matched_drives import MatchedDrives
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
@@ -392,12 +392,6 @@ class Detector:
         if period is None:
             raise InputError("t", "has no interval", "wanted rising times, or period_s in the settings")
         return period
-
-
-def check_rearm(rearm_s: float) -> None:
-    """Refuse a time without alarms that is none; an infinite one never ends an alarm."""
-    if not as_number(rearm_s, "rearm_s", finite=False) >= 0:
-        raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")
 
 
 def padded(values: npt.ArrayLike, rest: float = 0.0) -> list[float]:

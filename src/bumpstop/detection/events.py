@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.arrays import FloatArray
+from bumpstop.arrays import FloatArray, as_number
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 
@@ -190,3 +190,9 @@ class DetectionRun:
 def bits(mask: int) -> tuple[int, ...]:
     """Numbers of the bits that are set."""
     return tuple(j for j in range(core.max_joints) if mask >> j & 1)
+
+
+def check_rearm(rearm_s: float) -> None:
+    """Refuse a time without alarms that is none; an infinite one never ends an alarm."""
+    if not as_number(rearm_s, "rearm_s", finite=False) >= 0:
+        raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.detection.detector import Detector, check_rearm
-from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun
+from bumpstop.detection.detector import Detector
+from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun, check_rearm
 from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds

@@ -14,7 +14,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_rows import stretches_of
-from bumpstop.identification.motion import EvenGrid, EvenMotion, even_motion, lowpass, lowpass_reach, onto
+from bumpstop.identification.motion import LEAST_ROWS, EvenGrid, EvenMotion, even_motion, lowpass, lowpass_reach, onto
 from bumpstop.identification.payload_fit import payload_torque
 from bumpstop.identification.reach import Reach
 from bumpstop.identification.torque_blocks import Stretch, blocks_of_stretches
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 # A stretch is used when it has so many rows and lasts so many periods of the cut-off.
-_LEAST_ROWS, _LEAST_PERIODS = 50, 5.0
+_LEAST_PERIODS = 5.0
 _LEAST_KEPT = 16  # behind the filter, as torques pass another
 # Beside a gap the arm moves, and the filter has one side only to go by: so many periods of the cut-off are left away.
 _SEAM_PERIODS = 1.0
@@ -121,7 +121,7 @@ class TorqueRows:
             seams += len(whole)
             for rows in whole:
                 t = recording.t[rows]
-                if t.size < _LEAST_ROWS or (len(whole) > 1 and t[-1] - t[0] < _LEAST_PERIODS / cutoff_hz):
+                if t.size < LEAST_ROWS or (len(whole) > 1 and t[-1] - t[0] < _LEAST_PERIODS / cutoff_hz):
                     left += t.size
                     continue
                 stretch, lost = _stretch(number, rows, recording.t, cutoff_hz)
@@ -132,7 +132,7 @@ class TorqueRows:
             raise InputError(
                 "recording",
                 problem,
-                f"wanted at least {_LEAST_ROWS} and {_LEAST_PERIODS / cutoff_hz:.3g} s without a gap",
+                f"wanted at least {LEAST_ROWS} and {_LEAST_PERIODS / cutoff_hz:.3g} s without a gap",
             )
         motions, carried, stretches, kept, recorded = [], [], [], [], []
         start = 0

@@ -95,11 +95,10 @@ class Atlas(Study):
         direction = self._foretold_worst(q, directions)
         found = speed_limits(self._line, q, direction, cap)
         open_ = np.flatnonzero(found.speed > 0)
-        laws = found.laws
+        laws, limit = found.laws, allowed_force(self._line_problem)
         while open_.size:
             velocity = np.concatenate([each[open_] * found.speed[open_, None] for each in directions])
             poses = np.tile(q[open_], (len(directions), 1))
-            limit = allowed_force(self._line_problem)
             over = evaluate_batch(self._line, poses, velocity, limits_N=[limit]).exceedance[:, 0]
             laws += len(over)
             # Without a law, as at a singularity, no speed is safe either.
