@@ -83,8 +83,10 @@ nb::tuple run(Detector& detector, Vector t, Matrix q, Matrix signal, std::option
                           flags.release(), events);
 }
 
-// The same for residuals that come from elsewhere. `events` are rows.
-nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Matrix qd, Matrix qdd, double rearm) {
+// The same for residuals that come from elsewhere. Before rows whose `anew` is not 0 there were blind ones. `events` are
+// rows.
+nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Matrix qd, Matrix qdd, Vector anew,
+                double rearm) {
     const std::size_t rows = t.shape(0), width = residual.shape(1);
     NewArray<double> fast({rows, width}), threshold({rows, width});
     NewArray<std::uint8_t> state({rows}), unseen({rows});
@@ -96,6 +98,10 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
         Rearming rearming(rearm);
         for (std::size_t i = 0; i < rows; ++i) {
             const double dt = i > 0 ? t(i) - t(i - 1) : 0;
+            if (anew(i) != 0) {
+                decision.interrupt();
+                rearming.over(t(i), false, false);
+            }
             std::array<double, max_joints> r{}, v{}, a{};
             for (std::size_t j = 0; j < width; ++j) {
                 r[j] = residual(i, j);
@@ -301,7 +307,8 @@ void bind_detection(nb::module_& module) {
     module.attr("sample_faults") = sample_faults;
     module.attr("detector_states") = detector_states;
     module.def("judge", &judge, nb::arg("settings"), nb::arg("t"), nb::arg("residual"), nb::arg("qd"), nb::arg("qdd"),
-               nb::arg("rearm"), "Fast channel and thresholds (N, n), state and unseen (N,), rows of events, joints.");
+               nb::arg("anew"), nb::arg("rearm"),
+               "Fast channel and thresholds (N, n), state and unseen (N,), rows of events, joints.");
     module.def("estimate_contact", &contact_of, nb::arg("chain"), nb::arg("q"), nb::arg("residual"), nb::arg("sd"),
                nb::arg("link"), nb::arg("point"), nb::arg("direction"), "What a residual says of a contact.");
     module.def("dead_zone", &dead_zone, nb::arg("joint"), nb::arg("current"), "Torque hidden at standstill [Nm].");

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import bumpstop as bs
 from bumpstop.arrays import FloatArray
-from bumpstop.detection import detect
+from bumpstop.detection import DetectorSettings, Thresholds, detect
+from bumpstop.detection.events import STATES
 from bumpstop.identification import DynamicsFit, identify_dynamics
 from bumpstop.recording import Recording
 from detection.moving_arms import UR5E, moving
@@ -67,3 +69,31 @@ def test_a_recording_of_nothing_but_gaps_is_all_blind(fit: DynamicsFit) -> None:
     run = detect(log(3, 3000, lost), UR5E, fit, [0.1] * 6)
     assert run.blind.all()
     assert run.events == ()
+
+
+def test_a_gap_is_no_quiet_time(fit: DynamicsFit) -> None:
+    """Pushed into a gap of a second: nobody knows whether it was quiet in there, and quiet counts from its end."""
+    push = np.zeros(3000)
+    push[900:1000] = 60.0
+    run = detect(log(3, 3000, ((1000, 1250),), push), UR5E, fit, [THETA] * 6, rearm_s=2.0)
+    first = int(np.flatnonzero(run.blind)[-1]) + 1
+    (alarm,) = np.flatnonzero(np.diff((run.state[first:] == STATES.index("alarm")).astype(int))) + first
+    assert run.t[alarm] == pytest.approx(run.t[first] + 2.0, abs=1.5 * DT)
+
+
+def test_the_fast_channel_begins_anew_behind_a_gap(fit: DynamicsFit) -> None:
+    """A constant error that comes in a gap looks like no blow behind it, as at the beginning of a recording."""
+    push = np.zeros(3000)
+    push[1020:] = 6.0
+    law = Thresholds(np.full(6, 20.0), fast=np.full(6, 1.5))
+    assert detect(log(3, 3000, (), push), UR5E, fit, law).events != ()
+    assert detect(log(3, 3000, ((1000, 1050),), push), UR5E, fit, law).events == ()
+
+
+def test_what_was_found_at_another_rate_is_refused(fit: DynamicsFit) -> None:
+    recording = log(3, 3000)
+    with pytest.raises(bs.InputError, match=r"a row every 0\.004 s; the detector is made for thresholds period_s"):
+        detect(recording, UR5E, fit, Thresholds(np.full(6, THETA), period_s=0.02))
+    assert detect(recording, UR5E, fit, Thresholds(np.full(6, THETA), period_s=DT)).events == ()
+    with pytest.raises(bs.InputError, match="largest_signal: is not available with fitted dynamics"):
+        detect(recording, UR5E, fit, [THETA] * 6, DetectorSettings(largest_signal=(9.0,) * 6))

@@ -12,6 +12,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.detection.events import DetectionRun, Event, bits, check_rearm
 from bumpstop.detection.matched_drives import MatchedDrives
+from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 # Of a period: samples closer together repeat each other.
 _SHORTEST = 0.1
-_RATE_TOLERANCE = 0.1  # of a period, between what is stated and what is recorded
 _NOISE_PER_THRESHOLD = 3.0
 
 
@@ -186,7 +186,7 @@ class Detector:
         if (rates is None) == self.settings.measured_rates:
             raise InputError("qd", "is needed with measured_rates, and only there")
         check_rearm(rearm_s)
-        kernel = self.kernel(self._period(times))
+        kernel = self.kernel(period_of(times, self.settings, self.thresholds))
         residual, fast, threshold, state, fault, flags, events = kernel.run(times, rows, signals, rates, rearm_s)
         return DetectionRun(
             t=times,
@@ -378,20 +378,6 @@ class Detector:
             problem = f"{recording.source or 'it'} has no joint speeds"
             raise InputError("recording", problem, "wanted qd_1 .., or no measured rates")
         return recording.qd
-
-    def _period(self, t: FloatArray) -> float:
-        steps = np.diff(t)
-        steps = steps[np.isfinite(steps) & (steps > 0)]
-        recorded = float(np.median(steps)) if steps.size else None
-        for name, wanted in (("period_s", self.settings.period_s), ("thresholds period_s", self.thresholds.period_s)):
-            if wanted and recorded and abs(recorded - wanted) > _RATE_TOLERANCE * wanted:
-                raise InputError(
-                    "recording", f"has a row every {recorded:.6g} s", f"the detector is made for {name} = {wanted:g}"
-                )
-        period = self.settings.period_s or recorded
-        if period is None:
-            raise InputError("t", "has no interval", "wanted rising times, or period_s in the settings")
-        return period
 
 
 def padded(values: npt.ArrayLike, rest: float = 0.0) -> list[float]:

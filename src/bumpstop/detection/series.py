@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop.detection.detector import Detector
 from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun, check_rearm
+from bumpstop.detection.rate import period_of
 from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
@@ -53,15 +54,15 @@ def detect(
         rearm_s: as for :meth:`Detector.run`.
 
     Raises:
-        InputError: parts that do not belong together; with fitted dynamics an observer, payloads, measured rates
-            or a margin of limits.
+        InputError: parts that do not belong together, or another rate than what they are made for; with fitted
+            dynamics an observer, payloads, measured rates, a largest signal or a margin of limits.
     """
     if not isinstance(model, DynamicsFit):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
     given = settings or DetectorSettings()
     if given.residual != "direct":
         raise InputError("residual", f"{given.residual!r} is not available with fitted dynamics", "valid: 'direct'")
-    for name in ("payload_kg", "payload_change_kg", "measured_rates"):
+    for name in ("payload_kg", "payload_change_kg", "measured_rates", "largest_signal"):
         if getattr(given, name):
             raise InputError(name, "is not available with fitted dynamics", "leave it out, or give a joint model")
     if given.limit_margin != DetectorSettings.limit_margin:
@@ -74,6 +75,7 @@ def detect(
         raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
     motion, residual = model.residual(recording)
     detector = Detector(_with_some_inertia(robot), None, law, given)
+    period_of(motion.t, given, law)
     unscaled = np.zeros(robot.dof, dtype=bool) if model.gain_errors is None else np.isinf(model.gain_errors)
     if unscaled.any():
         # What is no torque in Nm says nothing of a force.
@@ -83,7 +85,16 @@ def detect(
     seen = np.flatnonzero(~dark)
     decision = core.DecisionSettings()
     detector.fill_decision(decision)
-    judged = core.judge(decision, motion.t[seen], residual[seen], motion.qd[seen], motion.qdd[seen], rearm_s)
+    after_gap = np.diff(seen, prepend=-1) > 1
+    judged = core.judge(
+        decision,
+        motion.t[seen],
+        residual[seen],
+        motion.qd[seen],
+        motion.qdd[seen],
+        after_gap.astype(np.float64),
+        rearm_s,
+    )
     *columns, rows, over, over_fast = judged
     # In a blind row: no residual, and the threshold of the row before, none at the beginning.
     before = np.cumsum(~dark)

@@ -1,0 +1,41 @@
+"""The rate of rows, and that a detector and its thresholds are made for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.detection.settings import DetectorSettings
+    from bumpstop.detection.thresholds import Thresholds
+
+_TOLERANCE = 0.1  # of a period, between what is stated and what is recorded
+
+
+def period_of(t: FloatArray, settings: DetectorSettings, thresholds: Thresholds) -> float:
+    """Time from row to row: that of the settings, or else the median interval [s].
+
+    Args:
+        t: (N,) of the rows as they came in [s].
+        settings: may say a period.
+        thresholds: likewise.
+
+    Raises:
+        InputError: either says another than the rows have, or nothing says one.
+    """
+    steps = np.diff(t)
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    recorded = float(np.median(steps)) if steps.size else None
+    for name, wanted in (("period_s", settings.period_s), ("thresholds period_s", thresholds.period_s)):
+        if wanted and recorded and abs(recorded - wanted) > _TOLERANCE * wanted:
+            raise InputError(
+                "recording", f"has a row every {recorded:.6g} s", f"the detector is made for {name} = {wanted:g}"
+            )
+    period = settings.period_s or recorded
+    if period is None:
+        raise InputError("t", "has no interval", "wanted rising times, or period_s in the settings")
+    return period
