@@ -195,3 +195,28 @@ def test_real_arms_by_their_fitted_dynamics(
         assert status == 2
         assert what in err
         assert "is not available with fitted dynamics" in err
+
+
+def test_a_loop_of_another_rate_than_its_thresholds_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Thresholds of a slower loop would alarm more often in a faster one, and nothing would tell it of that."""
+    limits, made = tmp_path / "limits.toml", tmp_path / "detector.txt"
+    limits.write_text("thresholds_Nm = [9, 9, 9, 9, 9, 9]\nperiod_s = 0.02\nresidual = 'observer'\n")
+    words = ("detector", made, "--robot", "ur5e", "--thresholds", limits, "--residual")
+    status, _, err = run(capsys, *words, "observer", "--period", "0.004")
+    assert (status, err) == (2, "error: --period: is 0.004; the thresholds were found at 0.02\n")
+    status, _, err = run(capsys, *words, "direct", "--period", "0.02")
+    assert (status, err) == (2, "error: --residual: is 'direct'; the thresholds were found for 'observer'\n")
+    assert not made.exists()
+    status, _, err = run(capsys, *words, "observer", "--period", "0.02")
+    assert status == 0, err
+
+
+@pytest.mark.parametrize("period", ["1e9", "1e308", "1e-12", "0", "nan"])
+def test_a_period_that_no_loop_has_is_refused(period: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The file would be one that read_detector refuses, or a loop's whose every sample is late."""
+    words = ("detector", tmp_path / "detector.txt", "--robot", "ur5e", "--thresholds", "9,9,9,9,9,9")
+    status, _, err = run(capsys, *words, "--period", period)
+    assert status == 2
+    assert err.startswith(f"error: --period: is {float(period)}; wanted ")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.cli.main import main
 from bumpstop.detection import ResidualSeries, Thresholds, tune
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
@@ -259,6 +260,28 @@ def test_what_reading_a_recording_found_is_said_by_every_command(loop: tuple[Pat
         assert any("if these are no seconds" in note for note in json.loads(done.out)["notes"]), command[0]
 
 
+def test_a_bad_scenario_is_told_before_the_tuning(
+    noise: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Recordings of hours take minutes; that a scenario cannot be used is known at once."""
+
+    def too_early(*_: object, **__: object) -> None:
+        pytest.fail("the recordings were tuned on first")
+
+    monkeypatch.setattr("bumpstop.detection.tune", too_early)
+    damaged = tmp_path / "damaged.toml"
+    damaged.write_text("[nonsense")
+    for scenario, message in (
+        (tmp_path / "none.toml", "cannot be read"),
+        (damaged, "is not valid TOML"),
+        (EXAMPLE.parent / "05_ur10e.toml", "has thresholds for 6 joints; the residuals have 7"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(["tune", str(noise), "--scenario", str(EXAMPLE), "--scenario", str(scenario)])
+        assert ended.value.code == 2
+        assert message in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -301,6 +324,10 @@ def test_what_reading_a_recording_found_is_said_by_every_command(loop: tuple[Pat
         (("score", "NOISE", "--labels", "LABELS"), "--thresholds: is missing"),
         (("score", "NOISE", "--labels", "LABELS", "--thresholds", "1,2"), "--thresholds: 2 of them"),
         (("score", "NOISE", "--labels", "LABELS", "--thresholds", "1", "--early", "-1"), "--early: is -1"),
+        (
+            ("score", "NOISE", "--labels", "LABELS", "--thresholds", "SLOW"),
+            "has a row every 0.004 s; the detector is made for thresholds period_s = 0.02",
+        ),
         (("score", "LABELS.json", "--labels", "LABELS"), "cannot be read"),
         (("score", "EVENTS", "--labels", "LABELS"), "has no 'start_s'"),
     ],
@@ -313,9 +340,11 @@ def test_refusals(
     damaged = tmp_path / "damaged.parquet"
     damaged.write_bytes(noise.read_bytes()[:1000])
     events.write_text('{"events": []}')
+    slow = tmp_path / "slow.toml"
+    slow.write_text(f"thresholds_Nm = {[9] * 7}\nperiod_s = 0.02\n")
     places = {
         "NOISE": noise, "LABELS": labels, "LABELS.json": tmp_path / "none.json", "EVENTS": events,
-        "DAMAGED": damaged, "ur": EXAMPLE.parent / "05_ur10e.toml", "LOG": loop[0],
+        "DAMAGED": damaged, "ur": EXAMPLE.parent / "05_ur10e.toml", "LOG": loop[0], "SLOW": slow,
     }  # fmt: skip
     done = run(*(places.get(argument, argument) for argument in arguments))
     assert done.status == 2

@@ -143,7 +143,8 @@ def detector(
             period_s=period,
         )
     refuse_gain(settings)
-    made = Detector(arm, given, law, settings)
+    with as_options(DETECTOR_OPTIONS):
+        made = Detector(arm, given, law, settings)
     save_detector(made, file)
     typer.echo(f"detector: {file}")
     for note in made.notes:

@@ -149,7 +149,8 @@ def _of_residuals(
     """Events of a recording are those of the detector; residuals alone are compared with constant thresholds."""
     import numpy as np
 
-    from bumpstop.detection import event_times, gaps, roc, scaled_residual, score
+    from bumpstop.detection import DetectorSettings, event_times, gaps, roc, scaled_residual, score
+    from bumpstop.detection.rate import period_of
 
     notes: list[str] = []
     if holds_residuals(file):
@@ -157,6 +158,7 @@ def _of_residuals(
         if arming_delay_s:
             raise InputError("--arming-delay", f"has no meaning with the residuals of {str(file)!r}", "leave it out")
         given = thresholds_of(thresholds, series.dof)
+        period_of(series.t, DetectorSettings(), given)
         times = event_times(series, scaled_residual(series, given.constant), 1.0, rearm_s)
         watched, blind = (float(series.t[0]), float(series.t[-1])), gaps(series)
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +11,7 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
+    from bumpstop.collision import Scenario
     from bumpstop.detection import Tuning
 
 # Of the wanted rate.
@@ -44,36 +45,54 @@ class TradePoint:
         }
 
 
-def trade(tuning: Tuning, scenarios: Sequence[Path]) -> list[TradePoint]:
+def load_scenarios(paths: Sequence[Path]) -> dict[str, Scenario]:
+    """Scenarios by their files, checked against their robots.
+
+    Raises:
+        InputError: one cannot be used.
+    """
+    from bumpstop.collision import Problem, load_scenario
+
+    loaded = {str(path): load_scenario(path) for path in paths}
+    for scenario in loaded.values():
+        Problem.from_scenario(scenario)
+    return loaded
+
+
+def check_joints(scenarios: Mapping[str, Scenario], dof: int) -> None:
+    """Refuse scenarios for a robot with another number of joints than the residuals are of.
+
+    Raises:
+        InputError: one has.
+    """
+    for name, scenario in scenarios.items():
+        count = len(scenario.detector.thresholds_Nm)
+        if count != dof:
+            raise InputError(name, f"has thresholds for {count} joints", f"the residuals have {dof}")
+
+
+def trade(tuning: Tuning, scenarios: Mapping[str, Scenario]) -> list[TradePoint]:
     """Force laws of scenarios at the thresholds of several rates around the wanted one.
 
     Everything but the thresholds stays as the scenario says, its noise too.
-
-    Raises:
-        InputError: a scenario that cannot be used, or for a robot with another number of joints.
     """
-    from bumpstop.collision import load_scenario
     from bumpstop.detection import FARTHEST
 
-    loaded = {str(path): load_scenario(path) for path in scenarios}
     points = []
     for times in _TIMES:
         rate = times * tuning.target
         if rate >= tuning.tail.rate:
             continue
         thresholds = tuning.thresholds(rate)
-        forces = {name: _forces(name, scenario, thresholds) for name, scenario in loaded.items()}
+        forces = {name: _forces(scenario, thresholds) for name, scenario in scenarios.items()}
         points.append(TradePoint(rate, thresholds, tuning.extrapolation(rate) > FARTHEST, forces))
     return points
 
 
-def _forces(name: str, scenario: Any, thresholds: FloatArray) -> dict[str, Any]:
+def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
     from bumpstop.collision import evaluate
     from bumpstop.detection import blind_forces
 
-    if len(scenario.detector.thresholds_Nm) != thresholds.size:
-        count = len(scenario.detector.thresholds_Nm)
-        raise InputError(name, f"has thresholds for {count} joints", f"the residuals have {thresholds.size}")
     law = evaluate(scenario.with_values({"detector.thresholds_Nm": thresholds.tolist()}))
     problem, contact = law.problem, scenario.contact
     peak = law.peak_force.to_json()

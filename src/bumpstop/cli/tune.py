@@ -46,13 +46,15 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Choose thresholds from contact-free recordings, with intervals, and show what they cost in newtons."""
-    from bumpstop.cli.trade import trade
+    from bumpstop.cli.trade import check_joints, load_scenarios, trade
     from bumpstop.detection import tune
 
     check_folder(out)
     check_file(save, "--save")
+    scenarios = load_scenarios(scenario or [])
     loaded = [load_series(path, origin) for path in recordings]
     series = [one for one, _ in loaded]
+    check_joints(scenarios, series[0].dof)
     recorded = not all(holds_residuals(path) for path in recordings)
     watched = joint_numbers(joints, series[0].dof) if joints is not None else None
     try:
@@ -62,7 +64,7 @@ def command(
         raise InputError(option, error.problem, error.valid) from None
     tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, notes in loaded for note in notes)))
     names = origin.names if recorded else []
-    points = trade(tuning, scenario or [])
+    points = trade(tuning, scenarios)
     if save is not None:
         _save(tuning, series, save, origin if recorded else None)
     report = None

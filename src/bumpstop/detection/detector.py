@@ -12,7 +12,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.detection.events import DetectionRun, Event, bits, check_rearm
 from bumpstop.detection.matched_drives import MatchedDrives
-from bumpstop.detection.rate import period_of
+from bumpstop.detection.rate import check_rates, period_of
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
@@ -65,13 +65,14 @@ class Detector:
 
         Raises:
             InputError: joints of the model that the robot has not, joints without a model that are watched, thresholds
-                of another length or found for another residual, no inertia, a link that does not exist.
+                of another length or found for another residual or rate, no inertia, a link that does not exist.
         """
         self.robot = robot
         self.model = model
         self.thresholds = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
         self.settings = settings or DetectorSettings()
         self.thresholds.check_residual(self.settings.residual, self.settings.observer_gain_1_s)
+        check_rates(self.settings, self.thresholds)
         self.notes: tuple[str, ...] = ()
         self._drives = MatchedDrives(robot, model, self.thresholds.watched)
         _ = robot.dynamics  # says which link has no inertia

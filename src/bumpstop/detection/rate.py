@@ -13,7 +13,22 @@ if TYPE_CHECKING:
     from bumpstop.detection.settings import DetectorSettings
     from bumpstop.detection.thresholds import Thresholds
 
-_TOLERANCE = 0.1  # of a period, between what is stated and what is recorded
+_TOLERANCE = 0.1  # of a period, between what is stated, and what is stated elsewhere or recorded
+
+
+def check_rates(settings: DetectorSettings, thresholds: Thresholds) -> None:
+    """Refuse thresholds that were found at another rate than the settings have, where both say one.
+
+    Args:
+        settings: of a detector.
+        thresholds: its own.
+
+    Raises:
+        InputError: the rates differ.
+    """
+    ours, theirs = settings.period_s, thresholds.period_s
+    if ours and theirs and abs(ours - theirs) > _TOLERANCE * theirs:
+        raise InputError("period_s", f"is {ours:g}", f"the thresholds were found at {theirs:g}")
 
 
 def period_of(t: FloatArray, settings: DetectorSettings, thresholds: Thresholds) -> float:

@@ -13,6 +13,7 @@ from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 ResidualKind = Literal["direct", "observer"]
 Vector = tuple[float, float, float]
+_PERIODS = (1e-5, 1.0)  # of loops, as a scenario's feedback_period_s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +26,7 @@ class DetectorSettings:
         window: samples in the fit behind rates and accelerations, above ``degree``, at most 64.
         degree: of that fit, 2 to 5.
         measured_rates: take rates from the recording, and accelerations from them, instead of both from positions.
-        period_s: between samples [s]; None: that of the recording.
+        period_s: between samples, 1e-5 to 1 [s]; None: that of the recording.
         late_periods: an interval longer than this many periods means lost samples: counted and said.
         longest_periods: beyond it the past is forgotten, and the detector blind until the window is full again.
         limit_margin: positions this far outside their limits are impossible [rad or m].
@@ -99,8 +100,9 @@ class DetectorSettings:
             raise InputError("low_hz", f"{self.low_hz:g} is not below high_hz = {self.high_hz:g}")
         if not self.late_periods <= self.longest_periods:
             raise InputError("late_periods", f"{self.late_periods:g} is above longest_periods")
-        if self.period_s is not None and not as_number(self.period_s, "period_s") > 0:
-            raise InputError("period_s", f"is {self.period_s}", "wanted more than zero")
+        low, high = _PERIODS
+        if self.period_s is not None and not low <= as_number(self.period_s, "period_s") <= high:
+            raise InputError("period_s", f"is {self.period_s}", f"wanted from {low:g} to {high:g}")
         for name in ("point", "direction", "gravity", "payload_center"):
             if getattr(self, name) is not None:
                 as_float_array(getattr(self, name), name, (3,))
