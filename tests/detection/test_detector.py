@@ -302,6 +302,12 @@ def test_parts_of_different_arms_are_refused() -> None:
         Thresholds.parse("-3,2", [joint.name for joint in UR5E.joints])
     with pytest.raises(bs.InputError, match="'direkt' is no kind of residual; did you mean 'direct'"):
         DetectorSettings(residual="direkt")  # type: ignore[arg-type]
+    for window in (math.nan, math.inf, 7.5, "8", True):
+        with pytest.raises(bs.InputError, match=r"^window: "):
+            DetectorSettings(window=window)  # type: ignore[arg-type]
+    for period in (-0.004, math.nan, math.inf):
+        with pytest.raises(bs.InputError, match=r"^period_s: is "):
+            Detector(UR5E, None, [10.0] * 6).kernel(period)
 
 
 def test_threshold_files(tmp_path: Path) -> None:

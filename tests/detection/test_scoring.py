@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.detection import Label, ResidualSeries, Tolerance, load_labels, roc, score
+from bumpstop.detection import Label, ResidualSeries, Tolerance, event_times, load_labels, roc, score
 
 LABELS = (Label(10, 11, "hand"), Label(20, 22, "elbow"), Label(30, 30.5))
 
@@ -163,3 +163,14 @@ def test_roc_of_planted_contacts() -> None:
         "false_alarms_per_hour": 0.0,
         "median_delay_s": None,
     }
+
+
+def test_there_is_one_event_at_most_if_quiet_times_are_longer_than_the_recording() -> None:
+    t = np.arange(0, 60, 0.01)
+    rows = np.where(np.isin(np.arange(t.size), [100, 3000]), 2.0, 0.0)[:, None]
+    series = ResidualSeries(t, rows)
+    for rearm_s, events in ((28.9, [1.0, 30.0]), (29.1, [1.0]), (1e308, [1.0])):
+        assert event_times(series, rows[:, 0], 1.0, rearm_s).tolist() == pytest.approx(events)
+    for rearm_s in (-1e308, -0.001, math.inf, math.nan):
+        with pytest.raises(bs.InputError, match=r"^rearm_s: is "):
+            event_times(series, rows[:, 0], 1.0, rearm_s)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.events import DetectionRun, Event, bits, check_rearm
 from bumpstop.detection.matched_drives import MatchedDrives
 from bumpstop.detection.rate import check_rates, period_of
@@ -99,8 +99,9 @@ class Detector:
     def smallest_torque(self, *, resting: bool = False) -> FloatArray:
         """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not watched.
 
-        Moving: the constant threshold. Resting: the threshold at rest, the dead zone that may hide as much of the
-        torque, and the model's own error counted in; a clamped arm that stands still feels nothing below.
+        Moving: the constant threshold. Resting: the threshold at rest and the dead zone that may hide as much of the
+        torque; a clamped arm that stands still feels nothing below. What speed, acceleration and ``model_errors`` add
+        to the threshold differs from tick to tick and is not counted.
         """
         assert self.thresholds.rest is not None
         if not resting:
@@ -224,11 +225,13 @@ class Detector:
             period_s: between samples [s]; None: that of the settings.
 
         Raises:
-            InputError: neither says how long a period is.
+            InputError: neither says how long a period is, or it is no time.
         """
-        period = period_s or self.settings.period_s
+        period = self.settings.period_s if period_s is None else period_s
         if period is None:
             raise InputError("period_s", "is not known", "give it in the settings")
+        if not as_number(period, "period_s") > 0:
+            raise InputError("period_s", f"is {period}", "wanted more than zero")
         links, joints, errors = self.parts()
         return core.LoopDetector(
             self.robot.chain,

@@ -292,10 +292,10 @@ def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm
     Raises:
         InputError: a quiet time below zero, or none that is finite.
     """
-    rows = round(as_number(rearm_s, "rearm_s") / series.period) + 1
-    if rows < 1:
+    if as_number(rearm_s, "rearm_s") < 0:
         raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")
-    rows = max(2, rows)  # rows in a row are one event
+    # No two rows are farther apart than all of them, and rows in a row are one event.
+    rows = max(2, round(min(rearm_s / series.period, series.t.size)) + 1)
     found = [series.t[part][clusters(scaled[part], factor, rows)[0]] for part in series.stretches()]
     return np.concatenate(found)
 

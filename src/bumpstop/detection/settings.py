@@ -111,5 +111,5 @@ class DetectorSettings:
 
     def _check_whole(self, name: str, low: int, high: int) -> None:
         value = getattr(self, name)
-        if isinstance(value, bool) or value != int(value) or not low <= value <= high:
+        if not (as_number(value, name).is_integer() and low <= value <= high):
             raise InputError(name, f"is {value!r}", f"wanted a whole number from {low} to {high}")
