@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.detection import Label, ResidualSeries, Tolerance, event_times, load_labels, roc, score
+from bumpstop.detection import (
+    Detector,
+    Label,
+    ResidualSeries,
+    Tolerance,
+    event_times,
+    load_labels,
+    roc,
+    scaled_residual,
+    score,
+)
+from detection.moving_arms import UR5E, moving
 
 LABELS = (Label(10, 11, "hand"), Label(20, 22, "elbow"), Label(30, 30.5))
 
@@ -174,3 +185,23 @@ def test_there_is_one_event_at_most_if_quiet_times_are_longer_than_the_recording
     for rearm_s in (-1e308, -0.001, math.inf, math.nan):
         with pytest.raises(bs.InputError, match=r"^rearm_s: is "):
             event_times(series, rows[:, 0], 1.0, rearm_s)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_events_of_residuals_are_those_of_the_detector_that_made_them(seed: int) -> None:
+    """With samples lost one by one, and many at a time: an alarm that stands is no new one behind them."""
+    rng = np.random.default_rng(seed)
+    t, q, _, _, tau = moving(UR5E, 3000)
+    for first in rng.integers(0, 2900, 6):
+        tau[first : first + rng.integers(1, 400), rng.integers(6)] += rng.choice([-1, 1]) * rng.uniform(6, 14)
+    kept = rng.random(t.size) > 0.03
+    for first in rng.integers(10, 2800, 3):
+        kept[first : first + rng.integers(2, 200)] = False
+    thresholds = np.full(6, 6.0)
+    rearm_s = float(rng.choice([0.0, 0.02, 0.1]))
+    noisy = tau + rng.normal(0, 0.5, tau.shape)
+    run = Detector(UR5E, None, thresholds).run_rows(t[kept], q[kept], noisy[kept], rearm_s=rearm_s)
+    series = ResidualSeries(run.t[~run.blind], run.residual[~run.blind])
+    found = event_times(series, scaled_residual(series, thresholds), 1.0, rearm_s)
+    assert len(found) >= 2
+    assert found.tolist() == [event.t for event in run.events]

@@ -135,6 +135,16 @@ def test_several_recordings_and_gaps() -> None:
     assert any("1 gaps" in note for note in gapped.notes)
 
 
+def test_samples_lost_one_by_one_part_no_alarms() -> None:
+    """Two rows in a hundred are missing: a peak that lasts has holes, and is one peak still."""
+    one = residuals(0.2, 4, memory=0.97)
+    kept = np.random.default_rng(1).random(one.t.size) > 0.02
+    whole, holed = tune(one, 20.0), tune(ResidualSeries(one.t[kept], one.rows[kept]), 20.0)
+    assert holed.tail.excess.size == pytest.approx(whole.tail.excess.size, rel=0.15)
+    np.testing.assert_allclose(holed.thresholds(), whole.thresholds(), rtol=0.05)
+    assert not any("gaps" in note for note in holed.notes)
+
+
 def test_scale_and_unwatched_joints() -> None:
     one = residuals(0.1, 6)
     tuning = tune(one, 20.0)

@@ -11,10 +11,12 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.detection.residuals import write_residuals
+from bumpstop.detection.settings import DetectorSettings
 from bumpstop.errors import InputError
 
-# An interval this many typical ones long is a gap: nothing is known of what happened in it.
-_GAP = 1.5
+# An interval longer than this many typical ones is a gap: nothing is known of what happened in it. Lost samples within
+# shorter ones part nothing, as those that the detector bridges.
+_GAP = DetectorSettings.longest_periods
 _WANTED = "wanted a Parquet file with columns t, residual_1 .. residual_n"
 
 
@@ -59,7 +61,7 @@ class ResidualSeries:
         return self.t.size * self.period
 
     def stretches(self) -> list[slice]:
-        """Rows between gaps: where an interval is longer than one and a half typical ones, a new stretch begins."""
+        """Rows between gaps: where an interval is longer than five typical ones, a new stretch begins."""
         cuts = np.flatnonzero(np.diff(self.t) > _GAP * self.period) + 1
         edges = [0, *(int(cut) for cut in cuts), self.t.size]
         return [slice(a, b) for a, b in itertools.pairwise(edges)]

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.labels import Label, checked_labels
-from bumpstop.detection.peaks import clusters
 from bumpstop.detection.residual_file import ResidualSeries
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
@@ -228,7 +227,7 @@ def roc(
 ) -> Roc:
     """Score the residuals of a recording at thresholds times each of several factors.
 
-    An event is the first row over a threshold after ``rearm_s`` without one. Gaps in time count as blind.
+    Events are those of :func:`event_times`. Gaps in time count as blind.
 
     Args:
         series: residuals.
@@ -278,7 +277,9 @@ def scaled_residual(series: ResidualSeries, thresholds: npt.ArrayLike) -> FloatA
 
 
 def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm_s: float) -> FloatArray:
-    """Times of events: the first row over ``factor`` after ``rearm_s`` without one, anew after every gap.
+    """Times of events: the first row over ``factor`` after ``rearm_s`` without one, as a detector's run has them.
+
+    An event that has not ended at a gap goes on behind it, and quiet counts anew there.
 
     Args:
         series: residuals.
@@ -294,10 +295,21 @@ def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm
     """
     if as_number(rearm_s, "rearm_s") < 0:
         raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")
-    # No two rows are farther apart than all of them, and rows in a row are one event.
-    rows = max(2, round(min(rearm_s / series.period, series.t.size)) + 1)
-    found = [series.t[part][clusters(scaled[part], factor, rows)[0]] for part in series.stretches()]
-    return np.concatenate(found)
+    found, lasting = [], False
+    for part in series.stretches():
+        t = series.t[part]
+        loud = np.flatnonzero(scaled[part] > factor)
+        if lasting:
+            loud = np.concatenate([[-1], loud])
+        if not loud.size:
+            continue
+        # The last row before the next loud one ends the event, if it is not that loud row itself, and late enough.
+        quiet = np.append(loud[1:], t.size) - 1
+        ended = (quiet > loud) & (t[quiet] - t[np.maximum(loud, 0)] >= rearm_s)
+        begins = np.concatenate([[not lasting], ended[:-1]])
+        found.append(t[loud[begins]])
+        lasting = not ended[-1]
+    return np.concatenate(found) if found else np.empty(0)
 
 
 def gaps(series: ResidualSeries) -> list[Interval]:
