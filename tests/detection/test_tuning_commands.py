@@ -174,6 +174,20 @@ def test_tune_on_the_first_part_and_score_the_rest(kind: str, loop: tuple[Path, 
         assert all(a < 0.7 * b for a, b in zip(slow, Thresholds.load(saved).constant, strict=True))
 
 
+def test_thresholds_as_json_hold_for_their_rate_and_residual_too(loop: tuple[Path, Path], tmp_path: Path) -> None:
+    saved, printed = tmp_path / "thresholds.toml", tmp_path / "thresholds.json"
+    arm = ("--robot", "ur5e", "--residual", "observer", "--observer-gain", 20)
+    done = run("tune", loop[0], *arm, "--per-hour", 600, "--json", "--save", saved)
+    assert done.status == 0, done.err
+    printed.write_text(done.out)
+    ours, theirs = Thresholds.load(printed), Thresholds.load(saved)
+    assert ours.period_s == pytest.approx(0.004)
+    for name in ("period_s", "residual", "observer_gain_1_s"):
+        assert getattr(ours, name) == getattr(theirs, name)
+    done = run("detector", tmp_path / "slow", *arm, "--thresholds", printed, "--period", 0.02)
+    assert done.err == "error: --period: is 0.02; the thresholds were found at 0.004\n"
+
+
 def test_joints_that_a_model_cannot_tell_are_not_watched(tmp_path: Path) -> None:
     """The built-in model of the SIA5D has no seventh joint."""
     t = 0.004 * np.arange(3000)

@@ -73,13 +73,24 @@ def command(
 
         report = write_tuning(tuning, [point.to_json() for point in points], out, names)
     if as_json:
-        found = tuning.to_json() | ({"trade": [point.to_json() for point in points]} if scenario else {})
+        found = tuning.to_json() | _hold_for(series, origin if recorded else None)
+        found |= {"trade": [point.to_json() for point in points]} if scenario else {}
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return
     _print(tuning, points if scenario else [], names)
     for what, path in (("thresholds", save), ("report", report)):
         if path is not None:
             typer.echo(f"{what}: {path}")
+
+
+def _hold_for(series: list[ResidualSeries], origin: Origin | None) -> dict[str, float | str]:
+    """What a file of thresholds says of the detector they are for: the rate, and the residual where it is known."""
+    held: dict[str, float | str] = {"period_s": series[0].period}
+    if origin is not None:
+        held["residual"] = origin.residual
+        if origin.residual == "observer":
+            held["observer_gain_1_s"] = origin.observer_gain
+    return held
 
 
 def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, origin: Origin | None) -> None:
@@ -96,11 +107,7 @@ def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, origin: Orig
         *tuning.notes,
     ]
     lines = [*(f"# {' '.join(line.split())}" for line in told), f"thresholds_Nm = [{values}]"]
-    lines.append(f"period_s = {series[0].period!r}")
-    if origin is not None:
-        lines.append(f"residual = {json.dumps(origin.residual)}")
-        if origin.residual == "observer":
-            lines.append(f"observer_gain_1_s = {origin.observer_gain!r}")
+    lines += [f"{key} = {json.dumps(value)}" for key, value in _hold_for(series, origin).items()]
     write_text(path, "\n".join(lines) + "\n")
 
 
