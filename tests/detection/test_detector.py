@@ -243,6 +243,22 @@ def test_a_bad_sample_is_told_and_makes_no_spike(fault: str, spoil: object) -> N
     assert np.nanmax(np.abs(run.residual[101:120] - clean.residual[101:120]), initial=0) < 3
 
 
+@pytest.mark.parametrize("first", [0, 150])
+def test_a_rate_that_no_joint_has_is_not_believed_at_a_beginning_either(first: int) -> None:
+    """The row a recording begins with, and that behind a gap: no position before it says how far the joint went."""
+    t, q, qd, _, tau = moving(UR5E, 300)
+    t[150:] += 1.0
+    given_settings = DetectorSettings(measured_rates=True)
+    clean = Detector(UR5E, None, [30.0] * 6, given_settings).run_rows(t, q, tau, qd=qd)
+    assert clean.events == ()
+    qd[first, 1] = 50.0
+    run = Detector(UR5E, None, [30.0] * 6, given_settings).run_rows(t, q, tau, qd=qd)
+    assert FAULTS[run.fault[first]] == "impossible_jump"
+    assert run.events == ()
+    # The row after it is the first that counts.
+    assert run.blind.sum() == clean.blind.sum() + 1
+
+
 def test_rows_without_a_time_of_their_own_leave_the_others_theirs() -> None:
     """How long it was blind is a number, and one that JSON has, whatever times rows came with."""
     t, q, _, _, tau = moving(UR5E, 300)

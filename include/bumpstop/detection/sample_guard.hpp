@@ -19,7 +19,7 @@ enum class SampleFault {
     out_of_order,       ///< earlier than a sample before
     gap,                ///< so long after the sample before that what was known is forgotten
     outside_limits,     ///< a position no joint can have
-    impossible_jump,    ///< farther from the sample before than the joint can go
+    impossible_jump,    ///< farther from the sample before than the joint can go, or a measured rate beyond its limit
     impossible_signal,  ///< current or torque beyond what the drive can give
 };
 inline constexpr int sample_faults = 9;
@@ -71,7 +71,7 @@ class SampleGuard {
             if (!(interval_ >= limits_.shortest_interval)) return SampleFault::repeated;
         }
         const double reach = interval_ + limits_.period;
-        MaskOf<L> finite = L(0.0) <= L(0.0), inside = finite, possible = finite, reachable = finite;
+        MaskOf<L> finite = L(0.0) <= L(0.0), inside = finite, possible = finite, reachable = finite, slow = finite;
         for (int first = 0; first < joints_; first += native_lanes) {
             // What lies beyond the last joint counts as the zeros it is replaced by.
             const MaskOf<L> ours = load<L>(&ours_[first]) > L(0.5);
@@ -87,15 +87,15 @@ class SampleGuard {
             if (limits_.measured_rates) {
                 const L rate = absolute(select(ours, load<L>(&sample.qd[first]), L(0.0)));
                 finite = finite & (rate <= L(largest));
-                reachable = reachable & (rate <= speed);
+                slow = slow & (rate <= speed);
             }
         }
         const bool fresh = !known_ || !(interval_ <= limits_.longest_interval);
-        if (!all(finite & inside & possible & reachable)) {
+        if (!all(finite & inside & possible & reachable & slow)) {
             if (!all(finite)) return SampleFault::not_finite;
             if (!all(inside)) return SampleFault::outside_limits;
             if (!all(possible)) return SampleFault::impossible_signal;
-            if (!fresh) return SampleFault::impossible_jump;
+            if (!fresh || !all(slow)) return SampleFault::impossible_jump;
         }
         late_ = known_ && interval_ > limits_.late_interval;
         known_ = true;
