@@ -65,6 +65,30 @@ def test_names_are_put_in_order_and_other_joints_left_out(tmp_path: Path) -> Non
         Recording.load(tmp_path / "bag", columns={"joint_names": ["a", "z"]})
 
 
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"position": {"columns": [2, 1]}},
+        {"time": {"rate_hz": 10}},
+        {"torque": {"columns": [1, 2], "file": "effort.csv"}},
+    ],
+)
+def test_places_that_a_bag_would_pass_over_are_refused(columns: dict[str, Any], tmp_path: Path) -> None:
+    path = bag(tmp_path, StoragePlugin.MCAP, {"/s": [state(0.1 * i, ["b", "a"]) for i in range(5)]})
+    with pytest.raises(InputError, match=rf"columns.{next(iter(columns))}: .*; joint_names choose and order joints"):
+        Recording.load(path, columns=columns)
+    in_degrees = Recording.load(path, columns={"position": {"unit": "deg"}})
+    np.testing.assert_allclose(in_degrees.q, np.radians(Recording.load(path).q))
+
+
+def test_two_joints_of_one_name_are_refused(tmp_path: Path) -> None:
+    """The second would get what the first has."""
+    path = bag(tmp_path, StoragePlugin.MCAP, {"/s": [state(0.1 * i, ["a", "b", "b"]) for i in range(5)]})
+    with pytest.raises(InputError, match="a message has 2 joints called 'b'"):
+        Recording.load(path)
+    assert Recording.load(path, columns={"joint_names": ["a"]}).dof == 1
+
+
 def test_effort_may_be_current_or_absent(tmp_path: Path) -> None:
     path = bag(tmp_path, StoragePlugin.MCAP, {"/s": [state(0.1 * i, ["a"]) for i in range(5)]})
     found = Recording.load(path, columns={"effort": "current"})

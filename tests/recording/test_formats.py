@@ -124,6 +124,47 @@ def test_matlab(turned: bool, tmp_path: Path) -> None:
         Recording.load(tmp_path / "run.mat", columns=columns)
 
 
+def test_a_square_matlab_matrix_asks_which_way_it_lies(tmp_path: Path) -> None:
+    """As many rows as joints: read one way or the other it would be another motion."""
+    q = np.random.default_rng(3).normal(size=(6, 6))
+    scipy.io.savemat(tmp_path / "run.mat", {"t": 0.1 * np.arange(6), "q": q})
+    for time in ({"variable": "t"}, {"rate_hz": 10}):
+        columns = {"time": time, "position": {"variable": "q"}}
+        with pytest.raises(InputError, match=r"columns.position.axis: 'q' is 6 x 6.*give axis"):
+            Recording.load(tmp_path / "run.mat", columns=columns)
+        columns["position"]["axis"] = "rows"
+        np.testing.assert_array_equal(Recording.load(tmp_path / "run.mat", columns=columns).q, q.T)
+
+
+def test_time_may_be_a_column_of_a_matlab_matrix(tmp_path: Path) -> None:
+    t, q = 0.1 * np.arange(9), np.random.default_rng(3).normal(size=(9, 2))
+    scipy.io.savemat(tmp_path / "run.mat", {"log": np.hstack([q, 1e3 * t[:, None]])})
+    columns = {
+        "time": {"variable": "log", "column": 3, "unit": "ms"},
+        "position": {"variable": "log", "columns": [2, 1]},
+    }
+    found = Recording.load(tmp_path / "run.mat", columns=columns)
+    np.testing.assert_allclose(found.t, t, atol=1e-12)
+    np.testing.assert_array_equal(found.q, q[:, ::-1])
+    with pytest.raises(InputError, match=r"columns.time.column: 4 is no column of 'log'; 1 to 3"):
+        Recording.load(tmp_path / "run.mat", columns=columns | {"time": {"variable": "log", "column": 4}})
+    with pytest.raises(InputError, match=r"columns.time.variable: 'log' is 9 x 3; wanted one row or column"):
+        Recording.load(tmp_path / "run.mat", columns=columns | {"time": {"variable": "log"}})
+
+
+def test_another_file_beside_a_matlab_file_is_refused(tmp_path: Path) -> None:
+    """It was passed over, and a variable of the same name in the first file was read in its place."""
+    for name, value in (("run.mat", 1.0), ("more.mat", 2.0)):
+        scipy.io.savemat(tmp_path / name, {"t": np.arange(9.0), "q": np.full((9, 2), value)})
+    columns = {
+        "time": {"variable": "t"},
+        "position": {"variable": "q"},
+        "current": {"variable": "q", "file": "more.mat"},
+    }
+    with pytest.raises(InputError, match=r"columns.current.file: cannot be used with a MATLAB file"):
+        Recording.load(tmp_path / "run.mat", columns=columns)
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [

@@ -33,7 +33,7 @@ def read_matlab(path: Path, columns: Columns) -> RawRecording:
     if time.rate_hz is None and not time.variable:
         raise InputError("columns.time", "names no variable", "wanted variable = ..., or rate_hz = ...")
     if time.rate_hz is None:
-        t = _matrix(variables, time, "time").reshape(-1) * time.scale
+        t = _times(_matrix(variables, time, "time"), time) * time.scale
     else:
         # No time to compare with: the longer axis is the one along which the arm moves.
         shape = _matrix(variables, position, "position").shape
@@ -44,11 +44,25 @@ def read_matlab(path: Path, columns: Columns) -> RawRecording:
         if name != "time":
             values[name] = _by_row(_matrix(variables, quantity, name), quantity, name, t.size) * quantity.scale
             if quantity.columns:
-                values[name] = _chosen(values[name], quantity, name)
+                values[name] = _chosen(values[name], quantity, f"columns.{name}.columns")
     return RawRecording(values=values, rows=np.arange(1, t.size + 1), rows_read=int(t.size), numbered="row")
 
 
+def _times(matrix: FloatArray, time: Quantity) -> FloatArray:
+    """(N,) a row, a column, or one of a matrix."""
+    if time.columns:
+        rows = matrix.T if time.axis == "rows" else matrix
+        return _chosen(rows, time, "columns.time.column")[:, 0]
+    if min(matrix.shape) > 1:
+        problem = f"{time.variable!r} is {' x '.join(map(str, matrix.shape))}"
+        raise InputError("columns.time.variable", problem, "wanted one row or column, or column = ...")
+    return matrix.reshape(-1)
+
+
 def _by_row(matrix: FloatArray, quantity: Quantity, name: str, count: int) -> FloatArray:
+    if not quantity.axis and count > 1 and matrix.shape == (count, count):
+        problem = f"{quantity.variable!r} is {count} x {count}: it does not show whether joints are rows or columns"
+        raise InputError(f"columns.{name}.axis", problem, 'give axis = "rows" or "columns"')
     axis = quantity.axis or ("rows" if matrix.shape[0] != count and matrix.shape[1] == count else "columns")
     rows = matrix.T if axis == "rows" else matrix
     if rows.shape[0] != count:
@@ -57,12 +71,10 @@ def _by_row(matrix: FloatArray, quantity: Quantity, name: str, count: int) -> Fl
     return rows
 
 
-def _chosen(rows: FloatArray, quantity: Quantity, name: str) -> FloatArray:
+def _chosen(rows: FloatArray, quantity: Quantity, where: str) -> FloatArray:
     for column in quantity.columns:
         if not isinstance(column, int) or column > rows.shape[1]:
-            raise InputError(
-                f"columns.{name}.columns", f"{column!r} is no column of {quantity.variable!r}", f"1 to {rows.shape[1]}"
-            )
+            raise InputError(where, f"{column!r} is no column of {quantity.variable!r}", f"1 to {rows.shape[1]}")
     return rows[:, [int(column) - 1 for column in quantity.columns]]
 
 

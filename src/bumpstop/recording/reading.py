@@ -42,6 +42,7 @@ def read(
         raise InputError(str(path), "there is no such file")
     given = Columns.load(columns, path.parent)
     kind = _format(path, given)
+    _check_places(given, kind)
     notes = check_memory(path, kind)
     try:
         raw = _raw(path, kind, given, robot, topic)
@@ -76,6 +77,18 @@ def _format(path: Path, columns: Columns) -> str:
             str(path), f"{path.suffix!r} is no known ending", f"valid: {known}, or format in a column file"
         )
     return kind
+
+
+def _check_places(columns: Columns, kind: str) -> None:
+    """Refuse what was written of a quantity's place and would not count: the numbers read would be others."""
+    bag = kind in ("ros2bag", "mcap")
+    for name, quantity in columns.quantities.items():
+        where = f"columns.{name}"
+        if bag and (quantity.columns or quantity.variable or quantity.file or quantity.rate_hz is not None):
+            problem = "says where it stands: a bag says that itself"
+            raise InputError(where, problem, "joint_names choose and order joints")
+        if kind == "mat" and quantity.file is not None:
+            raise InputError(f"{where}.file", "cannot be used with a MATLAB file", "put all variables into one file")
 
 
 def _raw(path: Path, kind: str, columns: Columns, robot: Robot | None, topic: str | None) -> RawRecording:

@@ -98,6 +98,9 @@ def _gather(bodies: list[bytes], wanted: tuple[str, ...], path: Path) -> tuple[_
             same = alike(rows, known)
             names = names or known.names
             seen += [name for name in known.names if name not in seen]
+            twice = [name for name in names if known.names.count(name) > 1]
+            if twice:
+                raise InputError(str(path), f"a message has {known.names.count(twice[0])} joints called {twice[0]!r}")
             if not set(names) <= set(known.names):
                 found.others += int(same.sum())
             elif known.counts[0] != len(known.names):
