@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.identification import Payload, identify_dynamics, with_payload
+from bumpstop.detection import detect
+from bumpstop.identification import (
+    Payload,
+    compare_currents,
+    identify_dynamics,
+    identify_gains,
+    identify_joint_model,
+    identify_payload,
+    with_payload,
+)
 from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF, System
 from bumpstop.identification.motion import REACH_SHARE, lowpass
 from bumpstop.identification.torque_columns import torque_columns, torque_of
 from bumpstop.identification.torque_rows import TorqueRows
 from bumpstop.identification.validation import compare_dynamics
+from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from identification.test_dynamics_fit import COULOMB, VISCOUS, excited, parameter, planted
@@ -255,3 +266,28 @@ def test_what_cannot_be_joined_is_refused() -> None:
     short = joined(log, log, 0.5).between(3.4, 5.0)
     with pytest.raises(bs.InputError, match="in 2 stretches too short to use"):
         identify_dynamics(short, robot, cutoff_hz=5.0)
+
+
+def test_joints_in_a_drivers_order_are_refused_everywhere() -> None:
+    """A bag that was read without its robot has the driver's order; by place it would be another motion."""
+    robot = bs.Robot.load("ur10e")
+    names = tuple(sorted(joint.name for joint in robot.joints))
+    t = 0.01 * np.arange(500)
+    wave = np.sin(t)[:, None] * np.arange(1, 7)
+    log = Recording(t=t, q=0.1 * wave, current=wave, tau=wave, joint_names=names)
+    model = JointTorqueModel.load("sia5d")
+    model = replace(
+        model,
+        joints=tuple(replace(own, name=joint.name) for own, joint in zip(model.joints, robot.joints, strict=True)),
+    )
+    calls: list[Callable[[], object]] = [
+        lambda: identify_dynamics(log, robot),
+        lambda: identify_gains([log, log], robot, known={"elbow_joint": 10.0}),
+        lambda: identify_joint_model(log, robot),
+        lambda: identify_payload(log, robot),
+        lambda: compare_currents(model, log, robot),
+        lambda: detect(log, robot, model, [1.0] * 6),
+    ]
+    for call in calls:
+        with pytest.raises(bs.InputError, match=r"joint_names: are those of ur10e in another order: elbow_joint"):
+            call()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.io
 
-from bumpstop import InputError
+from bumpstop import InputError, Robot
 from bumpstop.recording import Recording
 from recording.cases import COLUMNS, JOINTS, lines, recording, written
 
@@ -122,6 +123,54 @@ def test_matlab(turned: bool, tmp_path: Path) -> None:
     columns["position"]["variable"] = "rec.p"
     with pytest.raises(InputError, match=r"there is no 'rec.p'; did you mean 'rec.q'"):
         Recording.load(tmp_path / "run.mat", columns=columns)
+
+
+def shuffled(names: tuple[str, ...]) -> tuple[Recording, list[int]]:
+    """A recording with a driver's order of the joints, and where each joint of the robot stands in it."""
+    order = sorted(names)
+    return replace(recording(dof=len(names)), joint_names=tuple(order)), [order.index(name) for name in names]
+
+
+def test_names_of_a_file_put_joints_into_the_robots_order(tmp_path: Path) -> None:
+    """As in a bag: what is converted without a robot has the driver's order."""
+    robot = Robot.load("ur10e")
+    own = tuple(joint.name for joint in robot.joints)
+    before, place = shuffled(own)
+    before.save(tmp_path / "run.parquet")
+    found = Recording.load(tmp_path / "run.parquet", robot=robot)
+    assert found.joint_names == own
+    for name in ("q", "qd", "current", "tau"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(before, name)[:, place])
+    np.testing.assert_array_equal(found.wrench, before.wrench)
+    before.save(tmp_path / "run.csv")
+    columns = {
+        "time": {"column": "t"},
+        "position": {"columns": [f"q_{i + 1}" for i in range(6)]},
+        "joint_names": list(before.joint_names),
+    }
+    np.testing.assert_array_equal(Recording.load(tmp_path / "run.csv", columns=columns, robot=robot).q, found.q)
+    with pytest.raises(InputError, match=r"columns.joint_names: 2 of them; the positions have 6"):
+        Recording.load(tmp_path / "run.csv", columns=columns | {"joint_names": ["a", "b"]})
+
+
+def test_other_names_are_told_and_columns_chosen_have_none(tmp_path: Path) -> None:
+    robot = Robot.load("ur10e")
+    recording(dof=6).save(tmp_path / "run.parquet")
+    assert any(
+        "calls the joints j0, j1" in note for note in Recording.load(tmp_path / "run.parquet", robot=robot).report.notes
+    )
+    columns = {"time": {"column": "t"}, "position": {"columns": ["q_2", "q_1"]}}
+    assert Recording.load(tmp_path / "run.parquet", columns=columns).joint_names == ()
+
+
+def test_joints_in_another_order_are_no_recording_of_the_robot() -> None:
+    robot = Robot.load("ur10e")
+    before, _ = shuffled(tuple(joint.name for joint in robot.joints))
+    with pytest.raises(InputError, match=r"joint_names: are those of ur10e in another order: elbow_joint, shoulder"):
+        before.check_robot(robot)
+    with pytest.raises(InputError, match=r"recording: has 2 joints; ur10e has 6"):
+        recording().check_robot(robot)
+    recording(dof=6).check_robot(robot)
 
 
 def test_a_square_matlab_matrix_asks_which_way_it_lies(tmp_path: Path) -> None:

@@ -149,10 +149,7 @@ class Detector:
         Raises:
             InputError: other joints, nothing to make torque of, a rate that is not the detector's.
         """
-        if recording.dof != self.robot.dof:
-            raise InputError(
-                "recording", f"has {recording.dof} joints", f"{self.robot.name} has {self.robot.dof}: is it its own?"
-            )
+        recording.check_robot(self.robot)
         run = self.run_rows(
             recording.t, recording.q, self._signal(recording), qd=self._rates(recording), rearm_s=rearm_s
         )

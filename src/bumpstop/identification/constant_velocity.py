@@ -87,8 +87,7 @@ def prepare(plan: IdentificationPlan, recording: Recording) -> Prepared:
         InputError: another number of joints, or no currents.
     """
     where = recording.source or "recording"
-    if recording.dof != plan.robot.dof:
-        raise InputError(where, f"has {recording.dof} joints", f"{plan.robot.name} has {plan.robot.dof}")
+    recording.check_robot(plan.robot)
     if recording.current is None:
         raise InputError(where, "has no motor currents", "wanted current_1 .. current_n")
     q, qd, qdd = derivatives(recording.t, recording.q, window_s=_WINDOW_S)

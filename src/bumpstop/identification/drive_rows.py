@@ -203,8 +203,7 @@ def drive_rows(
 def _check(recording: Recording, robot: Robot) -> None:
     if recording.current is None:
         raise InputError("recording", f"{recording.source or 'it'} has no motor current", "wanted current_1 ..")
-    if recording.dof != robot.dof:
-        raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
+    recording.check_robot(robot)
 
 
 def stretches_of(t: FloatArray) -> list[slice]:

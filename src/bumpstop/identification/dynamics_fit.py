@@ -116,8 +116,7 @@ class DynamicsFit:
         Raises:
             InputError: no torque, other joints, or too few rows.
         """
-        if recording.dof != self.robot.dof:
-            raise InputError("recording", f"has {recording.dof} joints", f"{self.robot.name} has {self.robot.dof}")
+        recording.check_robot(self.robot)
         motion, torque = recorded_motion(recording, self.cutoff_hz, self.gains)
         return motion, torque - self.predict(motion)
 
@@ -218,8 +217,7 @@ def identify_dynamics(
     groups = tuple(_checked(group, robot.dof) for group in couplings)
     held_out: dict[float, float] = {}
     for recording in logs:
-        if recording.dof != robot.dof:
-            raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
+        recording.check_robot(robot)
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads)
     fit_hz = FIT_PER_CUTOFF * cutoff_hz

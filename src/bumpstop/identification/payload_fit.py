@@ -105,8 +105,7 @@ def identify_payload(
     Raises:
         InputError: no currents or torques, another number of joints, too few rows, no joint whose torque is known.
     """
-    if recording.dof != robot.dof:
-        raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
+    recording.check_robot(robot)
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
     parts, left = _parts(recording, cutoff)
     motions = [even_motion(part.t, part.q, part.qd, cutoff) for part in parts]

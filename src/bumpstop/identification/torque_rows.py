@@ -114,8 +114,7 @@ class TorqueRows:
         torques = []
         left = beside_gaps = seams = 0
         for number, recording in enumerate(recordings):
-            if recording.dof != robot.dof:
-                raise InputError("recording", f"has {recording.dof} joints", f"{robot.name} has {robot.dof}")
+            recording.check_robot(robot)
             torques.append(_current_of(recording) if currents else _torque_of(recording, gains))
             whole = stretches_of(recording.t)
             seams += len(whole)

@@ -55,7 +55,8 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
         rows_read=table.rows_read,
         numbered=table.numbered,
         faults=table.faults,
-        joint_names=table.joint_names,
+        # The file's names are those of its own columns.
+        joint_names=() if columns.quantities else table.joint_names,
         robot=table.robot,
         notes=tuple(notes),
     )

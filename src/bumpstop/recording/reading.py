@@ -49,16 +49,14 @@ def read(
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror or error})") from None
     raw = _on_joint_side(raw, given)
-    n = raw.values["position"].shape[1]
     _check_widths(raw, robot, path)
+    if kind not in ("ros2bag", "mcap"):
+        raw = _in_order(raw, given, robot)
     values, report = checked(replace(raw, notes=(*notes, *raw.notes)), robot, max_bad, path)
-    names = raw.joint_names or given.joint_names
-    if len(names) != n:
-        names = tuple(joint.name for joint in robot.joints) if robot is not None else ()
     fields: dict[str, Any] = {_FIELDS[name]: value for name, value in values.items() if name != "t"}
     return fields | {
         "t": values["t"][:, 0],
-        "joint_names": names,
+        "joint_names": raw.joint_names,
         "robot": robot.name if robot is not None else raw.robot,
         "source": str(path),
         "report": report,
@@ -159,6 +157,23 @@ def _times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
     for i, j in zip(*np.nonzero(matrix), strict=True):
         result[:, j] += rows[:, i] * matrix[i, j]
     return result
+
+
+def _in_order(raw: RawRecording, columns: Columns, robot: Robot | None) -> RawRecording:
+    """Name the joints, and put them into the robot's order where the names are the robot's."""
+    n = raw.values["position"].shape[1]
+    if columns.joint_names and len(columns.joint_names) != n:
+        raise InputError("columns.joint_names", f"{len(columns.joint_names)} of them", f"the positions have {n}")
+    names = columns.joint_names or raw.joint_names
+    own = () if robot is None else tuple(joint.name for joint in robot.joints)
+    if len(names) != n or names == own or robot is None:
+        return replace(raw, joint_names=names if len(names) == n else own)
+    if set(names) != set(own):
+        note = f"The file calls the joints {', '.join(names)}; they are taken in the order of {robot.name}."
+        return replace(raw, joint_names=names, notes=(*raw.notes, note))
+    place = [names.index(name) for name in own]
+    values = {name: x if name in ("t", "wrench") else x[:, place] for name, x in raw.values.items()}
+    return replace(raw, values=values, joint_names=own)
 
 
 def _check_widths(raw: RawRecording, robot: Robot | None, path: Path) -> None:

@@ -103,6 +103,19 @@ class Recording:
 
         write(self, Path(path))
 
+    def check_robot(self, robot: Robot) -> None:
+        """Refuse to be taken for a recording of an arm with other joints, or with the same in another order.
+
+        Raises:
+            InputError: another number of joints, or the robot's names in another order.
+        """
+        if self.dof != robot.dof:
+            raise InputError("recording", f"has {self.dof} joints", f"{robot.name} has {robot.dof}: is it its own?")
+        own = tuple(joint.name for joint in robot.joints)
+        if self.joint_names != own and set(self.joint_names) == set(own):
+            problem = f"are those of {robot.name} in another order: {', '.join(self.joint_names)}"
+            raise InputError("recording.joint_names", problem, "Recording.load(..., robot=...) puts them in order")
+
     @property
     def dof(self) -> int:
         """Number of joints."""
