@@ -18,6 +18,7 @@ from bumpstop.identification import (
 )
 from bumpstop.identification.current_law import CurrentLaw
 from bumpstop.identification.drive_rows import DriveRows, without_rotors
+from bumpstop.identification.validation import compare_estimates
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
@@ -89,6 +90,13 @@ def test_planted_kinds_are_chosen_and_predict_another_motion(name: str, kind: st
     # More current is more torque of the motors than the motion asks for: the sign of the detector's residual.
     more = compare_currents(fit.model, replace(other, current=other.current + 0.1), robot)
     assert (more.torque_residual > found.torque_residual).all()
+    # Errors of validation, scores and page, are the other way round: predicted (Newton-Euler) less estimated (eq 3.1).
+    page = compare_estimates(more, robot)
+    for j, (score, on_page) in enumerate(zip(more.torque_scores(), page.scores(), strict=True)):
+        assert score is not None
+        assert score.mean == pytest.approx(-more.torque_residual[:, j].mean(), abs=1e-12)
+        assert page.error[:, j].mean() == pytest.approx(on_page.mean, abs=1e-12)
+    np.testing.assert_array_equal(page.predicted, more.torque)
 
 
 def test_intervals_hold_under_correlated_noise_and_lost_samples() -> None:

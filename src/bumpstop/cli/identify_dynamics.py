@@ -238,5 +238,5 @@ def _print_scores(fit: DynamicsFit, scores: tuple[JointScore, ...], cutoff_hz: f
             errors = ["unknown gain", "", ""]
         table.add_row(score.name, f"{score.r2:.4f}", f"{score.r2_raw:.4f}", *errors)
     console = Console(highlight=False, markup=False)
-    console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz")
+    console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered")
     console.print(table)

@@ -89,8 +89,9 @@ def validate_joint(
         typer.echo(json.dumps(_validated(found, arms[0], currents, torques), allow_nan=False, indent=2))
         return
     where = ", ".join(log.source for log in logs)
-    _print_scores(found, currents, f"predicted current [{model.unit}] on {where}, compared at {found.filter_hz:g} Hz")
-    _print_scores(found, torques, f"torque estimated from current against Newton-Euler, at {found.filter_hz:g} Hz")
+    at = f"at {found.filter_hz:g} Hz, errors unfiltered"
+    _print_scores(found, currents, f"predicted current [{model.unit}] on {where}, compared {at}")
+    _print_scores(found, torques, f"torque estimated from current against Newton-Euler, {at}")
     _print_left(found.rows)
     for note in found.notes:
         typer.echo(f"note: {note}")

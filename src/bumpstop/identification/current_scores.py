@@ -64,11 +64,11 @@ class CurrentComparison:
 
     def torque_scores(self) -> tuple[JointScore | None, ...]:
         """Of torques [Nm or N]: Newton-Euler less estimated; None for a joint whose gain is unknown."""
-        return self._scores(self.rows.torque, self.estimated)
+        return self._scores(self.estimated, self.rows.torque)
 
     def _scores(self, measured: FloatArray, predicted: FloatArray) -> tuple[JointScore | None, ...]:
         scores: list[JointScore | None] = []
-        known: npt.NDArray[np.bool_] = np.all(np.isfinite(predicted), axis=0)
+        known: npt.NDArray[np.bool_] = np.all(np.isfinite(self.predicted), axis=0)
         which = slice(None) if known.all() else known
         smooth, smooth_predicted = (self.rows.filtered(x[:, which], self.filter_hz) for x in (measured, predicted))
         place = np.cumsum(known) - 1
