@@ -99,6 +99,25 @@ def test_planted_kinds_are_chosen_and_predict_another_motion(name: str, kind: st
     np.testing.assert_array_equal(page.predicted, more.torque)
 
 
+def test_the_friction_law_is_chosen_again_with_the_map() -> None:
+    """With a line in place of a bent map, friction that grows with the load makes up for the bend."""
+    robot = bs.Robot.load("ur10e")
+    for seed, elbow in ((5, 2), (0, 3)):
+        motion = fourier(robot, 40.0, 100.0, seed)
+        truth = drives(robot, inverse_dynamics(without_rotors(robot), *motion[1:]))
+        bent = [{**joint.parameters, "A": Parameter(0.2 * joint.value("B"))} for joint in truth.joints]
+        truth = replace(
+            truth,
+            joints=tuple(replace(joint, parameters=own) for joint, own in zip(truth.joints, bent, strict=True)),
+        )
+        (joint,) = identify_joint_model(
+            driven(robot, motion, truth, seed), robot, cutoff_hz=10.0, joints=[elbow]
+        ).joints
+        with_line = {one.friction: one.held_out for one in joint.candidates if one.map == "linear"}
+        assert with_line["load_dependent"] < with_line["power"]
+        assert (joint.parameters.map, joint.parameters.friction) == ("odd", "power")
+
+
 def test_intervals_hold_under_correlated_noise_and_lost_samples() -> None:
     robot = bs.Robot.load("ur10e")
     scores: list[float] = []

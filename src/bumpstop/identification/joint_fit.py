@@ -208,7 +208,10 @@ def _choose(
     name: str,
     candidates: list[Candidate],
 ) -> tuple[str, str, dict[str, float]]:
-    """The friction law with the simplest map, then the map with that law, by held-out error; and the values found."""
+    """The friction law with the simplest map, the map with that law, and the law once more with that map.
+
+    By held-out error; and the values found. Where the simplest map bends too little, a law may have made up for it.
+    """
     task = _Task.of(rows.spread(_ENOUGH_TO_CHOOSE), j, rest_speed)
     kinds = [kind for kind in _MAPS if kind in maps and not ("A" in known_names(fixed) and kind == "linear")]
     laws = [law for law in _FRICTIONS if law in frictions]
@@ -234,6 +237,10 @@ def _choose(
     friction = _best(candidates, "friction") or laws[0]
     candidates += [tried(kind, friction) for kind in kinds[1:]]
     kind = _best([candidate for candidate in candidates if candidate.friction == friction], "map") or kinds[0]
+    if kind != kinds[0]:
+        candidates += [tried(kind, other) for other in laws if other != friction]
+        with_map = {candidate.friction: candidate for candidate in candidates if candidate.map == kind}
+        friction = _best([with_map[law] for law in laws], "friction")
     return kind, friction, near[kind, friction]
 
 
