@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import bumpstop as bs
 from bumpstop.identification import with_payload
+from bumpstop.model import inverse_dynamics
+from bumpstop.recording import Recording
 from cli.support import run, strict_json
 from identification.test_dynamics_fit import COULOMB, VISCOUS, planted
 from identification.test_gains_fit import GAINS, LOAD, currents
@@ -94,3 +97,54 @@ def test_gains_and_dynamics_from_currents(tmp_path: Path) -> None:
         assert refused.status == 2
         assert refused.err.count("\n") == 1
         assert message in refused.err
+
+
+def at_rest(moving: tuple[int, ...], *, noise: float) -> Recording:
+    """An arm of which only some joints move (from 0), with noise of encoders and torques; the last has no torque."""
+    robot = bs.Robot.load(ROBOT)
+    rng = np.random.default_rng(4)
+    t = np.arange(0, 12, 0.008)
+    q, qd, qdd = (np.zeros((t.size, robot.dof)) for _ in range(3))
+    q += [0.1, -1.0, 1.2, -0.4, 1.0, 0.3]
+    for j in moving:
+        w = 2.0 + 0.3 * j
+        q[:, j] += 0.5 * np.sin(w * t)
+        qd[:, j], qdd[:, j] = 0.5 * w * np.cos(w * t), -0.5 * w * w * np.sin(w * t)
+    tau = inverse_dynamics(robot, q, qd, qdd) + 2.0 * np.sign(qd)
+    tau += noise * rng.normal(size=q.shape)
+    tau[:, -1] = 0.0
+    return Recording(t=t, q=q + 1e-4 * noise * rng.normal(size=q.shape), tau=tau)
+
+
+def test_joints_that_hardly_move_are_named(tmp_path: Path) -> None:
+    robot = bs.Robot.load(ROBOT)
+    names = [joint.name for joint in robot.joints]
+    at_rest((1, 2), noise=0.1).save(tmp_path / "two.parquet")
+    result = run("identify", tmp_path / "two.parquet", "--robot", ROBOT, "--cutoff", 5)
+    warned = [line.split()[1] for line in result.out.splitlines() if line.startswith("warning: ")]
+    assert warned == [names[j] for j in (0, 3, 4, 5)]
+    found = strict_json(run("identify", tmp_path / "two.parquet", "--robot", ROBOT, "--cutoff", 5, "--json").out)
+    assert found["hardly_moved"] == warned
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_an_arm_at_rest_shows_no_dynamics(noise: float, tmp_path: Path) -> None:
+    at_rest((), noise=noise).save(tmp_path / "rest.parquet")
+    result = run("identify", tmp_path / "rest.parquet", "--robot", ROBOT)
+    assert result.status == 2
+    assert "no joint moves by as much as 0.01 rad or m; wanted a motion" in result.err
+
+
+def test_a_torque_that_never_changes_has_no_share_predicted(tmp_path: Path) -> None:
+    """Neither a figure of thirty digits, nor a NaN that JSON has not."""
+    at_rest((1, 2), noise=0.1).save(tmp_path / "two.parquet")
+    at_rest((), noise=0.0).save(tmp_path / "rest.parquet")
+    model = tmp_path / "arm.toml"
+    made = run("identify", tmp_path / "two.parquet", "--robot", ROBOT, "--cutoff", 5, "-o", model, "--json")
+    assert strict_json(made.out)["joints"][-1]["r2"] is None
+    scores = strict_json(run("validate", model, tmp_path / "rest.parquet", "--json").out)["joints"]
+    assert [score["r2"] for score in scores] == [None] * 6
+    assert [score["r2_raw"] for score in scores] == [None] * 6
+    rows = run("validate", model, tmp_path / "rest.parquet").out.splitlines()
+    (row,) = (row for row in rows if row.startswith("shoulder_lift_joint"))
+    assert row.split()[1:3] == ["none", "none"]

@@ -211,6 +211,17 @@ def test_a_joint_at_rest_whose_map_does_not_rise_is_named(kind: str) -> None:
     assert any(warning.startswith(f"{robot.joints[rest].name}: A cannot be seen") for warning in fit.warnings)
 
 
+def test_noise_of_encoders_is_no_torque_that_changes() -> None:
+    """At rest friction may carry any part of a torque, however the noise of the positions makes it shiver."""
+    robot = bs.Robot.load("ur10e")
+    q = np.tile([0, -1, 1.2, -0.5, 1, 0.3], (5000, 1))
+    t, rng = 0.004 * np.arange(len(q)), np.random.default_rng(0)
+    current = inverse_dynamics(robot, q, 0 * q, 0 * q) / 10 + 0.005 * rng.normal(size=q.shape)
+    log = Recording(t=t, q=q + 1e-5 * rng.normal(size=q.shape), current=current)
+    fit = identify_joint_model(log, robot, cutoff_hz=30.0)
+    assert not any(joint.observable for joint in fit.joints)
+
+
 def test_payload_that_is_declared_is_not_taken_for_gain() -> None:
     robot = bs.Robot.load("ur5e")
     carrying = with_payload(robot, 4.0, (0.0, 0.0, 0.08))

@@ -13,6 +13,7 @@ from bumpstop.cli.arm_recordings import carried_of, known_of
 from bumpstop.cli.bodies_found import bodies_json, print_bodies
 from bumpstop.cli.model_report import dynamics_report
 from bumpstop.cli.option_names import as_options
+from bumpstop.cli.shares import or_null, share_text
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,6 +87,8 @@ def identify_dynamics_of(
         typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}")
     if fit.unseen:
         typer.echo(f"not visible in this motion: {', '.join(fit.unseen)}")
+    for name in fit.still:
+        typer.echo(f"warning: {name} hardly moves: its friction, its rotor and what only its motion shows are noise")
     if bodies is not None:
         print_bodies(bodies)
     for note in (note for log in logs for note in log.report.notes):
@@ -168,7 +171,7 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
                 "name": score.name,
                 "observable": bool(own) and scaled,
                 "parameters": own,
-                "r2": score.r2,
+                "r2": or_null(score.r2),
                 "rmse_Nm": score.rmse if scaled else None,
             }
         )
@@ -181,6 +184,7 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
         "base_parameters": base,
         "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
         "not_visible": list(fit.unseen),
+        "hardly_moved": list(fit.still),
         "rows_used": fit.rows_used,
         "rows_whole": fit.rows_whole,
         "rows_left": fit.rows_left,
@@ -193,7 +197,8 @@ def _score_json(fit: DynamicsFit, j: int, score: JointScore) -> dict[str, Any]:
     errors: dict[str, float | None] = {"mean": score.mean, "sd": score.sd, "rmse": score.rmse}
     if not _scaled(fit, j):
         errors = dict.fromkeys(errors)
-    return {"name": score.name, "r2": score.r2, "r2_raw": score.r2_raw, **errors, "unit": _units(fit)[j]}
+    shares = {"r2": or_null(score.r2), "r2_raw": or_null(score.r2_raw)}
+    return {"name": score.name, **shares, **errors, "unit": _units(fit)[j]}
 
 
 def _scaled(fit: DynamicsFit, j: int) -> bool:
@@ -236,7 +241,7 @@ def _print_scores(fit: DynamicsFit, scores: tuple[JointScore, ...], cutoff_hz: f
         errors = [f"{error:.4g}" for error in (score.mean, score.sd, score.rmse)]
         if not _scaled(fit, j):
             errors = ["unknown gain", "", ""]
-        table.add_row(score.name, f"{score.r2:.4f}", f"{score.r2_raw:.4f}", *errors)
+        table.add_row(score.name, *map(share_text, (score.r2, score.r2_raw)), *errors)
     console = Console(highlight=False, markup=False)
     console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered")
     console.print(table)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from bumpstop.cli.arm_recordings import known_of
 from bumpstop.cli.folders import writing
 from bumpstop.cli.model_report import joint_model_report
 from bumpstop.cli.progress import progress
+from bumpstop.cli.shares import or_null, share_text
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def _joint(joint: JointFit) -> dict[str, Any]:
             for name, found in own.parameters.items()
         },
         "unseen": dict(joint.unseen),
-        "r2": _or_null(joint.r2),
+        "r2": or_null(joint.r2),
         "rmse_A": joint.rmse,
         "current_range": None if own.current_range is None else list(own.current_range),
         "speed_range": None if own.speed_range is None else list(own.speed_range),
@@ -161,11 +161,7 @@ def _validated(
 
 def _score(score: JointScore | None, unit: str) -> dict[str, Any]:
     names = ("r2", "r2_raw", "mean", "sd", "rmse")
-    return {name: None if score is None else _or_null(getattr(score, name)) for name in names} | {"unit": unit}
-
-
-def _or_null(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return {name: None if score is None else or_null(getattr(score, name)) for name in names} | {"unit": unit}
 
 
 def _print_fit(fit: JointModelFit) -> None:
@@ -187,7 +183,7 @@ def _print_fit(fit: JointModelFit) -> None:
             for name, found in own.parameters.items()
             if found is not None
         )
-        table.add_row(joint.name, f"{joint.r2:.4f}", f"{joint.rmse:.4g}", own.map, own.friction, figures)
+        table.add_row(joint.name, share_text(joint.r2), f"{joint.rmse:.4g}", own.map, own.friction, figures)
     Console(highlight=False, markup=False).print(table)
     typer.echo(f"error on held-out fifths, rms {unit}, by map and friction:")
     for joint in fit.joints:
@@ -212,7 +208,7 @@ def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None],
             table.add_row(joint.name, *["unknown gain"], *[""] * 4)
             continue
         errors = (score.mean, score.sd, score.rmse)
-        table.add_row(score.name, f"{score.r2:.4f}", f"{score.r2_raw:.4f}", *(f"{error:.4g}" for error in errors))
+        table.add_row(score.name, share_text(score.r2), share_text(score.r2_raw), *(f"{error:.4g}" for error in errors))
     console = Console(highlight=False, markup=False)
     console.print(title)
     console.print(table)

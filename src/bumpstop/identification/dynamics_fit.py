@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_settings import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
 from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.torque_columns import column_names, torque_of
-from bumpstop.identification.torque_rows import TorqueRows, listed, recorded_motion
+from bumpstop.identification.torque_rows import TorqueRows, listed, recorded_motion, still_joints
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 # Rows behind the filter that a fit goes through; of more, blocks spread over the time.
 ENOUGH_TO_FIT = 10_000
+_ROUNDING = 1e-12  # of a filter, as a share of what passes it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +63,7 @@ class DynamicsFit:
         cutoff_hz: of the motion's filter, chosen by held-out error.
         held_out: mean over joints of 1 - R2 on held-out fifths, by the cut-off that was tried [Hz].
         unseen: inertial and friction parameters that the motion cannot show at all.
+        still: joints that hardly moved: their friction, rotors and whatever only their motion shows are noise.
         rows_used: of the fit, behind the filter.
         rows_whole: rows that the filter leaves of the whole recordings; where these are more, blocks of ``rows_used``
             rows stand for them. 0: read from a file.
@@ -99,6 +101,7 @@ class DynamicsFit:
     gains: FloatArray | None = None
     gain_errors: FloatArray | None = None
     fitted: TorqueRows | None = None
+    still: tuple[str, ...] = ()
 
     def predict(self, motion: EvenMotion) -> FloatArray:
         """Joint torques (N, n) of a motion [Nm or N]."""
@@ -211,13 +214,13 @@ def identify_dynamics(
         payloads: what each recording carried that is not to be part of the arm; default: nothing.
 
     Raises:
-        InputError: no torque, too few rows, a robot of another number of joints, or a shared motor of fewer than two.
+        InputError: no torque, no motion, too few rows, a robot of another number of joints, or a shared motor of fewer
+            than two.
     """
     logs = listed(recordings)
     groups = tuple(_checked(group, robot.dof) for group in couplings)
     held_out: dict[float, float] = {}
-    for recording in logs:
-        recording.check_robot(robot)
+    still = still_joints(logs, robot)
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads)
     fit_hz = FIT_PER_CUTOFF * cutoff_hz
@@ -226,7 +229,7 @@ def identify_dynamics(
     few = rows
     if rows.rows_whole > ENOUGH_TO_CHOOSE:
         few = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_CHOOSE, filters_hz=(fit_hz,))
-    return fit_of(best_friction(few, robot, cutoff_hz, groups, of=rows), held_out)
+    return replace(fit_of(best_friction(few, robot, cutoff_hz, groups, of=rows), held_out), still=still)
 
 
 def _checked(group: Sequence[tuple[int, float]], dof: int) -> tuple[tuple[int, float], ...]:
@@ -267,6 +270,7 @@ def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
 
 
 def share_predicted(measured: FloatArray, predicted: FloatArray) -> float:
-    """R2: the share of a variance that is predicted; NaN where there is none."""
+    """R2: the share of a variance that is predicted; NaN where there is none but rounding."""
     spread = float(((measured - measured.mean()) ** 2).sum())
-    return 1 - float(((measured - predicted) ** 2).sum()) / spread if spread > 0 else math.nan
+    rounding = measured.size * (_ROUNDING * float(np.abs(measured).max(initial=0.0))) ** 2
+    return 1 - float(((measured - predicted) ** 2).sum()) / spread if spread > rounding else math.nan

@@ -8,7 +8,7 @@ beside something known: a load that some recordings carry and others do not, or 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,7 @@ from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.identification.dynamics_settings import best_friction, choose_cutoff
 from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF, independent, label_of, triangle_of
 from bumpstop.identification.robust_fit import visible_share
-from bumpstop.identification.torque_rows import TorqueRows, listed
+from bumpstop.identification.torque_rows import TorqueRows, listed, still_joints
 
 if TYPE_CHECKING:
     from bumpstop.identification.dynamics_system import System
@@ -79,12 +79,13 @@ def identify_gains(
             f"their scale cannot be seen: {alike}, and a load that never changes is as good as a part of the arm",
             "wanted recordings with and without a known payload, or a known gain",
         )
+    still = still_joints(logs, robot)
     held_out: dict[float, float] = {}
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, (), payloads, currents=True)
     filters = (FIT_PER_CUTOFF * cutoff_hz,)
     rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, currents=True, limit=_ENOUGH, filters_hz=filters)
-    return _found(best_friction(rows, robot, cutoff_hz, ()), fixed, held_out)
+    return replace(_found(best_friction(rows, robot, cutoff_hz, ()), fixed, held_out), still=still)
 
 
 def _fixed(robot: Robot, known: Mapping[str, float]) -> FloatArray:

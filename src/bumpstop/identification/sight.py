@@ -142,8 +142,11 @@ def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[
         unseen["hysteresis"] = f"the joint does not rest {_RESTS} times after motion both ways"
     values, errors = _linear_fit(rows, j, raw, hysteresis, known)
     gain = float(values[0])
-    # Friction at rest may carry any part of a torque that never changes.
-    held = never and float(raw[:, 0].std()) < _SAME * float(np.abs(raw[:, 0]).max())
+    # Friction at rest may carry any part of a torque that never changes, or changes by the noise of the encoders alone.
+    held = never and "B" not in known
+    if held and float(raw[:, 0].std()) >= _SAME * float(np.abs(raw[:, 0]).max()):
+        beside, unsure = _linear_fit(rows, j, raw, hysteresis, known, constant=True)
+        held = not unsure[0] < _SURE * abs(float(beside[0]))
     blind = "B" not in known and (held or not (gain > 0 and errors[0] < _SURE * gain))
     if blind:
         unseen["B"] = _HELD_STILL if held else _why_blind(gain, float(errors[0]), raw)
@@ -224,19 +227,28 @@ def _rests(rows: DriveRows, held: FloatArray) -> bool:
 
 
 def _linear_fit(
-    rows: DriveRows, j: int, raw: FloatArray, hysteresis: bool, known: Mapping[str, float]
+    rows: DriveRows,
+    j: int,
+    raw: FloatArray,
+    hysteresis: bool,
+    known: Mapping[str, float],
+    *,
+    constant: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Values and standard errors of a linear map's columns; an inertia that is known goes with the torque."""
-    both = rows.filtered(np.column_stack([raw, rows.current[:, j]]))
-    columns, current = both[:, :5], both[:, 5]
-    free = [0, 1, 2, 3, *([4] if hysteresis else [])]
+    """Values and standard errors of a linear map's columns; an inertia that is known goes with the torque.
+
+    With ``constant`` a current that never changes has a column of its own.
+    """
+    both = rows.filtered(np.column_stack([raw, np.ones(raw.shape[0]), rows.current[:, j]]))
+    columns, current = both[:, :6], both[:, 6]
+    free = [0, 1, 2, 3, *([4] if hysteresis else []), *([5] if constant else [])]
     if "inertia" in known:
         columns = columns.copy()
         columns[:, 0] += known["inertia"] * columns[:, 1]
         free.remove(1)
     length = np.linalg.norm(columns, axis=0)
     free = [c for c in free if length[c] > 1e-9 * np.sqrt(current.size) and length[c] > 0]
-    values, errors = np.zeros(5), np.full(5, np.inf)
+    values, errors = np.zeros(6), np.full(6, np.inf)
     if free:
         scaled = columns[:, free] / length[free]
         found, *_ = np.linalg.lstsq(scaled, current, rcond=1e-8)

@@ -1,0 +1,15 @@
+"""Shares of a variance on the screen and in JSON, where there may be no variance."""
+
+from __future__ import annotations
+
+import math
+
+
+def or_null(value: float) -> float | None:
+    """A number for JSON, which has no NaN and no infinity."""
+    return value if math.isfinite(value) else None
+
+
+def share_text(share: float) -> str:
+    """R2 in a table, or that there is none."""
+    return f"{share:.4f}" if math.isfinite(share) else "none"
