@@ -102,6 +102,15 @@ def test_the_arm_goes_where_it_is_told_and_its_torque_is_ours() -> None:
     assert np.abs(ours - trace.tau).std() < 0.1
 
 
+@pytest.mark.parametrize("name", ["sia5d", "ur10e"])
+def test_every_move_through_the_workspace_is_one(name: str) -> None:
+    """The middle of a UR lies below the floor: its motion begins in the first pose that does not."""
+    command = workspace(bs.Robot.load(name), 2, moves=3)
+    moves = np.abs(command.qd).max(axis=1) > 1e-2
+    begins = np.flatnonzero(np.diff(moves.astype(int), prepend=0) == 1)
+    assert len(begins) == 3
+
+
 def test_the_wrist_feels_what_the_arm_touches() -> None:
     run = source_plant(1, [below(0.005)]).run(line(source_arm(), STANDARD, DOWN, duration=0.15, held_joints=[7]))
     log = run.recording

@@ -91,6 +91,8 @@ def workspace(robot: Robot, number: int, moves: int = _MOVES) -> Command:
     poses, times, at = [start], [0.0], 0
     for u in points:
         target = start if len(poses) == moves else middle + half * (2 * u - 1)
+        if np.array_equal(target, poses[-1]):  # where the middle is too low the start is one of the points
+            continue
         ways = poses[-1] + _smooth(np.linspace(0, 1, 21))[:, None] * (target - poses[-1])
         if not _clear(robot, ways):
             continue
