@@ -92,6 +92,15 @@ def test_observer_and_direct_residual_agree_after_a_while() -> None:
     np.testing.assert_allclose(found[1], 3.0, atol=0.01)
 
 
+def test_joints_that_hardly_move_are_noted() -> None:
+    """Thresholds of an arm at rest would not hold in motion."""
+    t, q, _, _, tau = moving(UR5E, 2000)
+    q, tau = q.copy(), tau.copy()
+    q[:, 3:] = q[0, 3:]
+    (note,) = (note for note in residual_record(Recording(t=t, q=q, tau=tau), UR5E, None).notes if "hardly" in note)
+    assert note.startswith("wrist_1_joint, wrist_2_joint, wrist_3_joint: hardly moved in this recording")
+
+
 def test_residual_record_goes_into_a_scenario(tmp_path: Path) -> None:
     t, q, _, _, tau = moving(UR5E, 2000)
     noise = np.random.default_rng(3).normal(size=tau.shape)

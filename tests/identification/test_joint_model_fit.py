@@ -25,6 +25,7 @@ from bumpstop.recording import Recording
 from identification.drives import Motion, driven, drives, fourier, planted, z_scores
 from identification.recorded import FILES, SHARED, arm_and_motion, there
 
+ELBOW = "elbow_joint"
 LAWS = {
     "power": {"D": 0.6, "F": 0.3},
     "stribeck": {"coulomb": 0.4, "viscous": 0.3, "stribeck": 0.2, "stribeck_speed": 0.1},
@@ -265,6 +266,11 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         (lambda: identify_joint_model(log, robot, cutoff_hz=-1.0), "cutoff_hz: is -1.0"),
         (lambda: identify_joint_model(log.between(0, 0.3), robot, cutoff_hz=10.0), "no stretch of 50 rows"),
         (lambda: with_payload(robot, -1.0), "payload.mass: is -1.0 kg"),
+        (lambda: with_payload(robot, 1e300), r"payload.mass: is 1e\+300 kg; wanted 0 to 100000"),
+        (lambda: with_payload(robot, 1.0, (0, 1e300, 0)), "payload.center: is .* m; wanted at most 100"),
+        (lambda: identify_joint_model(log, robot, known={ELBOW: {"B": 0.0}}), "B: is 0; wanted 1e-09 to"),
+        (lambda: identify_joint_model(log, robot, known={ELBOW: {"A": 1e300}}), r"A: is 1e\+300; wanted -1e\+09 to"),
+        (lambda: identify_joint_model(log, robot, known={ELBOW: {"F": 1e9}}), r"F: is 1e\+09; wanted 0 to 10"),
     ):
         with pytest.raises(bs.InputError, match=message):
             problem()

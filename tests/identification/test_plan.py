@@ -194,6 +194,7 @@ def test_damaged_plans_are_refused(tmp_path: Path, plans: dict[str, Identificati
         ({"repeats": 0}, "repeats"),
         ({"acceleration": float("nan")}, "acceleration"),
         ({"floor": float("inf")}, "floor"),
+        ({"gravity": (0.0, 0.0, 0.0)}, "gravity: is zero"),
     ],
 )
 def test_settings_that_make_no_sense(settings: dict[str, object], message: str) -> None:

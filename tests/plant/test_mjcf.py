@@ -117,6 +117,12 @@ def test_names_are_escaped() -> None:
     assert model.body(1).name == "<l&"
 
 
+def test_names_of_objects_are_escaped() -> None:
+    thing = PlantObject.of("foam", position=(0.5, 0.1, 0.3), normal=(0, 0, -1), name='cup & "<saucer>"')
+    model = mujoco.MjModel.from_xml_string(mjcf(Robot.load("ur5e"), objects=[thing]))
+    assert [model.geom(int(geom)).name for geom in model.pair_geom2] == [thing.geom]
+
+
 def test_links_without_inertia_or_with_one_that_nothing_has() -> None:
     robot = general_arm()
     bare = replace(robot, joints=(*robot.joints[:2], replace(robot.joints[2], inertia=None), *robot.joints[3:]))

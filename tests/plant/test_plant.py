@@ -90,6 +90,20 @@ def test_noise_and_steps_are_those_asked_for() -> None:
         assert np.abs((noisy - clean).std(axis=0) / expected - 1).max() < 0.1
 
 
+def test_steps_finer_than_a_number_change_nothing() -> None:
+    robot, command = source_arm(), line(source_arm(), STANDARD, [0, 0, -1e-4], duration=0.1)
+    plain, finest = (Plant(robot, sensors=Sensors(current_step=step)).run(command) for step in (0.0, 5e-324))
+    np.testing.assert_array_equal(plain.recording.current, finest.recording.current)
+
+
+def test_a_motion_that_blows_up_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo would go on from its own pose, and the recording would look like one."""
+    monkeypatch.chdir(tmp_path)  # it writes a log where it stands
+    plant = Plant(source_arm(), friction=Gears(rotor_inertia=1.0, stiffness=1e12))
+    with pytest.raises(InputError, match="friction: the motion blows up: something swings too fast"):
+        plant.run(line(source_arm(), STANDARD, DOWN, duration=0.1, held_joints=[7]))
+
+
 def test_the_arm_goes_where_it_is_told_and_its_torque_is_ours() -> None:
     robot = source_arm()
     command = workspace(robot, 1, moves=2)

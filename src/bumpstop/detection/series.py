@@ -16,7 +16,7 @@ from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit
-from bumpstop.identification.torque_rows import near_gaps
+from bumpstop.identification.torque_rows import STILL, near_gaps
 from bumpstop.kernels import core
 
 if TYPE_CHECKING:
@@ -168,6 +168,13 @@ def residual_record(
         beyond = " ".join(note for note in run.notes if "beyond its limits" in note)
         raise InputError("recording", f"the detector is blind in all {run.t.size} rows ({why})", beyond)
     notes = tuple(note for note in run.notes if not note.startswith("No joint is watched"))
+    still = np.flatnonzero(np.ptp(recording.q, axis=0) < STILL)
+    if still.size:
+        names = ", ".join(robot.joints[j].name for j in still)
+        notes = (
+            *notes,
+            f"{names}: hardly moved in this recording; what motion adds to residuals is not in it.",
+        )
     if seen.size < run.t.size:
         notes = (*notes, f"{run.t.size - seen.size} of {run.t.size} rows are left out: the detector was blind.")
     if feedback_period_s is not None:

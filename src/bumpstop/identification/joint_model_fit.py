@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
+# Parameters that are given: no drive comes near these ends, and what is worked out of them are numbers.
+_KNOWN_RANGE = {"B": (1e-9, 1e9), "F": (0.0, 10.0)}
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointModelFit:
@@ -155,5 +158,8 @@ def _known(known: Mapping[str, Mapping[str, float]], arm: Robot) -> dict[str, di
                 raise InputError(f"known.{joint}.{name}", "is no parameter", near_matches(name, sorted(parameters)))
             if not math.isfinite(value):
                 raise InputError(f"known.{joint}.{name}", f"is {value}", "wanted a finite number")
+            low, high = _KNOWN_RANGE.get(name, (-1e9, 1e9))
+            if not low <= value <= high:
+                raise InputError(f"known.{joint}.{name}", f"is {value:g}", f"wanted {low:g} to {high:g}")
         found[joint] = dict(values)
     return found

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 
+_HEAVIEST, _FARTHEST = 1e5, 100.0  # [kg], [m]; what an arm carries is far from both
+
+
 @dataclass(frozen=True)
 class Payload:
     """A point mass at the tip.
@@ -29,9 +32,16 @@ class Payload:
     center: Vector3 = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if as_number(self.mass, "payload.mass") < 0:
-            raise InputError("payload.mass", f"is {self.mass} kg", "wanted zero or more")
-        object.__setattr__(self, "center", vector3(as_float_array(self.center, "payload.center", (3,))))
+        object.__setattr__(self, "center", _checked(self.mass, self.center))
+
+
+def _checked(mass: float, center: npt.ArrayLike) -> Vector3:
+    if not 0 <= as_number(mass, "payload.mass") <= _HEAVIEST:
+        raise InputError("payload.mass", f"is {mass} kg", f"wanted 0 to {_HEAVIEST:g}")
+    offset = as_float_array(center, "payload.center", (3,))
+    if np.abs(offset).max() > _FARTHEST:
+        raise InputError("payload.center", f"is {offset.tolist()} m", f"wanted at most {_FARTHEST:g} either way")
+    return vector3(offset)
 
 
 def with_payload(robot: Robot, mass: float, center: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
@@ -43,11 +53,9 @@ def with_payload(robot: Robot, mass: float, center: npt.ArrayLike = (0.0, 0.0, 0
         center: of mass in the frame of the tip [m].
 
     Raises:
-        InputError: a negative mass, or a last link of unknown inertia.
+        InputError: a mass or a place that no payload has, or a last link of unknown inertia.
     """
-    if as_number(mass, "payload.mass") < 0:
-        raise InputError("payload.mass", f"is {mass} kg", "wanted zero or more")
-    offset: Vector3 = vector3(as_float_array(center, "payload.center", (3,)))
+    offset = _checked(mass, center)
     last = robot.joints[-1]
     if last.inertia is None:
         raise InputError("robot", f"{robot.name}: no inertia of link {last.link!r} is known", "dynamics needs it")

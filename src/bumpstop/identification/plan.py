@@ -87,6 +87,8 @@ class ProtocolSettings:
             raise InputError("floor", f"is {self.floor}", "wanted a height [m]")
         if not (np.isfinite(self.gravity).all() and np.isfinite(self.load_m).all()):
             raise InputError("gravity", "is not finite")
+        if not any(self.gravity):
+            raise InputError("gravity", "is zero", "wanted a direction: it is gravity that shows what a current gives")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -31,7 +31,7 @@ _LEAST_KEPT = 16  # behind the filter, as torques pass another
 # Beside a gap the arm moves, and the filter has one side only to go by: so many periods of the cut-off are left away.
 _SEAM_PERIODS = 1.0
 # A joint that moves less far stands still [rad or m]: encoders make some of it, and no planned motion is so small.
-_STILL = 0.01
+STILL = 0.01
 _SAME_TIME = 1e-3  # of a period
 
 
@@ -285,9 +285,9 @@ def still_joints(recordings: Sequence[Recording], robot: Robot) -> tuple[str, ..
         recording.check_robot(robot)
     low = np.min([recording.q.min(axis=0) for recording in recordings], axis=0)
     high = np.max([recording.q.max(axis=0) for recording in recordings], axis=0)
-    still = high - low < _STILL
+    still = high - low < STILL
     if still.all():
-        problem = f"no joint moves by as much as {_STILL:g} rad or m"
+        problem = f"no joint moves by as much as {STILL:g} rad or m"
         raise InputError("recording", problem, "wanted a motion: an arm at rest shows no dynamics")
     return tuple(joint.name for joint, rests in zip(robot.joints, still, strict=True) if rests)
 

@@ -125,7 +125,7 @@ def mjcf(
     lines += ["</actuator>", "<sensor>", f'<force site="{TIP}"/>', f'<torque site="{TIP}"/>', "</sensor>", "<contact>"]
     for thing in objects:
         contact = _CONTACT.format(damping=_CLAMPED if thing.body_mass is None else _FREE)
-        lines.append(f'<pair geom1=":{TOOL}" geom2="{thing.geom}" {contact}/>')
+        lines.append(f'<pair geom1=":{TOOL}" geom2="{_escape(thing.geom)}" {contact}/>')
     return "\n".join([*lines, "</contact>", "</mujoco>"]) + "\n"
 
 

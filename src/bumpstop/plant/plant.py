@@ -252,8 +252,17 @@ class Plant:
                 last = step + min(len(controls), room)
                 reacted = step * STEP
             damping, against, slope, base = drives.resist(motor_q, motor_qd, given)
+        self._refuse_unstable()
         t: FloatArray = np.arange(PER_COMMAND, step + 1, PER_COMMAND).astype(np.float64) * STEP
         return log.cut(sample), trace.cut(t), plans, reacted
+
+    def _refuse_unstable(self) -> None:
+        """MuJoCo begins anew in its own pose where a motion blows up, and goes on."""
+        kinds = self._mujoco.mjtWarning
+        bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+        if any(self.data.warning[int(kind)].number for kind in bad):
+            problem = f"the motion blows up: something swings too fast for steps of {1e3 * STEP:g} ms"
+            raise InputError("friction", problem, "wanted softer gears, heavier rotors or gentler ripple")
 
     def _run(
         self,

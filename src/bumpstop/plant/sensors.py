@@ -131,5 +131,7 @@ class Channels:
 def _stepped(value: FloatArray, step: FloatArray) -> FloatArray:
     if not step.any():
         return value
-    safe = np.where(step > 0, step, 1.0)
-    return np.where(step > 0, np.rint(value / safe) * safe, value)
+    # Finer than a number is round to, a step changes nothing, and how many there are might be no number.
+    coarse = step > np.finfo(float).eps * np.abs(value)
+    safe = np.where(coarse, step, 1.0)
+    return np.where(coarse, np.rint(value / safe) * safe, value)
