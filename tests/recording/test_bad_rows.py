@@ -92,6 +92,14 @@ def test_the_same_numbers_however_a_text_is_written(change: str, tmp_path: Path)
     assert (found.q == plain.q).all()
 
 
+@pytest.mark.parametrize("line", ["{0}.5,1 2,3", "{0}.5,1  2,3", "{0},5 1,2 3,4"])
+def test_two_numbers_never_become_one(line: str, tmp_path: Path) -> None:
+    """Decimal commas between blanks look like columns between commas: 5 and 1 must not be read as 51."""
+    path = written(tmp_path, [line.format(i) for i in range(20)])
+    with pytest.raises(InputError, match="not a number: q_1 = nan"):
+        Recording.load(path, columns=COLUMNS)
+
+
 def test_decimal_commas_may_begin_late(tmp_path: Path) -> None:
     """An arm that stands still writes whole numbers, over more lines than a reader would look at to find out."""
     resting = [f"{i};0;0" for i in range(3000)]

@@ -60,11 +60,23 @@ def _line_start(body: bytes, line: int) -> int:
 
 
 def _bare(body: bytes, separator: bytes) -> bytes:
-    """Text without what may stand about numbers: blanks and quotes."""
+    """Text without what may stand about numbers: blanks and quotes.
+
+    A blank between two numbers stays, where something else separates fields: together they would be a third.
+    """
     if separator == b" ":
         body = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", body))
     else:
-        body = body.replace(b" ", b"") if separator == b"\t" else body.replace(b" ", b"").replace(b"\t", b"")
+        # Mostly that is all of them, and the pattern below would take long over columns that are aligned.
+        while b"  " in body:
+            body = body.replace(b"  ", b" ")
+        for mark in (separator, b"\n"):
+            body = body.replace(mark + b" ", mark).replace(b" " + mark, mark)
+        body = body.strip(b" ")
+        blank = b" " if separator == b"\t" else b" \t"
+        if b" " in body or (separator != b"\t" and b"\t" in body):
+            about = rb"(?<![0-9.%b])[%b]++|(?<![%b])[%b]++(?![0-9.+-])" % ((blank,) * 4)
+            body = re.sub(about, b"", body)
     return body.replace(b'"', b"")
 
 
