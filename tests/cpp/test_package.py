@@ -180,6 +180,11 @@ def test_damaged_detectors_are_refused(built: Path, spoil: object, message: str,
             lambda text: "\n".join(line for line in text.splitlines() if not line.startswith("joint")),
             "before the first",
         ),
+        (lambda text: text.replace("joint revolute joint_l\n", ""), "'link' comes twice"),
+        (lambda text: without_line(text, 7), "joint 'joint_s' has no rotation"),
+        (lambda text: text.replace("rotation 1.0", "rotation -1.0", 1), "'rotation' wants nine numbers of a rotation"),
+        (lambda text: text.replace("origin 0.0 0.0 0.31", "origin 0.0 inf 0.31"), "'origin' wants three numbers"),
+        (lambda text: text.replace("\ninertia ", "\ninertia -", 1), "'inertia' wants fourteen numbers"),
     ],
 )
 def test_damaged_descriptions_are_refused(built: Path, spoil: object, message: str, tmp_path: Path) -> None:
@@ -188,6 +193,34 @@ def test_damaged_descriptions_are_refused(built: Path, spoil: object, message: s
     done = subprocess.run([built / "01_kinematics", file], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert message in done.stderr
+
+
+def without_line(text: str, number: int) -> str:
+    lines = text.splitlines()
+    return "\n".join(lines[:number] + lines[number + 1 :])
+
+
+def test_no_line_may_be_missing_come_twice_or_go_on(built: Path, tmp_path: Path) -> None:
+    """A line that a copy lost, or that two copies brought, would else be another arm without a word."""
+    robot = describe(bs.Robot.load("sia5d"))
+    for program, text in (("01_kinematics", robot), ("04_detector", describe_detector(detector_of_the_source()))):
+        lines, file = text.splitlines(), tmp_path / "text"
+
+        def status(text: list[str], program: str = program, file: Path = file) -> int:
+            file.write_text("\n".join(text) + "\n", encoding="utf-8")
+            return subprocess.run([built / program, file, file], capture_output=True, check=False).returncode
+
+        assert status(lines) == 0
+        assert status([line + "\r" for line in lines[:4]] + [" "] + lines[4:]) == 0  # what is no damage
+        for number, line in enumerate(lines):
+            key, rest = line.split()[0], lines[number + 1 :]
+            if key == "#":
+                continue
+            may_be_missing = program == "01_kinematics" and key == "inertia"
+            assert status(lines[:number] + rest) == (0 if may_be_missing else 2), line
+            assert status([*lines[: number + 1], line, *rest]) == 2, line
+            if key not in ("name", "joint", "link", "tip"):  # their names may hold blanks
+                assert status([*lines[:number], line + " 0.5", *rest]) == 2, line
 
 
 def test_unknown_inertia_stays_unknown(built: Path, tmp_path: Path) -> None:

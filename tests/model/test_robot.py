@@ -43,8 +43,10 @@ def joint(**changes: Any) -> Joint:
         ({"velocity": True}, r"^joint 'elbow' velocity: True is not a number$"),
         ({"rotor_inertia": "1"}, r"^joint 'elbow' rotor_inertia: '1' is not a number$"),
         ({"rotor_inertia": -1.0}, r"^joint 'elbow' rotor_inertia: is -1.0; wanted zero or more$"),
-        ({"name": 3}, r"^joint name: 3 is no name; wanted text$"),
-        ({"link": ""}, r"^joint 'elbow' link: '' is no name; wanted text$"),
+        ({"name": 3}, r"^joint name: 3 is no name; wanted text on one line$"),
+        ({"link": ""}, r"^joint 'elbow' link: '' is no name; wanted text on one line$"),
+        ({"link": " "}, r"^joint 'elbow' link: ' ' is no name; wanted text on one line$"),
+        ({"name": "a\nb"}, r"^joint name: 'a\\nb' is no name; wanted text on one line$"),
     ],
 )
 def test_joints_that_cannot_be(changes: dict[str, Any], message: str) -> None:

@@ -23,16 +23,6 @@ struct DetectorDescription {
 
 namespace detail {
 
-/// Built by appending: gcc 12 warns of overlapping copies where a literal comes first in a sum.
-inline std::string quoted(const char* before, const std::string& word, const char* after) {
-    std::string text = before;
-    text += '\'';
-    text += word;
-    text += '\'';
-    text += after;
-    return text;
-}
-
 /// One keyword of the file, and where its numbers go.
 struct DetectorKey {
     const char* name;
@@ -58,7 +48,10 @@ inline bool read_joint_torque(DescriptionLine& line, JointTorqueParameters& p) {
                          &p.current_low, &p.current_high,
                          &p.speed_high};
     for (int k = 0; k < 15; ++k) *place[k] = v[k];
-    return p.rest_speed > 0 && p.stribeck_speed > 0 && p.inertia >= 0 && p.current_low < p.current_high;
+    for (int k = 0; k < 12; ++k)
+        if (!std::isfinite(v[k])) return false;  // only a range may be without end
+    return p.rest_speed > 0 && p.stribeck_speed > 0 && p.inertia >= 0 && p.current_low < p.current_high &&
+           p.speed_high > 0 && p.F >= 0 && p.F <= 3 && p.load >= 0 && p.load < 1;
 }
 
 inline bool read_joint_errors(DescriptionLine& line, JointTorqueErrors& e) {
@@ -66,7 +59,7 @@ inline bool read_joint_errors(DescriptionLine& line, JointTorqueErrors& e) {
                          &e.coulomb, &e.viscous,    &e.stribeck, &e.stribeck_speed,
                          &e.load,    &e.hysteresis, &e.inertia,  &e.friction};
     for (double* number : place)
-        if (!line.numbers(number, 1) || !(*number >= 0)) return false;
+        if (!line.finite_numbers(number, 1) || !(*number >= 0)) return false;
     return true;
 }
 
@@ -133,7 +126,8 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"high_hz", &decision.high_hz, 1, 1e-9, large},
     };
     const char* const in_range = " numbers in its range, once";
-    bool begun = false, ended = false, residual = false, source = false;
+    bool begun = false, ended = false;
+    detail::Keywords words;
     std::string line;
     while (!ended && detail::next_line(in, line, number)) {
         detail::DescriptionLine here(line);
@@ -145,16 +139,16 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
             begun = true;
         } else if (key == "end") {
             ended = true;
+        } else if ((key == "residual" || key == "source") && !words.take(key)) {
+            return wrong(detail::quoted("", key, " comes twice"));
         } else if (key == "residual") {
             if (!here.word(word) || (word != "direct" && word != "observer"))
                 return wrong("'residual' wants direct or observer");
             s.residual = word == "direct" ? ResidualKind::direct : ResidualKind::observer;
-            residual = true;
         } else if (key == "source") {
             if (!here.word(word) || (word != "current" && word != "torque"))
                 return wrong("'source' wants current or torque");
             s.source = word == "current" ? TorqueSource::current : TorqueSource::torque;
-            source = true;
         } else if (key == "joint_torque") {
             if (!detail::read_joint_torque(here, out.joints.emplace_back()))
                 return wrong("'joint_torque' wants a map, a friction law and fifteen numbers");
@@ -173,17 +167,22 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
             if (!fits) return wrong(detail::quoted("", key, " wants ") + std::to_string(count) + in_range);
             found->seen = true;
         }
+        if (!here.done()) return wrong(detail::quoted("", key, " is followed by too much"));
     }
     if (!ended) return wrong("the detector ends without 'end'");
     for (const detail::DetectorKey& key : keys)
         if (!key.seen) return wrong(detail::quoted("", key.name, " is missing"));
-    if (!residual || !source) return wrong("'residual' or 'source' is missing");
+    const std::string missing = words.missing({"residual", "source"});
+    if (!missing.empty()) return wrong(detail::quoted("", missing, " is missing"));
     const std::size_t wanted = s.source == TorqueSource::current ? std::size_t(n) : 0;
     if (out.joints.size() != wanted || out.errors.size() != wanted)
         return wrong("wanted " + std::to_string(wanted) + " lines 'joint_torque' and 'joint_errors'");
     if (window <= degree) return wrong("'window' is not above 'degree'");
     if (!(decision.low_hz < decision.high_hz)) return wrong("'low_hz' is not below 'high_hz'");
+    for (const double whole : {window, degree, measured_rates, unknown, contact[0]})
+        if (whole != std::floor(whole)) return wrong("a number that counts is not whole");
     if (!(contact[0] >= 0 && contact[0] < n)) return wrong("'contact' names no link");
+    if (!detail::is_unit_vector(s.direction)) return wrong("'direction' wants a unit vector");
     if (!(payload[0] >= 0)) return wrong("'payload' has a negative mass");
     s.window = int(window);
     s.degree = int(degree);
@@ -191,7 +190,8 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     s.unknown = std::uint32_t(unknown);
     s.contact = link_point(robot->chain(), int(contact[0]), {contact[1], contact[2], contact[3]});
     s.payload = {payload[0], {payload[1], payload[2], payload[3]}};
-    return out;
+    if (!detail::next_line(in, line, number)) return out;
+    return wrong("text after 'end'");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

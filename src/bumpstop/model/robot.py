@@ -372,8 +372,9 @@ def _load_builtin(name: str) -> Robot:
 
 
 def _check_name(name: object, field: str) -> None:
-    if not isinstance(name, str) or not name:
-        raise InputError(field, f"{name!r} is no name", "wanted text")
+    # Files for C++ programs have a name to the end of its line.
+    if not isinstance(name, str) or not name.strip() or len(name.splitlines()) > 1:
+        raise InputError(field, f"{name!r} is no name", "wanted text on one line")
 
 
 def _check_rotation(rows: Matrix3, field: str) -> None:
