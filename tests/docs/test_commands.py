@@ -191,13 +191,24 @@ def test_the_first_table_has_every_command_in_the_words_of_the_headings() -> Non
 
 def test_json_keys() -> None:
     text = section(read("docs/cli.md"), "### For programs: `--json`")
-    keys = {key for name, *_ in rows(text, "key") for key in code(name)}
-    verdict_keys = {key for name, *_ in rows(text, "key of `verdict`") for key in code(name)}
+    keys, verdict_keys, bounds_keys = (
+        {key for name, *_ in rows(text, heading) for key in code(name)}
+        for heading in ("key", "key of `verdict`", "key of `impact_bounds`")
+    )
     scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
-    sampled = bs.evaluate(scenario, samples=10).to_json()
-    assert keys == set(sampled)
-    assert keys - {"samples", "seed"} == set(bs.evaluate(scenario).to_json())
-    assert verdict_keys == set(sampled["verdict"])
+    plain, sampled = bs.evaluate(scenario).to_json(), bs.evaluate(scenario, samples=10).to_json()
+    named = {"contact.body": "hand_finger", "contact.limits": "ts15066"}
+    free = bs.evaluate(scenario.with_values({**named, "contact.kind": "free"})).to_json()
+    phases = bs.evaluate(scenario.with_values({**named, "verdict.clamped_limit": "two_phase"})).to_json()
+    of_samples, of_phases = {"samples", "seed"}, {"limit_transient_force_N", "limit_transient_pressure_N_cm2"}
+    assert keys - of_samples - {"impact_bounds"} == set(plain) == set(phases)
+    assert keys - {"impact_bounds"} == set(sampled)
+    assert keys - of_samples == set(free)
+    assert bounds_keys == set(free["impact_bounds"])
+    assert verdict_keys == set(phases["verdict"])
+    assert verdict_keys - of_phases == set(plain["verdict"]) == set(free["verdict"])
+    kinds = text[text.index("| `limit_table`, `limit_kind`") :].split("|")[3]
+    assert {law["verdict"]["limit_kind"] for law in (plain, free, phases)} == set(re.findall(r'`"(\w+)"`', kinds))
 
 
 def test_columns_of_the_law() -> None:

@@ -258,7 +258,7 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
     after_contact = law.total("force_at_detection")
     detected = after_contact + law.false_alarm
     with np.errstate(invalid="ignore"):
-        triggers = np.asarray(law.trigger) / (detected if detected > 0 else math.nan)
+        triggers = np.minimum(1.0, np.asarray(law.trigger) / (detected if detected > 0 else math.nan))
     if problem.body_mass is not None:
         free = FreeQuantities(law)
         peak_force: Distribution = free.peak_force()
@@ -283,7 +283,7 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
         free_contact_time=contact_time,
         detection_delay=ExactDistribution(law, "detection_delay", condition=after_contact),
         trigger_joint_probability=triggers,
-        several_joints_probability=law.several / detected if detected > 0 else math.nan,
+        several_joints_probability=min(1.0, law.several / detected) if detected > 0 else math.nan,
         false_alarm_probability=law.false_alarm,
         undetected_probability=undetected,
         no_contact_probability=max(0.0, law.no_contact),

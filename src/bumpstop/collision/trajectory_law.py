@@ -173,7 +173,7 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
     expected = np.bincount(contact, probability * peak, len(begin)) + out["undetected"] * undetected_peak
     hardest = float(begin[int(np.argmax(expected))])
     with np.errstate(invalid="ignore"):
-        triggers = weight @ out["trigger"] / (detected if detected > 0 else math.nan)
+        triggers = np.minimum(1.0, weight @ out["trigger"] / (detected if detected > 0 else math.nan))
     return TrajectoryLaw(
         problem=problem,
         curve=trajectory_curve(problem, kernel, hardest),
@@ -182,7 +182,7 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         force_at_detection=mixer.distribution(np.where(after, force, math.nan), mass),
         detection_delay=mixer.distribution(np.where(after, late, math.nan), mass),
         trigger_joint_probability=triggers,
-        several_joints_probability=float(weight @ out["several"]) / detected if detected > 0 else math.nan,
+        several_joints_probability=min(1.0, float(weight @ out["several"]) / detected) if detected > 0 else math.nan,
         false_alarm_probability=false_alarm,
         undetected_probability=min(1.0, float(never.sum())),
         no_contact_probability=max(0.0, float(weight @ out["no_contact"])),
