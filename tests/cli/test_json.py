@@ -130,6 +130,8 @@ def test_undetected_collisions_have_no_bound() -> None:
     assert law["verdict"]["acceptable"] is False
     assert law["verdict"]["p_over_force"] >= undetected
     assert any("not detected within 0.2 s" in note for note in law["notes"])
+    # Half-normal, 0.1 s of travel: beyond 0.2 s of it lie 4.55 %.
+    assert "In 4.5 % of cases the motion ends before contact." in law["notes"]
 
 
 def test_nothing_is_ever_detected() -> None:

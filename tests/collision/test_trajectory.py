@@ -246,7 +246,7 @@ def test_a_point_that_stands_still_meets_nobody(tmp_path: Path) -> None:
     assert law.times.begin.size <= 4 * 265
     assert any("ends while the arm still moves" in note for note in law.notes)
     (note,) = [note for note in law.notes if "does not move toward a body" in note]
-    assert f"{law.times.still:.2%}" in note
+    assert f"In {100 * law.times.still:.3g} % of the time" in note
     assert (bs.evaluate(law.scenario, samples=500).runs or {})["contact_time"].min() > 0.485
 
 

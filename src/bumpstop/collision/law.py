@@ -18,7 +18,7 @@ from bumpstop.collision.free_law import FreeQuantities, ImpactBounds, impact_bou
 from bumpstop.collision.notes import notes_of
 from bumpstop.collision.problem import Problem
 from bumpstop.collision.two_phase import TwoPhaseUse, phase_shares
-from bumpstop.collision.verdict import Verdict, judge
+from bumpstop.collision.verdict import Verdict, judge, percent
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ class ForceLaw:
                 "bound and the mean is not given."
             )
         if self.no_contact_probability > NEGLIGIBLE:
-            notes.append(f"In {self.no_contact_probability:.2g} of cases the motion ends before contact.")
+            notes.append(f"In {percent(self.no_contact_probability)} of cases the motion ends before contact.")
         return notes
 
     @cached_property

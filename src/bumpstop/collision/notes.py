@@ -64,7 +64,9 @@ def _contact_notes(law: ForceLaw) -> list[str]:
         )
     else:
         notes.append("The arm is position-driven: contact does not slow it.")
-    undetected = f"Undetected, the impact comes to {bounds.position_driven:.4g} N"
+    anywhere = problem.trajectory is not None and problem.scenario.motion.contact_time == "uniform"
+    which = "the impact that is hardest on average" if anywhere else "the impact"
+    undetected = f"Undetected, {which} comes to {bounds.position_driven:.4g} N"
     if bounds.reduced_mass is None:
         notes.append(f"{undetected}; the arm's inertia is not known, so there is no bound by the reduced mass.")
     else:

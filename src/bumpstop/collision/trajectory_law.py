@@ -21,6 +21,7 @@ from bumpstop.collision.problem import Problem
 from bumpstop.collision.trajectory import Trajectory
 from bumpstop.collision.trajectory_curve import trajectory_curve, trajectory_kernel
 from bumpstop.collision.two_phase import FIRST_PHASE_S
+from bumpstop.collision.verdict import percent
 from bumpstop.errors import InputError
 
 # Every pair of a contact time and a tick that may detect it takes some 300 bytes of memory.
@@ -92,7 +93,7 @@ class TrajectoryLaw(ForceLaw):
             notes.append(f"Contact begins {motion.contact_time:g} s after the start of the motion.")
         if self.times.still > NEGLIGIBLE:
             notes.append(
-                f"In {self.times.still:.2%} of the time the contact point does not move toward a body: no contact "
+                f"In {percent(self.times.still)} of the time the contact point does not move toward a body: no contact "
                 "begins then, and that time does not count."
             )
         return notes
@@ -112,13 +113,13 @@ class TrajectoryLaw(ForceLaw):
             )
         if self.no_contact_probability > NEGLIGIBLE:
             notes.append(
-                f"In {self.no_contact_probability:.2g} of cases the point turns back within a simulation step, and "
-                "nothing is touched."
+                f"In {percent(self.no_contact_probability)} of cases the point turns back within a simulation step, "
+                "and nothing is touched."
             )
         if self.undetected_probability > NEGLIGIBLE and self.problem.body_mass is None:
             notes.append(
-                f"In {self.undetected_probability:.2g} of cases the motion ends without a detection. They count as "
-                f"over every limit, whatever their force; the greatest of it is {self.greatest_undetected:.4g} N."
+                f"In {percent(self.undetected_probability)} of cases the motion ends without a detection. They count "
+                f"as over every limit, whatever their force; the greatest of it is {self.greatest_undetected:.4g} N."
             )
         return notes
 
