@@ -236,3 +236,11 @@ def test_what_was_there_before_is_replaced(tmp_path: Path) -> None:
     assert pl.read_parquet(tmp_path / "law.parquet")["peak_force_N"].mean() == pytest.approx(
         law["peak_force_N"]["mean"]
     )
+
+
+def test_two_phases_print_both_limits() -> None:
+    changes = ("contact.limits=ts15066", "contact.area_cm2=1", "verdict.clamped_limit=two_phase")
+    lines = run("evaluate", EXAMPLE, *(part for change in changes for part in ("--set", change))).out.splitlines()
+    for name, limits in (("peak force", "280/140"), ("pressure", "380/190")):
+        (row,) = [line.split() for line in lines if line.startswith(name + ",")]
+        assert row[-3:] == [limits, "<", "1e-12"]

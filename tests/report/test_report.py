@@ -11,6 +11,7 @@ from io import BytesIO
 from pathlib import Path
 
 import matplotlib
+import matplotlib.figure
 import matplotlib.image
 import numpy as np
 import pytest
@@ -241,6 +242,41 @@ def test_never_detected():
     # There is one way not to be noticed, and nothing to say about which joint notices, or when.
     names = [figure.picture.name for figure in page.figures]
     assert names == ["arm", "force_over_time_median", "limits_over_area"]
+
+
+def test_a_free_body_that_nobody_notices_is_no_failure():
+    law = evaluate({"contact.kind": "free", "contact.limits": "ts15066", "motion.velocity_mm_s": [0, 0, -120]})
+    assert law.undetected_probability > 0.4
+    assert law.verdict.p_over_force < 1e-6
+    text = Outline(Page(law).html()).text
+    assert "A body that gets away unnoticed counts with the force it has met." in text
+    assert "count as over every limit" not in text
+    assert "count as beyond every force" not in text
+
+
+def test_two_phases_have_two_limits():
+    """Hand and finger by ISO/TS 15066: 140 N and 190 N/cm2 for long, twice as much in the first half second."""
+    changes = {"contact.limits": "ts15066", "contact.area_cm2": 1.0, "motion.velocity_mm_s": [0, 0, -90]}
+    law = evaluate({**changes, "verdict.clamped_limit": "two_phase"})
+    assert law.verdict.acceptable
+    assert 190 < law.peak_force.quantile(0.99) < 280
+    page = Page(law)
+    text = Outline(page.html()).text
+    assert f"(p99) {law.peak_force.quantile(0.99):.4g} N 280 N at first, 140 N later Peak pressure" in text
+    assert "On 1 cm2 that is 280 N at first, 140 N later." in text
+    assert "stands the probability of exceeding it" not in text
+    assert "but not the one at first. Pressure is force over 1 cm2, so its scale runs along the top." in text
+    figures = {figure.picture.name: figure.picture for figure in page.figures}
+    assert "limit later at 140 N; limit at first at 280 N" in figures["peak_force"].alt
+    # Only beyond the first limit any force is too much, and the contact is over before the other holds.
+    drawn = {name: matplotlib.figure.Figure() for name in ("peak_force", "force_over_time_bad")}
+    for name, figure in drawn.items():
+        figures[name].draw(figure)
+    (hatched,) = [patch for patch in drawn["peak_force"].axes[0].patches if patch.get_hatch()]
+    assert hatched.get_x() == 280
+    words = [text.get_text() for text in drawn["force_over_time_bad"].axes[0].texts]
+    assert "limit 280 N" in words
+    assert "limit 140 N" not in words
 
 
 def test_undetected_share_leaves_a_bounded_median():

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bumpstop.collision import Distribution, ForceLaw
+    from bumpstop.contact import ContactLimits
 
 
 def print_summary(law: ForceLaw, report: Path | None) -> None:
@@ -36,13 +37,14 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
     for heading in ("mean", "sd", "p50", "p95", "p99", "p99.9", "limit", "P(over)"):
         table.add_column(heading, justify="right")
     contact_time = law.contact_time
-    rows: list[tuple[str, Distribution | None, float, float | None, float | None]] = [
-        ("peak force, N", law.peak_force, 1, limits.force_N if limits else None, verdict.p_over_force),
-        ("pressure, N/cm2", law.pressure, 1, limits.pressure_N_cm2 if limits else None, verdict.p_over_pressure),
-        ("compression, mm", law.compression, 1, None, None),
-        ("felt at force, N", law.force_at_detection, 1, None, None),
-        ("felt after, ms", law.detection_delay, 1e3, None, None),
-        ("contact lasts, ms", contact_time, 1e3, None, None),
+    first = verdict.transient
+    rows: list[tuple[str, Distribution | None, float, str, float | None]] = [
+        ("peak force, N", law.peak_force, 1, _limits(first, limits, "force_N"), verdict.p_over_force),
+        ("pressure, N/cm2", law.pressure, 1, _limits(first, limits, "pressure_N_cm2"), verdict.p_over_pressure),
+        ("compression, mm", law.compression, 1, "", None),
+        ("felt at force, N", law.force_at_detection, 1, "", None),
+        ("felt after, ms", law.detection_delay, 1e3, "", None),
+        ("contact lasts, ms", contact_time, 1e3, "", None),
     ]
     for name, quantity, factor, limit, over in rows:
         if quantity is None:
@@ -51,7 +53,7 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
         # Short, or the table does not fit into 80 columns.
         nothing = "none" if math.isnan(quantity.mean) else "inf"
         cells = [nothing if value is None else f"{value:.4g}" for value in figures.values()]
-        table.add_row(name, *cells, "" if limit is None else f"{limit:g}", "" if over is None else _probability(over))
+        table.add_row(name, *cells, limit, "" if over is None else _probability(over))
     console.print(table)
 
     felt = [
@@ -71,6 +73,12 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
     if report is not None:
         # Not wrapped, so that it can be copied or clicked.
         console.print(f"report: {report}", soft_wrap=True)
+
+
+def _limits(first: ContactLimits | None, later: ContactLimits | None, name: str) -> str:
+    """A limit by the name of its field; of two phases both, that of the first before the other."""
+    figures = [getattr(limits, name) for limits in (first, later) if limits is not None]
+    return "/".join(f"{figure:g}" for figure in figures if figure is not None)
 
 
 def _probability(p: float) -> str:

@@ -54,12 +54,15 @@ class AreaSection(Section):
                 )
             ]
         allowed = limits.allowed_force_N(area, contact.peak_factor)
-        return [
+        found = [
             paragraph(
                 f"On a small area the pressure limit allows little force; from {number(crossing)} cm2 on the force "
                 f"limit governs. On the {area:g} cm2 of this scenario {quantity(allowed, 'N')} are allowed."
             )
         ]
+        if self.law.problem.transient_limits is not None:
+            found.append(paragraph("These are the limits after the first phase of contact, in which others hold."))
+        return found
 
     def pictures(self) -> list[Picture]:
         """One figure, where any contact is permitted at all."""

@@ -43,12 +43,15 @@ class DistributionSection(Section):
                     "arm touches nothing."
                 )
             ]
+        meets = "where this curve meets a limit stands the probability of exceeding it"
+        if law.problem.transient_limits is not None:
+            meets = "a force that is gone in time may pass the limit that holds later, but not the one at first"
         uneven = f" times the peak factor {contact.peak_factor:g}" if contact.peak_factor != 1 else ""
         text = [
             paragraph(
                 "Upper panel: how often which peak force occurs. Lower panel: the probability that the peak is higher "
-                "than the force on the axis; where this curve meets a limit stands the probability of exceeding it. "
-                f"Pressure is force over {contact.area_cm2:g} cm2{uneven}, so its scale runs along the top."
+                f"than the force on the axis; {meets}. Pressure is force over {contact.area_cm2:g} cm2{uneven}, so its "
+                "scale runs along the top."
             )
         ]
         harmless = 1 - law.peak_force.exceedance(0.0)
@@ -59,7 +62,7 @@ class DistributionSection(Section):
                     "the body or the motion ends there. The upper panel leaves them out."
                 )
             )
-        if law.undetected_probability > _LEAST:
+        if law.undetected_probability > _LEAST and law.problem.body_mass is None:
             text.append(
                 paragraph(
                     f"{percent(law.undetected_probability)} of collisions are never detected and count as beyond "
@@ -90,14 +93,17 @@ class DistributionSection(Section):
     @property
     def _limits(self) -> list[tuple[str, float]]:
         """Limits as peak forces [N], lowest first."""
-        limits, pressure_per_newton = self.law.problem.limits, self._pressure_per_newton
+        limits, first, contact = self.law.problem.limits, self.law.problem.transient_limits, self.law.scenario.contact
         if limits is None:
             return []
-        if not limits.permitted:
+        if not limits.permitted or (first is not None and not first.permitted):
             return [("no contact permitted:", 0.0)]
+        if first is not None:
+            allowed = [(phase.allowed_force_N(contact.area_cm2, contact.peak_factor)) for phase in (limits, first)]
+            return list(zip(("limit later", "limit at first"), allowed, strict=True))
         found = [("force limit", limits.force_N)]
         if limits.pressure_N_cm2 is not None:
-            found.append(("pressure limit", limits.pressure_N_cm2 / pressure_per_newton))
+            found.append(("pressure limit", limits.pressure_N_cm2 / self._pressure_per_newton))
         return sorted(found, key=lambda limit: limit[1])
 
     @property
@@ -175,8 +181,10 @@ class DistributionSection(Section):
 
     def _draw_limits(self, density: Axes, exceedance: Axes, low: float, high: float) -> None:
         seen = [(name, force) for name, force in self._limits if force <= high]
-        if seen:
-            density.axvspan(seen[0][1], high, facecolor="none", edgecolor=LIMIT, alpha=0.6, hatch="///", linewidth=0)
+        # Of two phases the force beyond the first one's limit is too much whenever it comes.
+        beyond = seen[1:] if self.law.problem.transient_limits is not None and len(self._limits) > 1 else seen
+        if beyond:
+            density.axvspan(beyond[0][1], high, facecolor="none", edgecolor=LIMIT, alpha=0.6, hatch="///", linewidth=0)
         # The lowest limit has the lowest label and ends there, so that no line runs through the other's label.
         for row, (name, force) in enumerate(reversed(self._limits)):
             style = "--" if name.startswith("force") else (0, (2, 1.2))

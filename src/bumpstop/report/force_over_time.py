@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.trajectory_law import TrajectoryLaw
+from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
 from bumpstop.report.rollout import Rollout, Rollouts
@@ -80,10 +81,7 @@ class ForceOverTimeSection(Section):
 
     def _top(self, peak: float) -> float:
         """End of the force scale [N]: head room for labels above the peak, and above the limit where it is near."""
-        limits, contact = self.law.problem.limits, self.law.scenario.contact
-        allowed = 1.0
-        if limits is not None and limits.permitted:
-            allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
+        allowed = max((force for _, force in _allowed(self.law)), default=1.0)
         near = allowed < 1.6 * peak or peak == 0
         return 1.28 * (max(peak, allowed) if near else peak)
 
@@ -91,6 +89,15 @@ class ForceOverTimeSection(Section):
     def _stays(self) -> bool:
         """A stopped arm keeps pressing, unless the body gets away."""
         return self.law.scenario.reaction.kind == "stop" and self.law.problem.body_mass is None
+
+
+def _allowed(law: ForceLaw) -> list[tuple[float, float]]:
+    """Forces that the limits allow on this area [N], each with the time after the touch until which it holds [s]."""
+    limits, first, contact = law.problem.limits, law.problem.transient_limits, law.scenario.contact
+    if limits is None or not limits.permitted or (first is not None and not first.permitted):
+        return []
+    phases = [(math.inf, limits)] if first is None else [(FIRST_PHASE_S, first), (math.inf, limits)]
+    return [(until, phase.allowed_force_N(contact.area_cm2, contact.peak_factor)) for until, phase in phases]
 
 
 def _which(law: ForceLaw, p: float) -> str:
@@ -107,6 +114,8 @@ def _story(rollout: Rollout) -> str:
     if rollout.detection is None:
         if rollout.touch is None:
             return "The arm does not reach the body and nothing is noticed."
+        if rollout.displacement.any():
+            return f"Never detected: the body gets away from {quantity(rollout.peak_force, 'N')}."
         return (
             f"Never detected: the force reaches {quantity(rollout.peak_force, 'N')} by the end of what was simulated."
         )
@@ -131,7 +140,8 @@ def _ms(seconds: float) -> str:
 def _window(rollout: Rollout, stays: bool) -> tuple[float, float]:
     """First and last time to show [s]: a little of the approach, then until the force is gone."""
     known = [t for t in (rollout.touch, rollout.detection) if t is not None]
-    begin, end = min(known, default=float(rollout.time[0])), float(rollout.time[-1])
+    begin, pressed = min(known, default=float(rollout.time[0])), rollout.time[rollout.force > 0]
+    end = float(rollout.time[-1]) if not pressed.size else max(float(pressed[-1]), rollout.detection or 0.0)
     length = max(end - begin, 0.02)
     return begin - 0.2 * length, begin + length * (1.35 if stays else 1.08)
 
@@ -212,18 +222,20 @@ class _Panels:
         panel.axvline(self._rollout.detection * self._scale, color=EVENT, linestyle="-.", linewidth=1.4)
 
     def _limit(self, panel: Axes) -> None:
-        limits, contact = self._law.problem.limits, self._law.scenario.contact
-        if limits is None or not limits.permitted:
-            return
-        allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
-        right = self._window[1] * self._scale
-        label: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "color": LIMIT, "bbox": PAPER}
-        if allowed < self._top:
-            panel.axhline(allowed, color=LIMIT, linestyle="--", linewidth=1.4)
-            panel.annotate(f"limit {number(allowed)} N", (right, allowed), (-2, 2), va="bottom", **label)
-        else:
-            # Beside the title, clear of everything inside.
-            panel.annotate(f"limit {number(allowed)} N ↑", (right, self._top), (0, 5), va="bottom", **label)
+        begin = self._window[0]
+        for until, allowed in _allowed(self._law):
+            end = min(until, self._window[1])
+            if not begin < end:
+                break
+            right = end * self._scale
+            label: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "color": LIMIT, "bbox": PAPER}
+            if allowed < self._top:
+                panel.hlines(allowed, begin * self._scale, right, color=LIMIT, linestyle="--", linewidth=1.4)
+                panel.annotate(f"limit {number(allowed)} N", (right, allowed), (-2, 2), va="bottom", **label)
+            else:
+                # Beside the title, clear of everything inside.
+                panel.annotate(f"limit {number(allowed)} N ↑", (right, self._top), (0, 5), va="bottom", **label)
+            begin = end
 
     def _residual(self, panel: Axes) -> None:
         rollout = self._rollout

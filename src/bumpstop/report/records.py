@@ -8,12 +8,13 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.distribution import QUANTILES
+from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.collision.verdict import percent
 from bumpstop.contact import LimitTable, builtin_tables
 from bumpstop.kernels import target
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
-from bumpstop.report.words import number, percentile, quantity, which_law
+from bumpstop.report.words import in_phases, number, percentile, quantity, which_law
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,9 +47,11 @@ class FiguresSection(Section):
             ("contact time [ms]", law.contact_time, 1e3),
         ]
         headings = ("", "mean", "sd", *(percentile(name) for name in QUANTILES))
+        free = law.problem.body_mass is not None
+        given = "until arm and body have parted" if free else "given a reaction that ends the contact"
         text = (
             "A quantile p99 is the value that 99 of 100 collisions stay below. Force at detection and delay are given "
-            "a detection after contact, contact time given a reaction that ends the contact. “no bound”: the "
+            f"a detection after contact, contact time {given}. “no bound”: the "
             "figure lies in the share that is never detected; “none”: no collision has one."
         )
         found = [
@@ -96,6 +99,9 @@ class ProvenanceSection(Section):
         if limits is None:
             return [("limits", "none: no body region is named")]
         kind = "clamped (quasi-static limits)" if limits.kind == "clamped" else "free (transient limits)"
+        first = self.law.problem.transient_limits
+        if first is not None:
+            kind = f"clamped (transient limits for {FIRST_PHASE_S:g} s, then quasi-static ones)"
         rows = [("limit table", limits.table), ("body region", f"{limits.label} ({limits.region}), {kind}")]
         if limits.table in builtin_tables():
             document = LimitTable.load(limits.table)
@@ -103,12 +109,17 @@ class ProvenanceSection(Section):
             if document.note:
                 rows.append(("about the table", document.note))
         allowed = quantity(limits.force_N, "N") if limits.permitted else f"none. {limits.reason}"
+        if first is not None:
+            allowed = in_phases(first.force_N, limits.force_N, "N")
         rows.append(("force limit", f"{allowed}; {_attested(limits.force_source, limits.force_status)}"))
         if limits.pressure_N_cm2 is None:
             rows.append(("pressure limit", "none in this table"))
         else:
             source, status = limits.pressure_source or "not stated", limits.pressure_status or "not stated"
-            figure = f"{quantity(limits.pressure_N_cm2, 'N/cm2')} ({limits.pressure_area})"
+            figure = quantity(limits.pressure_N_cm2, "N/cm2")
+            if first is not None and first.pressure_N_cm2 is not None:
+                figure = in_phases(first.pressure_N_cm2, limits.pressure_N_cm2, "N/cm2")
+            figure += f" ({limits.pressure_area})"
             rows.append(("pressure limit", f"{figure}; {_attested(source, status)}"))
         return rows
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 # Runs to choose from where the law itself has none: some twenty lie beyond the 99 % quantile.
 _SAMPLES = 2000
+# By how much the oscillation of a body that gets away may turn between two times that are drawn [rad].
+_TURN = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +33,10 @@ class Rollout:
         run, seed: which sampled run it is.
         offset: distance from the start to the body along the normal [m]; zero in a trajectory.
         stiffness: of the body [N/m].
-        time: of every simulation step (steps,) [s].
-        distance: of the contact point along the normal at those times (steps,) [m].
-        displacement: of a body that gets away (steps,) [m]; zero where it is clamped.
+        time: of every simulation step, and between them while a body that gets away is touched (times,) [s].
+        distance: of the contact point along the normal at those times (times,) [m].
+        displacement: of a body that gets away (times,) [m]; zero where it is clamped.
+        peak_force: the greatest at those times; of a body that gets away the law's own, between them too [N].
         touch: when the point first reaches the body [s], or None.
         detection: the tick that noticed [s], or None.
         reaction: when the arm began to react [s], or None.
@@ -51,6 +54,7 @@ class Rollout:
     time: FloatArray
     distance: FloatArray
     displacement: FloatArray
+    peak_force: float
     touch: float | None
     detection: float | None
     reaction: float | None
@@ -62,13 +66,8 @@ class Rollout:
 
     @cached_property
     def force(self) -> FloatArray:
-        """Contact force at every step (steps,) [N]: the body answers as a spring."""
-        return np.asarray(self.stiffness * np.maximum(0.0, self.distance - self.offset - self.displacement))
-
-    @property
-    def peak_force(self) -> float:
-        """Highest force at a step [N]."""
-        return float(self.force.max())
+        """Contact force at those times (times,) [N]: the body answers as a spring."""
+        return _force(self.stiffness, self.distance, self.offset, self.displacement)
 
 
 class Rollouts:
@@ -85,18 +84,18 @@ class Rollouts:
     def nearest(self, p: float) -> Rollout:
         """The run whose peak force is nearest the law's quantile at ``p``.
 
-        Where that quantile lies in the undetected share: an undetected run with a middling offset. In a trajectory: the
-        run nearest the quantile of all sampled forces, as those of undetected runs are known.
+        Where that quantile lies in the undetected share: an undetected run with a middling offset. In a trajectory then
+        the run nearest the quantile of all sampled forces, as those of undetected runs are known.
         """
         peak, offset, tick = self._runs["peak_force"], self._runs["offset"], self._runs["tick"]
         wanted = self._law.peak_force.quantile(p)
-        if isinstance(self._law, TrajectoryLaw):
-            # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
-            missed = np.abs(peak - np.quantile(peak, p))
-        elif math.isfinite(wanted):
+        if math.isfinite(wanted):
             # Clamped, runs never detected count as beyond every quantile, whatever force the end of the motion leaves.
             free = self._law.problem.body_mass is not None
             missed = np.where((tick >= 0) | free, np.abs(peak - wanted), math.inf)
+        elif isinstance(self._law, TrajectoryLaw):
+            # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
+            missed = np.abs(peak - np.quantile(peak, p))
         else:
             undetected = (tick < 0) & (peak > 0)
             middle = np.median(offset[undetected]) if undetected.any() else 0.0
@@ -138,6 +137,10 @@ class Rollouts:
         # Among joints that nobody watches, the one the force bears on most.
         over = np.abs(residual[-1]) / problem.thresholds
         joint = int(np.argmax(over if over.any() else np.abs(torque[-1])))
+        peak = float(_force(problem.stiffness, distance, offset, displacement).max())
+        if problem.body_mass is not None:
+            time, distance, displacement = _between_steps(problem, time, distance, displacement, offset)
+            peak = float(self._runs["peak_force"][run])
         return Rollout(
             run=run,
             seed=self.seed,
@@ -146,6 +149,7 @@ class Rollouts:
             time=time - zero,
             distance=distance,
             displacement=displacement,
+            peak_force=peak,
             touch=None if touch is None else touch - zero,
             detection=None if detection is None else detection - zero,
             reaction=None if begin is None else begin * step - zero,
@@ -186,6 +190,30 @@ def _until_parted(problem: Problem, distance: FloatArray, offset: float) -> tupl
     pushed = body_displacement(distance, offset, stiffness, mass, step)
     parted = size + int(np.argmax(distance[size:] - offset <= pushed[size:]))
     return distance[: parted + 1], pushed[: parted + 1]
+
+
+def _between_steps(
+    problem: Problem, time: FloatArray, distance: FloatArray, pushed: FloatArray, offset: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same at times between the steps, too, while the body is touched: a light one rings faster than they come."""
+    touched = np.flatnonzero(distance - offset > pushed)
+    if not touched.size:
+        return time, distance, pushed
+    first, last = max(int(touched[0]) - 1, 0), min(int(touched[-1]) + 1, time.size - 1)
+    step, frequency = problem.scenario.simulation.step_s, math.sqrt(problem.stiffness / problem.moving_mass)
+    parts = max(4, math.ceil(frequency * step / _TURN))
+    fine = np.linspace(time[first], time[last], (last - first) * parts + 1)
+    path = np.interp(fine, time, distance)
+    moved = body_displacement(path, offset, problem.stiffness, problem.moving_mass, step / parts)
+
+    def joined(steps: FloatArray, between: FloatArray) -> FloatArray:
+        return np.concatenate([steps[:first], between, steps[last + 1 :]])
+
+    return joined(time, fine), joined(distance, path), joined(pushed, moved)
+
+
+def _force(stiffness: float, distance: FloatArray, offset: float, displacement: FloatArray) -> FloatArray:
+    return np.asarray(stiffness * np.maximum(0.0, distance - offset - displacement))
 
 
 def _first_passage(distance: FloatArray, time: FloatArray, offset: float) -> float | None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.collision.verdict import percent
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.section import Section
-from bumpstop.report.words import number, quantity
+from bumpstop.report.words import in_phases, number, quantity
 
 # Word, CSS class and shape of the sign: the three say the same, so that none is needed to read the others.
 _TICK = '<circle cx="12" cy="12" r="11"/><path d="M6 12.5l4 4 8-9"/>'
@@ -41,12 +42,12 @@ class VerdictSection(Section):
         return [banner, rows, paragraph(self._meaning())]
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
-        law, verdict, limits = self.law, self.law.verdict, self.law.problem.limits
+        law, verdict, limits, first = self.law, self.law.verdict, self.law.problem.limits, self.law.verdict.transient
         rows = [
             _below("Peak force that 99 of 100 collisions stay below (p99)", law.peak_force.quantile(0.99), "N",
-                   limits.force_N if limits else None),
+                   limits.force_N if limits else None, first.force_N if first else None),
             _below("Peak pressure, likewise (p99)", law.pressure.quantile(0.99), "N/cm2",
-                   limits.pressure_N_cm2 if limits else None),
+                   limits.pressure_N_cm2 if limits else None, first.pressure_N_cm2 if first else None),
         ]  # fmt: skip
         for what, p in (("force", verdict.p_over_force), ("pressure", verdict.p_over_pressure)):
             if p is not None:
@@ -66,6 +67,7 @@ class VerdictSection(Section):
 
     def _meaning(self) -> str:
         verdict, limits, contact = self.law.verdict, self.law.problem.limits, self.law.scenario.contact
+        first = verdict.transient
         if limits is None:
             return (
                 "The scenario gives a stiffness but no body region. The forces below hold; whether a person could take "
@@ -74,10 +76,21 @@ class VerdictSection(Section):
         meaning = (
             f"Acceptable means here: each limit is exceeded with a probability of at most {percent(verdict.risk)}, "
             f"and an alarm before contact has a probability of at most {percent(verdict.max_false_alarm)}. "
-            "Collisions that are never detected count as over every limit."
         )
-        if not limits.permitted:
+        if self.law.problem.body_mass is None:
+            meaning += "Collisions that are never detected count as over every limit."
+        else:
+            meaning += "A body that gets away unnoticed counts with the force it has met."
+        if first is not None:
+            meaning += (
+                f" In the first {FIRST_PHASE_S:g} s of contact the transient limits hold, after them the quasi-static "
+                "ones, and neither may be passed."
+            )
+        if not limits.permitted or (first is not None and not first.permitted):
             return meaning
+        if first is not None:
+            at_first, later = (p.allowed_force_N(contact.area_cm2, contact.peak_factor) for p in (first, limits))
+            return f"{meaning} On {contact.area_cm2:g} cm2 that is {in_phases(at_first, later, 'N')}."
         allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
         governing = limits.governing(contact.area_cm2, contact.peak_factor)
         return (
@@ -86,9 +99,13 @@ class VerdictSection(Section):
         )
 
 
-def _below(what: str, value: float, unit: str, limit: float | None) -> tuple[str, str, str, str]:
+def _below(what: str, value: float, unit: str, limit: float | None, first: float | None) -> tuple[str, str, str, str]:
     if limit is None:
         return what, quantity(value, unit), "no limit", ""
+    if first is not None:
+        # Between the two the peak alone does not tell.
+        judged = "below" if value <= min(limit, first) else element("strong", "above") if value > first else ""
+        return what, quantity(value, unit), in_phases(first, limit, unit), judged
     allowed = quantity(limit, unit) if limit > 0 else "none permitted"
     return what, quantity(value, unit), allowed, "below" if value <= limit else element("strong", "above")
 

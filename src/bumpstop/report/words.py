@@ -29,6 +29,11 @@ def quantity(value: float, unit: str) -> str:
     return f"{number(value)} {unit}" if math.isfinite(value) else number(value)
 
 
+def in_phases(first: float, later: float, unit: str) -> str:
+    """The two limits of contact that is judged in two phases."""
+    return f"{quantity(first, unit) if first > 0 else 'none'} at first, {quantity(later, unit)} later"
+
+
 def with_error(value: Parameter | None) -> str:
     """A parameter with its standard error, where it has one; ``"unknown"`` where it was not seen."""
     if value is None:
