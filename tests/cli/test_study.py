@@ -131,3 +131,17 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     assert result.status == 2
     assert "holds results made otherwise" in result.err
     assert {path.name for path in tmp_path.iterdir()} == before
+
+
+def test_a_study_that_cannot_begin_leaves_its_folder_to_the_next(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    asked = ("study", "effectiveness", EXAMPLE, *QUICK["effectiveness"], "--set", "contact.kind=free", "--out", folder)
+    refused = run(*asked)
+    assert refused.status == 2
+    assert "contact.body_mass_kg: is missing" in refused.err
+    assert not folder.exists()
+    assert run(*asked, "--set", "contact.limits=ts15066").status == 0
+    assert (folder / "rows.parquet").is_file()
+    # What another run has begun is not its own to remove.
+    assert run(*asked).status == 2
+    assert (folder / "rows.parquet").is_file()

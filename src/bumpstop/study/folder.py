@@ -45,6 +45,7 @@ class StudyFolder:
         self.path = path
         self._shards = path / "shards"
         self._count = study.shards
+        self._made = False
         print_of = study.fingerprint()
         try:
             settings = path / "settings.toml"
@@ -54,6 +55,7 @@ class StudyFolder:
                 self._refuse_orphans()
                 self._shards.mkdir(parents=True, exist_ok=True)
                 self._write("settings.toml", _settings(study, print_of, command).encode("utf-8"))
+                self._made = True
             self._shards.mkdir(exist_ok=True)
         except OSError as error:
             raise self._unwritable(error) from None
@@ -77,6 +79,17 @@ class StudyFolder:
             self._write_table(self._shards / f"{number:06d}.arrow", rows.write_ipc_stream)
         except OSError as error:
             raise self._unwritable(error) from None
+
+    def give_up(self) -> None:
+        """Leave the folder to others: this run has made it, and nothing can be worked out."""
+        if not self._made or self._arrows():
+            return
+        try:
+            (self.path / "settings.toml").unlink()
+            self._shards.rmdir()
+            self.path.rmdir()
+        except OSError:
+            pass  # what else is in it is not ours
 
     def finish(self) -> pl.DataFrame:
         """Join the shards, which must all be there, into ``rows.parquet``; returns the rows."""

@@ -57,23 +57,28 @@ def run(
             store.put(number, rows)
 
     report()
-    if threads == 1:
-        for number in missing:
-            put(number, study.shard(number))
-            count += 1
-            report()
-    else:
-        pool = ThreadPoolExecutor(threads)
-        try:
-            running: dict[Future[pl.DataFrame], int] = {pool.submit(study.shard, n): n for n in missing}
-            while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    put(running.pop(future), future.result())
-                    count += 1
-                    report()
-        finally:
-            # After an interruption nothing new is begun; what is done is kept.
-            pool.shutdown(cancel_futures=True)
+    try:
+        if threads == 1:
+            for number in missing:
+                put(number, study.shard(number))
+                count += 1
+                report()
+        else:
+            pool = ThreadPoolExecutor(threads)
+            try:
+                running: dict[Future[pl.DataFrame], int] = {pool.submit(study.shard, n): n for n in missing}
+                while running:
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        put(running.pop(future), future.result())
+                        count += 1
+                        report()
+            finally:
+                # After an interruption nothing new is begun; what is done is kept.
+                pool.shutdown(cancel_futures=True)
+    except InputError:
+        if store is not None:
+            store.give_up()
+        raise
     rows = store.finish() if store is not None else pl.concat([kept[number] for number in range(study.shards)])
     summary = study.summary(rows)
     if store is not None:
