@@ -43,7 +43,7 @@ def test_words_for_people(name: str) -> None:
     assert (result.status, result.err) == (0, "")
     wanted = {
         "parameters": "motion.speed 40 to 60 mm/s: up; quadratic",
-        "effectiveness": "bgia2011 hand_finger down 2 cm2: 20, bound by none",
+        "effectiveness": "bgia2011 hand_finger down 2 cm2: 20 or more",
         "workspace": "20 laws; 0 poses start at a singularity",
     }
     assert wanted[name] in result.out
@@ -145,3 +145,16 @@ def test_a_study_that_cannot_begin_leaves_its_folder_to_the_next(tmp_path: Path)
     # What another run has begun is not its own to remove.
     assert run(*asked).status == 2
     assert (folder / "rows.parquet").is_file()
+
+
+def test_body_parts_without_a_verdict_say_why(tmp_path: Path) -> None:
+    free = ("--set", "contact.kind=free", "--set", "contact.limits=ts15066", "--body", "face")
+    result = run("study", "effectiveness", EXAMPLE, *QUICK["effectiveness"], *free, "--out", tmp_path)
+    assert "  ts15066 hand_finger down 1 cm2: 20 or more\n" in result.out
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Face (bgia2011): bgia2011 gives no mass of a body region" in page
+    assert "Face (ts15066): ts15066 does not permit transient contact" in page
+    assert "Hand/Finger (bgia2011): bgia2011 gives no mass of a body region" in page
+    # Three parts on two areas: in the table of speeds, and in that of all collisions at one speed.
+    assert page.count("no verdict<") == 12
+    assert ">none<" not in page.split("All 8 collisions")[0]

@@ -272,7 +272,10 @@ def _effectiveness_lines(summary: dict[str, Any]) -> list[str]:
     lines = [f"highest safe speed, mm/s (P(over a limit) at most {summary['risk']:g})"]
     for each in summary["safe_speeds"]:
         speed = each["safe_speed_mm_s"]
-        found = f"{speed:g}, bound by {each['binding'].replace('_', ' ')}" if speed is not None else each["reason"]
+        found = each["reason"]
+        if speed is not None:
+            binding = each["binding"].replace("_", " ")
+            found = f"{speed:g} or more" if binding == "none" else f"{speed:g}, bound by {binding}"
         lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm2: {found}")
     return lines
 

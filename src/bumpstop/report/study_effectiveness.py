@@ -60,14 +60,14 @@ class SafeSpeedsPart(Part):
             for key in self._study.bodies
         ]
         headings = ["body part", *(f"{d}, {a:g} cm2" for d, a in columns)]
-        refused = {s["label"]: s["reason"] for s in self._speeds if s["reason"] and s["binding"] is None}
+        unjudged = {f"{s['label']} ({s['table']})": s["reason"] for s in self._speeds if _unjudged(s)}
         return [
             paragraph(
                 f"The highest speed, in mm/s, at which each limit is passed with a probability of at most "
                 f"{percent(self._risk)}. In brackets what stands against more: f force, p pressure, a false alarms, "
                 f"u collisions that go unnoticed, s a singularity on the way."
             ),
-            *(paragraph(f"{label}: {reason}") for label, reason in refused.items()),
+            *(paragraph(f"{label}: {reason}") for label, reason in unjudged.items()),
             table(headings, rows, caption="Highest safe speed [mm/s]", numbers=True),
         ]
 
@@ -79,7 +79,7 @@ class SafeSpeedsPart(Part):
                 "safe_speeds",
                 "Highest safe speed of every body part, by direction and contact area.",
                 "Highest safe speed by body part. Shape and colour: direction; hollow: smallest area, full: largest. "
-                "A cross at the left: no speed is acceptable.",
+                "A cross at the left: no speed is acceptable. No mark: no verdict.",
                 self._draw,
                 height=1.2 + 0.2 * len(bodies),
             )
@@ -95,7 +95,7 @@ class SafeSpeedsPart(Part):
             d = self._study.directions.index(s["direction"])
             y = places[(s["table"], s["body"])] + 0.12 * (d - (len(self._study.directions) - 1) / 2)
             color, marker = _COLORS[d % len(_COLORS)], _MARKERS[d % len(_MARKERS)]
-            if s["area_cm2"] not in (areas[0], areas[-1]):
+            if s["area_cm2"] not in (areas[0], areas[-1]) or _unjudged(s):
                 continue
             if s["safe_speed_mm_s"] is None:
                 crosses.append((y, d))
@@ -119,7 +119,14 @@ class SafeSpeedsPart(Part):
         panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=6, handletextpad=0.1)
 
 
+def _unjudged(found: dict[str, Any]) -> bool:
+    """The table has no limit for this contact, or no mass: there is a reason in place of a law."""
+    return bool(found["reason"]) and found["binding"] is None
+
+
 def _speed(found: dict[str, Any]) -> str:
+    if _unjudged(found):
+        return "no verdict"
     if found["safe_speed_mm_s"] is None:
         return "none"
     return f"{found['safe_speed_mm_s']:g}{_BOUND_BY[found['binding']]}"
@@ -147,7 +154,7 @@ class CollisionsPart(Part):
                 f"{c['area_cm2']:g}",
                 *(NONE if c[name] is None else number(c[name]) for name in ("mean_N", "p99_N")),
                 *(NONE if c[name] is None else percent(c[name]) for name in ("p_over_force", "p_over_pressure")),
-                "not permitted" if c["acceptable"] is None else "yes" if c["acceptable"] else element("strong", "no"),
+                "no verdict" if c["acceptable"] is None else "yes" if c["acceptable"] else element("strong", "no"),
             ]
             for c in self._collisions
         ]
