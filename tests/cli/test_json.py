@@ -197,6 +197,18 @@ def test_a_seed_names_its_runs() -> None:
     assert other["peak_force_N"] != check(first)["peak_force_N"]
 
 
+def test_too_few_runs_to_judge_by_say_so() -> None:
+    """Accepted is 0.1 %: of 9999 runs fewer than ten."""
+    (note,) = [note for note in check(evaluate(options=("--sampled", 2000)))["notes"] if "too few" in note]
+    assert note == (
+        "2000 sampled collisions are too few to judge by: a probability of the accepted 0.1 % is some 2 of them."
+    )
+    assert f"note: {note}" in run("evaluate", EXAMPLE, "--sampled", 2000).out.replace("\n", " ").replace("  ", " ")
+    for samples, risk in ((10_000, "1e-3"), (1000, "0.01")):
+        options = ("--sampled", samples, "--set", f"verdict.risk={risk}", "--set", f"verdict.max_false_alarm={risk}")
+        assert not any("too few" in note for note in check(evaluate(options=options))["notes"])
+
+
 def test_one_run_is_a_law_too() -> None:
     law = check(evaluate(options=("--sampled", 1)))
     assert law["peak_force_N"]["sd"] == 0

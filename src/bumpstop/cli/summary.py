@@ -18,6 +18,7 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from bumpstop.collision.notes import sample_notes
     from bumpstop.collision.unused_keys import unused_notes
 
     console = Console(highlight=False, markup=False)
@@ -66,7 +67,7 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
         f"; false alarm before contact {_probability(law.false_alarm_probability)}; "
         f"never detected {_probability(law.undetected_probability)}"
     )
-    for note in unused_notes(law.scenario):
+    for note in (*unused_notes(law.scenario), *sample_notes(law)):
         console.print(f"note: {note}")
     kind = "exact law" if law.kind == "exact" else f"sampled law, {law.samples} runs, seed {law.seed}"
     console.print(f"{kind}; {law.notes[-1][0].lower()}{law.notes[-1][1:]}", style="dim")

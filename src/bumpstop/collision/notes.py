@@ -8,16 +8,20 @@ import numpy as np
 
 from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.collision.unused_keys import unused_notes
+from bumpstop.collision.verdict import percent
 
 if TYPE_CHECKING:
     from bumpstop.collision.law import ForceLaw
+
+# Of so many runs the standard error is a third.
+_FEWEST = 10
 
 
 def notes_of(law: ForceLaw) -> list[str]:
     """All of them, in the order in which they are read."""
     problem = law.problem
     scenario, limits = problem.scenario, problem.limits
-    notes = [*problem.notes, *unused_notes(scenario)]
+    notes = [*problem.notes, *unused_notes(scenario), *sample_notes(law)]
     contact, detector = scenario.contact, scenario.detector
     notes.extend(_contact_notes(law))
     notes.extend(_noise_notes(law))
@@ -42,6 +46,18 @@ def notes_of(law: ForceLaw) -> list[str]:
         notes.append(f"The detector is blind for the first {detector.arming_delay_s:g} s.")
     notes.append("This is an engineering estimate, not a certified safety function.")
     return notes
+
+
+def sample_notes(law: ForceLaw) -> list[str]:
+    """Whether a sampled law is too small to be judged by the accepted probabilities."""
+    settings = law.scenario.verdict
+    risk = settings.max_false_alarm if law.problem.limits is None else min(settings.risk, settings.max_false_alarm)
+    if law.samples is None or law.samples * risk >= _FEWEST:
+        return []
+    return [
+        f"{law.samples} sampled collisions are too few to judge by: a probability of the accepted {percent(risk)} is "
+        f"some {law.samples * risk:.2g} of them."
+    ]
 
 
 def _contact_notes(law: ForceLaw) -> list[str]:
