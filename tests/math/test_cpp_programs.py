@@ -77,3 +77,14 @@ def test_the_build_and_the_package_ask_alike_what_the_processor_runs(tmp_path: P
     runnable = [name for name in printed.split(";") if name]
     # What make build leaves out is what cannot run; a package without the rest lacks nothing here.
     assert runnable == kernels.available_targets()
+
+
+@pytest.mark.parametrize("flag", ["-O2", "-ffast-math", "-ffinite-math-only"])
+def test_arithmetic_that_is_not_as_written_is_refused(flag: str, tmp_path: Path) -> None:
+    if not can(COMPILER, tmp_path):
+        pytest.skip("no C++ compiler")
+    source = tmp_path / "program.cpp"
+    source.write_text('#include "bumpstop/math/functions.hpp"\nint main() {}\n', encoding="utf-8")
+    done = compiled([*COMPILER, flag], source, tmp_path / "program")
+    assert ("bumpstop needs arithmetic as written" in done.stderr) == (flag != "-O2")
+    assert (done.returncode != 0) == (flag != "-O2")

@@ -13,6 +13,12 @@
 #include <immintrin.h>
 #endif
 
+// Rounding to whole numbers adds and takes away; samples that are no numbers must be told from those that are.
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || \
+    (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ != 0)
+#error "bumpstop needs arithmetic as written: no -ffast-math, -Ofast, -fassociative-math or -ffinite-math-only"
+#endif
+
 /// Every instruction set compiles the headers once. The inline namespace keeps the linker from merging a
 /// function built for a wide machine into the code of a narrow one.
 #ifndef BUMPSTOP_TARGET
