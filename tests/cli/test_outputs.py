@@ -244,3 +244,12 @@ def test_two_phases_print_both_limits() -> None:
     for name, limits in (("peak force", "280/140"), ("pressure", "380/190")):
         (row,) = [line.split() for line in lines if line.startswith(name + ",")]
         assert row[-3:] == [limits, "<", "1e-12"]
+
+
+def test_a_motion_that_ends_before_contact_says_so_where_the_verdict_is_read() -> None:
+    """Half a second at 50 mm/s does not reach a body 500 mm away: acceptable, for nothing is hit."""
+    far = ("contact.offset_law=fixed", "contact.offset_mm=500", "motion.duration_s=0.5")
+    printed = run("evaluate", EXAMPLE, *(part for change in far for part in ("--set", change))).out
+    assert " ACCEPTABLE " in printed
+    assert "of cases the motion ends before contact." in printed
+    assert "ends before contact" not in run("evaluate", EXAMPLE).out

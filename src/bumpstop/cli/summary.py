@@ -67,7 +67,8 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
         f"; false alarm before contact {_probability(law.false_alarm_probability)}; "
         f"never detected {_probability(law.undetected_probability)}"
     )
-    for note in (*unused_notes(law.scenario), *sample_notes(law)):
+    # What the figures above are not about; what was assumed otherwise is in the report.
+    for note in (*unused_notes(law.scenario), *sample_notes(law), *law.end_notes()):
         console.print(f"note: {note}")
     kind = "exact law" if law.kind == "exact" else f"sampled law, {law.samples} runs, seed {law.seed}"
     console.print(f"{kind}; {law.notes[-1][0].lower()}{law.notes[-1][1:]}", style="dim")
