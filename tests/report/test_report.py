@@ -277,6 +277,12 @@ def test_two_phases_have_two_limits():
     words = [text.get_text() for text in drawn["force_over_time_bad"].axes[0].texts]
     assert "limit 280 N" in words
     assert "limit 140 N" not in words
+    # An arm that stays is there when the other does.
+    staying = Page(evaluate({**changes, "verdict.clamped_limit": "two_phase", "reaction.kind": "stop"}))
+    (bad,) = [figure.picture for figure in staying.figures if figure.picture.name == "force_over_time_bad"]
+    figure = matplotlib.figure.Figure()
+    bad.draw(figure)
+    assert "limit 140 N from 0.5 s on" in [text.get_text() for text in figure.axes[0].texts]
 
 
 def test_undetected_share_leaves_a_bounded_median():

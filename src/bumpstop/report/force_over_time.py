@@ -222,19 +222,33 @@ class _Panels:
         panel.axvline(self._rollout.detection * self._scale, color=EVENT, linestyle="-.", linewidth=1.4)
 
     def _limit(self, panel: Axes) -> None:
-        begin = self._window[0]
+        """Draw what the limits allow, while it holds."""
+        begin, last = self._window
+
+        def note(text: str, x: float, y: float, *, up: float = 2, left: bool = False) -> None:
+            panel.annotate(
+                text, (x * self._scale, y), (2 if left else -2, up), textcoords="offset points",
+                ha="left" if left else "right", va="bottom", color=LIMIT, bbox=PAPER,
+            )  # fmt: skip
+
         for until, allowed in _allowed(self._law):
-            end = min(until, self._window[1])
-            if not begin < end:
+            if begin >= last:
+                # An arm that stays meets the later limit beyond what is drawn.
+                if self._stays:
+                    panel.axhline(allowed, color=LIMIT, linestyle=":", linewidth=1.4)
+                    note(f"limit {number(allowed)} N from {FIRST_PHASE_S:g} s on", last, allowed)
                 break
-            right = end * self._scale
-            label: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "color": LIMIT, "bbox": PAPER}
+            end = min(until, last)
             if allowed < self._top:
-                panel.hlines(allowed, begin * self._scale, right, color=LIMIT, linestyle="--", linewidth=1.4)
-                panel.annotate(f"limit {number(allowed)} N", (right, allowed), (-2, 2), va="bottom", **label)
+                panel.hlines(
+                    allowed, begin * self._scale, end * self._scale, color=LIMIT, linestyle="--", linewidth=1.4
+                )
+                # The first of two phases ends where the peak may be.
+                left = end < last
+                note(f"limit {number(allowed)} N", begin if left else end, allowed, left=left)
             else:
                 # Beside the title, clear of everything inside.
-                panel.annotate(f"limit {number(allowed)} N ↑", (right, self._top), (0, 5), va="bottom", **label)
+                note(f"limit {number(allowed)} N ↑", last, self._top, up=5)
             begin = end
 
     def _residual(self, panel: Axes) -> None:
