@@ -1,7 +1,8 @@
-"""The scenario the report's tests share, and laws of it with something changed."""
+"""The scenario the report's tests share, laws of it with something changed, and a strict reader of pages."""
 
 import copy
 import dataclasses
+from html.parser import HTMLParser
 
 import bumpstop as bs
 
@@ -35,3 +36,51 @@ def evaluate(changes=None, samples=None):
 
 def with_limits(law, limits):
     return bs.exact_law(dataclasses.replace(law.problem, limits=limits), law.curve)
+
+
+class Outline(HTMLParser):
+    """Reads a page strictly: every element closed in order, every id once; keeps headings, text and addresses."""
+
+    _VOID = ("meta",)
+
+    def __init__(self, page):
+        super().__init__(convert_charrefs=True)
+        self.open, self.ids, self.addresses = [], [], []
+        self.headings, self.words, self.labels = [], [], []
+        self.feed(page)
+        self.close()
+        assert self.open == []
+        assert len(set(self.ids)) == len(self.ids)
+        self.text = " ".join("".join(self.words).split())
+
+    def handle_starttag(self, tag, attributes):
+        names = [name for name, _ in attributes]
+        assert len(set(names)) == len(names), (tag, names)
+        if tag not in self._VOID:
+            self.open.append(tag)
+        for name, value in attributes:
+            if name == "id":
+                self.ids.append(value)
+            if name in ("href", "src", "xlink:href", "action", "data"):
+                self.addresses.append(value)
+            if name == "aria-label":
+                self.labels.append(value)
+        if tag in ("h1", "h2", "h3"):
+            self.headings.append([tag, ""])
+        self.words.append(" ")
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in self._VOID:
+            self.handle_endtag(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+        self.words.append(" ")
+
+    def handle_data(self, data):
+        if "style" in self.open:
+            return
+        if self.open and self.open[-1] in ("h1", "h2", "h3"):
+            self.headings[-1][1] += data
+        self.words.append(data)

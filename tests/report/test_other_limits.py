@@ -1,0 +1,47 @@
+"""What a report says where other limits hold than those of lasting contact."""
+
+import matplotlib.figure
+
+from bumpstop.report.page import Page
+from report.cases import Outline, evaluate
+
+
+def test_a_free_body_that_nobody_notices_is_no_failure():
+    law = evaluate({"contact.kind": "free", "contact.limits": "ts15066", "motion.velocity_mm_s": [0, 0, -120]})
+    assert law.undetected_probability > 0.4
+    assert law.verdict.p_over_force < 1e-6
+    text = Outline(Page(law).html()).text
+    assert "A body that gets away unnoticed counts with the force it has met." in text
+    assert "count as over every limit" not in text
+    assert "count as beyond every force" not in text
+
+
+def test_two_phases_have_two_limits():
+    """Hand and finger by ISO/TS 15066: 140 N and 190 N/cm2 for long, twice as much in the first half second."""
+    changes = {"contact.limits": "ts15066", "contact.area_cm2": 1.0, "motion.velocity_mm_s": [0, 0, -90]}
+    law = evaluate({**changes, "verdict.clamped_limit": "two_phase"})
+    assert law.verdict.acceptable
+    assert 190 < law.peak_force.quantile(0.99) < 280
+    page = Page(law)
+    text = Outline(page.html()).text
+    assert f"(p99) {law.peak_force.quantile(0.99):.4g} N 280 N at first, 140 N later Peak pressure" in text
+    assert "On 1 cm2 that is 280 N at first, 140 N later." in text
+    assert "stands the probability of exceeding it" not in text
+    assert "but not the one at first. Pressure is force over 1 cm2, so its scale runs along the top." in text
+    figures = {figure.picture.name: figure.picture for figure in page.figures}
+    assert "limit later at 140 N; limit at first at 280 N" in figures["peak_force"].alt
+    # Only beyond the first limit any force is too much, and the contact is over before the other holds.
+    drawn = {name: matplotlib.figure.Figure() for name in ("peak_force", "force_over_time_bad")}
+    for name, figure in drawn.items():
+        figures[name].draw(figure)
+    (hatched,) = [patch for patch in drawn["peak_force"].axes[0].patches if patch.get_hatch()]
+    assert hatched.get_x() == 280
+    words = [text.get_text() for text in drawn["force_over_time_bad"].axes[0].texts]
+    assert "limit 280 N" in words
+    assert "limit 140 N" not in words
+    # An arm that stays is there when the other does.
+    staying = Page(evaluate({**changes, "verdict.clamped_limit": "two_phase", "reaction.kind": "stop"}))
+    (bad,) = [figure.picture for figure in staying.figures if figure.picture.name == "force_over_time_bad"]
+    figure = matplotlib.figure.Figure()
+    bad.draw(figure)
+    assert "limit 140 N from 0.5 s on" in [text.get_text() for text in figure.axes[0].texts]
