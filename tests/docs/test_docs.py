@@ -17,6 +17,7 @@ from pydantic_core import PydanticUndefined
 
 import bumpstop as bs
 from bumpstop.collision.scenario import Scenario, Simulation
+from collision.cases import FREE, REMEMBERING, VARIED
 from docs.pages import AS_DOCTEST, PAGES, ROOT, blocks, code, read, rows, section, without_fences
 
 # --- Scenarios and sessions ---------------------------------------------------------------------------------
@@ -182,6 +183,17 @@ def test_rooms_import_only_what_they_may() -> None:
             modules += [name.name for node in ast.walk(syntax) if isinstance(node, ast.Import) for name in node.names]
             used = {module.split(".")[1] for module in modules if module.startswith("bumpstop.")}
             assert used <= may | everyones | {room}, path
+
+
+def test_the_readme_counts_the_scenarios_that_are_compared() -> None:
+    words = {8: "eight", 10: "ten", 13: "thirteen"}
+    claims = " ".join(claim for claim, *_ in rows(read("README.md"), "claim"))
+    for scenarios, what in (
+        (VARIED, "scenarios with white noise"),
+        (REMEMBERING, "with noise or residuals that remember"),
+        (FREE, "scenarios of free contact"),
+    ):
+        assert f"{words[len(scenarios)]} {what}" in claims
 
 
 def test_make_targets_exist() -> None:
