@@ -33,14 +33,14 @@ struct DetectorSettings {
     DecisionSettings decision;
     double grace = 0;                           ///< blind for longer asks for a stop [s]; 0: at once
     std::uint32_t unknown = 0;                  ///< joint j as bit j: its torque is not known, and its residual is zero
-    std::array<double, max_joints> noise_sd{};  ///< of the residual, above 0; infinite: the joint is not watched
+    std::array<double, max_joints> noise_sd{};  ///< of the residual, to be given: above 0; infinite: not watched
     LinkPoint contact;                          ///< where the force of an event is given
     Vector3 direction{0, 0, -1};                ///< unit vector the force is given along, base frame
     Payload payload;                            ///< declared
     PayloadWatchSettings payload_watch;
 };
 
-/// Of one tick. In a blind tick the residual is not of use and NaN.
+/// Of one tick. In a blind tick `residual` and `fast` are NaN; `threshold`, `qd` and `qdd` are those of a tick before.
 struct DetectorOutput {
     DetectorState state = DetectorState::blind;
     SampleFault fault = SampleFault::filling;
@@ -56,9 +56,9 @@ struct DetectorOutput {
     std::array<double, max_joints> qd{}, qdd{};  ///< as the detector sees them
 };
 
-/// The alarm that stays until it is acknowledged.
+/// The alarm that stays until it is acknowledged: the tick that raised it, in the units of DetectorOutput.
 struct DetectorEvent {
-    double t = 0;
+    double t = 0;  ///< s
     std::uint32_t over = 0, over_fast = 0;
     std::array<double, max_joints> residual{}, threshold{}, q{};
     ContactEstimate contact;

@@ -32,7 +32,7 @@ struct DetectorSample {
     std::array<double, max_joints> qd{};      ///< measured rates [rad/s or m/s]; read only where the settings say so
 };
 
-/// What a sample may be.
+/// What a sample may be. Arrays are to be given for every joint: with zeros no sample of a moving arm is believed.
 struct SampleLimits {
     double period = 0.004;                            ///< of the samples [s]
     double shortest_interval = 0;                     ///< below it a sample repeats the one before [s]

@@ -17,8 +17,8 @@ struct ThresholdLaw {
     static constexpr double unwatched = std::numeric_limits<double>::infinity();
 
     std::array<double, max_joints> constant{};      ///< Nm or N; infinite: the joint is not watched
-    std::array<double, max_joints> speed{};         ///< Nm s/rad
-    std::array<double, max_joints> acceleration{};  ///< Nm s2/rad
+    std::array<double, max_joints> speed{};         ///< Nm s/rad or N s/m
+    std::array<double, max_joints> acceleration{};  ///< Nm s2/rad or N s2/m
     std::array<double, max_joints> rest{};          ///< Nm or N, at standstill
     std::array<double, max_joints> rest_speed{};    ///< rad/s or m/s, above 0
     std::array<double, max_joints> fast{};          ///< of the fast channel [Nm or N]; infinite: not watched

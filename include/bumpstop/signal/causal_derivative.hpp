@@ -14,8 +14,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 template <class T>
 struct CausalEstimate {
-    T rate = 0.0;          ///< rad/s, at the newest sample
-    T acceleration = 0.0;  ///< rad/s2
+    T rate = 0.0;          ///< rad/s or m/s, at the newest sample
+    T acceleration = 0.0;  ///< rad/s2 or m/s2
     bool known = false;    ///< the window is full; until then both are zero
 };
 
@@ -28,8 +28,8 @@ class CausalDerivative {
     /// `window`: samples, more than `degree`, at most max_window. `degree`: of the polynomial, 2 to max_fit_degree.
     CausalDerivative(int window, int degree) noexcept : window_(window), degree_(degree) {}
 
-    /// Takes a sample: time [s] and position [rad]. One that is not later than the last, or not finite, tells nothing: it is
-    /// dropped, as if lost, and the last estimate given again.
+    /// Takes a sample: time [s] and position [rad or m]. One that is not later than the last, or not finite, tells
+    /// nothing: it is dropped, as if lost, and the last estimate given again.
     CausalEstimate<T> update(double time, T position) noexcept {
         constexpr double largest = std::numeric_limits<double>::max();
         if (!(time > newest_ && time <= largest && all(absolute(position) <= T(largest)))) return estimate_;
