@@ -18,6 +18,7 @@ from bumpstop.report.detection import DetectionSection
 from bumpstop.report.distribution import bins
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import WIDTH, spread
+from bumpstop.report.records import ProvenanceSection
 from bumpstop.report.words import number
 from report.cases import evaluate
 
@@ -130,3 +131,11 @@ def test_a_tiny_accepted_risk_is_told_apart_from_a_greater_one():
     assert "less than 0.0001 %" not in reason
     passed, accepted = (float(text) for text in re.findall(r"([0-9.e-]+) %", reason)[:2])
     assert passed > accepted == 1e-23
+
+
+def test_the_body_s_stiffness_is_the_table_s_and_the_padding_the_scenario_s():
+    """Springs of 75000 and 20000 N/m in series are one of 15789."""
+    rows = " ".join(ProvenanceSection(evaluate({"contact.padding_N_m": 20000.0})).content())
+    assert "75000 N/m, from the limit table" in rows
+    assert "20000 N/m, as the scenario says; 15789 N/m in series with the body" in rows
+    assert "padding" not in " ".join(ProvenanceSection(evaluate()).content())

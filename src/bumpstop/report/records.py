@@ -90,8 +90,12 @@ class ProvenanceSection(Section):
             rows.append(("about it", robot.note))
         rows += self._limits()
         given = law.scenario.contact.stiffness_N_m is not None
-        stiffness = f"{law.problem.stiffness:g} N/m, " + ("as the scenario says" if given else "from the limit table")
-        rows.append(("stiffness", stiffness))
+        source = "as the scenario says" if given else "from the limit table"
+        rows.append(("stiffness", f"{law.problem.body_stiffness:g} N/m, {source}"))
+        padding = law.scenario.contact.padding_N_m
+        if padding is not None:
+            together = f"{law.problem.stiffness:.5g} N/m in series with the body"
+            rows.append(("padding", f"{padding:g} N/m, as the scenario says; {together}"))
         return [table(("", ""), rows, caption="Sources and their status")]
 
     def _limits(self) -> list[tuple[str, str]]:
