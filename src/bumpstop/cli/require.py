@@ -36,7 +36,7 @@ def require(
     """Find the harshest value that meets the limits, and with it every milder one.
 
     Keys: motion.speed, detector.thresholds, detector.feedback_period_s, reaction.joint_acceleration_rad_s2,
-    contact.padding. Exit status: 0 found, 3 no value meets the limits, 2 bad input.
+    contact.padding. Exit status: 0 found, 3 no value meets the limits or alarms are too probable there, 2 bad input.
     """
     from bumpstop.study import plain
     from bumpstop.study.requirement import require as solve
@@ -65,7 +65,7 @@ def require(
         typer.echo(json.dumps(plain({"curve": rows}), allow_nan=False, indent=2))
     else:
         _print_curve(rows, name, against.variable.label)
-    return NOT_ACCEPTABLE if all(row["value"] is None for row in rows) else 0
+    return 0 if any(row["value"] is not None and row["false_alarm_ok"] for row in rows) else NOT_ACCEPTABLE
 
 
 def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | None]:
@@ -89,4 +89,5 @@ def _print_curve(rows: list[dict[str, Any]], name: str, label: str) -> None:
     typer.echo(f"{label:>36}  {Variable(name).label:>36}  fails by")
     for row in rows:
         value = "no value" if row["value"] is None else f"{row['value']:.4g}"
-        typer.echo(f"{row['against']['value']:>36.6g}  {value:>36}  {row['binding']}")
+        alarms = "" if row["false_alarm_ok"] else f"; alarms before contact {row['false_alarm_at_value']:.2g}"
+        typer.echo(f"{row['against']['value']:>36.6g}  {value:>36}  {row['binding']}{alarms}")

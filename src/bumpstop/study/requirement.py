@@ -125,6 +125,8 @@ def require_curve(
     """
     if against.variable.name == vary:
         raise InputError("--vary", f"{vary!r} is given twice", "wanted two different variables")
+    if against.variable.key == "verdict.risk" and risk is not None:
+        raise InputError("--risk", "would replace the risk that is varied", "leave one of the two out")
     return [
         {"against": {"variable": against.variable.name, "value": value, "unit": against.variable.unit}}
         | require(against.variable.apply(scenario, value), vary, risk=risk, low=low, high=high).to_json()

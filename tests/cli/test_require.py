@@ -1,0 +1,32 @@
+"""``bumpstop require``: what its exit status and its lines say of alarms before contact."""
+
+from __future__ import annotations
+
+import pytest
+
+from cli.support import EXAMPLE, run, strict_json
+
+SPEED = ("require", EXAMPLE, "--vary", "motion.speed")
+
+
+def test_a_trade_curve_without_a_point_free_of_alarms_is_not_acceptable() -> None:
+    """Of one point by itself the command says so, too."""
+    noisy = run(*SPEED, "--set", "detector.thresholds_Nm=[2, 1, 2, 2, 2, 2, 2]")
+    assert noisy.status == 3
+    assert "Alarms before contact" in noisy.out
+    curve = run(*SPEED, "--vary", "detector.thresholds=1:2:2")
+    assert curve.status == 3
+    assert curve.out.count("; alarms before contact 0.9") == 2
+    # One point that is acceptable is an answer.
+    curve = run(*SPEED, "--vary", "detector.thresholds=[2, 12]")
+    assert curve.status == 0
+    assert [("alarms" in line) for line in curve.out.splitlines()] == [False, True, False]
+
+
+def test_a_risk_is_either_given_or_varied() -> None:
+    result = run(*SPEED, "--vary", "verdict.risk=0.001:0.1:2", "--risk", "0.01")
+    assert (result.status, result.out) == (2, "")
+    assert result.err.startswith("error: --risk: would replace the risk that is varied")
+    rows = strict_json(run(*SPEED, "--vary", "verdict.risk=0.001:0.1:2", "--json").out)["curve"]
+    assert [row["risk"] for row in rows] == pytest.approx([0.001, 0.1])
+    assert rows[0]["value"] < rows[1]["value"]
