@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,19 @@ class Squares(Study):
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:
         return {"sum": float(rows["square"].sum()), "nothing": float("nan")}
+
+
+@dataclass(frozen=True)
+class Cubes(Squares):
+    """Another study, with columns of its own."""
+
+    name: ClassVar[str] = "cubes"
+
+    def shard(self, number: int) -> pl.DataFrame:
+        return super().shard(number).rename({"square": "cube"})
+
+    def summary(self, rows: pl.DataFrame) -> dict[str, Any]:
+        return {"sum": float(rows["cube"].sum())}
 
 
 def breaking(at: int) -> Any:
@@ -158,3 +172,63 @@ def test_a_damaged_file_is_refused_by_name_and_worked_out_anew_without_it(tmp_pa
     path.unlink()
     again, _ = run(study, folder)
     assert again.equals(rows)
+
+
+@pytest.mark.parametrize("source", ["another seed", "another study", "another shard", "fewer rows"])
+def test_a_shard_from_elsewhere_is_never_mixed_in(tmp_path: Path, source: str) -> None:
+    """All of them whole tables, which read without an error."""
+    study = Squares(control_group(), seed=1)
+    others: dict[str, Study] = {"another seed": Squares(study.scenario, seed=2), "another study": Cubes(study.scenario)}
+    for each, place in ((study, tmp_path / "own"), (others.get(source, study), tmp_path / "other")):
+        with pytest.raises(BrokenError):
+            run(each, place, progress=breaking(3))
+    own = tmp_path / "own" / "shards" / "000001.arrow"
+    brought = (tmp_path / "other" / "shards" / f"00000{0 if source == 'another shard' else 1}.arrow").read_bytes()
+    if source == "fewer rows":
+        few = io.BytesIO()
+        pl.read_ipc_stream(io.BytesIO(brought)).head(2).write_ipc_stream(few)
+        brought = few.getvalue()
+    own.write_bytes(brought)
+    refused_by_name_and_done_again(study, own)
+
+
+@pytest.mark.parametrize("source", ["another seed", "another study", "fewer rows"])
+def test_rows_from_elsewhere_are_never_taken_for_the_study_s(tmp_path: Path, source: str) -> None:
+    study = Squares(control_group(), seed=1)
+    others: dict[str, Study] = {"another seed": Squares(study.scenario, seed=2), "another study": Cubes(study.scenario)}
+    run(study, tmp_path / "own")
+    run(others.get(source, study), tmp_path / "other")
+    own = tmp_path / "own" / "rows.parquet"
+    own.write_bytes((tmp_path / "other" / "rows.parquet").read_bytes())
+    if source == "fewer rows":
+        pl.read_parquet(own).head(2).write_parquet(own)
+    refused_by_name_and_done_again(study, own)
+
+
+def refused_by_name_and_done_again(study: Study, file: Path) -> None:
+    folder = file.parent.parent if file.parent.name == "shards" else file.parent
+    with pytest.raises(bs.InputError, match="is damaged, or of another study") as refused:
+        run(study, folder)
+    assert file.name in refused.value.problem
+    file.unlink()
+    assert run(study, folder)[0].equals(run(study)[0])
+
+
+@pytest.mark.parametrize("text", ["", "made_by = 3\n", "made_by = [", "\ufeff", "[made_by]\nfingerprint = []\n"])
+def test_settings_that_are_none_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(BrokenError):
+        run(Squares(control_group()), tmp_path, progress=breaking(3))
+    (tmp_path / "settings.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(bs.InputError, match="made otherwise"):
+        run(Squares(control_group()), tmp_path)
+
+
+def test_files_that_are_no_shards_are_left_alone(tmp_path: Path) -> None:
+    """A superscript two is a digit, too."""
+    study = Squares(control_group())
+    with pytest.raises(BrokenError):
+        run(study, tmp_path, progress=breaking(2))
+    shards = tmp_path / "shards"
+    for name in ("2.arrow", "\u00b2.arrow", "000099.arrow"):
+        (shards / name).write_bytes((shards / "000000.arrow").read_bytes())
+    assert run(study, tmp_path)[0].equals(run(study)[0])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import os
 import shutil
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,11 +22,18 @@ if TYPE_CHECKING:
     from bumpstop.study.study import Study
 
 
+# Bytes behind the rows of a shard that say whose they are.
+_SEAL_SIZE = hashlib.sha256().digest_size
+# Key of the Parquet file's own metadata, with the study's fingerprint.
+_STUDY = "study"
+
+
 class StudyFolder:
     """Where a study keeps what it has done. Every file appears whole or not at all.
 
     While the study runs: ``settings.toml`` and ``shards/<number>.arrow``. When it is done: ``settings.toml``,
-    ``rows.parquet`` with the rows of all shards in order, and ``summary.json``.
+    ``rows.parquet`` with the rows of all shards in order, and ``summary.json``. Every file with rows says of which
+    study they are, and a shard which one it is: what is copied here from elsewhere is not taken for the study's own.
 
     Attributes:
         path: of the folder.
@@ -46,15 +54,15 @@ class StudyFolder:
         self._shards = path / "shards"
         self._count = study.shards
         self._made = False
-        print_of = study.fingerprint()
+        self._fingerprint = study.fingerprint()
         try:
             settings = path / "settings.toml"
             if settings.is_file():
-                self._check(settings, print_of, study)
+                self._check(settings, study)
             else:
                 self._refuse_orphans()
                 self._shards.mkdir(parents=True, exist_ok=True)
-                self._write("settings.toml", _settings(study, print_of, command).encode("utf-8"))
+                self._write(settings, _settings(study, self._fingerprint, command).encode("utf-8"))
                 self._made = True
             self._shards.mkdir(exist_ok=True)
         except OSError as error:
@@ -69,14 +77,17 @@ class StudyFolder:
         """Numbers of the shards that are there."""
         if self.complete:
             return set(range(self._count))
-        names = (path.stem for path in self._arrows())
-        return {int(name) for name in names if name.isdigit() and int(name) < self._count}
+        there = set(self._arrows())
+        return {number for number in range(self._count) if self._shard(number) in there}
 
     def put(self, number: int, rows: pl.DataFrame) -> None:
         """Keep the rows of a shard."""
+        # As a stream without compression: shards are many, small and short-lived.
+        stream = io.BytesIO()
+        rows.write_ipc_stream(stream)
+        content = stream.getvalue()
         try:
-            # As a stream without compression: shards are many, small and short-lived.
-            self._write_table(self._shards / f"{number:06d}.arrow", rows.write_ipc_stream)
+            self._write(self._shard(number), content + self._seal(number, content))
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -98,11 +109,12 @@ class StudyFolder:
         rows_file = self.path / "rows.parquet"
         try:
             if not self.complete:
-                files = [self._shards / f"{number:06d}.arrow" for number in range(self._count)]
-                rows = pl.concat([_read(pl.read_ipc_stream, file) for file in files], rechunk=True)
-                self._write_table(rows_file, rows.write_parquet)
+                rows = pl.concat([self._rows_of(number) for number in range(self._count)], rechunk=True)
+                waiting = _waiting(rows_file)
+                rows.write_parquet(waiting, metadata={_STUDY: self._fingerprint})
+                waiting.replace(rows_file)
             else:
-                rows = _read(pl.read_parquet, rows_file)
+                rows = self._all_rows(rows_file)
             shutil.rmtree(self._shards, ignore_errors=True)
             return rows
         except OSError as error:
@@ -112,7 +124,7 @@ class StudyFolder:
         """Keep the summary, as ``--json`` prints it."""
         text = json.dumps(plain(summary), allow_nan=False, indent=1) + "\n"
         try:
-            self._write("summary.json", text.encode("utf-8"))
+            self._write(self.path / "summary.json", text.encode("utf-8"))
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -126,12 +138,44 @@ class StudyFolder:
     def _arrows(self) -> list[Path]:
         return sorted(self._shards.glob("*.arrow"))
 
-    def _check(self, settings: Path, fingerprint: str, study: Study) -> None:
+    def _shard(self, number: int) -> Path:
+        return self._shards / f"{number:06d}.arrow"
+
+    def _seal(self, number: int, content: bytes) -> bytes:
+        return hashlib.sha256(f"{self._fingerprint} {number} ".encode() + content).digest()
+
+    def _rows_of(self, number: int) -> pl.DataFrame:
+        """Of a shard, which must be there."""
+        import polars as pl
+
+        file = self._shard(number)
+        kept = file.read_bytes()
+        content, seal = kept[:-_SEAL_SIZE], kept[-_SEAL_SIZE:]
+        if seal != self._seal(number, content):
+            raise _damaged(file)
+        return pl.read_ipc_stream(io.BytesIO(content))
+
+    def _all_rows(self, file: Path) -> pl.DataFrame:
+        """Of a study that is done."""
+        import polars as pl
+
+        try:
+            if pl.read_parquet_metadata(file).get(_STUDY) == self._fingerprint:
+                return pl.read_parquet(file)
+        except (pl.exceptions.PolarsError, OSError) as error:
+            # One with a number is the system's: there the file could not be opened at all.
+            if isinstance(error, OSError) and error.errno is not None:
+                raise
+        raise _damaged(file)
+
+    def _check(self, settings: Path, study: Study) -> None:
         try:
             made_by = tomllib.loads(settings.read_text(encoding="utf-8")).get(MADE_BY, {})
         except (UnicodeDecodeError, tomllib.TOMLDecodeError):
             made_by = {}
-        if made_by.get("fingerprint") == fingerprint:
+        if not isinstance(made_by, dict):
+            made_by = {}
+        if made_by.get("fingerprint") == self._fingerprint:
             return
         fresh = {"study": study.name} | study.settings() | versions()
         differ = [key for key, value in fresh.items() if made_by.get(key) != _toml_value(value)]
@@ -142,33 +186,25 @@ class StudyFolder:
             "give another folder, or delete this one",
         )
 
-    def _write(self, name: str, content: bytes) -> None:
-        waiting = self.path / f".{name}.{os.getpid()}"
+    def _write(self, file: Path, content: bytes) -> None:
+        waiting = _waiting(file)
         waiting.write_bytes(content)
-        waiting.replace(self.path / name)
-
-    def _write_table(self, path: Path, write: Callable[[Path], Any]) -> None:
-        waiting = path.with_name(f".{path.name}.{os.getpid()}")
-        write(waiting)
-        waiting.replace(path)
+        waiting.replace(file)
 
     def _unwritable(self, error: OSError) -> InputError:
         problem = f"{str(self.path)!r} cannot be used ({error.filename or self.path}: {error.strerror or error})"
         return InputError("--out", problem, "give another folder")
 
 
-def _read(reader: Callable[[Path], pl.DataFrame], path: Path) -> pl.DataFrame:
-    """A table of this folder; one that somebody else has cut short or written over is refused by name."""
-    import polars as pl
+def _waiting(file: Path) -> Path:
+    """Where a file is written before it takes its name."""
+    return file.with_name(f".{file.name}.{os.getpid()}")
 
-    try:
-        return reader(path)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        # One with a number is the system's: there the file could not be opened at all.
-        if isinstance(error, OSError) and error.errno is not None:
-            raise
-        problem = f"{str(path)!r} is damaged"
-        raise InputError("--out", problem, "delete that file: what it held is worked out anew") from None
+
+def _damaged(file: Path) -> InputError:
+    """A file that somebody else has cut short, written over or brought from another study."""
+    problem = f"{str(file)!r} is damaged, or of another study"
+    return InputError("--out", problem, "delete that file: what it held is worked out anew")
 
 
 def _settings(study: Study, fingerprint: str, command: str) -> str:
