@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import bumpstop as bs
 from bumpstop.study import run
 from bumpstop.study.fits import R2_WANTED
 from bumpstop.study.parameters import SOURCE, ParameterStudy, _difference
-from collision.cases import control_group
+from collision.cases import control_group, ur10e
 
 
 @pytest.fixture(scope="module")
@@ -152,6 +153,31 @@ def test_slopes_are_those_of_laws_much_closer_together(scenario: bs.Scenario, ke
 
         slope = (mean(here + step) - mean(here - step)) / (2 * step)
         assert each["derivative"]["mean"] == pytest.approx(slope, rel=5e-3), name
+
+
+@pytest.mark.parametrize("law", ["uniform", "half_normal"])
+@pytest.mark.parametrize("kind", ["stop", "reverse"])
+@pytest.mark.parametrize("arm", [control_group, ur10e])
+def test_where_the_force_has_corners_the_slope_is_that_of_its_trend_within_the_error(
+    arm: Callable[..., bs.Scenario], kind: str, law: str
+) -> None:
+    """An arm comes to rest at the end of a step: between two corners the slope is off by up to some per cent."""
+    scenario = arm(reaction__kind=kind, contact__offset_law=law)
+    speed = np.array(scenario.motion.velocity_mm_s)
+    acceleration = scenario.reaction.joint_acceleration_rad_s2
+    assert not isinstance(acceleration, list)
+    share = np.linspace(-0.08, 0.08, 33)
+    trends = {
+        "motion.speed": [_mean(scenario, motion__velocity_mm_s=(speed * (1 + x)).tolist()) for x in share],
+        "reaction.joint_acceleration_rad_s2": [
+            _mean(scenario, reaction__joint_acceleration_rad_s2=acceleration * (1 + x)) for x in share
+        ],
+    }
+    for key, forces in trends.items():
+        found = _derivative(scenario, f"{key}=5:150:3")
+        slope = np.polynomial.polynomial.polyfit(share, forces, 3)[1] / found["control"]
+        assert found["mean"] == pytest.approx(slope, rel=4e-3), key
+        assert abs(found["mean"] - slope) < found["error"], key
 
 
 def test_a_value_that_has_no_law_is_named() -> None:

@@ -37,8 +37,12 @@ DEFAULT_RANGES = (
     "detector.feedback_period_s=[0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.014, 0.016]",
     "reaction.joint_acceleration_rad_s2=[1, 1.5, 2, 3, 4.5, 6, 8, 10, 14, 20]",
 )
-# Half-width of the differences, as a share of the value: rounding and curvature are both far below what matters.
-_DIFFERENCE = 0.01
+# Half-width of the differences, as a share of the value. The arm stops at the end of a step, so that against its speed
+# or its acceleration the force is a line with corners, some per cent apart: differences reach across a few of them.
+# What is smooth on this width keeps four digits and more.
+_DIFFERENCE = 0.04
+# The same about 0, as a share of the range.
+_OF_RANGE = 0.01
 _PAIR_VALUES = 9
 
 
@@ -256,7 +260,7 @@ def _difference_points(scenario: Scenario, swept: Range) -> list[float]:
     """
     variable = swept.variable
     control, step = variable.value(scenario), variable.quantum(scenario)
-    size = _DIFFERENCE * (abs(control) or swept.high - swept.low)
+    size = _DIFFERENCE * abs(control) or _OF_RANGE * (swept.high - swept.low)
     distances = [-step, 0.0, step] if step else [-size, -size / 2, 0.0, size / 2, size]
     points = []
     for distance in distances:
@@ -272,9 +276,9 @@ def _difference_points(scenario: Scenario, swept: Range) -> list[float]:
 def _derivative(scenario: Scenario, swept: Range, points: pl.DataFrame) -> dict[str, Any]:
     """dF/dx of mean and sd at the control point, by differences of exact laws.
 
-    Over two distances the rest of the curvature is taken out (Richardson); then ``error`` is how much that changed. At
-    the end of what the scenario takes the points of one side do the same. Across one quantum on either side where the
-    key is quantised.
+    Over two distances the rest of the curvature is taken out (Richardson); then ``error`` is how much that changed, and
+    what corners may do to it. At the end of what the scenario takes the points of one side do the same. Across one
+    quantum on either side where the key is quantised.
     """
     variable = swept.variable
     control, quantum = variable.value(scenario), variable.quantum(scenario)
@@ -297,7 +301,9 @@ def _difference(h: FloatArray, y: FloatArray) -> tuple[float, float]:
         return math.nan, math.nan
     if h.size == 5:
         wide, narrow = (y[4] - y[0]) / (h[4] - h[0]), (y[3] - y[1]) / (h[3] - h[1])
-        return float((4 * narrow - wide) / 3), float(abs(narrow - wide))
+        # Of a smooth line next to nothing; a corner anywhere between the points is seen here.
+        corners = (y[0] - 4 * y[1] + 6 * y[2] - 4 * y[3] + y[4]) / h[4]
+        return float((4 * narrow - wide) / 3), float(abs(narrow - wide) + abs(corners))
     slope = _polynomial_slope(h, y)
     if h.size == 2 or (h.size == 3 and h[0] < 0 < h[-1]):
         return slope, math.nan
