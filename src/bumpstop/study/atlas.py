@@ -16,7 +16,9 @@ from bumpstop.collision import Problem, Scenario, evaluate_batch
 from bumpstop.errors import InputError
 from bumpstop.study.arms import Arms
 from bumpstop.study.between_waypoints import cut_at_summits, cut_by_turn
+from bumpstop.study.directions import STANDS, cone_directions, directions_of
 from bumpstop.study.joint_ranges import joint_ranges
+from bumpstop.study.pace import deepest, greatest_pace, least_of_ranges
 from bumpstop.study.risk import allowed_force
 from bumpstop.study.speed_limit import CLOSE, SLOWEST, SpeedLimits, foretold_speed, speed_limits, stop_gain
 from bumpstop.study.study import Study, check_risk
@@ -32,8 +34,6 @@ MOST_POSES = 10_000_000
 _RIM, _SPHERE = 12, 48
 # The trajectory turns its joints more than a straight line would, if by this much.
 _TURNS_MORE = 1.02
-# A tip slower than this stands still, or only turns [m/s].
-_STANDS = 1e-6
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Atlas(Study):
         The formula guesses which it is. Exact laws of all directions at the speed found decide: where one passes what
         is accepted the search goes on in it, until none does.
         """
-        directions = _cone(own, angle, count)
+        directions = cone_directions(own, angle, count)
         if len(directions) == 1:
             return own, speed_limits(self._line, q, own, cap)
         direction = self._foretold_worst(q, directions)
@@ -149,37 +149,6 @@ class Atlas(Study):
         }
 
 
-def _directions(velocity: FloatArray) -> FloatArray:
-    """Unit vectors along velocities of the tip (rows, 3); where it stands, as at the nearest row where it moves."""
-    speed = np.linalg.norm(velocity, axis=1)
-    moves = np.flatnonzero(speed > _STANDS)
-    if not moves.size:
-        raise InputError("motion.file", "the tip does not move", "wanted a trajectory that moves it")
-    rows = np.arange(len(speed))
-    after = np.searchsorted(moves, rows).clip(max=moves.size - 1)
-    before = (after - 1).clip(min=0)
-    nearest = moves[np.where(np.abs(rows - moves[before]) <= np.abs(moves[after] - rows), before, after)]
-    return np.asarray(velocity[nearest] / speed[nearest][:, None])
-
-
-def _cone(direction: FloatArray, angle: float, count: int) -> list[FloatArray]:
-    """The axis (N, 3), then directions in the cone of this half angle [rad] about it."""
-    axis = np.where(np.abs(direction[:, [0]]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    side = np.cross(direction, axis)
-    side /= np.linalg.norm(side, axis=1)[:, None]
-    other = np.cross(direction, side)
-    found = [direction]
-    if angle <= 0:
-        return found
-    # Even over the cap of the sphere, by a spiral of golden angles that ends on the rim.
-    for k in range(count):
-        height = 1 - (1 - math.cos(angle)) * (k + 1) / count
-        turn = k * math.pi * (3 - math.sqrt(5))
-        radius = math.sqrt(max(0.0, 1 - height**2))
-        found.append(height * direction + radius * (math.cos(turn) * side + math.sin(turn) * other))
-    return found
-
-
 @dataclass(frozen=True)
 class TrajectoryAtlas(Atlas):
     """A row for every waypoint: the tool moves on a straight line through it, in the direction it moves there.
@@ -187,6 +156,9 @@ class TrajectoryAtlas(Atlas):
     Where waypoints are far apart there are rows for moments between them too. Rows at which the tip stands still take
     the direction of the nearest one at which it moves. Where the trajectory turns a joint faster, for the speed of its
     tip, than a straight line asks for, the formula with the trajectory's own rates limits the speed too.
+
+    A limit holds for as far as a collision that begins at its row can take: an arm that speeds up right behind a place
+    where it feels little hits as hard as one that is too fast there.
     """
 
     def __post_init__(self) -> None:
@@ -229,7 +201,7 @@ class TrajectoryAtlas(Atlas):
         # A row that is not singular, to check the scenario at: the one that feels a push best.
         row = int(np.linalg.svd(robot.jacobian(rows.position), compute_uv=False)[:, -1].argmax())
         data["pose_rad"] = rows.position[row].tolist()
-        data["motion"]["velocity_mm_s"] = (100 * _directions(self._tip(rows.time))[row]).tolist()
+        data["motion"]["velocity_mm_s"] = (100 * directions_of(self._tip(rows.time))[row]).tolist()
         return Scenario.from_dict(data, self.scenario.folder)
 
     def _tip(self, t: FloatArray) -> FloatArray:
@@ -247,14 +219,14 @@ class TrajectoryAtlas(Atlas):
     @cached_property
     def direction(self) -> FloatArray:
         """Unit vectors (rows, 3)."""
-        return _directions(self.tip_velocity)
+        return directions_of(self.tip_velocity)
 
     def _nearness(self, t: FloatArray) -> FloatArray:
         """Speed of the tip over what the formula allows (N,), at times of the trajectory (N,) [s]."""
         problem, q, velocity = self._line_problem, self.given.at(t), self._tip(t)
         speed = np.linalg.norm(velocity, axis=1)
         # Where the tip stands any direction will do: it is at no limit.
-        own = np.where(speed[:, None] > _STANDS, velocity / np.maximum(speed, _STANDS)[:, None], [1.0, 0.0, 0.0])
+        own = np.where(speed[:, None] > STANDS, velocity / np.maximum(speed, STANDS)[:, None], [1.0, 0.0, 0.0])
         arms = Arms(problem, q, own)
         torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), own)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -262,6 +234,16 @@ class TrajectoryAtlas(Atlas):
         gain = np.nan_to_num(gain, posinf=1e9)
         allowed = foretold_speed(problem, torque, gain, allowed_force(problem), self.scenario.verdict.risk)
         return np.asarray(speed / np.maximum(allowed, SLOWEST))
+
+    @cached_property
+    def _travelled(self) -> FloatArray:
+        """Way of the contact point to every row (rows,) [m]."""
+        from bumpstop.collision.trajectory import point_motion
+
+        time = self.trajectory.time
+        velocity = point_motion(self.given, self.problem.robot, self.problem.contact_point, time)[0]
+        speed = np.linalg.norm(velocity, axis=1)
+        return np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time)))
 
     @property
     def shards(self) -> int:  # noqa: D102
@@ -275,15 +257,19 @@ class TrajectoryAtlas(Atlas):
         cap = np.full(len(rows), self.cap_mm_s / 1e3)
         direction, found = self._in_cone(q, own, math.radians(self.cone_deg), _RIM, cap)
         found = self._turning(rows, own, found)
-        speed = np.linalg.norm(self.tip_velocity[rows], axis=1)
+        speed = np.linalg.norm(self.tip_velocity, axis=1)
+        last = np.searchsorted(self._travelled, self._travelled[rows] + deepest(self._line_problem), side="right") - 1
+        fastest = np.where(
+            (found.by == "turning") | (speed[rows] <= STANDS), speed[rows], -least_of_ranges(-speed, rows, last)
+        )
         return pl.DataFrame(
             {
                 "waypoint": self._waypoint[rows] + 1,
                 "between": self.trajectory.time[rows] != self.given.time[self._waypoint[rows]],
                 "t_s": self.trajectory.time[rows],
-                "speed_mm_s": 1e3 * speed,
+                "speed_mm_s": 1e3 * speed[rows],
                 **self._columns(q, direction, found),
-                "over": speed > found.speed * (1 + 1e-9),
+                "over": fastest > found.speed * (1 + 1e-9),
             }
         )
 
@@ -295,7 +281,7 @@ class TrajectoryAtlas(Atlas):
             gain = stop_gain(problem, self.trajectory.at(self.trajectory.time[rows], 1)) / speed
             straight = stop_gain(problem, Arms(problem, q, own).unlimited_rates(q))
         torque = np.einsum("nij,ni->nj", Arms(problem, q, own).linear_jacobian(q), own)
-        more = (speed > _STANDS) & ~(gain <= _TURNS_MORE * straight)
+        more = (speed > STANDS) & ~(gain <= _TURNS_MORE * straight)
         allowed = foretold_speed(
             problem, torque, np.where(more, gain, 0.0), allowed_force(problem), self.scenario.verdict.risk
         )
@@ -310,15 +296,11 @@ class TrajectoryAtlas(Atlas):
     def pace(self, rows: pl.DataFrame) -> FloatArray:
         """Greatest pace at every row, 0 to 1, with which the whole trajectory keeps to the limits of its rows.
 
-        All 1 where it keeps to them as it is. Else it stays below every limit by as much as the search leaves open, so
-        that what lies between two rows, whose own limits were not looked for, keeps to them too.
+        All 1 where it keeps to them as it is.
         """
         if not rows["over"].any():
             return np.ones(rows.height)
-        limit, speed = rows["limit_mm_s"].to_numpy(), rows["speed_mm_s"].to_numpy()
-        own = np.minimum(1.0, (1 - CLOSE) * limit / np.maximum(speed, 1e3 * _STANDS))
-        beside = np.pad(own, 1, constant_values=1.0)
-        return np.asarray(np.minimum(own, np.minimum(beside[:-2], beside[2:])))
+        return greatest_pace(self._line_problem, self.trajectory, self._travelled, self.direction, rows)
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
         least = rows["limit_mm_s"].arg_min()

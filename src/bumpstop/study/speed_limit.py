@@ -57,13 +57,18 @@ def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit
         limit: force [N].
         accepted: probability of passing it.
     """
+    return speed_of_force(problem, missed(problem, torque, accepted), gain, limit)
+
+
+def speed_of_force(problem: Problem, unnoticed: FloatArray, gain: FloatArray, limit: float) -> FloatArray:
+    """The same with the force (N,) [N] that goes unnoticed given."""
     step, K = problem.scenario.simulation.step_s, problem.stiffness
-    left = np.maximum(0.0, limit - _missed(problem, torque, accepted)) / K
+    left = np.maximum(0.0, limit - unnoticed) / K
     late = (problem.period_steps + problem.latency_steps) * step
     return np.asarray(2 * left / (late + np.sqrt(late**2 + 2 * gain * left)))
 
 
-def _missed(problem: Problem, torque: FloatArray, accepted: float) -> FloatArray:
+def missed(problem: Problem, torque: FloatArray, accepted: float) -> FloatArray:
     """The largest force (N,) [N] that a single tick misses with the accepted probability."""
     from statistics import NormalDist
 
@@ -100,7 +105,7 @@ def speed_limits(
     met, fails = np.zeros(count), np.full(count, np.inf)
     risk = np.full(count, np.nan)
     force_met, force_fails = np.zeros(count), np.full(count, np.inf)
-    silent = _missed(problem, torque, accepted)
+    silent = missed(problem, torque, accepted)
     trial = np.clip(guess, np.minimum(_FIRST, cap), cap)
     open_ = np.flatnonzero(cap >= SLOWEST)
     laws = 0

@@ -1,0 +1,78 @@
+"""How fast a trajectory may be followed where every collision on the way is to keep to the limit of its place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.study.arms import Arms
+from bumpstop.study.directions import STANDS
+from bumpstop.study.risk import allowed_force
+from bumpstop.study.speed_limit import CLOSE, missed, speed_of_force, stop_gain
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision import Problem
+    from bumpstop.collision.trajectory import Trajectory
+
+
+def deepest(problem: Problem) -> float:
+    """How far an arm goes from contact to the force that is allowed [m]."""
+    return allowed_force(problem) / problem.stiffness
+
+
+def greatest_pace(
+    problem: Problem, trajectory: Trajectory, travelled: FloatArray, direction: FloatArray, rows: pl.DataFrame
+) -> FloatArray:
+    """Greatest pace at every row, 0 to 1, at which no collision passes the limit of the row where it begins.
+
+    An arm that feels little at one row and speeds up right behind it hits as hard as one that is too fast there. So
+    a limit holds for the way on which the force may grow to what is allowed. Where joints turn more than a straight
+    line asks for, the force that goes unnoticed does, with the rates that the joints have on that way.
+
+    The pace stays below every limit by as much as the search leaves open, so that what lies between two rows, whose own
+    limits were not looked for, keeps to them too.
+
+    Args:
+        problem: of the atlas's straight lines.
+        trajectory: with a waypoint for every row.
+        travelled: way of the contact point to every row (rows,) [m].
+        direction: of the tip, unit vectors (rows, 3).
+        rows: of the atlas.
+    """
+    limit = rows["limit_mm_s"].to_numpy() / 1e3
+    speed = np.maximum(rows["speed_mm_s"].to_numpy() / 1e3, STANDS)
+    turning = (rows["by"] == "turning").to_numpy()
+    here = np.arange(rows.height)
+    first = (np.searchsorted(travelled, travelled - deepest(problem), side="right") - 1).clip(min=0)
+    lowest = least_of_ranges(np.where(turning, np.inf, limit), first, here)
+    torque = np.einsum(
+        "nij,ni->nj", Arms(problem, trajectory.position, direction).linear_jacobian(trajectory.position), direction
+    )
+    unnoticed = np.where(turning, missed(problem, torque, problem.scenario.verdict.risk), -1.0)
+    most = -least_of_ranges(-unnoticed, first, here)
+    gain = stop_gain(problem, trajectory.at(trajectory.time, 1)) / speed
+    turned = np.where(most < 0, np.inf, speed_of_force(problem, most, gain, allowed_force(problem)))
+    own = np.minimum(1.0, (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned) / speed)
+    beside = np.pad(own, 1, constant_values=1.0)
+    return np.asarray(np.minimum(own, np.minimum(beside[:-2], beside[2:])))
+
+
+def least_of_ranges(values: FloatArray, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64]) -> FloatArray:
+    """The least of ``values[first]`` to ``values[last]``, both among them (ranges,).
+
+    By the least of 1, 2, 4, 8 ... neighbours, of which two cover any range.
+    """
+    level = np.floor(np.log2(last - first + 1)).astype(np.int64)
+    found = np.empty(len(first))
+    least = values
+    for k in range(int(level.max(initial=0)) + 1):
+        if k:
+            least = np.minimum(least[: -(2 ** (k - 1))], least[2 ** (k - 1) :])
+        at = level == k
+        found[at] = np.minimum(least[first[at]], least[last[at] - 2**k + 1])
+    return found
