@@ -58,6 +58,12 @@ def test_an_atlas_without_a_safe_speed_says_that_nothing_is_retimed(tmp_path: Pa
     assert not (tmp_path / "retimed.csv").exists()
 
 
+def test_a_seed_is_refused_where_nothing_is_drawn() -> None:
+    result = run("study", "atlas", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", "--seed", 3)
+    assert (result.status, result.out) == (2, "")
+    assert result.err.startswith("error: --seed: has no meaning with a trajectory")
+
+
 def test_settings_repeat_the_study(tmp_path: Path) -> None:
     first = run("study", "workspace", EXAMPLE, "--json", "--out", tmp_path / "a", *QUICK["workspace"])
     again = run("study", "workspace", tmp_path / "a" / "settings.toml", "--json", "--poses", 20, "--speed-sd", 2)

@@ -184,6 +184,7 @@ def test_a_guide_that_finds_nothing_says_why() -> None:
         (["motion.speed=10:20"], {"pairs": ["motion.speed,contact.area_cm2"]}, "is not varied"),
         (["motion.speed=10:20"], {"prices": ["motion.speed=-1"]}, "is no price"),
         (["motion.speed=10:20"], {"prices": ["motion.speed"]}, "is no price"),
+        (["motion.speed=10:20"], {"prices": ["motion.speed=1", "motion.speed=2"]}, "names 'motion.speed' twice"),
         (["motion.speed=10:20"], {"prices": ["contact.area_cm2=1"]}, "is not varied"),
     ],
 )

@@ -103,6 +103,8 @@ def test_ranges_are_spaced_as_written() -> None:
         ("contact.limits=1:2", "no number"),
         ("contact.padding_N_m=1:2", "has no value"),
         ("detector.thresholds_Nm[8]=1:2", "7 items"),
+        *((f"detector.thresholds_Nm{item}=1:2", "names no item") for item in ("[-1]", "[99999]", "[2][1]", "[]", "[2")),
+        ("contact.area_cm2[x]=1:2", "names no item"),
         ("detector.feedback_period_s=0.001:0.0014", "steps of 0.001"),
         ("contact.area_cm2=-1:2", "contact.area_cm2"),
         ("contact=1:2", "is a table"),

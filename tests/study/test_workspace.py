@@ -276,6 +276,7 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
         (SLOW, {}, "--poses"),
         (SLOW, {"poses": 1, "grid": 1}, "--poses"),
         (SLOW, {"grid": 2, "speed_sd_mm_s": 1.0}, "--speed-sd"),
+        (SLOW, {"grid": 2, "seed": 1}, "--seed"),
         (SLOW, {"poses": 1, "grid_directions": 3}, "--grid-directions"),
         (SLOW, {"poses": 1, "speed_sd_mm_s": -1.0}, "--speed-sd"),
         (SLOW, {"poses": 1, "speed_sd_mm_s": 11.0}, "--speed-sd"),

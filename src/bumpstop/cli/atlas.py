@@ -83,6 +83,8 @@ def atlas(
         return 0
     if poses is not None:
         raise InputError("--poses", "has no meaning with a trajectory", "leave it out")
+    if seed:
+        raise InputError("--seed", "has no meaning with a trajectory, where nothing is drawn", "leave it out")
     return _along(TrajectoryAtlas(checked, cap_mm_s=cap, cone_deg=cone or 0.0), null_space, out, as_json, threads)
 
 

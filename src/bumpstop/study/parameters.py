@@ -111,12 +111,15 @@ class ParameterStudy(Study):
             if pair in found:
                 raise InputError("--pair", f"names {text!r} twice", "name each pair once")
             found.append(pair)
-        priced = []
+        priced: list[Price] = []
         if prices:
             check_risk(scenario)
         for text in prices or []:
             name, _, written = (part.strip() for part in text.partition("="))
-            priced.append(Price.of(varied("--price", name), written))
+            price = Price.of(varied("--price", name), written)
+            if any(price.swept is each.swept for each in priced):
+                raise InputError("--price", f"names {name!r} twice", "name each key once")
+            priced.append(price)
         if found or priced:
             _check_limits(scenario)
         return cls(scenario, ranges, tuple(found), tuple(priced))

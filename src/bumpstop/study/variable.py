@@ -179,6 +179,8 @@ class Variable:
             )
         found = getattr(here, key)
         item = self._item
+        if "[" in self.name and item is None:
+            raise InputError("--vary", f"{self.name!r} names no item", f"items count from 1, e.g. {self.key}[1]")
         if hasattr(type(found), "model_fields"):
             raise InputError("--vary", f"{self.name!r} is a table", f"wanted one of its keys, e.g. {_key_of(key)}")
         if item is not None and not isinstance(found, list):

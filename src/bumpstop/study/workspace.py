@@ -75,6 +75,8 @@ class WorkspaceStudy(Study):
             raise InputError("--grid-directions", "has no meaning without --grid", "leave it out")
         if self.grid and self.speed_sd_mm_s:
             raise InputError("--speed-sd", "has no meaning with --grid, where nothing is drawn", "leave it out")
+        if self.grid and self.seed:
+            raise InputError("--seed", "has no meaning with --grid, where nothing is drawn", "leave it out")
         if not 0 <= self.speed_sd_mm_s < math.inf:
             raise InputError("--speed-sd", f"{self.speed_sd_mm_s:g} cannot be used", "wanted 0 mm/s or more")
         if not 0 <= self.link_radius_mm < math.inf:
