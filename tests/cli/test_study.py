@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 
+from bumpstop.detection.residuals import write_residuals
 from bumpstop.study.study import Study
 from cli.support import EXAMPLE, run, strict_json
 
@@ -62,6 +65,23 @@ def test_a_seed_is_refused_where_nothing_is_drawn() -> None:
     result = run("study", "atlas", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", "--seed", 3)
     assert (result.status, result.out) == (2, "")
     assert result.err.startswith("error: --seed: has no meaning with a trajectory")
+
+
+def test_a_page_says_whether_its_laws_are_exact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bumpstop.collision.law.RESAMPLED_RUNS", 2000)
+    noise = np.random.default_rng(0).normal(0, 1.8, (400, 7))
+    write_residuals(tmp_path / "free.parquet", 0.004 * np.arange(400), noise)
+    text = EXAMPLE.read_text(encoding="utf-8")
+    measured = re.sub("noise_sd_Nm = .*", 'residuals = "free.parquet"', text)
+    (tmp_path / "measured.toml").write_text(measured, encoding="utf-8")
+    for name, scenario in (("exact", EXAMPLE), ("drawn", tmp_path / "measured.toml")):
+        result = run("study", "parameters", scenario, "--vary", "motion.speed=45:55:3", "--out", tmp_path / name)
+        assert (result.status, result.err) == (0, "")
+    exact, drawn = ((tmp_path / name / "report.html").read_text(encoding="utf-8") for name in ("exact", "drawn"))
+    assert "there is no sampling noise" in exact
+    assert "2000 sampled collisions" not in exact
+    assert "there is no sampling noise" not in drawn
+    assert "2000 sampled collisions" in drawn
 
 
 def test_settings_repeat_the_study(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.figure import Figure
 
+    from bumpstop.collision import Scenario
     from bumpstop.study.parameters import ParameterStudy
 
 # Why the source's newtons are not ours, for whoever compares them.
@@ -48,9 +49,22 @@ def pages_of(
         parts.append(GuidePart(summary, study.scenario.verdict.risk))
     notes = [
         "One parameter is changed at a time, all others stay as in the scenario.",
-        "Every figure is of an exact law: there is no sampling noise in curves, fits or derivatives.",
+        _law_note(study.scenario),
     ]
     return "What the peak force depends on", parts, notes
+
+
+def _law_note(scenario: Scenario) -> str:
+    """What the laws behind all figures are."""
+    if scenario.detector.residuals is None:
+        return "Every figure is of an exact law: there is no sampling noise in curves, fits or derivatives."
+    from bumpstop.collision.law import RESAMPLED_RUNS
+
+    return (
+        f"Measured residuals have no exact law: every figure is of {RESAMPLED_RUNS} sampled collisions, drawn from the "
+        "same seed each time. Curves, fits and derivatives have their noise, and the relative errors below do not "
+        "know all of it."
+    )
 
 
 class SweepsPart(Part):
@@ -180,7 +194,7 @@ class DerivativesPart(Part):
         headings = ["parameter", "at", "d mean / dx", "d sd / dx", "unit", "% per %", "how", "the source"]
         found = [
             paragraph(
-                "Differences of exact laws on either side of the scenario's own value. Where a key only takes whole "
+                "Differences of laws on either side of the scenario's own value. Where a key only takes whole "
                 "steps, the difference is across whole steps: between them nothing changes."
             ),
             table(headings, rows, caption="Derivatives at the control point (table 5.4)", numbers=True),
@@ -269,7 +283,7 @@ class GuidePart(Part):
         found = [
             paragraph(
                 f"Now the force that is passed with the accepted probability of {percent(self._risk)} is {ratio} "
-                "times what force and pressure limit allow. Every plan below was checked by its own exact law."
+                "times what force and pressure limit allow. Every plan below was checked by its own law."
             )
         ]
         if guide["reason"]:
