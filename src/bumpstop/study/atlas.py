@@ -245,6 +245,18 @@ class TrajectoryAtlas(Atlas):
         speed = np.linalg.norm(velocity, axis=1)
         return np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time)))
 
+    @cached_property
+    def _speed(self) -> FloatArray:
+        """Of the tip at every row (rows,) [m/s]."""
+        return np.asarray(np.linalg.norm(self.tip_velocity, axis=1))
+
+    @cached_property
+    def _fastest(self) -> FloatArray:
+        """Of the tip from every row on, for as far as a collision that begins there can go (rows,) [m/s]."""
+        way = self._travelled
+        last = np.searchsorted(way, way + deepest(self._line_problem), side="right") - 1
+        return -least_of_ranges(-self._speed, np.arange(len(way)), last)
+
     @property
     def shards(self) -> int:  # noqa: D102
         return math.ceil(len(self.trajectory.time) / SHARD_ROWS)
@@ -257,17 +269,14 @@ class TrajectoryAtlas(Atlas):
         cap = np.full(len(rows), self.cap_mm_s / 1e3)
         direction, found = self._in_cone(q, own, math.radians(self.cone_deg), _RIM, cap)
         found = self._turning(rows, own, found)
-        speed = np.linalg.norm(self.tip_velocity, axis=1)
-        last = np.searchsorted(self._travelled, self._travelled[rows] + deepest(self._line_problem), side="right") - 1
-        fastest = np.where(
-            (found.by == "turning") | (speed[rows] <= STANDS), speed[rows], -least_of_ranges(-speed, rows, last)
-        )
+        speed = self._speed[rows]
+        fastest = np.where((found.by == "turning") | (speed <= STANDS), speed, self._fastest[rows])
         return pl.DataFrame(
             {
                 "waypoint": self._waypoint[rows] + 1,
                 "between": self.trajectory.time[rows] != self.given.time[self._waypoint[rows]],
                 "t_s": self.trajectory.time[rows],
-                "speed_mm_s": 1e3 * speed[rows],
+                "speed_mm_s": 1e3 * speed,
                 **self._columns(q, direction, found),
                 "over": fastest > found.speed * (1 + 1e-9),
             }
