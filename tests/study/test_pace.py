@@ -7,13 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 import bumpstop as bs
+from bumpstop.collision import evaluate_batch
 from bumpstop.study import run
 from bumpstop.study.atlas import TrajectoryAtlas
-from bumpstop.study.pace import least_of_ranges
+from bumpstop.study.pace import least_of_ranges, lowest_between
 from bumpstop.study.retiming import retime
+from bumpstop.study.risk import allowed_force
+from bumpstop.study.speed_limit import speed_limits
 from bumpstop.study.trajectory_writing import write_csv
+from study.atlas_cases import begin, few_rows
 
 
 def waves(seed: int, folder: Path) -> bs.Scenario:
@@ -68,7 +73,7 @@ def test_speeding_up_behind_such_a_place_is_told(tmp_path: Path) -> None:
     """Every row below its own limit is not enough."""
     study = TrajectoryAtlas(waves(78, tmp_path))
     rows, _ = run(study)
-    own = np.minimum(1.0, 0.99 * rows["limit_mm_s"].to_numpy() / np.maximum(rows["speed_mm_s"].to_numpy(), 1e-3))
+    own = np.minimum(1.0, 0.85 * rows["limit_mm_s"].to_numpy() / np.maximum(rows["speed_mm_s"].to_numpy(), 1e-3))
     beside = np.pad(own, 1, constant_values=1.0)
     scenario, moments = slowed(study, np.minimum(own, np.minimum(beside[:-2], beside[2:])), tmp_path)
     assert worst_risk(scenario, moments[1:-1]) > 0.05
@@ -84,3 +89,63 @@ def test_least_of_ranges_is_that_of_slices(count: int) -> None:
     first, last = np.sort(rng.integers(0, count, (2, 60)), axis=0)
     wanted = [values[a : b + 1].min() for a, b in zip(first, last, strict=True)]
     assert np.array_equal(least_of_ranges(values, first, last), wanted)
+
+
+def wander(seed: int, path: Path) -> tuple[TrajectoryAtlas, Any]:
+    """The atlas along a few random waypoints, and the cubics through them."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 8))
+    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.3, 1, count - 1))])
+    q = begin() + np.cumsum(rng.normal(0, 0.12, (count, 7)), axis=0)
+    qd = np.gradient(q, t, axis=0)
+    qd[[0, -1]] = 0
+    given = CubicHermiteSpline(t, q, qd) if seed % 3 else CubicSpline(t, q)
+    return few_rows(path, t, q, qd if seed % 3 else None), given
+
+
+def slowed_atlas(study: TrajectoryAtlas, rows: Any, path: Path) -> tuple[Any, TrajectoryAtlas]:
+    """The slowed trajectory, and the atlas along what was written of it."""
+    slow = retime(study.trajectory, study.pace(rows), study.problem.robot.velocity, study.problem.joint_acceleration)
+    write_csv(path, slow)
+    return slow, TrajectoryAtlas(study.scenario.with_values({"motion.file": str(path)}))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 4, 6, 9])
+def test_slowed_between_few_waypoints_too(seed: int, tmp_path: Path) -> None:
+    study, given = wander(seed, tmp_path / "few.csv")
+    rows, _ = run(study)
+    assert not (rows["limit_mm_s"] == 0).any()
+    slow, again = slowed_atlas(study, rows, tmp_path / "slow.csv")
+    # The waypoints of the file are among the rows, bit for bit, and all rows lie on the file's own path.
+    assert all((slow.position == each).all(axis=1).any() for each in study.given.position)
+    assert np.abs(slow.position - given(slow.path_time)).max() < 1e-12
+    some = np.arange(0, len(again.trajectory.time), 16)
+    speed = np.linalg.norm(again.tip_velocity[some], axis=1)
+    found = speed_limits(again._line, again.trajectory.position[some], again.direction[some], np.full(some.size, 1.0))
+    assert (speed <= found.speed).all()
+
+
+@pytest.mark.parametrize("seed", [4, 41, 58])
+def test_slowed_where_the_limit_has_a_corner_between_two_rows(seed: int, tmp_path: Path) -> None:
+    """Exact laws of straight lines at 3000 moments, most of which no row was near."""
+    study, _ = wander(seed, tmp_path / "few.csv")
+    _, again = slowed_atlas(study, run(study)[0], tmp_path / "slow.csv")
+    times = np.linspace(0, again.given.duration, 3001)[1:-1]
+    velocity = again._tip(times)
+    moves = np.linalg.norm(velocity, axis=1) > 2e-3
+    limit = allowed_force(again._line_problem)
+    laws = evaluate_batch(again._line, again.given.at(times[moves]), velocity[moves], limits_N=[limit])
+    assert laws.exceedance.max() <= again.scenario.verdict.risk
+
+
+def test_values_that_fall_from_both_sides_meet_in_a_corner() -> None:
+    time = np.array([0.0, 0.5, 1.5, 2.0, 3.0])
+    corner = 0.2 + 0.4 * np.abs(time - 1.2)
+    # The corner itself where it is inside, the lower end elsewhere.
+    assert lowest_between(time, corner) == pytest.approx([0.48, 0.2, 0.32, 0.52])
+    # A smooth valley is undercut by little; a cliff by half of what it falls to at most.
+    fine = np.linspace(0, 3, 31)
+    assert 0.5 - 0.002 < lowest_between(fine, 0.5 + 0.1 * (fine - 1.15) ** 2).min() < 0.5
+    assert lowest_between(time, np.array([1.0, 0.2, 0.1, 1.0, 1.0]))[1] == 0.05
+    assert (lowest_between(time, np.ones(5)) == 1).all()
+    assert lowest_between(time[:2], np.array([0.3, 0.7])) == 0.3

@@ -11,8 +11,10 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory import Trajectory
 
-# No joint turns more from one moment to the next [rad or m]: what is safe changes little on the way.
-_TURN = 0.02
+# No joint turns more from one moment to the next [rad or m]: what is safe changes little on the way. Short trajectories
+# are looked at more closely: so many moments cost little.
+_TURN, _LEAST_TURN = 0.02, 0.002
+_MOMENTS = 600
 # Looked at between two moments. Where the arm is nearer to its limit there than at both by more than this share, and
 # not far below it anyway, as many moments are added.
 _LOOKS = 8
@@ -26,8 +28,8 @@ def cut_by_turn(trajectory: Trajectory) -> Trajectory:
     All that these functions return has the same cubics, with velocities, and every row of what is given bit for bit;
     it is what is given where nothing is added.
     """
-    rate = np.abs(trajectory.extremes(1)[1]).max(axis=(1, 2))
-    parts = np.ceil(rate * np.diff(trajectory.time) / _TURN)
+    turns = np.abs(trajectory.extremes(1)[1]).max(axis=(1, 2)) * np.diff(trajectory.time)
+    parts = np.ceil(turns / np.clip(turns.sum() / _MOMENTS, _LEAST_TURN, _TURN))
     return _cut(trajectory, np.maximum(1, parts).astype(np.int64))
 
 

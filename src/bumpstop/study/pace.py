@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from bumpstop.collision.trajectory import Trajectory
 
 
+# Rows that the joints reach by turning no farther keep to a row's limit too [rad or m].
+_BESIDE = 0.02
+
+
 def deepest(problem: Problem) -> float:
     """How far an arm goes from contact to the force that is allowed [m]."""
     return allowed_force(problem) / problem.stiffness
@@ -34,8 +38,8 @@ def greatest_pace(
     a limit holds for the way on which the force may grow to what is allowed. Where joints turn more than a straight
     line asks for, the force that goes unnoticed does, with the rates that the joints have on that way.
 
-    The pace stays below every limit by as much as the search leaves open, so that what lies between two rows, whose own
-    limits were not looked for, keeps to them too.
+    The pace stays below every limit by as much as the search leaves open, and for some way on both sides of its row. It
+    stays below what lies between two rows, whose own limits were not looked for, as far as the rows beside them tell.
 
     Args:
         problem: of the atlas's straight lines.
@@ -44,8 +48,10 @@ def greatest_pace(
         direction: of the tip, unit vectors (rows, 3).
         rows: of the atlas.
     """
-    limit = rows["limit_mm_s"].to_numpy() / 1e3
     speed = np.maximum(rows["speed_mm_s"].to_numpy() / 1e3, STANDS)
+    limit = rows["limit_mm_s"].to_numpy() / 1e3
+    share = _least_beside(lowest_between(trajectory.time, np.minimum(1.0, limit / speed)))
+    limit = np.where(share < 1, np.minimum(limit, share * speed), limit)
     turning = (rows["by"] == "turning").to_numpy()
     here = np.arange(rows.height)
     first = (np.searchsorted(travelled, travelled - deepest(problem), side="right") - 1).clip(min=0)
@@ -58,8 +64,31 @@ def greatest_pace(
     gain = stop_gain(problem, trajectory.at(trajectory.time, 1)) / speed
     turned = np.where(most < 0, np.inf, speed_of_force(problem, most, gain, allowed_force(problem)))
     own = np.minimum(1.0, (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned) / speed)
-    beside = np.pad(own, 1, constant_values=1.0)
-    return np.asarray(np.minimum(own, np.minimum(beside[:-2], beside[2:])))
+    turned_yet = np.append(0.0, np.cumsum(np.abs(np.diff(trajectory.position, axis=0)).max(axis=1)))
+    first = np.minimum(np.searchsorted(turned_yet, turned_yet - _BESIDE), here - 1).clip(min=0)
+    last = np.maximum(np.searchsorted(turned_yet, turned_yet + _BESIDE, side="right") - 1, here + 1)
+    return least_of_ranges(own, first, last.clip(max=here[-1]))
+
+
+def lowest_between(time: FloatArray, value: FloatArray) -> FloatArray:
+    """What values (N,) at times (N,) come down to between each two of them (N - 1,).
+
+    Where they fall from both sides they go on so until they meet, but never by more than half of the lower one: limits
+    have corners there, where another joint or tick begins to count. Else it is the lower of the two.
+    """
+    step = np.diff(time)
+    fall = -np.diff(value) / step
+    lower = np.minimum(value[:-1], value[1:])
+    before, after = np.pad(fall[:-1], (1, 0)), np.pad(-fall[1:], (0, 1))
+    falls = (before > 0) & (after > 0)
+    before, after = np.where(falls, before, 1.0), np.where(falls, after, 1.0)
+    met = (before * value[1:] + after * value[:-1] - before * after * step) / (before + after)
+    return np.asarray(np.where(falls, np.clip(met, 0.5 * lower, lower), lower))
+
+
+def _least_beside(between: FloatArray) -> FloatArray:
+    """At every row (N,) the lower of the values between it and its neighbours (N - 1,)."""
+    return np.asarray(np.minimum(np.append(between, np.inf), np.append(np.inf, between)))
 
 
 def least_of_ranges(values: FloatArray, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64]) -> FloatArray:
