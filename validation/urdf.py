@@ -15,7 +15,7 @@ from validation.findings import Findings
 
 TITLE = "Spoilt URDF files"
 SEED = 1
-# No file of this size has any business taking longer.
+# Of one processor, so that a busy machine is no fault. No file of this size has any business taking longer.
 MOST_SECONDS = 1.0
 # Files other than the small one, one in so many.
 RANDOM_EVERY = 10
@@ -37,13 +37,13 @@ def compare(findings: Findings, *, quick: bool) -> None:
         for number in range(count):
             source = random_urdf(rng, side_joints=True) if number % RANDOM_EVERY == 0 else ARM
             text = spoilt(source, choose.randrange)
-            begin = time.perf_counter()
+            begin = time.process_time()
             try:
                 sound += survives(text, folder)
             except Exception as error:
                 traceback.print_exc()
                 failures.append(f"file {number}: {type(error).__name__}: {error}")
-            slowest = max(slowest, time.perf_counter() - begin)
+            slowest = max(slowest, time.process_time() - begin)
             if (number + 1) % 20_000 == 0:
                 findings.progress(f"{number + 1} files, {sound} sound, {len(failures)} failures")
     findings.check(
