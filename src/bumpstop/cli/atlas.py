@@ -117,8 +117,8 @@ def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: 
         return "Safe speed along a trajectory", parts, _NOTES
 
     def lines(summary: dict[str, Any]) -> list[str]:
-        none = summary["none_safe"]
-        unsafe = [f"at {none} of them no speed is safe, so there is no slower trajectory"] if none else []
+        none, places = summary["none_safe"], summary["waypoints"] + summary["moments_between"]
+        unsafe = [f"at {none} of {places} places no speed is safe, so there is no slower trajectory"] if none else []
         over, moments = summary["over_between"], summary["moments_between"]
         between = [f"between them the arm is faster than is safe at {over} of {moments} moments"] if moments else []
         return [
