@@ -270,7 +270,8 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         (lambda: with_payload(robot, 1.0, (0, 1e300, 0)), "payload.center: is .* m; wanted at most 100"),
         (lambda: identify_joint_model(log, robot, known={ELBOW: {"B": 0.0}}), "B: is 0; wanted 1e-09 to"),
         (lambda: identify_joint_model(log, robot, known={ELBOW: {"A": 1e300}}), r"A: is 1e\+300; wanted -1e\+09 to"),
-        (lambda: identify_joint_model(log, robot, known={ELBOW: {"F": 1e9}}), r"F: is 1e\+09; wanted 0 to 10"),
+        (lambda: identify_joint_model(log, robot, known={ELBOW: {"F": 1e9}}), r"F: is 1e\+09; wanted 0 to 3"),
+        (lambda: identify_joint_model(log, robot, known={ELBOW: {"F": 5.0}}), r"F: is 5; wanted 0 to 3"),
     ):
         with pytest.raises(bs.InputError, match=message):
             problem()

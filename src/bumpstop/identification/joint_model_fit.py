@@ -13,14 +13,14 @@ from bumpstop.identification.drive_rows import DriveRows, drive_rows
 from bumpstop.identification.drive_settings import choose_settings
 from bumpstop.identification.joint_fit import JointFit, fit_joint
 from bumpstop.identification.motion import GRAVITY
-from bumpstop.joint.model import OF_FRICTION, OF_MAP, JointTorqueModel
+from bumpstop.joint.model import BOUNDS, OF_FRICTION, OF_MAP, JointTorqueModel
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-# Parameters that are given: no drive comes near these ends, and what is worked out of them are numbers.
-_KNOWN_RANGE = {"B": (1e-9, 1e9), "F": (0.0, 10.0)}
+# No parameter that is given comes near these ends, and what is worked out of them are numbers.
+_LEAST_GAIN, _LARGEST = 1e-9, 1e9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,7 +158,8 @@ def _known(known: Mapping[str, Mapping[str, float]], arm: Robot) -> dict[str, di
                 raise InputError(f"known.{joint}.{name}", "is no parameter", near_matches(name, sorted(parameters)))
             if not math.isfinite(value):
                 raise InputError(f"known.{joint}.{name}", f"is {value}", "wanted a finite number")
-            low, high = _KNOWN_RANGE.get(name, (-1e9, 1e9))
+            low, high = BOUNDS.get(name, (-_LARGEST, _LARGEST))
+            low, high = max(low, _LEAST_GAIN) if name == "B" else low, min(high, _LARGEST)
             if not low <= value <= high:
                 raise InputError(f"known.{joint}.{name}", f"is {value:g}", f"wanted {low:g} to {high:g}")
         found[joint] = dict(values)

@@ -40,7 +40,7 @@ OF_FRICTION = {
 }
 COMMON = ("hysteresis", "inertia")
 # What a parameter may be; those not listed may be any finite number.
-_BOUNDS = {
+BOUNDS = {
     "B": (0.0, math.inf),
     "D": (0.0, math.inf),
     "F": (0.0, 3.0),
@@ -150,7 +150,7 @@ class JointParameters:
                 raise InputError(where, "is unknown", f"only {' and '.join(COMMON)}, and B of a linear map, may be")
             return
         value = as_number(parameter.value, f"{where}.value")
-        low, high = _BOUNDS.get(name, (-math.inf, math.inf))
+        low, high = BOUNDS.get(name, (-math.inf, math.inf))
         if not low <= value <= high:
             limits = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
             raise InputError(f"{where}.value", f"is {parameter.value}", f"wanted {limits}")
