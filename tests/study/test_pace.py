@@ -149,3 +149,38 @@ def test_values_that_fall_from_both_sides_meet_in_a_corner() -> None:
     assert lowest_between(time, np.array([1.0, 0.2, 0.1, 1.0, 1.0]))[1] == 0.05
     assert (lowest_between(time, np.ones(5)) == 1).all()
     assert lowest_between(time[:2], np.array([0.3, 0.7])) == 0.3
+
+
+# Joints that make the arm singular where they are straight: the wrist of a UR, the elbow of an arm without offsets.
+@pytest.mark.parametrize(
+    ("robot", "pose_deg", "joint"),
+    [("ur10e", [0, -80, -100, -90, 0, 0], 4), ("iiwa14", [10, 40, 20, 0, 30, 60, 0], 3)],
+)
+@pytest.mark.parametrize(("passes", "end"), [(True, 0.5), (False, -0.1)])
+def test_no_speed_is_safe_where_a_trajectory_passes_a_singularity(
+    robot: str, pose_deg: list[float], joint: int, passes: bool, end: float, tmp_path: Path
+) -> None:
+    q = np.radians(np.tile(pose_deg, (2, 1)))
+    q[:, joint] = [-0.7, end]
+    q[:, 0] += [0, 0.1]
+    dof = q.shape[1]
+    rows = np.column_stack([[0.0, 2.0], q, np.zeros((2, dof))])
+    names = ["t", *(f"{kind}_{j + 1}" for kind in ("q", "qd") for j in range(dof))]
+    np.savetxt(tmp_path / "t.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    study = TrajectoryAtlas(
+        bs.Scenario.from_dict(
+            {
+                "robot": robot,
+                "motion": {"kind": "trajectory", "file": str(tmp_path / "t.csv")},
+                "contact": {"body": "hand_finger", "area_cm2": 2.0},
+                "detector": {"thresholds_Nm": [8.0] * dof, "noise_sd_Nm": [0.5] * dof},
+                "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 10.0},
+            }
+        )
+    )
+    found, _ = run(study)
+    singular = np.flatnonzero(found["by"] == "singularity")
+    angle = found[f"q_{joint + 1}"].to_numpy()
+    last_before = int((angle < 0).sum()) - 1
+    assert singular.tolist() == ([last_before, last_before + 1] if passes else [])
+    assert (found["limit_mm_s"].to_numpy()[singular] == 0).all()

@@ -21,6 +21,7 @@ _COUNTED = {
     "turning": "joints that turn more than on a straight line",
     "cap": "the highest speed looked at",
     "none": "no speed is safe",
+    "singularity": "the trajectory passes a singularity: no speed is safe",
 }
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -31,15 +32,10 @@ class Arms:
 
         Velocity limits are not looked at. Not finite where the pose is singular and motion.damping is 0.
         """
-        problem, robot = self.problem, self.problem.robot
-        motion = problem.scenario.motion
-        free = [j for j in range(robot.dof) if j not in problem.held]
-        link, point = robot.frame(None)
-        jacobian = robot.chain.jacobians(np.ascontiguousarray(q), link, point)[:, :, free]
-        wanted = np.zeros((len(q), 6))
+        motion, free = self.problem.scenario.motion, self._free
+        jacobian = self._task_jacobian(q)
+        wanted = np.zeros((len(q), jacobian.shape[1]))
         wanted[:, :3] = self.velocity
-        if motion.task == "position":
-            jacobian, wanted = jacobian[:, :3], wanted[:, :3]
         gram = jacobian @ jacobian.transpose(0, 2, 1) + motion.damping**2 * np.eye(jacobian.shape[1])
         rates = np.zeros_like(q)
         if jacobian.shape[1] == jacobian.shape[2] and motion.damping == 0:
@@ -47,6 +43,26 @@ class Arms:
         else:
             rates[:, free] = np.einsum("nij,ni->nj", jacobian, _solve(gram, wanted))
         return rates
+
+    def passes_singularity(self, q: FloatArray) -> npt.NDArray[np.bool_]:
+        """Whether a singularity lies on the way from each of the poses ``q`` (N, dof) to the next (N - 1,).
+
+        By the sign of det(J J_next'), which is positive for poses close together. An arm with as many joints as its
+        task has rows turns it over where it passes a singularity; one with more goes round most of them, and turns it
+        over where it comes nearer to one than the poses lie apart.
+        """
+        jacobian = self._task_jacobian(q)
+        return np.asarray(np.linalg.det(jacobian[:-1] @ jacobian[1:].transpose(0, 2, 1)) <= 0)
+
+    @property
+    def _free(self) -> list[int]:
+        return [j for j in range(self.problem.robot.dof) if j not in self.problem.held]
+
+    def _task_jacobian(self, q: FloatArray) -> FloatArray:
+        """Of the tip over the joints that move (N, 6 or 3, free): linear, then angular where the tip is not to turn."""
+        link, point = self.problem.robot.frame(None)
+        jacobian = self.problem.robot.chain.jacobians(np.ascontiguousarray(q), link, point)[:, :, self._free]
+        return np.asarray(jacobian[:, :3] if self.problem.scenario.motion.task == "position" else jacobian)
 
     def linear_jacobian(self, q: FloatArray) -> FloatArray:
         """J_v of the contact point, base frame (N, 3, dof)."""

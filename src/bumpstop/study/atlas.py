@@ -257,6 +257,13 @@ class TrajectoryAtlas(Atlas):
         last = np.searchsorted(way, way + deepest(self._line_problem), side="right") - 1
         return -least_of_ranges(-self._speed, np.arange(len(way)), last)
 
+    @cached_property
+    def _at_singularity(self) -> npt.NDArray[np.bool_]:
+        """Rows (rows,) beside a singularity that the trajectory passes: no straight line through it can be followed."""
+        position = self.trajectory.position
+        passes = Arms(self._line_problem, position, self.direction).passes_singularity(position)
+        return np.asarray(np.append(passes, False) | np.append(False, passes))
+
     @property
     def shards(self) -> int:  # noqa: D102
         return math.ceil(len(self.trajectory.time) / SHARD_ROWS)
@@ -268,7 +275,7 @@ class TrajectoryAtlas(Atlas):
         q, own = self.trajectory.position[rows], self.direction[rows]
         cap = np.full(len(rows), self.cap_mm_s / 1e3)
         direction, found = self._in_cone(q, own, math.radians(self.cone_deg), _RIM, cap)
-        found = self._turning(rows, own, found)
+        found = self._turning(rows, own, found).none_at(self._at_singularity[rows], "singularity")
         speed = self._speed[rows]
         fastest = np.where((found.by == "turning") | (speed <= STANDS), speed, self._fastest[rows])
         return pl.DataFrame(

@@ -34,7 +34,7 @@ class SpeedLimits:
         speed: of the tip (N,) [m/s].
         risk: probability of passing a limit at that speed, by the exact law; NaN where ``speed`` is 0.
         by: (N,) what holds it down: ``"law"``, ``"turning"`` (joints that turn faster than a straight line asks for),
-            ``"cap"`` or ``"none"`` (no speed is safe).
+            ``"cap"``, ``"none"`` (no speed is safe) or ``"singularity"`` (nor is any where a trajectory passes one).
         laws: exact laws worked out.
     """
 
@@ -42,6 +42,11 @@ class SpeedLimits:
     risk: FloatArray
     by: npt.NDArray[np.str_]
     laws: int
+
+    def none_at(self, rows: npt.NDArray[np.bool_], why: str) -> SpeedLimits:
+        """The same but that no speed is safe at some rows (N,)."""
+        speed, risk = np.where(rows, 0.0, self.speed), np.where(rows, np.nan, self.risk)
+        return SpeedLimits(speed, risk, np.where(rows, why, self.by), self.laws)
 
 
 def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float) -> FloatArray:
