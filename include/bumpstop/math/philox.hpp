@@ -14,7 +14,7 @@ inline std::int64_t multiply_low_words(std::int64_t a, std::uint32_t b) {
 }
 template <int N>
 IntLanes<N> multiply_low_words(IntLanes<N> a, std::uint32_t b) {
-    const typename Register<N>::Int factor = typename Register<N>::Int{} + std::int64_t(b);
+    [[maybe_unused]] const typename Register<N>::Int factor = typename Register<N>::Int{} + std::int64_t(b);
 #if defined(__AVX512F__)
     if constexpr (N == 8)
         return IntLanes<N>::of(
