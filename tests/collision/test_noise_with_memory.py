@@ -86,6 +86,46 @@ def test_observer_without_noise_detects_at_the_tick_its_filter_says(gain: float)
     np.testing.assert_array_equal(drawn.runs["tick"], tick)
 
 
+def narrow_observer(**changes: Any) -> bs.Scenario:
+    """An observer that takes several ticks to see what is there, and no noise worth the name."""
+    return control_group(
+        contact__offset_law="uniform",
+        motion__velocity_mm_s=[0, 0, -100],
+        detector__residual="observer",
+        detector__observer_gain_1_s=20.0,
+        detector__feedback_period_s=0.02,
+        **changes,
+    )
+
+
+@pytest.mark.parametrize("noise_sd", [0.0, 1e-3])
+def test_observer_almost_without_noise_against_every_offset_by_itself(noise_sd: float) -> None:
+    """The tick of detection leaps from one to the next where the filtered residual passes the threshold."""
+    law = bs.evaluate(narrow_observer(detector__noise_sd_Nm=noise_sd))
+    curve, problem = law.curve, law.problem
+    offset = (np.arange(1_000_000) + 0.5) / 1_000_000 * problem.offset_size
+    kept = math.exp(-20.0 * 0.02)
+    residual, tick = np.zeros((offset.size, 7)), np.full(offset.size, -1)
+    for k, (distance, torque) in enumerate(zip(curve.tick_distance, curve.torque_per_newton, strict=True)):
+        force = problem.stiffness * np.maximum(0, distance - offset)
+        residual = kept * residual + (1 - kept) * torque * force[:, None]
+        tick[(tick < 0) & (np.abs(residual) > problem.thresholds).any(axis=1)] = k
+    assert np.unique(tick).size > 1
+    at_detection = problem.stiffness * (curve.tick_distance[tick] - offset)
+    peak = problem.stiffness * (curve.farthest[tick] - offset)
+    assert law.force_at_detection.mean == pytest.approx(at_detection.mean(), rel=2e-5)
+    assert law.peak_force.mean == pytest.approx(peak.mean(), rel=1e-5)
+    assert law.peak_force.exceedance(400.0) == pytest.approx((peak > 400).mean(), abs=1e-4)
+
+
+def test_observer_almost_without_noise_of_a_free_body_has_converged() -> None:
+    scenario = narrow_observer(detector__noise_sd_Nm=0.0, contact__kind="free", contact__body_mass_kg=60.0)
+    coarse, fine = bs.evaluate(scenario), bs.evaluate(scenario, refinement=3)
+    assert coarse.undetected_probability == 0
+    assert coarse.force_at_detection.mean == pytest.approx(fine.force_at_detection.mean, rel=1e-8)
+    assert coarse.peak_force.mean == pytest.approx(fine.peak_force.mean, rel=1e-8)
+
+
 def test_a_faster_observer_hits_more_softly() -> None:
     means = [
         bs.evaluate(control_group(detector__residual="observer", detector__observer_gain_1_s=gain)).peak_force.mean

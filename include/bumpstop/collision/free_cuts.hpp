@@ -39,13 +39,13 @@ class FreeCuts {
     /// The undetected collision with one body.
     struct Probe {
         double offset = 0;
-        double parted = HUGE_VAL;   // after the start of the motion, in steps
-        int first = 0;              // tick
-        std::vector<double> force;  // from the first tick on [N]
+        double parted = HUGE_VAL;      // after the start of the motion, in steps
+        int first = 0;                 // tick
+        std::vector<double> residual;  // [tick from the first on][watched joint], without noise
 
-        double at_tick(int k) const {
-            const std::size_t i = std::size_t(k - first);
-            return k >= first && i < force.size() ? force[i] : 0.0;
+        double at_tick(int k, int w, int watched) const {
+            const std::size_t i = std::size_t(k - first) * std::size_t(watched) + std::size_t(w);
+            return k >= first && i < residual.size() ? residual[i] : 0.0;
         }
     };
 
@@ -62,10 +62,20 @@ class FreeCuts {
         const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
         for (; i < paths_.last_step() && !(state.parted > 0.5); ++i) {
             impact_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset, 1.0);
-            if (i % paths_.period == 0) made.force.push_back(state.compression * body_.stiffness);
+            if (narrow_ != nullptr && i % paths_.period == 0)
+                feel(made, i / paths_.period, state.compression * body_.stiffness);
         }
         if (state.parted > 0.5) made.parted = touch + state.since / paths_.step;
         return made;
+    }
+
+    void feel(Probe& made, int k, double force) const {
+        const LinePath& path = *paths_.path;
+        if (k >= path.ticks) return;
+        for (int w = 0; w < narrow_->watched; ++w) {
+            const double a = path.torque_per_N[std::size_t(k * path.dof + narrow_->joint[w])];
+            made.residual.push_back(narrow_->filtered(made.at_tick(k - 1, w, narrow_->watched), a * force));
+        }
     }
 
     /// The step in which contact ends, with the path at the latest.
@@ -96,15 +106,13 @@ class FreeCuts {
 
     /// Where the residual of a joint passes its threshold at tick k, and twice to eight standard deviations about it.
     void pass(int w, int k, const Probe& low, const Probe& high, std::vector<double>& cuts) const {
-        const double a =
-            paths_.path->torque_per_N[std::size_t(k) * std::size_t(paths_.path->dof) + std::size_t(narrow_->joint[w])];
-        const double slope = (high.at_tick(k) - low.at_tick(k)) / (high.offset - low.offset);
-        const double width = narrow_->sd[w] / std::fabs(a * slope);
+        auto residual = [&](const Probe& at) { return at.at_tick(k, w, narrow_->watched); };
+        const double slope = (residual(high) - residual(low)) / (high.offset - low.offset);
+        const double width = narrow_->sd[w] / std::fabs(slope);
         for (double side : {-1.0, 1.0}) {
-            const double force = (side * narrow_->threshold[w] - narrow_->mean[w]) / a;
-            if (!(force > 0) || !std::isfinite(force)) continue;
-            if ((low.at_tick(k) > force) == (high.at_tick(k) > force)) continue;
-            const double at = root(low, high, [&](const Probe& body) { return body.at_tick(k) - force; });
+            const double limit = side * narrow_->threshold[w] - narrow_->mean[w];
+            if ((residual(low) > limit) == (residual(high) > limit)) continue;
+            const double at = root(low, high, [&](const Probe& body) { return residual(body) - limit; });
             cuts.push_back(at);
             for (int n = 2; n <= 8 && width > 0 && std::isfinite(width); n += 2) {
                 cuts.push_back(at - n * width);

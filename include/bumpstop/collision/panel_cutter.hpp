@@ -306,12 +306,16 @@ class PanelCutter {
         for (int w = 0; w < detector_.watched; ++w) {
             for (double side : {-1.0, 1.0}) {
                 bool passed = false;
+                const double limit = side * detector_.threshold[w] - detector_.mean[w];
+                double at_zero = 0, slope = 0;  // the noiseless residual is at_zero - slope o
                 for (int k = first; k < path.ticks && !passed; ++k) {
-                    const double a = path.torque_per_N[std::size_t(k) * path.dof + detector_.joint[w]];
-                    const double force = (side * detector_.threshold[w] - detector_.mean[w]) / a;
-                    if (!(force > 0) || !std::isfinite(force)) continue;
-                    const double at = s_tick(k) - force / settings_.stiffness;
-                    const double width = detector_.sd[w] / (std::fabs(a) * settings_.stiffness);
+                    const double stiffness =
+                        path.torque_per_N[std::size_t(k) * path.dof + detector_.joint[w]] * settings_.stiffness;
+                    at_zero = detector_.filtered(at_zero, stiffness * s_tick(k));
+                    slope = detector_.filtered(slope, stiffness);
+                    if (!(limit * slope > 0)) continue;
+                    const double at = (at_zero - limit) / slope;
+                    const double width = detector_.sd[w] / std::fabs(slope);
                     // Once even the nearest offset is far past its transition, later ticks see none.
                     passed = at - 12 * width > high;
                     for (int n = -8; n <= 8; n += 2) {
