@@ -170,6 +170,27 @@ def test_resampled_gaussian_noise_gives_back_the_gaussian_law(tmp_path: Path) ->
     np.testing.assert_allclose(drawn.trigger_joint_probability, exact.trigger_joint_probability, atol=0.01)
 
 
+@pytest.mark.parametrize("gain", [None, 40.0])
+def test_residuals_that_lean_away_from_the_contact_are_followed_until_it_is_noticed(
+    tmp_path: Path, gain: float | None
+) -> None:
+    """A residual that is 9 Nm off hides a contact far longer than the spread of the rows tells."""
+    lean = np.array([0, 9.0, 0, 0, 0, 0, 0])
+    sd = np.full(7, 0.5)
+    soft: dict[str, Any] = {"contact__offset_law": "uniform", "contact__stiffness_N_m": 5600.0}
+    if gain is not None:
+        soft |= {"detector__residual": "observer", "detector__observer_gain_1_s": gain}
+    for sign in (-1, 1):
+        rows = sign * lean + correlated_rows(20_000, 0.0, sd, seed=7)
+        law = bs.evaluate(with_record(record_file(tmp_path, rows), **soft), samples=20_000, seed=1)
+        gauss = bs.evaluate(
+            control_group(detector__noise_sd_Nm=list(sd), detector__noise_mean_Nm=list(sign * lean), **soft)
+        )
+        assert law.undetected_probability == 0
+        assert law.peak_force.mean == pytest.approx(gauss.peak_force.mean, rel=0.01)
+        assert law.peak_force.quantile(0.99) == pytest.approx(gauss.peak_force.quantile(0.99), rel=0.01)
+
+
 def test_resampling_keeps_rows_whole_and_in_order(tmp_path: Path) -> None:
     rows = np.random.default_rng(1).normal(size=(500, 7))
     path = record_file(tmp_path, rows)
