@@ -126,6 +126,22 @@ def test_observer_almost_without_noise_of_a_free_body_has_converged() -> None:
     assert coarse.peak_force.mean == pytest.approx(fine.peak_force.mean, rel=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("threshold", "correlation", "sd"),
+    [
+        (1e-3, 0.0, [3.18, 0.39, 3.57, 1.71, 5.97, 0.45, 4.59]),
+        (1e-6, 0.6, [3.28, 1.88, 6.08, 4.25, 0.37, 4.82, 0.41]),
+    ],
+)
+def test_detectors_that_always_alarm_have_a_law(threshold: float, correlation: float, sd: list[float]) -> None:
+    """Probabilities of seven joints that all but surely alarm are added up, and rounding may take them above one."""
+    changes: dict[str, Any] = {"detector__thresholds_Nm": [threshold] * 7, "detector__noise_sd_Nm": sd}
+    law = bs.evaluate(fixed(1.0, detector__noise_correlation=correlation, **changes))
+    assert law.false_alarm_probability == 1
+    silent = 1 - 2 * stats.norm.sf(threshold / np.array(sd))
+    np.testing.assert_allclose(1 - law.trigger_joint_probability, silent, rtol=1e-4)
+
+
 def test_a_faster_observer_hits_more_softly() -> None:
     means = [
         bs.evaluate(control_group(detector__residual="observer", detector__observer_gain_1_s=gain)).peak_force.mean

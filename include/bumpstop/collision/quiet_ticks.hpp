@@ -18,6 +18,8 @@ struct IdleTick {
         silent *= joint.silent;
         single[w] = joint.alarm;
     }
+    /// Never from one minus what rounding may have put above one.
+    double log_silent() const { return alarm < 0.5 ? std::log1p(-alarm) : std::log(silent); }
 };
 
 class QuietTicks {
@@ -28,7 +30,7 @@ class QuietTicks {
         if (detector.correlation != 0) {
             remember(ticks);
         } else {
-            const double log_silent = std::log1p(-white_.alarm);
+            const double log_silent = white_.log_silent();
             for (int k = 0; k < ticks; ++k) log_silence_[k + 1] = log_silence_[k] + (armed(k) ? log_silent : 0.0);
         }
     }
@@ -99,7 +101,7 @@ class QuietTicks {
             }
             // Later ticks share the last density there is.
             for (std::size_t m = 0; m < memory_.size() && !settled; ++m) density_[m].push_back(now[m]);
-            log_silence_[k + 1] = log_silence_[k] + std::log1p(-idle.alarm);
+            log_silence_[k + 1] = log_silence_[k] + idle.log_silent();
         }
         if (ticks > 0) idle_[std::size_t(ticks)] = idle_[std::size_t(ticks) - 1];
     }
