@@ -260,6 +260,23 @@ def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> 
     assert found.value == pytest.approx(1e-3 * (least - 1))
 
 
+def test_every_shorter_feedback_period_is_met_where_the_last_ticks_decide() -> None:
+    """A motion too short for every body to be noticed: how long before its end the last tick falls is a sawtooth."""
+    case = control_group(
+        motion__duration_s=0.3,
+        contact__body="hand_finger",
+        contact__area_cm2=20.0,
+        contact__stiffness_N_m=5600.0,
+        detector__thresholds_Nm=[5, 3, 5, 5, 5, 5, 5],
+        detector__noise_sd_Nm=0.6,
+        verdict__risk=0.02,
+    )
+    vary = "detector.feedback_period_s"
+    fails = [ms for ms in range(1, 61) if over(case, vary, ms / 1000) > 0.02]
+    assert over(case, vary, 0.059) < 0.02 < over(case, vary, 0.05)
+    assert require(case, vary, low=0.001, high=0.06).value == pytest.approx((fails[0] - 1) / 1000)
+
+
 def test_a_risk_that_no_value_meets_is_told_closely() -> None:
     """From rest, where risks far from the accepted one are only bounded while values are looked for."""
     changes = {

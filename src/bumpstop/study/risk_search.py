@@ -119,9 +119,11 @@ class RiskSearch:
 
     def _refine_teeth(self, met: float, fails: float | None) -> tuple[float, float | None]:
         """Look below the first failure, or the harsh end, for earlier ones, where the risk is a sawtooth."""
-        if not is_sawtooth(self.scenario):
-            return met, fails
         last = self.harshest if fails is None else fails
+        # Whether a collision is noticed before the motion ends hangs on where the last ticks fall.
+        last_ticks_decide = self.quantum is not None and self.risk(last).undetected > _SOME_RISK * self.accepted
+        if not (last_ticks_decide or is_sawtooth(self.scenario)):
+            return met, fails
         while True:
             candidates = self._with_summits(self._on_teeth(last))
             first = next((i for i, candidate in enumerate(candidates) if not self._met(candidate)), None)
