@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bumpstop import InputError, Robot
+from bumpstop.model import Joint
 from bumpstop.recording import Recording
 from bumpstop.recording.checks import _disorder
 from recording.cases import COLUMNS, lines, recording, written
@@ -161,6 +162,24 @@ def test_degrees_for_radians(tmp_path: Path) -> None:
         "position": {"columns": [f"q_{j}" for j in range(1, 8)], "unit": "deg"},
     }
     assert Recording.load(path, robot=robot, columns=columns).q[0, 0] == pytest.approx(np.pi / 2)
+
+
+def test_millimetres_for_metres(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    joints = (
+        Joint(name="x", link="carriage", kind="prismatic", lower=0.0, upper=2.0, velocity=1.0),
+        Joint(name="c", link="wrist", lower=-3.0, upper=3.0, velocity=2.0),
+    )
+    t = np.arange(100) * 0.01
+    q = np.column_stack([1000 + 500 * np.sin(t), np.cos(t)])
+    Recording(t=t, q=q).save(path)
+    hint = r'millimetres taken for metres; position = \{ ..., unit = \["mm", "rad"\] \} in the column file'
+    with pytest.raises(InputError, match=hint):
+        Recording.load(path, robot=Robot(name="gantry", joints=joints))
+    # Of a robot that only slides one unit is that of all.
+    Recording(t=t, q=q[:, :1]).save(path)
+    with pytest.raises(InputError, match=r'millimetres taken for metres; .* unit = "mm" \}'):
+        Recording.load(path, robot=Robot(name="rail", joints=joints[:1]))
 
 
 def test_milliseconds_and_milliamperes_are_suspected(tmp_path: Path) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.io
 
 from bumpstop import InputError, Robot
+from bumpstop.model import Joint
 from bumpstop.recording import Recording
 from recording.cases import COLUMNS, JOINTS, lines, recording, written
 
@@ -50,6 +52,76 @@ def test_windows_lines_comments_and_blank_lines(tmp_path: Path) -> None:
     assert found.report.rows_read == 3
     path.write_text("# t q_1\n0 1\n1 2\n")
     assert Recording.load(path).q[:, 0].tolist() == [1, 2]
+
+
+SCARA = Robot(
+    name="scara",
+    joints=(
+        Joint(name="shoulder", link="upper", lower=-2.3, upper=2.3, velocity=6.0),
+        Joint(name="quill", link="quill", kind="prismatic", lower=-0.2, upper=0.0, velocity=1.1),
+    ),
+)
+
+
+def test_a_unit_for_each_column(tmp_path: Path) -> None:
+    """A robot that turns and slides is logged in degrees and millimetres."""
+    q = np.column_stack([np.linspace(-1, 1, 50), np.linspace(-0.15, 0, 50)])
+    qd = q + 0.01
+    text = [",".join(map(repr, (0.01 * i, *map(float, row)))) for i, row in enumerate(
+        np.hstack([np.degrees(q[:, :1]), 1e3 * q[:, 1:], np.degrees(qd[:, :1]), 1e3 * qd[:, 1:]])
+    )]  # fmt: skip
+    path = written(tmp_path, text)
+    columns: dict[str, Any] = {
+        "time": {"column": 1},
+        "position": {"columns": [2, 3], "unit": ["deg", "mm"]},
+        "velocity": {"columns": [4, 5], "unit": ["deg/s", "mm/s"]},
+    }
+    found = Recording.load(path, columns=columns, robot=SCARA)
+    np.testing.assert_allclose(found.q, q, rtol=1e-12, atol=1e-15)
+    assert found.qd is not None
+    np.testing.assert_allclose(found.qd, qd, rtol=1e-12)
+    # In another order of the columns the units go with them.
+    turned = columns | {
+        "joint_names": ["quill", "shoulder"],
+        "position": {"columns": [3, 2], "unit": ["mm", "deg"]},
+        "velocity": {"columns": [5, 4], "unit": ["mm/s", "deg/s"]},
+    }
+    np.testing.assert_allclose(Recording.load(path, columns=turned, robot=SCARA).q, q, rtol=1e-12, atol=1e-15)
+    with pytest.raises(InputError, match=r"^columns.position.unit: 3 of them for 2 columns"):
+        Recording.load(path, columns=columns | {"position": {"columns": [2, 3], "unit": ["deg", "mm", "mm"]}})
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "message"),
+    [
+        ("deg", "rad/s", r"position.unit: 'deg' is none of joint 'quill', which slides; .*example \[.deg., .mm.\]"),
+        ("mm", "rad/s", r"position.unit: 'mm' is none of joint 'shoulder', which turns; .*example \[.deg., .mm.\]"),
+        ("rad", "rpm", r"velocity.unit: 'rpm' is none of joint 'quill', which slides; .*example \[.rpm., .mm/s.\]"),
+        (["mm", "deg"], "rad/s", r"position.unit: 'mm' is none of joint 'shoulder'"),
+    ],
+)
+def test_units_of_angles_are_none_of_sliding_joints(position: Any, velocity: str, message: str, tmp_path: Path) -> None:
+    """A factor of pi / 180 on a length is a wrong number that no limit need show."""
+    columns = {
+        "time": {"column": 1},
+        "position": {"columns": [2, 3], "unit": position},
+        "velocity": {"columns": [2, 3], "unit": velocity},
+    }
+    path = written(tmp_path, [f"{0.01 * i},{0.1 * i},{-0.0002 * i}" for i in range(50)])
+    with pytest.raises(InputError, match=message):
+        Recording.load(path, columns=columns, robot=SCARA)
+
+
+def test_units_of_motors_are_those_of_motors(tmp_path: Path) -> None:
+    """The motor of a joint that slides turns."""
+    path = written(tmp_path, [f"{0.01 * i},{0.1 * i},{-10.0 * i}" for i in range(50)])
+    columns = {
+        "time": {"column": 1},
+        "position": {"columns": [2, 3], "unit": "deg"},
+        "coupling": {"ratio": [[1.0, 0.0], [0.0, 628.3]]},
+    }
+    found = Recording.load(path, columns=columns, robot=SCARA)
+    np.testing.assert_allclose(found.q[-1], [np.radians(4.9), np.radians(-490.0) / 628.3], rtol=1e-12)
 
 
 def test_units_and_coupling(tmp_path: Path) -> None:

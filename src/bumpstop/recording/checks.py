@@ -20,7 +20,11 @@ _TIMES_LIMITS = 10.0
 _LATEST = 1e12  # [s]; no clock of a controller counts so far
 _LISTED = 20
 _GAP = 3.0  # median intervals
-_DEG = np.pi / 180
+# By the kind of joint: a unit that others use, in SI, the unit of SI, and what one is taken for the other.
+_TAKEN_FOR_SI = {
+    "revolute": ("deg", np.pi / 180, "rad", "degrees taken for radians"),
+    "prismatic": ("mm", 1e-3, "m", "millimetres taken for metres"),
+}
 _ENOUGH = 20_000  # rows that show a unit
 _SLOWEST = 0.9  # [s] between rows; controllers report more often
 _LARGEST_CURRENT = 200.0  # [A]; drives of arms take less
@@ -44,7 +48,8 @@ def checked(
         The quantities without bad rows, and the report.
 
     Raises:
-        InputError: too many bad rows, fewer than two good ones, a time that stands still, degrees taken for radians.
+        InputError: too many bad rows, fewer than two good ones, a time that stands still, degrees taken for radians
+            or millimetres for metres.
     """
     raw = _without_empty(raw)
     values, n = raw.values, raw.rows.size
@@ -54,7 +59,7 @@ def checked(
         raise InputError(
             str(path), f"time stands still at {finite[0]:g} s", "wanted rising times; is it the right column?"
         )
-    notes = list(raw.notes) + _degrees(values["position"], robot, path)
+    notes = list(raw.notes) + _wrong_unit(values["position"], robot, path)
     reasons: list[tuple[int, str, str]] = [(row, *_parted(why)) for row, why in raw.faults]
     good = np.ones(n, dtype=bool)
     for name, value in values.items():
@@ -143,8 +148,8 @@ def _limit(name: str, robot: Robot | None, width: int) -> FloatArray:
     return limit
 
 
-def _degrees(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
-    """Suspect degrees where radians were said; (N, n) positions, some of which are enough."""
+def _wrong_unit(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
+    """Suspect degrees for radians, and millimetres for metres; (N, n) positions, some of which are enough."""
     q = q[:: max(1, q.shape[0] // _ENOUGH)]
     usual = np.abs(np.where(np.isfinite(q), q, 0.0))
     usual = np.where(usual > IMPOSSIBLE, 0.0, usual)
@@ -156,19 +161,25 @@ def _degrees(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
                 '(position = { ..., unit = "deg" }).'
             ]
         return []
-    turns = np.array([joint.kind == "revolute" for joint in robot.joints])
-    bound = np.where(turns, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), np.inf)
-    outside = usual > _TIMES_LIMITS * bound
-    fits = bool((largest[turns] * _DEG <= 1.1 * bound[turns]).all())
-    hint = 'position = { ..., unit = "deg" } in the column file'
-    if q.shape[0] and turns.any() and np.mean(outside[:, turns]) > 0.5:
-        what = "they look like degrees taken for radians" if fits else "are unit and columns right?"
-        problem = f"most positions are outside 10 x the limits of {robot.name}"
-        raise InputError(str(path), f"{problem}: {what}", hint if fits else "")
-    # A last joint that turns without end is often given the limits of the others: one joint alone is no sign.
-    if fits and (largest[turns] > 2 * bound[turns]).sum() > (1 if turns.sum() > 1 else 0):
-        return [f"Positions reach {largest.max():.4g} rad, far beyond the limits; degrees would fit: {hint}."]
-    return []
+    notes = []
+    for kind, (unit, factor, si, words) in _TAKEN_FOR_SI.items():
+        own = np.array([joint.kind == kind for joint in robot.joints])
+        bound = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[own]
+        fits = bool((largest[own] * factor <= 1.1 * bound).all())
+        each = [f'"{unit if joint.kind == kind else _TAKEN_FOR_SI[joint.kind][2]}"' for joint in robot.joints]
+        written = each[0] if own.all() else f"[{', '.join(each)}]"
+        hint = f"position = {{ ..., unit = {written} }} in the column file"
+        if q.shape[0] and own.any() and np.mean(usual[:, own] > _TIMES_LIMITS * bound) > 0.5:
+            what = f"they look like {words}" if fits else "are unit and columns right?"
+            problem = f"most positions are outside 10 x the limits of {robot.name}"
+            raise InputError(str(path), f"{problem}: {what}", hint if fits else "")
+        # A last joint that turns without end is often given the limits of the others: one joint alone is no sign.
+        if fits and (largest[own] > 2 * bound).sum() > (1 if own.sum() > 1 else 0):
+            would_fit = words.partition(" ")[0]
+            notes.append(
+                f"Positions reach {largest[own].max():.4g} {si}, far beyond the limits; {would_fit} would fit: {hint}."
+            )
+    return notes
 
 
 def _other_units(values: dict[str, FloatArray]) -> list[str]:

@@ -76,7 +76,7 @@ def _fetched(table: Table, quantities: dict[str, Quantity], path: Path) -> dict[
     values, start = {}, 0
     for name, place in places.items():
         part = block[:, start : start + len(place)]
-        values[name] = part if quantities[name].scale == 1 else part * quantities[name].scale
+        values[name] = quantities[name].in_si(part, name)
         start += len(place)
     return values
 

@@ -35,7 +35,8 @@ class Quantity:
 
     Attributes:
         columns: by number (from 1) or by name; empty: the reader's own.
-        scale: of one unit of the file in SI.
+        units: of :data:`UNITS`, one for all columns or one for each; empty: those of SI.
+        scale: of those units in SI, as many.
         side: ``"motor"`` or ``"joint"``: where it was measured; matters with a coupling only.
         variable: dotted name in a MATLAB file.
         axis: ``"rows"`` (every joint is a row), ``"columns"``, or empty: found by the number of times.
@@ -44,12 +45,24 @@ class Quantity:
     """
 
     columns: tuple[int | str, ...] = ()
-    scale: float = 1.0
+    units: tuple[str, ...] = ()
+    scale: tuple[float, ...] = (1.0,)
     side: str = "motor"
     variable: str = ""
     axis: str = ""
     file: Path | None = None
     rate_hz: float | None = None
+
+    def in_si(self, values: FloatArray, name: str) -> FloatArray:
+        """Columns of the file (N, k) in SI.
+
+        Raises:
+            InputError: another number of units than columns.
+        """
+        if len(self.scale) not in (1, values.shape[1]):
+            problem = f"{len(self.scale)} of them for {values.shape[1]} columns"
+            raise InputError(f"columns.{name}.unit", problem, "wanted one for all columns, or one for each")
+        return values if set(self.scale) == {1.0} else values * np.array(self.scale)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -140,7 +153,9 @@ def _quantity(name: str, given: Any, folder: Path, axis: str) -> Quantity:
     own = ("column", "rate_hz") if name == "time" else ("columns", "side")
     _known(given, (*own, "unit", "variable", "axis", "file"), where)
     units = UNITS[name]
-    unit = _choice(given.get("unit", next(iter(units))), tuple(units), f"{where}.unit")
+    unit = given.get("unit", next(iter(units)))
+    each = unit if isinstance(unit, list | tuple) and unit and name not in ("time", "wrench") else [unit]
+    chosen_units = tuple(_choice(one, tuple(units), f"{where}.unit") for one in each)
     written = [given["column"]] if "column" in given else given.get("columns", [])
     if not isinstance(written, list | tuple):
         raise InputError(f"{where}.columns", f"{written!r} is no list", "wanted numbers from 1, or names")
@@ -158,7 +173,8 @@ def _quantity(name: str, given: Any, folder: Path, axis: str) -> Quantity:
     chosen = given.get("axis", axis)
     return Quantity(
         columns=tuple(written),
-        scale=units[unit],
+        units=chosen_units,
+        scale=tuple(units[one] for one in chosen_units),
         side=_choice(given.get("side", _SIDE.get(name, "joint")), ("motor", "joint"), f"{where}.side"),
         variable=_text(given.get("variable", ""), f"{where}.variable"),
         axis=_choice(chosen, ("rows", "columns"), f"{where}.axis") if chosen else "",

@@ -33,7 +33,7 @@ def read_matlab(path: Path, columns: Columns) -> RawRecording:
     if time.rate_hz is None and not time.variable:
         raise InputError("columns.time", "names no variable", "wanted variable = ..., or rate_hz = ...")
     if time.rate_hz is None:
-        t = _times(_matrix(variables, time, "time"), time) * time.scale
+        t = _times(_matrix(variables, time, "time"), time) * time.scale[0]
     else:
         # No time to compare with: the longer axis is the one along which the arm moves.
         shape = _matrix(variables, position, "position").shape
@@ -42,9 +42,10 @@ def read_matlab(path: Path, columns: Columns) -> RawRecording:
     values = {"t": t[:, None]}
     for name, quantity in columns.quantities.items():
         if name != "time":
-            values[name] = _by_row(_matrix(variables, quantity, name), quantity, name, t.size) * quantity.scale
+            values[name] = _by_row(_matrix(variables, quantity, name), quantity, name, t.size)
             if quantity.columns:
                 values[name] = _chosen(values[name], quantity, f"columns.{name}.columns")
+            values[name] = quantity.in_si(values[name], name)
     return RawRecording(values=values, rows=np.arange(1, t.size + 1), rows_read=int(t.size), numbered="row")
 
 

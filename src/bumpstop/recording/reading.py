@@ -30,6 +30,12 @@ _BY_ENDING = {
     ".mat": "mat",
 }
 _FIELDS = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau", "wrench": "wrench"}
+# Units that a kind of joint cannot have, and what it may have instead.
+_OTHER_UNIT: dict[str, dict[str, dict[str, str]]] = {
+    "position": {"prismatic": {"deg": "mm"}, "revolute": {"mm": "deg"}},
+    "velocity": {"prismatic": {"deg/s": "mm/s", "rpm": "mm/s"}, "revolute": {"mm/s": "deg/s"}},
+    "torque": {"prismatic": {"mNm": "N"}, "revolute": {}},
+}
 
 
 def read(
@@ -50,6 +56,9 @@ def read(
         raise InputError(str(path), f"cannot be read ({error.strerror or error})") from None
     raw = _on_joint_side(raw, given)
     _check_widths(raw, robot, path)
+    if robot is not None:
+        # Whoever reads a bag has put its joints into the robot's order already.
+        _check_units(raw, given, robot, in_order=kind in ("ros2bag", "mcap"))
     if kind not in ("ros2bag", "mcap"):
         raw = _in_order(raw, given, robot)
     values, report = checked(replace(raw, notes=(*notes, *raw.notes)), robot, max_bad, path)
@@ -174,6 +183,30 @@ def _in_order(raw: RawRecording, columns: Columns, robot: Robot | None) -> RawRe
     place = [names.index(name) for name in own]
     values = {name: x if name in ("t", "wrench") else x[:, place] for name, x in raw.values.items()}
     return replace(raw, values=values, joint_names=own)
+
+
+def _check_units(raw: RawRecording, columns: Columns, robot: Robot, *, in_order: bool) -> None:
+    """Refuse units of angles where a joint slides and of lengths where it turns: their scale would be a wrong one."""
+    by_name = {joint.name: joint for joint in robot.joints}
+    names = columns.joint_names or raw.joint_names
+    joints = robot.joints if in_order or set(names) != set(by_name) else tuple(by_name[name] for name in names)
+    for name in _OTHER_UNIT:
+        quantity = columns.quantities.get(name)
+        if quantity is None or (columns.coupling is not None and quantity.side == "motor"):
+            continue
+        units = quantity.units * len(joints) if len(quantity.units) == 1 else quantity.units
+        # Units of SI are harmless: m stands for rad, and N for Nm.
+        other = [_OTHER_UNIT[name][joint.kind].get(unit) for unit, joint in zip(units, joints, strict=True)]
+        wrong = next((j for j, unit in enumerate(other) if unit is not None), None)
+        if wrong is None:
+            continue
+        what = "slides" if joints[wrong].kind == "prismatic" else "turns"
+        each = ", ".join(f'"{instead or unit}"' for unit, instead in zip(units, other, strict=True))
+        raise InputError(
+            f"columns.{name}.unit",
+            f"{units[wrong]!r} is none of joint {joints[wrong].name!r}, which {what}",
+            f"give one for each column, for example [{each}]",
+        )
 
 
 def _check_widths(raw: RawRecording, robot: Robot | None, path: Path) -> None:

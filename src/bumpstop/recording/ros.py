@@ -64,7 +64,7 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
         value = np.concatenate(part)[order]
         if name == "position" or not np.isnan(value).all():
             label = "current" if name == "torque" and columns.effort == "current" else name
-            values[label] = value * columns.quantities.get(label, Quantity()).scale
+            values[label] = columns.quantities.get(label, Quantity()).in_si(value, label)
     return RawRecording(
         values=values,
         rows=number + 1,
