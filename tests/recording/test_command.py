@@ -34,6 +34,21 @@ def test_limits_touched(tmp_path: Path) -> None:
     assert "limits touched: none" in result.out
 
 
+def test_a_robot_with_two_chains(tmp_path: Path) -> None:
+    arms = "".join(
+        f'<link name="{side}"/><joint name="{side}_joint" type="continuous"><parent link="torso"/>'
+        f'<child link="{side}"/></joint>'
+        for side in ("left", "right")
+    )
+    (tmp_path / "two.urdf").write_text(f'<robot name="two"><link name="torso"/>{arms}</robot>')
+    recording(dof=1).save(tmp_path / "run.parquet")
+    given = (tmp_path / "run.parquet", "--robot", tmp_path / "two.urdf")
+    assert "error: --tip: is missing, and two.urdf has 2 ends" in run("recording", "info", *given).err
+    assert run("recording", "info", *given, "--tip", "left").status == 0
+    assert run("recording", "convert", given[0], tmp_path / "out.csv", *given[1:], "--tip", "right").status == 0
+    assert "error: --tip: has no meaning without --robot" in run("recording", "info", given[0], "--tip", "left").err
+
+
 @pytest.mark.parametrize("ending", ["parquet", "csv", "mcap"])
 def test_convert(ending: str, tmp_path: Path) -> None:
     recording().save(tmp_path / "run.parquet")

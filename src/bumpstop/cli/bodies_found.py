@@ -33,11 +33,14 @@ def bodies_json(found: ConsistentFit) -> dict[str, Any]:
 
 def print_bodies(found: ConsistentFit) -> None:
     """A line for each link."""
+    from bumpstop.model import unit_of
+
     typer.echo("inertias that bodies can have; what the torque does not show stays near what the robot came with:")
     for joint, rmse, free in zip(found.robot.joints, found.rmse, found.rmse_free, strict=True):
         assert joint.inertia is not None
         at = ", ".join(f"{x:.3g}" for x in joint.inertia.center)
+        rotor = f"{joint.rotor_inertia:.3g} {unit_of(joint, turning='kg m2', sliding='kg')}"
         typer.echo(
-            f"  {joint.link}: {joint.inertia.mass:.4g} kg at ({at}) m, rotor {joint.rotor_inertia:.3g} kg m2; "
-            f"torque error {rmse:.3g} Nm, {free:.3g} without that condition"
+            f"  {joint.link}: {joint.inertia.mass:.4g} kg at ({at}) m, rotor {rotor}; "
+            f"torque error {rmse:.3g} {unit_of(joint)}, {free:.3g} without that condition"
         )

@@ -152,7 +152,9 @@ def detector(
 
 
 def _units(arm: Robot) -> tuple[str, ...]:
-    return tuple("N" if joint.kind == "prismatic" else "Nm" for joint in arm.joints)
+    from bumpstop.model import unit_of
+
+    return tuple(unit_of(joint) for joint in arm.joints)
 
 
 def _print(run: DetectionRun, arm: Robot, settings: DetectorSettings) -> None:

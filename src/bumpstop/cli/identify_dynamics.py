@@ -149,7 +149,9 @@ def _print_left(rows_left: int, beside_gaps: int, cutoff_hz: float) -> None:
 
 
 def _units(fit: DynamicsFit) -> list[str]:
-    return ["N" if joint.kind == "prismatic" else "Nm" for joint in fit.robot.joints]
+    from bumpstop.model import unit_of
+
+    return [unit_of(joint) for joint in fit.robot.joints]
 
 
 def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence[Recording]) -> dict[str, Any]:

@@ -151,10 +151,12 @@ def _validated(
     currents: Sequence[JointScore | None],
     torques: Sequence[JointScore | None],
 ) -> dict[str, Any]:
+    from bumpstop.model import unit_of
+
     joints = []
     for joint, drive, current, torque in zip(arm.joints, found.model.joints, currents, torques, strict=True):
-        unit = "N" if joint.kind == "prismatic" else "Nm"
-        joints.append({"name": drive.name, **_score(current, found.model.unit), "torque": _score(torque, unit)})
+        score = _score(torque, unit_of(joint))
+        joints.append({"name": drive.name, **_score(current, found.model.unit), "torque": score})
     left = {"rows_left": found.rows.rows_left, "rows_at_ends": found.rows.rows_at_ends}
     return {"joints": joints, "filter_hz": found.filter_hz, **left, "notes": list(found.notes)}
 

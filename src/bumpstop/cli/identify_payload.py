@@ -63,7 +63,7 @@ def identify_what_is_carried(
     if as_json:
         typer.echo(json.dumps(_payload_json(found, log), allow_nan=False, indent=2))
         return
-    _print(found)
+    _print(found, arm)
     for note in log.report.notes:
         typer.echo(f"note: {note}")
     if model_file is not None:
@@ -113,7 +113,10 @@ def _toml(found: PayloadFit, arm: Robot, log: Recording) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _print(found: PayloadFit) -> None:
+def _print(found: PayloadFit, arm: Robot) -> None:
+    from bumpstop.model import unit_of
+
+    units = {joint.name: unit_of(joint) for joint in arm.joints}
     typer.echo(
         f"payload at the tip from {found.rows_used} rows; {found.rows_left} recorded ones are left away at the ends, "
         "beside gaps, or in stretches too short to use"
@@ -128,6 +131,6 @@ def _print(found: PayloadFit) -> None:
         typer.echo(f"centre of mass [m]: {at}")
         typer.echo(f"for --payload: {found.values['m']:.4g}," + ",".join(f"{x:.4g}" for x in found.center))
     for name, rmse, without in zip(found.joints, found.rmse, found.rmse_without, strict=True):
-        typer.echo(f"  {name}: {rmse:.3g} Nm left, {without:.3g} Nm without the payload")
+        typer.echo(f"  {name}: {rmse:.3g} {units[name]} left, {without:.3g} {units[name]} without the payload")
     if found.joints_left_out:
         typer.echo(f"left out, of unknown gain: {', '.join(found.joints_left_out)}")

@@ -39,6 +39,7 @@ def dynamics_report(
         payloads: what each recording carried beyond what the arm of the fit did; default: nothing.
     """
     from bumpstop.identification.validation import compare_dynamics, contact_of
+    from bumpstop.model import unit_of
     from bumpstop.report.bodies import BodiesPart
     from bumpstop.report.validation import SelectionPart, write_validation_report
 
@@ -65,11 +66,11 @@ def dynamics_report(
     )
     if contact is None:
         return ""
-    error = contact.error[contact.judged]
+    error, joint = contact.error[contact.judged], fit.robot.joints[contact.joint]
     most = f"{abs(error).mean():.3g} N on average, {abs(error).max():.3g} N at most" if error.size else "none judged"
     return (
-        f"contact force by {fit.robot.joints[contact.joint].name}: error {most}; {contact.not_judged} rows not judged, "
-        f"their torque is below {contact.least_torque:.3g} Nm"
+        f"contact force by {joint.name}: error {most}; {contact.not_judged} rows not judged, their torque is below "
+        f"{contact.least_torque:.3g} {unit_of(joint)}"
     )
 
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.origin import Base, Tip
 from bumpstop.cli.picture_files import check_picture, save_picture
+from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,6 +42,8 @@ def info(
     file: File,
     columns: ColumnFile = None,
     robot: RobotName = None,
+    base: Base = None,
+    tip: Tip = None,
     topic: Topic = None,
     max_bad: MaxBad = 0.01,
     picture: Annotated[Path | None, typer.Option(help="Draw it into this file, .png or .svg.")] = None,
@@ -48,7 +52,7 @@ def info(
     from rich.console import Console
 
     check_picture(picture, "run.svg")
-    arm = _robot(robot)
+    arm = _robot(robot, base, tip)
     found = _load(file, columns, arm, topic, max_bad)
     if picture is not None:
         _draw(found, arm, picture)
@@ -64,13 +68,15 @@ def convert(
     out: Annotated[Path, typer.Argument(help="Where to write it: .parquet, .csv or .mcap.", show_default=False)],
     columns: ColumnFile = None,
     robot: RobotName = None,
+    base: Base = None,
+    tip: Tip = None,
     topic: Topic = None,
     max_bad: MaxBad = 0.01,
 ) -> None:
     """Write a recording as Parquet, CSV, or MCAP with sensor_msgs/msg/JointState. Bad rows are left out."""
     from bumpstop.recording.writing import left_out
 
-    found = _load(file, columns, _robot(robot), topic, max_bad)
+    found = _load(file, columns, _robot(robot, base, tip), topic, max_bad)
     if out.exists() and out.samefile(file):
         raise InputError(str(out), "is the recording itself", "give another file")
     found.save(out)
@@ -81,12 +87,13 @@ def convert(
         typer.echo(f"not written, as {out.suffix} has no place for it: {', '.join(missing)}")
 
 
-def _robot(name: str | None) -> Robot | None:
-    from bumpstop.model import Robot
-
-    if name is None:
-        return None
-    return Robot.from_urdf(name) if Path(name).suffix or "/" in name else Robot.load(name)
+def _robot(name: str | None, base: str | None, tip: str | None) -> Robot | None:
+    if name is not None:
+        return load_robot(name, base, tip)
+    for option, value in (("--base", base), ("--tip", tip)):
+        if value is not None:
+            raise InputError(option, "has no meaning without --robot", "give the path of a URDF")
+    return None
 
 
 def _load(file: Path, columns: Path | None, robot: Robot | None, topic: str | None, max_bad: float) -> Recording:
@@ -134,11 +141,9 @@ def _counts(counts: Mapping[str, int]) -> str:
 def _print_table(recording: Recording, robot: Robot | None, console: Console) -> None:
     from rich.table import Table
 
-    from bumpstop.recording import limits_touched
+    from bumpstop.recording import by_quantity, limits_touched
 
-    quantities = {"q, rad": recording.q, "qd, rad/s": recording.qd, "current, A": recording.current}
-    quantities["tau, Nm"] = recording.tau
-    shown = {heading: value for heading, value in quantities.items() if value is not None}
+    shown = {heading: value for heading, value in by_quantity(recording, robot).items() if value is not None}
     touched = {} if robot is None else limits_touched(recording, robot)
     table = Table(box=None, pad_edge=False)
     for heading in ("", "joint", *shown, *(f"at {name} limit" for name in touched)):

@@ -71,7 +71,7 @@ def command(
     if as_json:
         typer.echo(json.dumps(_finite(found), allow_nan=False, indent=2))
     else:
-        _print(found)
+        _print(found, arm)
 
 
 def _refuse_half_of_what_is_needed(noise_sd: str, z: float, stiffness: float, speed: float, period: float) -> None:
@@ -185,9 +185,11 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(found: dict[str, Any], arm: Robot) -> None:
     from rich.console import Console
     from rich.table import Table
+
+    from bumpstop.model import unit_of
 
     console = Console(highlight=False, markup=False, soft_wrap=True)
     farthest = _row(found["farthest_force_N"])
@@ -204,7 +206,8 @@ def _print(found: dict[str, Any]) -> None:
         f"{_newtons(found['worst_case_force_along_N'])}"
     )
     table = Table(box=None, pad_edge=False)
-    for heading in ("joint", "threshold", "Nm per N", "undetected Nm", "as force, N"):
+    torque = unit_of(*arm.joints)
+    for heading in ("joint", "threshold", f"{torque} per N", f"undetected {torque}", "as force, N"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")
     for joint in found["joints"]:
         table.add_row(joint["name"], *(_figure(value) for key, value in joint.items() if key != "name"))

@@ -69,9 +69,11 @@ def command(
         _save(tuning, series, save, origin if recorded else None)
     report = None
     if out is not None:
+        from bumpstop.model import unit_of
         from bumpstop.report.tuning import write_tuning
 
-        report = write_tuning(tuning, [point.to_json() for point in points], out, names)
+        unit = unit_of(*origin.parts[1].joints) if recorded else "Nm"
+        report = write_tuning(tuning, [point.to_json() for point in points], out, names, unit)
     if as_json:
         found = tuning.to_json() | _hold_for(series, origin if recorded else None)
         found |= {"trade": [point.to_json() for point in points]} if scenario else {}

@@ -17,6 +17,7 @@ from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
+from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -355,8 +356,8 @@ class Detector:
             notes.append("No joint is watched: no contact can be noticed.")
         notes += self._drives.notes()
         if self.model is not None:
-            hidden = ", ".join(f"{value:.3g}" for value in self.dead_zone)
-            notes.append(f"At standstill friction may hide up to {hidden} Nm by joint: a resting arm feels less.")
+            hidden, unit = ", ".join(f"{value:.3g}" for value in self.dead_zone), unit_of(*self.robot.joints)
+            notes.append(f"At standstill friction may hide up to {hidden} {unit} by joint: a resting arm feels less.")
         fast = [joint.name for joint in self.robot.joints if not math.isfinite(joint.velocity)]
         if fast:
             notes.append(f"{', '.join(fast)}: without a speed limit, no jump is impossible.")

@@ -18,6 +18,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit
 from bumpstop.identification.torque_rows import STILL, near_gaps
 from bumpstop.kernels import core
+from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -119,8 +120,9 @@ def detect(
     nothing = np.zeros(motion.t.size, dtype=bool)
     notes = ["Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."]
     if unscaled.any():
-        names = ", ".join(robot.joints[j].name for j in np.flatnonzero(unscaled))
-        notes.append(f"{names}: of unknown gain: residuals and thresholds are no Nm, and forces do not count them.")
+        unseen = [robot.joints[j] for j in np.flatnonzero(unscaled)]
+        names, unit = ", ".join(joint.name for joint in unseen), unit_of(*unseen)
+        notes.append(f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them.")
     return DetectionRun(
         t=motion.t,
         residual=residual,

@@ -209,8 +209,8 @@ def _notes(
     mean = np.concatenate(stretches).mean(axis=0)
     for j in np.flatnonzero(np.abs(mean) > _BIASED * thresholds):
         notes.append(
-            f"The residual of joint {j + 1} has a mean of {mean[j]:.3g} Nm, much of its threshold: a model that fits "
-            "better would allow a lower one."
+            f"The residual of joint {j + 1} has a mean of {mean[j]:.3g}, much of its threshold of {thresholds[j]:.3g}: "
+            "a model that fits better would allow a lower one."
         )
     gaps = sum(len(part.stretches()) - 1 for part in parts)
     if gaps:

@@ -18,6 +18,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import JointScore, share_predicted
 from bumpstop.identification.motion import lowpass
 from bumpstop.identification.torque_rows import near_gaps, recorded_motion
+from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,7 +146,7 @@ def compare_dynamics(
     scores = fit.score_rows(rows, filter_hz=filter_hz)
     return Comparison(
         names=tuple(joint.name for joint in joints),
-        units=tuple("N" if joint.kind == "prismatic" else "Nm" for joint in joints),
+        units=tuple(unit_of(joint) for joint in joints),
         t=_one_after_another(rows.motion.t, rows.stretches),
         qd=rows.motion.qd[:, known],
         qdd=rows.motion.qdd[:, known],
@@ -168,11 +169,11 @@ def compare_estimates(found: CurrentComparison, robot: Robot) -> Comparison:
     known = [j for j, score in enumerate(scores) if score is not None]
     # A view where all are known: of a long recording there is no need for a copy.
     which = slice(None) if len(known) == len(scores) else known
-    kinds = {joint.name: joint.kind for joint in robot.joints}
+    units = {joint.name: unit_of(joint) for joint in robot.joints}
     names = tuple(found.model.joints[j].name for j in known)
     return Comparison(
         names=names,
-        units=tuple("N" if kinds.get(name) == "prismatic" else "Nm" for name in names),
+        units=tuple(units.get(name, "Nm") for name in names),
         t=_one_after_another(rows.t, rows.stretches),
         qd=rows.qd[:, which],
         qdd=rows.qdd[:, which],

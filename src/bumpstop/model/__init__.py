@@ -13,6 +13,7 @@ from bumpstop.model.dynamics import (
 from bumpstop.model.inertia import LinkInertia
 from bumpstop.model.robot import Frame, Joint, Robot, robots, rotation_from_rpy
 from bumpstop.model.robot_file import robot_from_dict
+from bumpstop.model.units import unit_of
 from bumpstop.model.urdf_writer import write_urdf
 
 __all__ = [
@@ -31,5 +32,6 @@ __all__ = [
     "robots",
     "rotation_from_rpy",
     "singular_values",
+    "unit_of",
     "write_urdf",
 ]

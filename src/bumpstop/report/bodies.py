@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.model import unit_of
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.section import Part
 from bumpstop.report.words import number
@@ -26,6 +27,8 @@ class BodiesPart(Part):
     def content(self) -> list[Html]:
         """One row for each link, one for each joint."""
         links, errors = [], []
+        joints = self._found.robot.joints
+        torques, rotors = unit_of(*joints), unit_of(*joints, turning="kg m2", sliding="kg")
         for joint, rmse, free in zip(self._found.robot.joints, self._found.rmse, self._found.rmse_free, strict=True):
             assert joint.inertia is not None
             moments = np.linalg.eigvalsh(np.asarray(joint.inertia.tensor))
@@ -46,13 +49,13 @@ class BodiesPart(Part):
                 "torque they give together is."
             ),
             table(
-                ("link", "mass [kg]", "centre [m]", "principal moments [kg m2]", "rotor [kg m2]"),
+                ("link", "mass [kg]", "centre [m]", "principal moments [kg m2]", f"rotor [{rotors}]"),
                 links,
                 caption="Links and rotors",
                 numbers=True,
             ),
             table(
-                ("joint", "rmse [Nm]", "rmse of base parameters [Nm]"),
+                ("joint", f"rmse [{torques}]", f"rmse of base parameters [{torques}]"),
                 errors,
                 caption="What the condition costs",
                 numbers=True,

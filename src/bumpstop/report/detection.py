@@ -11,6 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory_law import TrajectoryLaw
 from bumpstop.collision.verdict import percent
+from bumpstop.model import unit_of
 from bumpstop.report.distribution import bins, draw_density
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, Picture, axes
@@ -69,7 +70,7 @@ class DetectionSection(Section):
         if isinstance(law, TrajectoryLaw):
             first = int(np.searchsorted(law.curve.tick_time[:-1], law.contact_begin, side="right"))
         for j, joint in enumerate(problem.robot.joints):
-            unit = "N" if joint.kind == "prismatic" else "Nm"
+            unit = unit_of(joint)
             lever = abs(float(law.curve.torque_per_newton[first, j])) if law.curve.ticks else math.nan
             threshold = float(problem.thresholds[j])
             watched = math.isfinite(threshold)

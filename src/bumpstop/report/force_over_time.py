@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop.collision.trajectory_law import TrajectoryLaw
 from bumpstop.collision.two_phase import FIRST_PHASE_S
+from bumpstop.model import unit_of
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
 from bumpstop.report.rollout import Rollout, Rollouts
@@ -254,7 +255,7 @@ class _Panels:
     def _residual(self, panel: Axes) -> None:
         rollout = self._rollout
         joint = self._law.problem.robot.joints[rollout.joint]
-        unit = "N" if joint.kind == "prismatic" else "Nm"
+        unit = unit_of(joint)
         x = rollout.tick_time * self._scale
         panel.axhline(0, color=FAINT, linewidth=0.8)
         panel.plot(x, rollout.contact_torque, color=LAW, linewidth=1.2, linestyle=":")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bumpstop.model import unit_of
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import FAINT, LAW, Picture, axes
@@ -62,12 +63,14 @@ class ExplainedPart(Part):
     title = "Torque that the payload explains"
     anchor = "explained"
 
-    def __init__(self, found: PayloadFit) -> None:
+    def __init__(self, found: PayloadFit, arm: Robot) -> None:
         self._found = found
+        self._joints = [next(joint for joint in arm.joints if joint.name == name) for name in found.joints]
 
     def content(self) -> list[Html]:
         """Errors with and without the payload."""
         found = self._found
+        unit = unit_of(*self._joints)
         rows = [
             (name, number(float(without)), number(float(rmse)))
             for name, without, rmse in zip(found.joints, found.rmse_without, found.rmse, strict=True)
@@ -78,7 +81,10 @@ class ExplainedPart(Part):
                 "both after the filter of the fit."
             ),
             table(
-                ("joint", "rmse without payload [Nm]", "rmse with it [Nm]"), rows, caption="Torque error", numbers=True
+                ("joint", f"rmse without payload [{unit}]", f"rmse with it [{unit}]"),
+                rows,
+                caption="Torque error",
+                numbers=True,
             ),
         ]
 
@@ -97,7 +103,7 @@ class ExplainedPart(Part):
             panel.set_title(name)
             panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
             panel.set_xlabel("time [s]")
-            panel.set_ylabel("torque [Nm]")
+            panel.set_ylabel(f"torque [{unit_of(self._joints[j])}]")
 
         alt = f"Torque of joint {name} over time that the bare arm does not explain, and the payload's share."
         return Picture(f"payload_{j + 1}", alt, f"{name}.", draw, height=2.6)
@@ -110,5 +116,5 @@ def write_payload_report(found: PayloadFit, arm: Robot, folder: Path, *, source:
         InputError: the folder cannot be written.
     """
     title = f"{arm.title or arm.name}: what it carries" + (f", {source}" if source else "")
-    parts: list[Part] = [PayloadPart(found), ExplainedPart(found)]
+    parts: list[Part] = [PayloadPart(found), ExplainedPart(found, arm)]
     return write_document(Document(title, "bumpstop: payload", "payload", parts), folder)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.recording import by_quantity
 from bumpstop.report.picture import EVENT, LIMIT, Picture, stack
 
 if TYPE_CHECKING:
@@ -26,9 +27,8 @@ _LINES = ("-", "--", "-.", ":")
 
 def recording_picture(recording: Recording, robot: Robot | None = None) -> Picture:
     """The quantities of a recording over time, one panel each; a robot's limits are marked where touched."""
-    panels = [("q, rad", recording.q), ("qd, rad/s", recording.qd), ("current, A", recording.current)]
-    panels += [("tau, Nm", recording.tau), ("wrench", recording.wrench)]
-    shown = [(label, value) for label, value in panels if value is not None]
+    panels = by_quantity(recording, robot) | {"wrench": recording.wrench}
+    shown = [(label, value) for label, value in panels.items() if value is not None]
     height = 0.9 + 1.15 * len(shown)
 
     def draw(figure: Figure) -> None:

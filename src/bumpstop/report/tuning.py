@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 _STYLES = (("-", LAW), ("--", EVENT), ("-.", INK), (":", LIMIT))
 
 
-def write_tuning(tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path, joints: Sequence[str] = ()) -> Path:
+def write_tuning(
+    tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path, joints: Sequence[str] = (), unit: str = "Nm"
+) -> Path:
     """Write report.html and figures.
 
     Args:
@@ -32,8 +34,9 @@ def write_tuning(tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path, 
         trade: ``per_hour``, ``extrapolated_too_far`` and forces of ``scenarios``, as ``tune --json`` has them.
         folder: made where it is missing.
         joints: their names, where they are known.
+        unit: of the thresholds.
     """
-    parts: list[Part] = [TailPart(tuning, joints)]
+    parts: list[Part] = [TailPart(tuning, joints, unit)]
     if any(point["scenarios"] for point in trade):
         parts.append(TradePart(trade, tuning.target))
     title = f"Thresholds for {number(tuning.target)} false alarms an hour"
@@ -46,9 +49,10 @@ class TailPart(Part):
     title = "Thresholds"
     anchor = "tail"
 
-    def __init__(self, tuning: Tuning, joints: Sequence[str] = ()) -> None:
+    def __init__(self, tuning: Tuning, joints: Sequence[str] = (), unit: str = "Nm") -> None:
         self.tuning = tuning
         self.joints = joints
+        self.unit = unit
 
     def content(self) -> list[Html]:
         """The thresholds with their intervals, and the notes."""
@@ -67,7 +71,7 @@ class TailPart(Part):
                 f"These thresholds stand for {number(tuning.target)} false alarms an hour; with {percent} confidence "
                 f"the rate lies between {low:.3g} and {high:.3g}."
             ),
-            table(["", "threshold, Nm", f"{percent} interval"], rows, caption="Thresholds", numbers=True),
+            table(["", f"threshold, {self.unit}", f"{percent} interval"], rows, caption="Thresholds", numbers=True),
             bullets(tuning.notes),
         ]
 

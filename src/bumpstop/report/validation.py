@@ -110,7 +110,7 @@ class OverTimePart(_JointsPart):
             middle.set_ylabel(f"error, {unit}")
             lower.axhline(0, color=FAINT, linewidth=0.6)
             lower.plot(*thin(t, found.qdd[:, j]), color=EVENT, linewidth=0.8)
-            lower.set_ylabel("rad/s2")
+            lower.set_ylabel("m/s2" if unit == "N" else "rad/s2")
             lower.set_xlabel("time [s]")
 
         caption = f"{name} over time."
@@ -164,12 +164,13 @@ class WherePart(_JointsPart):
     def _picture(self, j: int, name: str) -> Picture:
         found = self._comparison
         unit = found.units[j]
+        way = "m" if unit == "N" else "rad"
 
         def draw(figure: Figure) -> None:
             width, height = figure.get_size_inches()
             panels: list[Axes] = []
             for k, (binned, label) in enumerate(
-                ((found.by_speed(j), "speed [rad/s]"), (found.by_acceleration(j), "acceleration [rad/s2]"))
+                ((found.by_speed(j), f"speed [{way}/s]"), (found.by_acceleration(j), f"acceleration [{way}/s2]"))
             ):
                 box = ((0.72 + 2.15 * k) / width, 0.48 / height, 1.95 / width, 1 - 0.8 / height)
                 panel = figure.add_axes(box, sharey=panels[0] if panels else None)
@@ -198,8 +199,8 @@ class ContactPart(Part):
     title = "Contact force"
     anchor = "contact"
 
-    def __init__(self, contact: ContactComparison | None, names: Sequence[str]) -> None:
-        self._contact, self._names = contact, names
+    def __init__(self, contact: ContactComparison | None, names: Sequence[str], units: Sequence[str]) -> None:
+        self._contact, self._names, self._units = contact, names, units
 
     def applies(self) -> bool:
         """Where a force was measured."""
@@ -220,8 +221,8 @@ class ContactPart(Part):
             paragraph(
                 f"The force that the torque of {self._names[found.joint]} says, if it has the direction of the "
                 f"measured one (eqs 3.3 to 3.8). {size} The formula divides by the torque that the measured force has "
-                f"at that joint: where this is below {number(found.least_torque)} Nm it is noise, and "
-                f"{found.not_judged} rows are not judged."
+                f"at that joint: where this is below {number(found.least_torque)} {self._units[found.joint]} it is "
+                f"noise, and {found.not_judged} rows are not judged."
             )
         ]
 
@@ -240,7 +241,7 @@ class ContactPart(Part):
             torque.plot(*thin(found.t, found.torque_estimated), color=LAW, linewidth=1.0, linestyle="--")
             for sign in (-1, 1):
                 torque.axhline(sign * found.least_torque, color=LIMIT, linestyle=":", linewidth=0.9)
-            torque.set_ylabel("torque [Nm]")
+            torque.set_ylabel(f"torque [{self._units[found.joint]}]")
             error.axhline(0, color=FAINT, linewidth=0.6)
             error.plot(found.t, found.error, color=LIMIT, linewidth=0.9)
             error.set_ylabel("error [N]")
@@ -314,7 +315,7 @@ def write_validation_report(
         OverTimePart(comparison),
         HistogramPart(comparison),
         WherePart(comparison),
-        ContactPart(contact, comparison.names),
+        ContactPart(contact, comparison.names, comparison.units),
         *([selection] if selection is not None else []),
     ]
     return write_document(Document(title, "bumpstop: a model and a recording", "model", everything), folder)

@@ -1,0 +1,25 @@
+"""Units of joints in words: what turns has rad and Nm, what slides has m and N."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bumpstop.model.robot import Joint
+
+
+def unit_of(*joints: Joint, turning: str = "Nm", sliding: str = "N") -> str:
+    """The unit of one quantity of some joints.
+
+    Args:
+        joints: one or more.
+        turning: its unit where a joint turns.
+        sliding: its unit where a joint slides.
+
+    Returns:
+        ``Nm`` or ``N``; ``Nm (N)`` where some of the joints turn and others slide.
+    """
+    kinds = {joint.kind for joint in joints}
+    if kinds == {"prismatic"}:
+        return sliding
+    return f"{turning} ({sliding})" if "prismatic" in kinds else turning
