@@ -262,6 +262,16 @@ SLIDE = """<link name="l{0}"/><joint name="j{0}" type="prismatic"><parent link="
 <axis xyz="{2}"/><limit lower="4" upper="9" velocity="2" effort="100"/></joint>"""
 
 
+def test_an_arm_that_follows_no_line_is_told_so(tmp_path: Path) -> None:
+    slides = "".join(SLIDE.format(j + 1, j, axis) for j, axis in enumerate(("1 0 0", "0 1 0")))
+    (tmp_path / "gantry.urdf").write_text(GANTRY.format(slides))
+    (tmp_path / "path.csv").write_text("t,q_1,q_2\n0,5,5\n1,6,6\n2,7,6\n")
+    changes = {"robot": str(tmp_path / "gantry.urdf"), "motion.file": str(tmp_path / "path.csv")}
+    changes |= {"detector.thresholds_Nm": [50, 50], "detector.noise_sd_Nm": 5.0}
+    with pytest.raises(InputError, match=r"^robot: gantry has 2 joints, which follow no straight line; an atlas "):
+        TrajectoryAtlas(load_scenario(PICK, changes))
+
+
 def test_poses_lie_all_over_the_joints_ranges(tmp_path: Path) -> None:
     slides = "".join(SLIDE.format(j + 1, j, axis) for j, axis in enumerate(("1 0 0", "0 1 0", "0 0 1")))
     (tmp_path / "gantry.urdf").write_text(GANTRY.format(slides))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 import bumpstop as bs
-from bumpstop.study.variable import ALIASES, Range, Variable, names
+from bumpstop.study.variable import ALIASES, Range, Variable, names, per
 from collision.cases import control_group
 
 
@@ -31,10 +33,60 @@ from collision.cases import control_group
 def test_a_value_that_is_set_is_the_value_that_is_there(name: str, control: float, unit: str, value: float) -> None:
     scenario, variable = control_group(), Variable(name)
     assert variable.value(scenario) == pytest.approx(control)
-    assert variable.unit == unit
+    assert variable.unit(scenario) == unit
     changed = variable.apply(scenario, value)
     assert variable.value(changed) == pytest.approx(value, rel=1e-12)
     assert variable.apply(changed, control).motion == scenario.motion
+
+
+SLIDE = """<robot name="scara"><link name="base"/><link name="arm"/><link name="quill"/><link name="flange"/>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="arm"/><child link="quill"/><origin xyz="0.4 0 0.3"/>
+    <axis xyz="0 0 1"/><limit lower="-0.2" upper="0.2" velocity="1" effort="1"/></joint>
+  <joint name="reach" type="prismatic"><parent link="quill"/><child link="flange"/><axis xyz="1 0 0"/>
+    <limit lower="-0.2" upper="0.2" velocity="1" effort="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "unit"),
+    [
+        ("detector.thresholds", {}, "Nm"),
+        ("detector.thresholds", {"detector.thresholds_Nm": [20, 10, 12]}, "N"),
+        ("detector.thresholds", {"detector.thresholds_Nm": [10, 10, 12]}, "Nm (N)"),
+        ("detector.thresholds_and_noise", {"detector.thresholds_Nm": [20, 10, 12]}, "N"),
+        ("detector.thresholds_Nm[1]", {}, "Nm"),
+        ("detector.thresholds_Nm[3]", {}, "N"),
+        ("detector.noise_sd_Nm", {}, "Nm (N)"),
+        ("reaction.joint_acceleration_rad_s2", {}, "rad/s2 (m/s2)"),
+        ("reaction.joint_acceleration_rad_s2", {"reaction.joint_acceleration_rad_s2": [9, 3, 3]}, "m/s2"),
+        ("reaction.joint_acceleration_rad_s2[1]", {"reaction.joint_acceleration_rad_s2": [9, 3, 3]}, "rad/s2"),
+        ("pose_deg[1]", {}, "deg"),
+        ("pose_deg[2]", {}, "m"),
+        ("contact.padding", {}, "N/m"),
+    ],
+)
+def test_what_belongs_to_a_joint_that_slides_has_its_unit(
+    name: str, changes: dict[str, Any], unit: str, tmp_path: Path
+) -> None:
+    (tmp_path / "scara.urdf").write_text(SLIDE)
+    scenario = bs.Scenario.from_dict(
+        {
+            "robot": "scara.urdf",
+            "pose_deg": [10, 0.1, 0.05],
+            "motion": {"velocity_mm_s": [0, 0, -40], "task": "position"},
+            "contact": {"stiffness_N_m": 50000},
+            "detector": {"thresholds_Nm": [5, 10, 12], "noise_sd_Nm": 1.0},
+            "reaction": {"joint_acceleration_rad_s2": 4.5},
+        },
+        tmp_path,
+    ).with_values(changes)
+    assert Variable(name).unit(scenario) == unit
+    assert Variable(name).label(scenario).endswith(f"[{unit}]")
+
+
+def test_a_derivative_by_two_units_is_over_both() -> None:
+    assert [per("N", unit) for unit in ("Nm", "Nm (N)", "mm/s", "")] == ["N/Nm", "N/(Nm (N))", "N/(mm/s)", "N"]
 
 
 def test_thresholds_change_in_proportion_with_noise_or_without() -> None:

@@ -41,7 +41,7 @@ def require(
     from bumpstop.study import plain
     from bumpstop.study.requirement import require as solve
     from bumpstop.study.requirement import require_curve
-    from bumpstop.study.variable import Range
+    from bumpstop.study.variable import Range, Variable
 
     checked = load(scenario, changes)
     if len(vary) > 2:
@@ -64,7 +64,7 @@ def require(
     if as_json:
         typer.echo(json.dumps(plain({"curve": rows}), allow_nan=False, indent=2))
     else:
-        _print_curve(rows, name, against.variable.label)
+        _print_curve(rows, Variable(name).label(checked), against.variable.label(checked))
     return 0 if any(row["value"] is not None and row["false_alarm_ok"] for row in rows) else NOT_ACCEPTABLE
 
 
@@ -83,10 +83,8 @@ def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | Non
     return name, ends.low, ends.high
 
 
-def _print_curve(rows: list[dict[str, Any]], name: str, label: str) -> None:
-    from bumpstop.study.variable import Variable
-
-    typer.echo(f"{label:>36}  {Variable(name).label:>36}  fails by")
+def _print_curve(rows: list[dict[str, Any]], required: str, against: str) -> None:
+    typer.echo(f"{against:>36}  {required:>36}  fails by")
     for row in rows:
         value = "no value" if row["value"] is None else f"{row['value']:.4g}"
         alarms = "" if row["false_alarm_ok"] else f"; alarms before contact {row['false_alarm_at_value']:.2g}"

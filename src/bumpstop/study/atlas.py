@@ -164,6 +164,9 @@ class TrajectoryAtlas(Atlas):
     def __post_init__(self) -> None:
         if self.scenario.motion.kind != "trajectory":
             raise InputError("motion.kind", "'line' has no waypoints", "wanted 'trajectory', or --poses")
+        if self.problem.robot.dof < 3:
+            problem = f"{self.problem.robot.name} has {self.problem.robot.dof} joints, which follow no straight line"
+            raise InputError("robot", problem, "an atlas needs an arm of 3 or more")
         self._check()
 
     @cached_property

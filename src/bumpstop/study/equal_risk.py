@@ -70,7 +70,7 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
         curves.append({"risk": risk, "lines": [line.tolist() for line in lines if len(line) > 1]})
     return {
         "keys": [first.variable.name, second.variable.name],
-        "labels": [first.variable.label, second.variable.label],
+        "labels": [first.variable.label(scenario), second.variable.label(scenario)],
         "ends": [[first.low, first.high], [second.low, second.high]],
         "controls": [first.variable.value(scenario), second.variable.value(scenario)],
         "curves": curves,

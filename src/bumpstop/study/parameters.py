@@ -179,7 +179,7 @@ class ParameterStudy(Study):
         named = SOURCE.get(variable.name)
         result: dict[str, Any] = {
             "key": variable.name,
-            "unit": variable.unit,
+            "unit": variable.unit(self.scenario),
             "control": variable.value(self.scenario),
             "low": swept.low,
             "high": swept.high,

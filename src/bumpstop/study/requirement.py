@@ -128,7 +128,7 @@ def require_curve(
     if against.variable.key == "verdict.risk" and risk is not None:
         raise InputError("--risk", "would replace the risk that is varied", "leave one of the two out")
     return [
-        {"against": {"variable": against.variable.name, "value": value, "unit": against.variable.unit}}
+        {"against": {"variable": against.variable.name, "value": value, "unit": against.variable.unit(scenario)}}
         | require(against.variable.apply(scenario, value), vary, risk=risk, low=low, high=high).to_json()
         for value in against.values
     ]
@@ -165,6 +165,7 @@ class _Answer:
 
     def __init__(self, search: RiskSearch, ends: tuple[float, float]) -> None:
         self.search, self.ends = search, ends
+        self.unit = search.variable.unit(search.scenario)
 
     def requirement(self) -> Requirement:
         crossing = self.search.crossing()
@@ -176,14 +177,14 @@ class _Answer:
 
     def _found(self, value: float, binding: str, erratic: bool) -> Requirement:
         at = self.search.risk(value)
-        unit, limits = self.search.variable.unit, self.search.risks.problem.limits
+        limits = self.search.risks.problem.limits
         assert limits is not None
         if binding == "range":
             low, high = self.ends
-            reason = f"Every value from {low:g} to {high:g} {unit} meets a risk of {self.search.accepted:g}."
+            reason = f"Every value from {low:g} to {high:g} {self.unit} meets a risk of {self.search.accepted:g}."
         else:
             beyond = "Above" if self.search.upward else "Below"
-            reason = f"{beyond} {value:g} {unit} "
+            reason = f"{beyond} {value:g} {self.unit} "
             if binding == "singularity":
                 reason += f"the arm passes {_SINGULARITY}."
             else:
@@ -199,7 +200,7 @@ class _Answer:
     def _none(self, erratic: bool) -> Requirement:
         at = self.search.risk(self.search.mildest)
         binding = _binding(at)
-        mildest = f"even at {self.search.mildest:g} {self.search.variable.unit}"
+        mildest = f"even at {self.search.mildest:g} {self.unit}"
         if binding == "singularity":
             reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
             return self._result(None, binding, at, reason, erratic)
@@ -218,7 +219,7 @@ class _Answer:
     def _result(self, value: float | None, binding: str, at: Risk, reason: str, erratic: bool) -> Requirement:
         return Requirement(
             variable=self.search.variable.name,
-            unit=self.search.variable.unit,
+            unit=self.unit,
             value=value,
             harsher="higher" if self.search.upward else "lower",
             binding=binding,

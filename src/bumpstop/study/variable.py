@@ -25,6 +25,8 @@ _UNITS = {
     "_rad_s2": "rad/s2", "_mm_s": "mm/s", "_N_m": "N/m", "_cm2": "cm2", "_1_s": "1/s", "_deg": "deg", "_rad": "rad",
     "_Nm": "Nm", "_kg": "kg", "_mm": "mm", "_m": "m", "_s": "s",
 }  # fmt: skip
+# Units of a joint that turns, and those of one that slides.
+_SLIDING = {"rad/s2": "m/s2", "deg": "m", "rad": "m", "Nm": "N"}
 _NOT_VARIED = ("motion.velocity_mm_s", "pose_deg", "pose_rad", "contact.point_m", "contact.normal")
 
 
@@ -32,7 +34,7 @@ def per(quantity: str, unit: str) -> str:
     """Unit of a derivative: ``per("N", "mm/s")`` is ``"N/(mm/s)"``, and nothing is divided by no unit."""
     if not unit:
         return quantity
-    return f"{quantity}/({unit})" if "/" in unit else f"{quantity}/{unit}"
+    return f"{quantity}/({unit})" if "/" in unit or " " in unit else f"{quantity}/{unit}"
 
 
 @dataclass(frozen=True)
@@ -46,21 +48,30 @@ class Variable:
 
     name: str
 
-    @property
-    def unit(self) -> str:
-        """Of its values; empty for a bare number."""
+    def unit(self, scenario: Scenario) -> str:
+        """Of its values; empty for a bare number. What belongs to joints that slide has their unit."""
         if self.name in ALIASES:
-            return ALIASES[self.name][0]
-        key = self.key
-        return next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), "")
+            unit = ALIASES[self.name][0]
+        else:
+            unit = next((unit for ending, unit in _UNITS.items() if self.key.endswith(ending)), "")
+        if unit not in _SLIDING:
+            return unit
+        from bumpstop.collision import Problem
+        from bumpstop.model import unit_of
 
-    @property
-    def label(self) -> str:
+        joints = Problem.from_scenario(scenario).robot.joints
+        whole = scenario.detector.thresholds_Nm if self.name in ALIASES else self._whole(scenario)
+        if self._item is not None:
+            joints = joints[self._item - 1 : self._item]
+        elif isinstance(whole, list):
+            joints = tuple(joint for joint, value in zip(joints, whole, strict=True) if value == min(whole))
+        return unit_of(*joints, turning=unit, sliding=_SLIDING[unit])
+
+    def label(self, scenario: Scenario) -> str:
         """Name with unit, for people."""
         words = self.name.rpartition(".")[2] if self.name in ALIASES else self.name
-        return f"{words.replace('_', ' ') if self.name in ALIASES else words}" + (
-            f" [{self.unit}]" if self.unit else ""
-        )
+        unit = self.unit(scenario)
+        return f"{words.replace('_', ' ') if self.name in ALIASES else words}" + (f" [{unit}]" if unit else "")
 
     @property
     def key(self) -> str:
@@ -118,7 +129,8 @@ class Variable:
         """The keys to be changed for this value, as :meth:`Scenario.with_values` takes them."""
         value = float(value)
         if self.name in ALIASES and not value > 0:
-            raise InputError("--vary", f"{self.name} of {value:g} {self.unit} has no meaning", "wanted a value above 0")
+            problem = f"{self.name} of {value:g} {self.unit(scenario)} has no meaning"
+            raise InputError("--vary", problem, "wanted a value above 0")
         detector = scenario.detector
         if self.name == "motion.speed":
             assert scenario.motion.velocity_mm_s is not None
