@@ -113,6 +113,17 @@ def test_axes_come_out_of_length_one(tmp_path: Path) -> None:
     assert abs(np.linalg.norm(arm.joints[2].axis) - 1) < 3e-16
 
 
+def test_axes_of_five_digits_are_axes(tmp_path: Path) -> None:
+    """Exporters of drawing programs round every figure so; the direction that is meant is off by less than 1e-5."""
+    rng = np.random.default_rng(9)
+    for axis in (*rng.normal(size=(200, 3)), np.array([1.0, 0.0, 1.0]), np.array([1.0, 1.0, 1.0])):
+        meant = axis / np.linalg.norm(axis)
+        written = " ".join(f"{value:.5g}" for value in meant)
+        found = np.asarray(read(changed(("0.6 0 0.8", written)), tmp_path).joints[2].axis)
+        assert abs(np.linalg.norm(found) - 1) < 3e-16
+        assert np.abs(found - meant).max() < 1e-5
+
+
 def test_random_files_as_pinocchio_reads_them(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     merged = 0
@@ -200,7 +211,7 @@ ROLL = '<joint name="roll" type="continuous">'
         # Axes.
         (('xyz="0.6 0 0.8"', 'xyz="0 0 0"'), r"joint 'roll' axis: is zero; wanted a unit vector"),
         (('xyz="0.6 0 0.8"', 'xyz="0 0 2"'), r"joint 'roll' axis: '0 0 2' has length 2; wanted 0 0 1"),
-        (('xyz="0.6 0 0.8"', 'xyz="0.6 0 0.80001"'), r"joint 'roll' axis: .* has length 1.00001; wanted 0.59999"),
+        (('xyz="0.6 0 0.8"', 'xyz="0.6 0 0.80002"'), r"joint 'roll' axis: .* has length 1.00002; wanted 0.59999"),
         (
             ('xyz="0.6 0 0.8"', 'xyz="0 nan 1"'),
             r"joint 'roll' axis xyz: 'nan' is not a finite number; wanted 3 numbers",
@@ -217,7 +228,14 @@ ROLL = '<joint name="roll" type="continuous">'
         ((LIMIT, ""), r"joint 'turn' limit: is missing; wanted <limit> with lower, upper and velocity"),
         ((LIMIT, '<limit lower="-2" velocity="3"/>'), r"joint 'turn' limit: has no upper; wanted lower, upper and"),
         ((LIMIT, '<limit lower="-2" upper="2"/>'), r"joint 'turn' limit: has no velocity"),
-        ((LIMIT, '<limit lower="2" upper="-2" velocity="3"/>'), r"joint 'turn' limit: lower 2 is not below upper -2"),
+        (
+            (LIMIT, '<limit lower="2" upper="-2" velocity="3"/>'),
+            r"joint 'turn' limit: lower 2 is not below upper -2; wanted lower below upper; \"continuous\" joints have",
+        ),
+        (
+            (LIMIT, '<limit effort="0" lower="0" upper="0" velocity="0"/>'),
+            r"joint 'turn' limit: lower 0 is not below upper 0; wanted lower below upper",
+        ),
         (
             (LIMIT, '<limit lower="-2" upper="2" velocity="0"/>'),
             r"joint 'turn' limit: velocity is 0; wanted a positive",

@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 MOST_LINKS = 10_000
-_UNIT_TOLERANCE = 1e-6
+# Exporters write five digits of a component: lengths are then off by up to 0.9e-5.
+_UNIT_TOLERANCE = 1e-5
 
 _TURNING = ("revolute", "continuous")
 _KINDS = (*_TURNING, "prismatic", "fixed")
@@ -277,7 +278,8 @@ def _limits(joint: Element, kind: str, where: str) -> tuple[float, float, float]
                 raise InputError(f"{where} limit", f"has no {key}", "wanted lower, upper and velocity")
         lower, upper = found["lower"], found["upper"]
         if not lower < upper:
-            raise InputError(f"{where} limit", f"lower {lower:g} is not below upper {upper:g}")
+            wanted = "wanted lower below upper" + ('; "continuous" joints have neither' if kind == "revolute" else "")
+            raise InputError(f"{where} limit", f"lower {lower:g} is not below upper {upper:g}", wanted)
     velocity = found.get("velocity", math.inf)
     if not velocity > 0:
         raise InputError(f"{where} limit", f"velocity is {velocity:g}", "wanted a positive limit")
