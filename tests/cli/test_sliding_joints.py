@@ -110,6 +110,26 @@ def test_thresholds(shop: tuple[str, Path, Path], tmp_path: Path) -> None:
         check(name, result.out, words(tmp_path / "out/report.html"))
 
 
+def test_what_is_alike_at_every_pose_has_no_rank(tmp_path: Path) -> None:
+    """The condition number of a gantry is the same everywhere."""
+    write_urdf(machine("gantry"), tmp_path / "machine.urdf")
+    (tmp_path / "s.toml").write_text(
+        """
+        robot = "machine.urdf"
+        pose_rad = [0.1, 0.1, 0.1]
+        motion = { velocity_mm_s = [0, 0, -40], task = "position" }
+        contact = { body = "hand_finger" }
+        detector = { thresholds_Nm = [20, 20, 20], noise_sd_Nm = 4 }
+        reaction = { joint_acceleration_rad_s2 = 5 }
+        """
+    )
+    result = run("study", "workspace", tmp_path / "s.toml", "--poses", 6, "--foretell", "--out", tmp_path / "out")
+    assert result.status == 0, result.err
+    assert "condition number: rank correlation none" in result.out
+    for text in (result.out, words(tmp_path / "out/report.html")):
+        assert not re.search(r"\bnan\b", text)
+
+
 def test_sensitivity(shop: tuple[str, Path, Path]) -> None:
     name, urdf, _ = shop
     result = run("sensitivity", urdf, "--pose-deg", "0.1,0.1,0.1", "--thresholds", "9,9,9")

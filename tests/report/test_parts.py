@@ -2,6 +2,7 @@
 
 import math
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from bumpstop.report.chain import _numbers, chain_picture
 from bumpstop.report.detection import DetectionSection
 from bumpstop.report.distribution import bins
 from bumpstop.report.markup import Html, element, table
-from bumpstop.report.picture import WIDTH, spread
+from bumpstop.report.picture import WIDTH, Picture, axes, spread
 from bumpstop.report.records import ProvenanceSection
 from bumpstop.report.words import number
 from report.cases import evaluate
@@ -75,6 +76,16 @@ def test_the_labels_of_an_arm_lie_inside_its_picture(name):
         box = panel.get_tightbbox()
         assert box.x0 >= 0
         assert box.x1 <= figure.bbox.x1
+
+
+@pytest.mark.parametrize("kind", ["svg", "png"])
+def test_names_in_any_script_are_drawn_without_a_word(kind: str) -> None:
+    """The font of a PNG has no such letters; that is nothing to tell a person of, least of all about our lines."""
+    picture = Picture("names", "", "", lambda figure: axes(figure).set_title("関節 1, Achse ö, 手"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        drawn = getattr(picture.render(), kind)
+    assert len(drawn) > 1000
 
 
 def test_labels_are_spread():

@@ -281,6 +281,8 @@ def _effectiveness_lines(summary: dict[str, Any]) -> list[str]:
 
 
 def _workspace_lines(summary: dict[str, Any]) -> list[str]:
+    from bumpstop.report.words import correlation
+
     lines = [f"{summary['laws']} laws; {summary['singular_starts']} poses start at a singularity and have none"]
     if not summary["laws"]:
         return lines
@@ -291,7 +293,7 @@ def _workspace_lines(summary: dict[str, Any]) -> list[str]:
         )
     for name, found in summary.get("predictors", {}).items():
         missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
-        rank = f"rank correlation {found['rank_correlation']:.3f}"
+        rank = f"rank correlation {correlation(found['rank_correlation'])}"
         lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, refuses {refused} of safe")
     low, high = summary["distribution"]["mode_of_collisions_N"]
     lines.append(f"most common peak force: {low:g} to {high:g} N")

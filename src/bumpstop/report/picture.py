@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -84,9 +85,13 @@ class Picture:
             self.draw(figure)
         return Rendered(self, figure)
 
-    def style(self) -> AbstractContextManager[None]:
+    @contextmanager
+    def style(self) -> Iterator[None]:
         """While open, matplotlib's defaults and the report's look hold, whatever the reader has set."""
-        return matplotlib.style.context(["default", _STYLE | {"svg.hashsalt": self.name}])
+        with matplotlib.style.context(["default", _STYLE | {"svg.hashsalt": self.name}]), warnings.catch_warnings():
+            # Names in scripts that the font lacks: an SVG leaves letters to whoever shows it, a PNG has boxes for them.
+            warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+            yield
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from bumpstop.collision.verdict import percent
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.report.words import NONE, number
+from bumpstop.report.words import NONE, correlation, number
 from bumpstop.study.workspace_summary import MAP_CELLS, worst_risk
 
 if TYPE_CHECKING:
@@ -274,7 +274,7 @@ class SensitivityPart(Part):
 
     def content(self) -> list[Html]:
         """Rank correlations, and which Jacobian."""
-        rows = [(name.replace("_", " "), f"{value:.3f}") for name, value in self._correlation.items()]
+        rows = [(name.replace("_", " "), correlation(value)) for name, value in self._correlation.items()]
         return [
             paragraph(
                 "Both are of the Jacobian of the joints that move, at the start pose. Three rows are the tip's "
@@ -293,7 +293,7 @@ class SensitivityPart(Part):
         rows = [
             (
                 name.replace("_", " "),
-                f"{found['rank_correlation']:.3f}",
+                correlation(found["rank_correlation"]),
                 _part(found["unsafe_missed"]),
                 _part(found["safe_refused"]),
             )

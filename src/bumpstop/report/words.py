@@ -24,6 +24,11 @@ def number(value: float) -> str:
     return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
 
 
+def correlation(value: float) -> str:
+    """A rank correlation; ``"none"`` where there is none, as with a quantity that is everywhere the same."""
+    return NONE if math.isnan(value) else f"{value:.3f}"
+
+
 def quantity(value: float, unit: str) -> str:
     """A number with its unit, where it is a number."""
     return f"{number(value)} {unit}" if math.isfinite(value) else number(value)
