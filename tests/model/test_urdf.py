@@ -113,6 +113,13 @@ def test_axes_come_out_of_length_one(tmp_path: Path) -> None:
     assert abs(np.linalg.norm(arm.joints[2].axis) - 1) < 3e-16
 
 
+@pytest.mark.parametrize("effort", ["3.4028235e+38", "inf", "", "-1"])
+def test_efforts_are_passed_over(effort: str, tmp_path: Path) -> None:
+    """Programs that know of no limit write the greatest number there is, an infinity or nothing."""
+    arm = read(changed(('velocity="3" effort="50"', f'velocity="3" effort="{effort}"')), tmp_path)
+    assert (arm.joints[0].lower, arm.joints[0].upper, arm.joints[0].velocity) == (-2, 2.5, 3)
+
+
 def test_axes_of_five_digits_are_axes(tmp_path: Path) -> None:
     """Exporters of drawing programs round every figure so; the direction that is meant is off by less than 1e-5."""
     rng = np.random.default_rng(9)

@@ -48,7 +48,8 @@ _OF_ROBOT = ("link", "joint", "material", "gazebo", "transmission")
 _OF_LINK = ("inertial", "visual", "collision")
 _OF_INERTIAL = ("origin", "mass", "inertia")
 _OF_JOINT = ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "calibration", "safety_controller")
-_OF_LIMIT = ("lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk")
+_USED_LIMITS = ("lower", "upper", "velocity")
+_OF_LIMIT = (*_USED_LIMITS, "effort", "acceleration", "deceleration", "jerk")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,9 +272,10 @@ def _limits(joint: Element, kind: str, where: str) -> tuple[float, float, float]
             raise InputError(f"{where} limit", "is missing", "wanted <limit> with lower, upper and velocity")
         return lower, upper, velocity
     check_attributes(element, _OF_LIMIT, f"{where} limit")
-    found = {key: numbers(element, key, 1, "", where)[0] for key in _OF_LIMIT if key in element.attrib}
+    # The others are of no use here, and exporters write what they like: 3.4028235e+38 for no limit, "inf", nothing.
+    found = {key: numbers(element, key, 1, "", where)[0] for key in _USED_LIMITS if key in element.attrib}
     if bounded:
-        for key in ("lower", "upper", "velocity"):
+        for key in _USED_LIMITS:
             if key not in found:
                 raise InputError(f"{where} limit", f"has no {key}", "wanted lower, upper and velocity")
         lower, upper = found["lower"], found["upper"]
