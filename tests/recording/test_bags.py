@@ -10,7 +10,7 @@ import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from bumpstop import InputError
+from bumpstop import InputError, Joint, Robot
 from bumpstop.recording import Recording
 from recording.cases import recording
 
@@ -79,6 +79,23 @@ def test_places_that_a_bag_would_pass_over_are_refused(columns: dict[str, Any], 
         Recording.load(path, columns=columns)
     in_degrees = Recording.load(path, columns={"position": {"unit": "deg"}})
     np.testing.assert_allclose(in_degrees.q, np.radians(Recording.load(path).q))
+
+
+def test_units_of_a_bag_are_those_of_its_joints_in_the_robots_order(tmp_path: Path) -> None:
+    """A driver that counts in degrees and millimetres, and has no efforts."""
+    joints = (
+        Joint(name="b", link="b", lower=-4, upper=4, velocity=3),
+        Joint(name="a", link="a", kind="prismatic", lower=-1, upper=1, velocity=1),
+    )
+    robot = Robot(name="slide", joints=joints)
+    path = bag(tmp_path, StoragePlugin.MCAP, {"/s": [state(0.1 * i, ["a", "b"], effort=False) for i in range(5)]})
+    units = {
+        "position": {"unit": ["deg", "mm"]}, "velocity": {"unit": ["deg/s", "mm/s"]}, "torque": {"unit": ["Nm"] * 3}
+    }  # fmt: skip
+    found = Recording.load(path, columns=units, robot=robot)
+    np.testing.assert_allclose(found.q[0], [np.radians(98), 0.097], rtol=1e-12)
+    with pytest.raises(InputError, match=r"columns.position.unit: 'mm' is none of joint 'b', which turns"):
+        Recording.load(path, columns={"position": {"unit": ["mm", "deg"]}}, robot=robot)
 
 
 def test_two_joints_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -189,10 +189,11 @@ def _check_units(raw: RawRecording, columns: Columns, robot: Robot, *, in_order:
     """Refuse units of angles where a joint slides and of lengths where it turns: their scale would be a wrong one."""
     by_name = {joint.name: joint for joint in robot.joints}
     names = columns.joint_names or raw.joint_names
-    joints = robot.joints if in_order or set(names) != set(by_name) else tuple(by_name[name] for name in names)
+    as_given = not in_order and len(names) == robot.dof and set(names) == set(by_name)
+    joints = tuple(by_name[name] for name in names) if as_given else robot.joints
     for name in _OTHER_UNIT:
         quantity = columns.quantities.get(name)
-        if quantity is None or (columns.coupling is not None and quantity.side == "motor"):
+        if quantity is None or name not in raw.values or (columns.coupling is not None and quantity.side == "motor"):
             continue
         units = quantity.units * len(joints) if len(quantity.units) == 1 else quantity.units
         # Units of SI are harmless: m stands for rad, and N for Nm.
