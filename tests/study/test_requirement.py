@@ -316,6 +316,24 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> N
     assert max(over(case, "contact.padding", float(value)) for value in milder) <= case.verdict.risk
 
 
+def test_an_arm_that_starts_from_rest_meets_the_risk_at_lower_speeds_too() -> None:
+    """It speeds up all the way to the body, as fast whatever speed is asked: one tooth reaches over many values."""
+    case = scenario(**{
+        "motion.start": "rest",
+        "contact.offset_law": "fixed",
+        "contact.offset_mm": 4.7,
+        "detector.feedback_period_s": 0.004,
+        "reaction.joint_acceleration_rad_s2": 2.64,
+        "verdict.risk": 5.5e-5,
+    })  # fmt: skip
+    found = require(case, "motion.speed")
+    assert found.value is not None
+    lower = np.geomspace(0.8 * found.value, found.value, 60)
+    assert max(over(case, "motion.speed", float(value)) for value in lower) <= case.verdict.risk
+    beyond = found.value * np.linspace(1.0005, 1.005, 10)
+    assert max(over(case, "motion.speed", float(value)) for value in beyond) > case.verdict.risk
+
+
 # An arm that lags behind its line: the risk falls for a while with harder padding, and jumps where it is a step later.
 LAGGING = {
     "robot": "sia5d",
