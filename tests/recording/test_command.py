@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from bumpstop.recording import Recording
+from bumpstop.model import Robot
+from bumpstop.recording import Recording, limits_touched
 from cli.support import run
 from recording.cases import COLUMNS, lines, recording, written
 
@@ -29,9 +32,19 @@ def test_info(ending: str, tmp_path: Path) -> None:
 
 
 def test_limits_touched(tmp_path: Path) -> None:
-    recording(dof=6).save(tmp_path / "run.parquet")
-    result = run("recording", "info", tmp_path / "run.parquet", "--robot", "ur10")
-    assert "limits touched: none" in result.out
+    robot, path = Robot.load("ur10"), tmp_path / "run.parquet"
+    within = recording(dof=6)
+    within.save(path)
+    assert "limits touched: none" in run("recording", "info", path, "--robot", "ur10").out
+    q, qd = within.q.copy(), np.array(within.qd)
+    q[3, 0], q[4, 0], q[5, 2] = robot.upper[0], robot.lower[0], robot.upper[2] + 0.1
+    qd[7:10, 1], qd[11, 4] = -robot.velocity[1], 2 * robot.velocity[4]
+    beyond = replace(within, q=q, qd=qd)
+    touched = {name: rows.tolist() for name, rows in limits_touched(beyond, robot).items()}
+    assert touched == {"position": [2, 0, 1, 0, 0, 0], "velocity": [0, 3, 0, 0, 1, 0]}
+    assert limits_touched(replace(beyond, qd=None), robot).keys() == {"position"}
+    beyond.save(path)
+    assert "limits touched: 7 times" in run("recording", "info", path, "--robot", "ur10").out
 
 
 def test_a_robot_with_two_chains(tmp_path: Path) -> None:
