@@ -122,5 +122,6 @@ def test_an_arm_whose_motion_ends_within_the_latency_stays_in_contact() -> None:
 def test_a_head_is_never_acceptable() -> None:
     law = two_phase(contact__body="face", motion__velocity_mm_s=[0, 0, -10])
     assert law.verdict.acceptable is False
+    assert (law.verdict.p_over_force, law.verdict.p_over_pressure) == (1.0, 1.0)
     assert "does not permit transient contact" in law.verdict.reason
     assert law.verdict.to_json()["limit_kind"] == "two_phase"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,13 +64,23 @@ def test_a_robot_with_two_chains(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv", "mcap"])
-def test_convert(ending: str, tmp_path: Path) -> None:
-    recording().save(tmp_path / "run.parquet")
-    out = tmp_path / f"out.{ending}"
+@pytest.mark.parametrize("absent", [{}, {"tau": None}, {"wrench": None}, {"joint_names": ()}, {"robot": ""}])
+def test_convert_says_what_is_lost(absent: dict[str, Any], ending: str, tmp_path: Path) -> None:
+    before, out = replace(recording(), **absent), tmp_path / f"out.{ending}"
+    before.save(tmp_path / "run.parquet")
     result = run("recording", "convert", tmp_path / "run.parquet", out)
     assert result.status == 0, result.err
-    assert Recording.load(out).t.size == 200
-    assert ("not written" in result.out) == (ending != "parquet")
+    # A bag that holds no torque holds the current in its place.
+    in_place = {"effort": "current"} if ending == "mcap" and before.tau is None else None
+    after = Recording.load(out, columns=in_place)
+    assert after.t.size == 200
+    names = ("q", "qd", "current", "tau", "wrench", "joint_names", "robot")
+    had, has = (
+        {name for name in names if getattr(one, name) is not None and len(getattr(one, name))}
+        for one in (before, after)
+    )
+    said = result.out.partition("no place for it: ")[2].strip()
+    assert {name.replace(" ", "_") for name in said.split(", ") if name} == had - has
 
 
 @pytest.mark.parametrize(

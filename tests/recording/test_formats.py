@@ -141,6 +141,13 @@ def test_units_and_coupling(tmp_path: Path) -> None:
     assert found.tau is not None
     np.testing.assert_allclose(found.tau, (ratio.T @ torque.T).T * [1, -1], rtol=1e-12)
     assert found.t[1] == 0.01
+    # Rates turn as positions do, and have no zero to shift; whose they are is said for each.
+    columns["velocity"] = {"columns": [2, 3], "unit": "deg/s"}
+    for side in ("motor", "joint"):
+        columns["velocity"]["side"] = side  # type: ignore[index]
+        moving = Recording.load(written(tmp_path, text), columns=columns)
+        rates = np.radians(motor if side == "joint" else np.linalg.solve(ratio, motor.T).T)
+        np.testing.assert_allclose(np.array(moving.qd), rates, rtol=1e-12)
     # Positions that are the joints' already have no ratio, but where their zero lies is still said.
     columns["position"]["side"] = "joint"  # type: ignore[index]
     joint_side = Recording.load(written(tmp_path, text), columns=columns)
@@ -302,6 +309,7 @@ def test_another_file_beside_a_matlab_file_is_refused(tmp_path: Path) -> None:
             "columns.current.side: 'joint' cannot be used: currents are",
         ),
         ({"coupling": {"ratio": [[1, 1], [1, 1]]}}, "cannot be inverted"),
+        ({"coupling": {"ratio": [[2, 0], [0, 2]], "sign": [1, 2]}}, r"columns.coupling.sign: is \[1.0, 2.0\]"),
         ({"coupling": {"ratio": [[1]]}}, "is for 1 joints, positions have 2"),
         ({"format": "xls"}, "did you mean 'xlsx'"),
         ({"position": {"columns": [0, 1]}}, "0 is no column"),

@@ -40,10 +40,13 @@ def write(recording: Recording, path: Path) -> None:
 
 def left_out(recording: Recording, path: Path) -> tuple[str, ...]:
     """What a file with this ending does not hold of the recording."""
-    if path.suffix == ".mcap":
-        both = recording.tau is not None and recording.current is not None
-        return (*(("current",) if both else ()), *(("wrench",) if recording.wrench is not None else ()))
-    return ("joint names", "robot") if path.suffix == ".csv" and recording.joint_names else ()
+    lost = {
+        "current": path.suffix == ".mcap" and recording.tau is not None and recording.current is not None,
+        "wrench": path.suffix == ".mcap" and recording.wrench is not None,
+        "joint names": path.suffix == ".csv" and bool(recording.joint_names),
+        "robot": path.suffix != ".parquet" and bool(recording.robot),
+    }
+    return tuple(name for name, is_lost in lost.items() if is_lost)
 
 
 def table_of(recording: Recording) -> pl.DataFrame:
