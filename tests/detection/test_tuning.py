@@ -34,13 +34,15 @@ def test_a_planted_rate_is_recovered_and_extrapolated() -> None:
     """White normal noise: how often it passes a level is known exactly."""
     rng = np.random.default_rng(8)
     rows, period, per_hour = 400_000, 0.01, 0.05
-    tail = PeaksOverThreshold.fit([np.abs(rng.standard_normal(rows))], period)
+    noise = np.abs(rng.standard_normal(rows))
+    tail = PeaksOverThreshold.fit([noise], period)
     truth = stats.norm.isf(per_hour / 3600 * period / 2)
     low, high = tail.level_interval(per_hour)
     assert low < truth < high
     # 18 times beyond the record. Two standard errors of a scale from 200 peaks are 14 %, of two thirds of the square.
     assert tail.level_of(per_hour) == pytest.approx(truth, rel=0.08)
     assert tail.per_hour(tail.level_of(per_hour)) == pytest.approx(per_hour, rel=1e-9)
+    np.testing.assert_allclose(tail.peaks, clusters(noise, math.sqrt(tail.level), tail.cluster_rows)[1], rtol=1e-12)
 
 
 def test_profile_interval_against_likelihood_worked_out_apart() -> None:

@@ -150,6 +150,16 @@ def test_files_repeat_the_plan(tmp_path: Path, plans: dict[str, IdentificationPl
         np.testing.assert_allclose(a.t, b.t, atol=1e-6)
 
 
+@pytest.mark.parametrize(("intervals", "times"), [(3.0, [0, 0.1, 0.2, 0.3]), (3.5, [0, 0.1, 0.2, 0.3, 0.35])])
+def test_an_even_rate_ends_with_the_path_and_names_no_time_twice(intervals: float, times: list[float]) -> None:
+    """Three tenths, as sums of tenths have it, are more than 0.3 by a rounding."""
+    corners = np.array([0.0, 0.1 * intervals])
+    path = TimedPath(corners, np.array([[0.0], [1.0]]), np.zeros((2, 1)), np.zeros((2, 1)))
+    even = path.sampled(10.0)
+    np.testing.assert_allclose(even.t, times, rtol=1e-12)
+    assert (even.t[-1], even.q[-1, 0]) == (path.duration, 1.0)
+
+
 def test_trajectory_files_are_read_back_as_the_same_motion(
     tmp_path: Path, plans: dict[str, IdentificationPlan]
 ) -> None:

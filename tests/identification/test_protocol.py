@@ -221,6 +221,10 @@ def test_joints_that_were_not_recorded_are_named(fit: ProtocolFit) -> None:
     assert [number for number, _ in fit.missing] == [3, 4]
     assert all("never moves alone" in why for _, why in fit.missing)
     assert [joint.name for joint in fit.model().joints] == ["shoulder_lift_joint", "elbow_joint"]
+    lost = ("shoulder_pan_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+    note = fit.model().note
+    assert note.startswith("Not identified by the protocol: ")
+    assert sorted(note.removesuffix(".").partition(": ")[2].split(", ")) == sorted(lost)
 
 
 def test_model_predicts_the_torque_of_another_motion(fit: ProtocolFit, plan: IdentificationPlan) -> None:

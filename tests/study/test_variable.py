@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,14 @@ def test_thresholds_change_in_proportion_with_noise_or_without() -> None:
     assert alone.noise_sd_Nm == scenario.detector.noise_sd_Nm
     both = Variable("detector.thresholds_and_noise").apply(scenario, 5.0).detector
     assert both.noise_sd_Nm == pytest.approx([t / 5.5 for t in (10, 5, 10, 10, 10, 10, 10)])
+
+
+@pytest.mark.parametrize("latency", ["0", "0.003", "0.035", "0.0352", "0.1101"])
+def test_latency_is_rounded_up_to_whole_steps_as_the_law_does(latency: str) -> None:
+    scenario = control_group(reaction__latency_s=float(latency))
+    steps = math.ceil(Decimal(latency) / Decimal("0.001"))
+    assert bs.Problem.from_scenario(scenario).latency_steps == steps
+    assert Variable("reaction.latency_s").value(scenario) == pytest.approx(1e-3 * steps, abs=1e-12)
 
 
 def test_a_list_with_a_value_for_each_joint_changes_in_proportion() -> None:
