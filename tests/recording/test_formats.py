@@ -124,6 +124,16 @@ def test_units_of_motors_are_those_of_motors(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.q[-1], [np.radians(4.9), np.radians(-490.0) / 628.3], rtol=1e-12)
 
 
+def test_a_last_line_without_an_end_is_a_row_too(tmp_path: Path) -> None:
+    """Also where some lines are left out."""
+    path = tmp_path / "run.csv"
+    for text, times in (("t,q_1\n0,1\n1,2\n2,3", [0, 1, 2]), ("t,q_1\n0,1\n1,2,5\n2,3\n3,4", [0, 2, 3])):
+        path.write_text(text)
+        found = Recording.load(path, max_bad=0.5)
+        assert found.t.tolist() == times
+        assert found.q[:, 0].tolist() == [time + 1 for time in times]
+
+
 def test_units_and_coupling(tmp_path: Path) -> None:
     motor = np.random.default_rng(2).uniform(-100, 100, (50, 2))
     torque = np.random.default_rng(3).uniform(-1, 1, (50, 2))
@@ -148,6 +158,12 @@ def test_units_and_coupling(tmp_path: Path) -> None:
         moving = Recording.load(written(tmp_path, text), columns=columns)
         rates = np.radians(motor if side == "joint" else np.linalg.solve(ratio, motor.T).T)
         np.testing.assert_allclose(np.array(moving.qd), rates, rtol=1e-12)
+    # Where a file itself says what stands where, a coupling turns positions and rates.
+    own = recording()
+    own.save(tmp_path / "own.parquet")
+    turned = Recording.load(tmp_path / "own.parquet", columns={"coupling": {"ratio": ratio.tolist()}})
+    np.testing.assert_allclose(turned.q @ ratio.T, own.q, atol=1e-12)
+    np.testing.assert_allclose(np.array(turned.qd) @ ratio.T, np.array(own.qd), atol=1e-12)
     # Positions that are the joints' already have no ratio, but where their zero lies is still said.
     columns["position"]["side"] = "joint"  # type: ignore[index]
     joint_side = Recording.load(written(tmp_path, text), columns=columns)
