@@ -239,8 +239,11 @@ def test_self_motion_keeps_the_tool_and_feels_no_worse() -> None:
     problem = TrajectoryAtlas(load_scenario(PICK)).problem
     rng = np.random.default_rng(8)
     robot = problem.robot
-    q = rng.uniform(0.5 * robot.lower, 0.5 * robot.upper, (6, 7))
-    direction = rng.normal(size=(6, 3))
+    q = rng.uniform(0.5 * robot.lower, 0.5 * robot.upper, (18, 7))
+    # One joint of twelve of them is beside a limit, beyond which the self-motion would go on.
+    near, beside = np.arange(6, 18), rng.integers(7, size=12)
+    q[near, beside] = 0.98 * np.where(rng.random(12) < 0.5, robot.lower[beside], robot.upper[beside])
+    direction = rng.normal(size=(18, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     found = feel_better(problem, q, direction)
     assert np.abs(robot.pose(found.q) - robot.pose(q)).max() < 2e-6
