@@ -174,6 +174,7 @@ def test_refusals() -> None:
         (ResidualSeries(one.t, 0 * one.rows), {}, "residuals: of no joint ever change"),
         ([one, residuals(0.02, 2, joints=4)], {}, "noise 2: has 4 joints; noise 1 has 3"),
         ([one, ResidualSeries(2 * one.t, one.rows)], {}, "has a row every 0.02 s"),
+        ([ResidualSeries(2 * one.t, one.rows), one], {}, "has a row every 0.01 s"),
     ]
     for series, given, message in cases:
         arguments: dict[str, object] = {"per_hour": 20.0} | given

@@ -200,6 +200,10 @@ def test_a_payload_that_a_controller_was_told_of_is_said(tmp_path: Path) -> None
             note for note in notes if said is not None and said in note
         ]
         assert any("payload" in note for note in notes) == (said is not None)
+    # Most files say nothing of it.
+    silent = Recording.load(written(tmp_path, [",".join(names[:3]), *(f"{0.01 * i},0.1,0.2" for i in range(60))]))
+    assert silent.t.size == 60
+    assert not any("payload" in note for note in silent.report.notes)
 
 
 def test_rate_stands_for_a_time_column(tmp_path: Path) -> None:
