@@ -31,6 +31,20 @@ def straight(folder: Path, **changes: Any) -> tuple[bs.Scenario, bs.Scenario]:
     return line, scenario(folder, trajectory_motion(contact_time=BEGIN), contact=contact, **changes)
 
 
+@pytest.mark.parametrize("free", [{}, {"kind": "free", "body_mass_kg": 0.6}])
+def test_only_the_direction_of_a_normal_counts(free: dict[str, Any], tmp_path: Path) -> None:
+    laws: list[list[bs.ForceLaw]] = []
+    for length in (1.0, 7.0):
+        contact = {"stiffness_N_m": 20000, "normal": [0, 0, -length], **free}
+        line, path = straight(tmp_path, contact=contact)
+        laws.append([bs.evaluate(case) for case in (line, path, path.with_values({"motion.contact_time": "uniform"}))])
+    for one, other in zip(*laws, strict=True):
+        for name in ("peak_force", "force_at_detection"):
+            for p in (0.05, 0.5, 0.999):
+                expected = getattr(one, name).quantile(p)
+                assert getattr(other, name).quantile(p) == pytest.approx(expected, rel=1e-12), name
+
+
 @pytest.mark.parametrize("kind", ["stop", "reverse"])
 @pytest.mark.parametrize(("mass", "latency"), [(0.6, 0.0), (30.0, 0.007)])
 def test_a_free_body_beside_a_straight_trajectory(kind: str, mass: float, latency: float, tmp_path: Path) -> None:

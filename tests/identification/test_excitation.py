@@ -35,6 +35,33 @@ def test_limits_floor_and_rest(found: Excitation) -> None:
     assert np.abs(np.diff(qd, axis=0) / 0.002 - (qdd[1:] + qdd[:-1]) / 2).max() < 1e-3
 
 
+@pytest.mark.parametrize(
+    "limits",
+    [{"acceleration": 0.3}, {"speed_share": 0.02, "acceleration": 50.0}, {"speed_share": 1.0, "period_s": 200.0}],
+    ids=["acceleration", "speed", "position"],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_every_joint_comes_as_near_as_all_others_to_the_limit_that_binds_it(
+    limits: dict[str, float], seed: int
+) -> None:
+    """Accelerations, speeds and positions, to either side: whatever is drawn is made as large as they allow."""
+    robot = bs.Robot.load("panda")
+    motion = plan_excitation(robot, ExcitationSettings(rounds=0, seed=seed, floor=None, radius=0.0, **limits))
+    period, share = motion.settings.period_s, motion.settings.speed_share
+    q, qd, qdd = motion.at(np.linspace(0.0, period, 4001))
+    swing, margin = q - motion.middle, np.radians(5)
+    used = np.maximum.reduce(
+        [
+            swing.max(axis=0) / (np.minimum(robot.upper, np.pi) - margin - motion.middle),
+            -swing.min(axis=0) / (motion.middle - np.maximum(robot.lower, -np.pi) - margin),
+            np.abs(qd).max(axis=0) / (share * robot.velocity),
+            np.abs(qdd).max(axis=0) / motion.settings.acceleration,
+        ]
+    )
+    assert used.max() < 1
+    np.testing.assert_allclose(used, used.max(), rtol=0.01)
+
+
 def test_condition_number_by_singular_values(found: Excitation) -> None:
     """Of a finer sampling than the search's: the same to a fifth, and far below that of the random start."""
     q, qd, qdd = found.at(np.linspace(0, 10, 400, endpoint=False))
