@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 import bumpstop as bs
 from bumpstop.collision.verdict import percent
+from bumpstop.joint.model import Parameter
 from bumpstop.report.area import AreaSection
 from bumpstop.report.arm import ArmSection
 from bumpstop.report.chain import _numbers, chain_picture
@@ -20,7 +21,7 @@ from bumpstop.report.distribution import bins
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import WIDTH, Picture, axes, spread
 from bumpstop.report.records import ProvenanceSection
-from bumpstop.report.words import number
+from bumpstop.report.words import number, with_error
 from report.cases import evaluate
 
 
@@ -101,6 +102,14 @@ def test_labels_are_spread():
 )
 def test_joint_numbers(group, text):
     assert _numbers(group) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "unknown"), (Parameter(0.24125, None), "0.2412"), (Parameter(0.24125, 0.0131), "0.2412 ± 0.013")],
+)
+def test_parameters_have_their_standard_error_where_there_is_one(value, text):
+    assert with_error(value) == text
 
 
 @pytest.mark.parametrize(

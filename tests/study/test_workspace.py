@@ -97,6 +97,15 @@ def test_directions_are_even_over_the_sphere_or_over_the_polar_angle(spread: boo
         assert vectors.mean(axis=0) == pytest.approx(np.zeros(3), abs=5 / math.sqrt(3 * n) + 1e-3)
 
 
+@pytest.mark.parametrize("options", [{"poses": 12}, {"grid": 1, "grid_directions": 3}])
+def test_directions_may_all_be_that_of_the_scenario(options: dict[str, int]) -> None:
+    case = SLOW.with_values({"motion.velocity_mm_s": [6.0, 0.0, -8.0]})
+    rows = run(WorkspaceStudy(case, directions="scenario", **options))[0]
+    velocity = rows.select("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s").to_numpy()
+    assert len(velocity) >= 3
+    np.testing.assert_allclose(velocity, np.tile([0.006, 0.0, -0.008], (len(velocity), 1)), atol=1e-15)
+
+
 def test_speeds_have_the_spread_asked_for_and_are_never_backward() -> None:
     speeds = WorkspaceStudy(SLOW, poses=1, speed_sd_mm_s=9.0)._speeds(20_000, np.random.default_rng(0))
     assert (speeds > 0).all()
