@@ -1,6 +1,7 @@
 """What a report says where other limits hold than those of lasting contact."""
 
 import matplotlib.figure
+import pytest
 
 from bumpstop.report.page import Page
 from report.cases import Outline, evaluate
@@ -45,3 +46,18 @@ def test_two_phases_have_two_limits():
     figure = matplotlib.figure.Figure()
     bad.draw(figure)
     assert "limit 140 N from 0.5 s on" in [text.get_text() for text in figure.axes[0].texts]
+
+
+@pytest.mark.parametrize("two_phase", [False, True])
+@pytest.mark.parametrize("speed", [30, 90, 160])
+def test_the_table_tells_which_limits_a_peak_is_above(speed, two_phase):
+    """Of two limits only a peak above that at first, or below that for later, can be told by itself."""
+    changes = {"contact.limits": "ts15066", "contact.area_cm2": 1.0, "motion.velocity_mm_s": [0, 0, -speed]}
+    if two_phase:
+        changes["verdict.clamped_limit"] = "two_phase"
+    law = evaluate(changes)
+    peak = law.peak_force.quantile(0.99)
+    assert {30: peak < 140, 90: 140 < peak < 280, 160: 280 < peak}[speed]
+    limit = "280 N at first, 140 N later" if two_phase else "140 N"
+    word = {30: "below ", 90: "" if two_phase else "above ", 160: "above "}[speed]
+    assert f"(p99) {peak:.4g} N {limit} {word}Peak pressure" in Outline(Page(law).html()).text
