@@ -125,3 +125,47 @@ def test_thresholds_grow_with_motion() -> None:
     t, q = DT * np.arange(50), np.full((50, 6), 0.2)
     resting = Detector(UR5E, None, thresholds).run_rows(t, q, 0 * q)
     np.testing.assert_allclose(resting.threshold[7:], 8.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("grows", [{}, {"speed": np.full(6, 10.0)}, {"acceleration": np.ones(6), "rest": np.ones(6)}])
+def test_the_fast_channel_passes_a_band_and_its_threshold_grows_with_motion_too(grows: dict[str, FloatArray]) -> None:
+    """A blow of 10 Nm through two filters of first order, written out; the arm goes on at 0.2 rad/s."""
+    t, q, tau = pressed(0.5)
+    smooth = slow = peak = 0.0
+    for now in 10.0 * (t >= 0.4 - 1e-9):
+        smooth = now + math.exp(-2 * math.pi * 30 * DT) * (smooth - now)
+        slow = smooth + math.exp(-2 * math.pi * 0.5 * DT) * (slow - smooth)
+        peak = max(peak, smooth - slow)
+    assert 8 < peak < 10
+    # In even motion far from rest only the speed adds anything.
+    added = 10.0 * 0.2 if "speed" in grows else 0.0
+    for beside, noticed in ((-0.01, True), (0.01, False)):
+        fast = np.array([peak - added + beside, *[math.inf] * 5])
+        thresholds = Thresholds(np.full(6, 50.0), fast=fast, **grows)
+        events = Detector(UR5E, None, thresholds).run_rows(t, q, tau).events
+        assert [event.fast_joints for event in events] == ([(0,)] if noticed else [])
+
+
+def test_what_standstill_adds_fades_between_one_and_two_rest_speeds() -> None:
+    rest = 0.02
+    thresholds = Thresholds(np.full(6, 5.0), rest=np.full(6, 3.0))
+    t = DT * np.arange(60)
+    for times, share in ((0.0, 1.0), (0.99, 1.0), (1.25, 0.75), (1.5, 0.5), (1.9, 0.1), (2.01, 0.0)):
+        for way in (-1, 1):
+            q = 0.2 + way * times * rest * t[:, None] * np.ones(6)
+            run = Detector(UR5E, None, thresholds, DetectorSettings(rest_speed=rest)).run_rows(t, q, np.zeros_like(q))
+            np.testing.assert_allclose(run.threshold[8:], 5 + 3 * share, atol=1e-6)
+
+
+@pytest.mark.parametrize(("pause_s", "arms_anew"), [(0.05, False), (0.2, True)])
+def test_a_motion_begins_anew_after_a_rest_and_not_after_a_short_stop(pause_s: float, arms_anew: bool) -> None:
+    """The arm rests when it has stood for 0.1 s. It is pushed 0.04 s after it goes on."""
+    t = DT * np.arange(1200)
+    goes_on = 1.0 + pause_s
+    moved = np.minimum(t, 1.0) + np.maximum(t - goes_on, 0.0)
+    q = 0.2 + 0.1 * moved[:, None] * np.ones(6)
+    tau = inverse_dynamics(UR5E, q, 0 * q, 0 * q) + np.where(t >= goes_on + 0.04, 300.0, 0.0)[:, None]
+    # What a sudden start and stop looks like to a filter is less than a third of the push.
+    settings = DetectorSettings(arming_delay_s=0.4)
+    (event,) = Detector(UR5E, None, [100.0] * 6, settings).run_rows(t, q, tau).events
+    assert event.t == pytest.approx(goes_on + (0.4 if arms_anew else 0.04), abs=3 * DT)
