@@ -31,13 +31,16 @@ static JointTorqueParameters random_joint() {
 }
 
 // Written from the equations, with the library's pow and exp; in motion, away from rest.
-static double plain_torque(const JointTorqueParameters& p, double i, double qd, double qdd) {
+static double plain_joint_current(const JointTorqueParameters& p, double i, double qd) {
     const double sign = qd > 0 ? 1 : -1, v = std::fabs(qd);
-    double friction = p.friction == FrictionLaw::power
-                          ? p.D * std::pow(v, p.F)
-                          : p.coulomb + p.stribeck * std::exp(-std::pow(v / p.stribeck_speed, 2));
-    friction = sign * (friction + p.load * std::fabs(i) + p.viscous * v);
-    const double ij = i - friction;
+    const double friction = p.friction == FrictionLaw::power
+                                ? p.D * std::pow(v, p.F)
+                                : p.coulomb + p.stribeck * std::exp(-std::pow(v / p.stribeck_speed, 2));
+    return i - sign * (friction + p.load * std::fabs(i) + p.viscous * v);
+}
+
+static double plain_torque(const JointTorqueParameters& p, double i, double qd, double qdd) {
+    const double sign = qd > 0 ? 1 : -1, ij = plain_joint_current(p, i, qd);
     const auto f = [&](double x) {
         return p.map == CurrentMap::odd ? p.B * x + p.A * x * std::fabs(x) : p.B * x - sign * p.A * x * x;
     };
@@ -60,13 +63,17 @@ int main() {
         for (int k = 0; k < 50; ++k) {
             const double i = checks::uniform(-2000, 2000), qdd = checks::uniform(-5, 5);
             const double qd = checks::uniform(-1, 1) * (k % 2 ? 2 : 2 * p.rest_speed);
+            const JointTorqueState<double> before = state;
             const double tau = joint_torque(p, i, qd, qdd, state);
             CHECK(joint_torque(mirrored, -i, -qd, -qdd, opposite) == -tau);
             CHECK(state.direction == -opposite.direction);
             if (std::fabs(qd) > 2 * p.rest_speed) {
                 CHECK_NEAR(tau, plain_torque(p, i, qd, qdd), 1e-11 * (1 + std::fabs(tau)) * 10);
                 CHECK(state.direction == (qd > 0 ? 1 : -1));
+                const double ij = plain_joint_current(p, i, qd);
+                CHECK(state.outside_current - before.outside_current == (ij < p.current_low || ij > p.current_high));
             }
+            CHECK(state.outside_speed - before.outside_speed == (std::fabs(qd) > p.speed_high));
             L current = 0.0, rate = 0.0;
             for (int lane = 0; lane < native_lanes; ++lane) {
                 set_lane(current, lane, checks::uniform(-2000, 2000));
