@@ -42,6 +42,10 @@ static void bank_is_joint_torque() {
                     qd[j] = i % 3 == 0 ? checks::uniform(-0.03, 0.03) : checks::uniform(-1, 1);
                     qdd[j] = checks::uniform(-3, 3);
                 }
+                if (i == 20) {
+                    bank.reset();
+                    for (auto& one : state) one = {};
+                }
                 bank.torque(current, qd, qdd, tau, sd);
                 for (int j = 0; j < n; ++j) {
                     const JointTorqueState<double> before = state[std::size_t(j)];
