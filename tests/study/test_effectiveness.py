@@ -10,6 +10,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.study import run
 from bumpstop.study.effectiveness import EffectivenessStudy
+from bumpstop.study.requirement import require
 from collision.cases import control_group, ur10e
 
 BODIES = ["hand_finger", "lower_arm_wrist", "upper_arm_elbow"]
@@ -156,6 +157,21 @@ def test_a_safe_speed_is_below_the_first_tooth_that_fails(case: bs.Scenario) -> 
     slower = np.geomspace(1.0, safe, 600)
     assert all(over(float(speed)) <= case.verdict.risk for speed in slower)
     assert any(over(safe + step) > case.verdict.risk for step in np.linspace(0.01, 0.12, 12))
+
+
+def test_a_soft_body_has_a_safe_speed_though_a_slow_arm_takes_longer_to_be_noticed() -> None:
+    """In the five seconds of the scenario an arm at 1 mm/s presses an abdomen no farther than 5 mm."""
+    case = ur10e(contact__body="abdomen", contact__padding_N_m=2e4)
+    slow = case.with_values({"motion.velocity_mm_s": [0, 0, -1]})
+    assert bs.evaluate(slow).undetected_probability > case.verdict.risk
+    study = EffectivenessStudy.of(case, bodies=["abdomen"], directions=["down"], areas_cm2=[1.0], speeds_mm_s=[1, 50])
+    summary = run(study)[1]
+    assert [row["acceptable"] for row in summary["collisions"]] == [True, True]
+    (safe,) = [row["safe_speed_mm_s"] for row in summary["safe_speeds"]]
+    downward = case.with_values({"motion.velocity_mm_s": [0, 0, -107.7], "contact.area_cm2": 1.0})
+    required = require(downward, "motion.speed", low=1.0, high=250.0).value
+    assert required is not None
+    assert safe == pytest.approx(required, abs=0.1 + 1e-4 * required)
 
 
 def test_a_larger_area_is_never_worse_and_tables_are_not_mixed(summary: dict[str, Any]) -> None:

@@ -92,6 +92,12 @@ def test_whole_range_may_meet_it() -> None:
     assert (found.value, found.binding) == (20.0, "range")
 
 
+def test_a_slow_arm_is_followed_no_longer_than_a_simulation_takes() -> None:
+    """At a tenth of the speed a scenario of 400 s would take 4000 s, twice as many steps as there may be."""
+    long = require(control_group(motion__duration_s=400.0), "motion.speed")
+    assert long.value == require(control_group(), "motion.speed").value
+
+
 def test_padding_is_looked_for_in_a_range_too() -> None:
     case = scenario(**{"motion.velocity_mm_s": [160.0, 80.0, -160.0]})
     anywhere = require(case, "contact.padding")

@@ -82,12 +82,10 @@ class EffectivenessStudy(Study):
             raise InputError("contact.normal", "would be the same for every direction", "leave it out")
         names = dict.fromkeys(("bgia2011", "ts15066", scenario.contact.limits))
         tables = {name: _load(scenario, name) for name in names}
-        known = {(name, row.name) for name, table in tables.items() for row in table.regions}
-        if bodies:
-            for body in bodies:
-                if body not in {region for _, region in known}:
-                    regions = sorted({region for _, region in known})
-                    raise InputError("--body", f"{body!r} is a region of no table", near_matches(body, regions))
+        regions = sorted({row.name for table in tables.values() for row in table.regions})
+        for body in bodies or []:
+            if body not in regions:
+                raise InputError("--body", f"{body!r} is a region of no table", near_matches(body, regions))
         chosen = tuple(
             (name, row.name)
             for name, table in tables.items()
@@ -151,8 +149,9 @@ class EffectivenessStudy(Study):
         }
 
     def scenario_of(self, table: str, body: str, direction: str, speed: float, area: float) -> Scenario:
-        """The scenario of one collision: the body's own stiffness, and its own mass where its table has one."""
+        """The scenario of one collision: the body's own stiffness and mass; slower arms get longer to go as far."""
         from bumpstop.collision import Scenario
+        from bumpstop.study.horizon import duration_s
 
         data = self.scenario.to_dict()
         contact = data["contact"]
@@ -161,7 +160,8 @@ class EffectivenessStudy(Study):
         if _load(self.scenario, table).region(body).effective_mass_kg is not None:
             contact.pop("body_mass_kg", None)
         contact |= {"body": body, "limits": table, "area_cm2": area}
-        data["motion"]["velocity_mm_s"] = [speed * x for x in DIRECTIONS[direction]]
+        horizon = duration_s(self.scenario, speed / Variable("motion.speed").value(self.scenario))
+        data["motion"] |= {"velocity_mm_s": [speed * x for x in DIRECTIONS[direction]], "duration_s": horizon}
         return Scenario.from_dict(data, self.scenario.folder)
 
     def _without_law(self, table: str, body: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from bumpstop.collision import Problem, exact_law, stopping_curve
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
+from bumpstop.study.horizon import duration_s
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -208,11 +209,10 @@ class VariedRisk:
         keep: tuple[str, ...] = ("held", "contact_point")
         if name == "motion.speed":
             factor = value / self._given
-            # Slower arms have as far to go.
             motion = problem.scenario.motion.model_copy(
                 update={
                     "velocity_mm_s": [factor * v for v in problem.scenario.motion.velocity_mm_s or ()],
-                    "duration_s": problem.scenario.motion.duration_s / min(1.0, factor),
+                    "duration_s": duration_s(problem.scenario, factor),
                 }
             )
             scenario = problem.scenario.model_copy(update={"motion": motion})
