@@ -63,6 +63,31 @@ def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) ->
     assert "mathdefault" not in page
 
 
+def test_the_trade_says_by_what_a_scenario_fails(noise: Path, tmp_path: Path) -> None:
+    """A scenario's own noise is another than the recording's: low thresholds drown in it, whatever the forces are."""
+    deaf = tmp_path / "deaf.toml"
+    deaf.write_text(EXAMPLE.read_text().replace("[0, 0, -50]", "[0, 0, -150]").replace("0.004", "0.008"))
+    options = ("tune", noise, "--per-hour", 60, "--scenario", EXAMPLE, "--scenario", deaf)
+    found = strict_json(run(*options, "--json").out)
+    for path in (EXAMPLE, deaf):
+        for point in found["trade"]:
+            forces = point["scenarios"][str(path)]
+            thresholds = [math.inf if x is None else x for x in point["thresholds_Nm"]]
+            verdict = bs.evaluate(bs.load_scenario(path).with_values({"detector.thresholds_Nm": thresholds})).verdict
+            assert forces["acceptable"] is verdict.acceptable
+            assert ("false_alarm" in forces["fails_by"]) is (verdict.false_alarm_probability > 0.001)
+            assert ("force" in forces["fails_by"]) is ((verdict.p_over_force or 0) > 0.001)
+            assert ("pressure" in forces["fails_by"]) is ((verdict.p_over_pressure or 0) > 0.001)
+    notes = " ".join(found["notes"])
+    loud = sum("false_alarm" in point["scenarios"][str(EXAMPLE)]["fails_by"] for point in found["trade"])
+    assert 0 < loud < len(found["trade"])
+    assert f"{EXAMPLE.stem}: at {loud} of {len(found['trade'])} rates" in notes
+    assert "deaf: its feedback period is 0.008 s, and the thresholds were found at 0.004 s" in notes
+    assert f"{EXAMPLE.stem}: its feedback period" not in notes
+    printed = run("tune", noise, "--per-hour", 60, "--scenario", EXAMPLE).out
+    assert printed.count("no: alarms") == loud
+
+
 def test_tune_for_people(noise: Path) -> None:
     done = run("tune", noise, "--per-hour", 0.1, "--joints", "1,2", "--scenario", EXAMPLE)
     assert done.status == 0, done.err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 # Of the wanted rate.
 _TIMES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
+_SAME_PERIOD = 0.1  # as detectors take it
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,8 @@ class TradePoint:
         thresholds: (dof,) that give it [Nm or N].
         extrapolated: it lies more than 100 times beyond the recording.
         forces: by scenario: ``p50 p95 p999`` of the peak force, ``anywhere`` the largest that goes unnoticed
-            in any direction [N, None: no bound], ``limit`` [N or None], ``acceptable``.
+            in any direction [N, None: no bound], ``limit`` [N or None], ``acceptable``, and what is not: ``fails_by``,
+            of ``"force"``, ``"pressure"`` and ``"false_alarm"``.
     """
 
     per_hour: float
@@ -94,7 +97,12 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
     from bumpstop.detection import blind_forces
 
     law = evaluate(scenario.with_values({"detector.thresholds_Nm": thresholds.tolist()}))
-    problem, contact = law.problem, scenario.contact
+    problem, contact, verdict = law.problem, scenario.contact, law.verdict
+    causes = {
+        "force": (verdict.p_over_force or 0.0) > verdict.risk,
+        "pressure": (verdict.p_over_pressure or 0.0) > verdict.risk,
+        "false_alarm": not verdict.false_alarm_ok,
+    }
     peak = law.peak_force.to_json()
     blind = blind_forces(problem.robot, problem.q, thresholds, link=contact.link, point=contact.point_m)
     largest = float(blind.largest)
@@ -102,5 +110,29 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
         **{key: peak[key] for key in ("p50", "p95", "p999")},
         "anywhere": largest if largest < float("inf") else None,
         "limit": law.problem.limits.force_N if law.problem.limits else None,
-        "acceptable": law.verdict.acceptable,
+        "acceptable": verdict.acceptable,
+        "fails_by": [cause for cause, holds in causes.items() if holds],
     }
+
+
+def notes(points: Sequence[TradePoint], scenarios: Mapping[str, Scenario], period: float) -> list[str]:
+    """Where a scenario's own noise or feedback period is not that of the recording, and it matters.
+
+    ``period`` is what the thresholds were found at [s].
+    """
+    found = []
+    for path, scenario in scenarios.items():
+        name, detector = Path(path).stem, scenario.detector
+        count = sum("false_alarm" in point.forces[path]["fails_by"] for point in points)
+        if count and detector.residuals is None:
+            found.append(
+                f"{name}: at {count} of {len(points)} rates alarms before contact are more probable than "
+                f"{scenario.verdict.max_false_alarm:g}. They are those of its detector.noise_sd_Nm, not of what was "
+                "recorded; with detector.residuals they would be."
+            )
+        if not math.isclose(detector.feedback_period_s, period, rel_tol=_SAME_PERIOD):
+            found.append(
+                f"{name}: its feedback period is {detector.feedback_period_s:g} s, and the thresholds were found at "
+                f"{period:.4g} s: its alarms are not those of the rates here."
+            )
+    return found

@@ -46,7 +46,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Choose thresholds from contact-free recordings, with intervals, and show what they cost in newtons."""
-    from bumpstop.cli.trade import check_joints, load_scenarios, trade
+    from bumpstop.cli.trade import check_joints, load_scenarios, notes, trade
     from bumpstop.detection import tune
 
     check_folder(out)
@@ -62,9 +62,10 @@ def command(
     except InputError as error:
         option = {"per_hour": "--per-hour", "confidence": "--confidence"}.get(error.field, error.field)
         raise InputError(option, error.problem, error.valid) from None
-    tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, notes in loaded for note in notes)))
+    tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, told in loaded for note in told)))
     names = origin.names if recorded else []
     points = trade(tuning, scenarios)
+    tuning = replace(tuning, notes=(*tuning.notes, *notes(points, scenarios, series[0].period)))
     if save is not None:
         _save(tuning, series, save, origin if recorded else None)
     report = None
@@ -87,7 +88,7 @@ def command(
 
 def _hold_for(series: list[ResidualSeries], origin: Origin | None) -> dict[str, float | str]:
     """What a file of thresholds says of the detector they are for: the rate, and the residual where it is known."""
-    held: dict[str, float | str] = {"period_s": series[0].period}
+    held: dict[str, float | str] = {"period_s": float(f"{series[0].period:.12g}")}
     if origin is not None:
         held["residual"] = origin.residual
         if origin.residual == "observer":
@@ -138,15 +139,16 @@ def _print(tuning: Tuning, points: list[TradePoint], names: list[str]) -> None:
 def _trade_table(points: list[TradePoint]) -> Any:
     from rich.table import Table
 
+    from bumpstop.report.words import acceptable
+
     table = Table(box=None, pad_edge=False)
     for heading in ("alarms an hour", "scenario", "peak N p50", "p95", "p99.9", "unnoticed N", "acceptable"):
         table.add_column(heading, justify="left" if heading == "scenario" else "right")
-    words = {True: "yes", False: "no", None: "-"}
     for point in points:
         rate = f"{point.per_hour:.4g}" + (" *" if point.extrapolated else "")
         for name, forces in point.forces.items():
             cells = ("-" if forces[k] is None else f"{forces[k]:.4g}" for k in ("p50", "p95", "p999", "anywhere"))
-            table.add_row(rate, Path(name).stem, *cells, words[forces["acceptable"]])
+            table.add_row(rate, Path(name).stem, *cells, acceptable(forces, "-"))
     if any(point.extrapolated for point in points):
         table.caption = "* more than 100 times what was recorded"
     return table

@@ -14,7 +14,7 @@ from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes, plain_ticks
 from bumpstop.report.section import Part
-from bumpstop.report.words import number
+from bumpstop.report.words import acceptable, number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,13 +122,12 @@ class TradePart(Part):
     def content(self) -> list[Html]:
         """Every rate and scenario."""
         keys = ("p50", "p95", "p999", "anywhere")
-        words = {True: "yes", False: "no", None: "no limits"}
         rows = [
             (
                 number(point["per_hour"]) + (" (extrapolated)" if point["extrapolated_too_far"] else ""),
                 Path(name).stem,
                 *(number(math.inf if forces[key] is None else forces[key]) for key in keys),
-                words[forces["acceptable"]],
+                acceptable(forces, "no limits"),
             )
             for point in self.trade
             for name, forces in point["scenarios"].items()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bumpstop.collision import ForceLaw
@@ -45,6 +45,13 @@ def with_error(value: Parameter | None) -> str:
         return "unknown"
     error = "" if value.standard_error is None else f" ± {value.standard_error:.2g}"
     return f"{value.value:.4g}{error}"
+
+
+def acceptable(forces: dict[str, Any], unjudged: str) -> str:
+    """Whether a scenario is acceptable at thresholds that were tuned, and what is not; ``unjudged`` without limits."""
+    if forces["acceptable"] is None:
+        return unjudged
+    return "yes" if forces["acceptable"] else "no: " + ", ".join(forces["fails_by"]).replace("false_alarm", "alarms")
 
 
 def percentile(name: str) -> str:
