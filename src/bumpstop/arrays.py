@@ -66,6 +66,25 @@ def as_number(value: Any, field: str, *, finite: bool = True) -> float:
     return number
 
 
+def as_whole_number(value: Any, field: str, low: int, high: int, bounds: str = "") -> int:
+    """Turn ``value`` into an int.
+
+    Args:
+        value: an integer, of Python or numpy.
+        field: name used in the error.
+        low: lowest that can be used.
+        high: highest.
+        bounds: how the error names the two; default: as numbers.
+
+    Raises:
+        InputError: it is no whole number, or none that can be used.
+    """
+    whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if not whole or not low <= int(value) <= high:
+        raise InputError(field, f"is {value!r}", f"wanted a whole number from {bounds or f'{low} to {high}'}")
+    return int(value)
+
+
 def as_rows(value: Any, field: str, width: int) -> tuple[FloatArray, bool]:
     """Turn ``value`` of shape (width,) or (N, width) into (N, width), and say whether it was a single row.
 

@@ -28,6 +28,10 @@ class InputError(BumpstopError, ValueError):
         self.valid = valid
         super().__init__(f"{field}: {problem}" + (f"; {valid}" if valid else ""))
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        """Pickled by its parts: a pool of processes that cannot read a refusal breaks down."""
+        return type(self), (self.field, self.problem, self.valid)
+
 
 def near_matches(name: str, known: Iterable[str]) -> str:
     """Say which known names are close to ``name``, and list them all when none is.

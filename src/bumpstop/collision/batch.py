@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.collision.problem import Problem
+from bumpstop.collision.scenario import Scenario, as_scenario
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
-
-if TYPE_CHECKING:
-    from bumpstop.collision.scenario import Scenario
 
 # The kernels' reasons for the end of a path, by number; 255 is a singular start.
 _ENDS = {0: "horizon", 1: "joint_limit", 2: "singularity", 3: "certain_detection", 255: "singular_start"}
@@ -67,7 +64,7 @@ def evaluate_batch(
     Raises:
         InputError: a shape or value cannot be used; names the first pose.
     """
-    problem = scenario if isinstance(scenario, Problem) else Problem.from_scenario(scenario)
+    problem = scenario if isinstance(scenario, Problem) else Problem.from_scenario(as_scenario(scenario))
     scenario = problem.scenario
     if problem.trajectory is not None:
         raise InputError("motion.kind", "batches are computed for straight lines only", "wanted 'line'")

@@ -13,7 +13,7 @@ from bumpstop.errors import InputError
 from bumpstop.kernels import core
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StoppingCurve:
     """Where the contact point is at every feedback tick, and the farthest it still gets if the arm reacts there.
 
@@ -43,6 +43,10 @@ class StoppingCurve:
     end: Literal["horizon", "joint_limit", "singularity", "certain_detection", "trajectory"]
     end_joint: int | None
 
+    def __repr__(self) -> str:
+        """How long it is, and why it ends."""
+        return f"StoppingCurve({self.ticks} ticks, {1e3 * self.distance[-1]:.4g} mm, end={self.end!r})"
+
     @property
     def ticks(self) -> int:
         """Number of feedback ticks."""
@@ -58,8 +62,13 @@ def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
             noticed for certain, which is all that a law needs.
 
     Raises:
-        InputError: the motion is a trajectory, which has such a curve for every time of contact.
+        InputError: what is given is no problem, or its motion is a trajectory, which has such a curve for every time of
+            contact.
     """
+    if not isinstance(problem, Problem):
+        raise InputError(
+            "problem", f"a {type(problem).__name__} is no checked one", "wanted Problem.from_scenario(...)"
+        )
     if problem.trajectory is not None:
         raise InputError("motion.kind", "a trajectory has a stopping curve for every time of contact", "wanted 'line'")
     kernel = problem.setup.trace(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,9 +42,14 @@ class Distribution(ABC):
     def sd(self) -> float:
         """Standard deviation; NaN where the mean is not finite."""
 
+    def __repr__(self) -> str:
+        """Its figures, as in JSON, in the unit its owner states."""
+        figures = {"mean": self.mean, "sd": self.sd} | {name: self.quantile(p) for name, p in QUANTILES.items()}
+        return f"{type(self).__name__}({', '.join(f'{name}={value:.5g}' for name, value in figures.items())})"
+
     @abstractmethod
     def exceedance(self, x: float) -> float:
-        """P(quantity > x)."""
+        """P(quantity > x), of one number x."""
 
     @abstractmethod
     def quantile(self, p: float) -> float:
@@ -66,13 +71,19 @@ class Distribution(ABC):
         return {name: value if math.isfinite(value) else None for name, value in figures.items()}
 
 
+def check_value(x: float) -> None:
+    """Refuse what is not one number that a quantity may pass."""
+    if math.isnan(as_number(x, "x", finite=False)):
+        raise InputError("x", "is nan", "wanted a number")
+
+
 def check_probability(p: float) -> None:
     """Refuse what is no probability of a quantile."""
-    if not 0 < p < 1:
+    if not 0 < as_number(p, "p", finite=False) < 1:
         raise InputError("p", f"{p} is not a probability", "wanted 0 < p < 1")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ExactDistribution(Distribution):
     """A quantity of the exact law.
 
@@ -113,6 +124,7 @@ class ExactDistribution(Distribution):
         return self._moments[1]
 
     def exceedance(self, x: float) -> float:  # noqa: D102
+        check_value(x)
         if not self.condition > 0:
             return math.nan
         if x < 0:
@@ -137,7 +149,7 @@ class ExactDistribution(Distribution):
         return replace(self, scale=self.scale * factor)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SampledDistribution(Distribution):
     """Values of independent runs.
 
@@ -163,6 +175,7 @@ class SampledDistribution(Distribution):
         return float(self.values.std()) if math.isfinite(self.mean) else math.nan
 
     def exceedance(self, x: float) -> float:  # noqa: D102
+        check_value(x)
         above = self.values.size - np.searchsorted(self._sorted, x, side="right")
         return float(above / self.values.size) if self.values.size else math.nan
 

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray
+from bumpstop.arrays import FloatArray, as_whole_number
 from bumpstop.collision.contact_time import contact_times, exact_contact_time, sampled_contact_time
 from bumpstop.collision.curve import StoppingCurve, stopping_curve
 from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, ExactDistribution, SampledDistribution
 from bumpstop.collision.free_law import FreeQuantities, ImpactBounds, impact_bounds
 from bumpstop.collision.notes import notes_of
 from bumpstop.collision.problem import Problem
+from bumpstop.collision.scenario import as_scenario
 from bumpstop.collision.two_phase import TwoPhaseUse, phase_shares
 from bumpstop.collision.verdict import Verdict, judge, percent
 from bumpstop.errors import InputError
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 RESAMPLED_RUNS = 100_000
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ForceLaw:
     """The distribution of one collision over contact offset and sensor noise.
 
@@ -68,6 +69,11 @@ class ForceLaw:
     runs: dict[str, npt.NDArray[Any]] | None = None
     kernel: Any = None
     free_contact_time: Distribution | None = None
+
+    def __repr__(self) -> str:
+        """What hits how hard: its arrays would fill screens."""
+        who, verdict = f"{self.problem.robot.name} {self.problem.motion_in_words}", self.verdict.acceptable
+        return f"{type(self).__name__}({self.kind}, {who}, acceptable={verdict}, peak_force={self.peak_force!r})"
 
     @property
     def scenario(self) -> Scenario:
@@ -216,15 +222,16 @@ def evaluate(
         samples: None for the exact law; else the number of runs of the sampled law. Measured residuals know no exact
             law: None then means 100 000 runs.
         seed: of the sampled law, 0 to 2^64 - 1. The same seed gives the same runs, whatever the threads.
-        threads: for the sampled law.
-        refinement: multiplies the order of the exact law's quadrature. 2 shows that 1 is converged.
+        threads: for the sampled law, 1 to 256.
+        refinement: multiplies the order of the exact law's quadrature, 1 to 100. 2 shows that 1 is converged.
 
     Raises:
         InputError: the scenario cannot be computed.
     """
-    problem = Problem.from_scenario(scenario)
+    problem = Problem.from_scenario(as_scenario(scenario))
+    refinement = as_whole_number(refinement, "refinement", 1, 100)
     if samples is not None:
-        _check_sample(samples, seed)
+        _check_sample(samples, seed, threads)
     elif problem.residuals is not None:
         samples = RESAMPLED_RUNS
     if problem.trajectory is not None:
@@ -304,7 +311,7 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
     Raises:
         InputError: no samples, or a seed that is none.
     """
-    _check_sample(samples, seed)
+    _check_sample(samples, seed, threads)
     runs = curve.kernel.sample(
         problem.detector,
         problem.stiffness,
@@ -366,11 +373,10 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
     )
 
 
-def _check_sample(samples: int, seed: int) -> None:
-    if samples < 1:
-        raise InputError("samples", f"{samples} is too few", "wanted at least 1")
-    if not 0 <= seed < 2**64:
-        raise InputError("seed", f"{seed} is out of range", "valid: 0 to 2^64 - 1")
+def _check_sample(samples: int, seed: int, threads: int) -> None:
+    as_whole_number(samples, "samples", 1, 100_000_000)
+    as_whole_number(seed, "seed", 0, 2**64 - 1, "0 to 2^64 - 1")
+    as_whole_number(threads, "threads", 1, 256)
 
 
 def _horizon(problem: Problem) -> int:

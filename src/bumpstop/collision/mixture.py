@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.distribution import Distribution, check_probability
+from bumpstop.collision.distribution import Distribution, check_probability, check_value
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MixtureDistribution(Distribution):
     """Probability spread evenly over cells, and in single values; some may lie at infinity.
 
@@ -92,6 +92,7 @@ class MixtureDistribution(Distribution):
         return result
 
     def exceedance(self, x: float) -> float:  # noqa: D102
+        check_value(x)
         if not self.total > 0:
             return math.nan
         return min(1.0, float(self._above(np.array([x]), at=False)[0]) / self.total)

@@ -300,7 +300,7 @@ class Scenario(_Table):
             raise InputError(
                 "scenario", f"{as_written(data)} cannot be used", "wanted a dictionary of its tables and keys"
             )
-        tables = {key: dict(value) if isinstance(value, Mapping) else value for key, value in data.items()}
+        tables = _plain(data)
         if isinstance(tables.get(MADE_BY), dict):
             del tables[MADE_BY]
         if "folder" in tables:
@@ -343,6 +343,27 @@ class Scenario(_Table):
             table, _, name = key.partition(".")
             data[table].pop(name, None)
         return data
+
+
+def as_scenario(value: Any) -> Scenario:
+    """What everything starts with; a path or a dictionary must be read first.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if isinstance(value, Scenario):
+        return value
+    problem = f"a value of type {type(value).__name__} is no scenario"
+    raise InputError("scenario", problem, "wanted load_scenario(path) or Scenario.from_dict(tables)")
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and lists for those of numpy, and lists for tuples."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return value.tolist() if type(value).__module__ == "numpy" else value
 
 
 def set_key(data: dict[str, Any], key: str, value: Any) -> None:

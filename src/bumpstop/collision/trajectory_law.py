@@ -29,7 +29,7 @@ _MOST_DETECTIONS = 20_000_000
 _CONTACTS_AT_ONCE = 500
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TrajectoryLaw(ForceLaw):
     """The distribution of one collision over the time of contact and sensor noise.
 

@@ -25,7 +25,7 @@ def builtin_tables() -> tuple[str, ...]:
     return _BUILTIN
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class LimitTable:
     """A table of body limits: regions, pressure areas, and where they come from. Immutable.
 
@@ -46,6 +46,10 @@ class LimitTable:
     note: str
     regions: tuple[Region, ...]
     areas: tuple[PressureArea, ...]
+
+    def __repr__(self) -> str:
+        """Its name and how much it holds."""
+        return f"LimitTable({self.name!r}, {len(self.regions)} regions, {len(self.areas)} areas)"
 
     @classmethod
     def load(

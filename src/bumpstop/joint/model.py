@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -136,6 +136,10 @@ class JointParameters:
             raise InputError(f"{where} friction_sd", f"is {self.friction_sd}", "wanted zero or more")
         self._check_monotone(where)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """To be pickled or copied: a read-only view of a dictionary cannot be."""
+        return _made_again, (type(self), _given(self) | {"parameters": dict(self.parameters)})
+
     def value(self, name: str) -> float:
         """The value of a parameter; 0 where it is unknown or this joint has none of that name."""
         parameter = self.parameters.get(name)
@@ -236,6 +240,10 @@ class JointTorqueModel:
             if names.count(name) > 1:
                 raise InputError(f"joint {name} name", "appears twice", "wanted a name for each joint")
         object.__setattr__(self, "_kernel", [_kernel(joint) for joint in self.joints])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """To be pickled or copied: without what the kernels keep of it."""
+        return _made_again, (type(self), _given(self))
 
     @property
     def kernel(self) -> list[core.JointTorqueParameters]:
@@ -348,6 +356,15 @@ class JointTorqueModel:
                     if count
                 ]
         return tuple(notes)
+
+
+def _given(made: Any) -> dict[str, Any]:
+    """What a dataclass was made of."""
+    return {each.name: getattr(made, each.name) for each in fields(made) if each.init}
+
+
+def _made_again(kind: type[Any], given: dict[str, Any]) -> Any:
+    return kind(**given)
 
 
 def _kernel(joint: JointParameters) -> core.JointTorqueParameters:

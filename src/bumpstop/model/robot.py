@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from importlib import resources
 from pathlib import Path
@@ -110,7 +110,7 @@ class Frame:
         _check_rotation(self.rotation, f"frame {self.name!r} rotation")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Robot:
     """A serial chain of one to sixteen joints. Immutable.
 
@@ -170,6 +170,14 @@ class Robot:
                 if joint.inertia is None:
                     problem = f'is missing, and inertia_status is "{self.inertia_status}"'
                     raise InputError(f"joint {joint.name!r} inertia", problem, 'give it, or inertia_status = "unknown"')
+
+    def __repr__(self) -> str:
+        """Its name and its joints': their figures would fill a screen."""
+        return f"Robot({self.name!r}, {self.dof} joints: {', '.join(joint.name for joint in self.joints)})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """To be pickled or copied: what it was made of, without what the kernels keep of it."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def _check_tip_name(self) -> None:
         """Of two frames with one name the second could never be named. The tip may be the last link itself."""
@@ -331,7 +339,9 @@ class Robot:
             InputError: there is none of that name; near matches are offered.
         """
         if name not in robots():
-            raise InputError("robot", f"there is no built-in robot {name!r}", near_matches(name, robots()))
+            file = Path(name).suffix in (".urdf", ".xml", ".xacro")
+            valid = "wanted Robot.from_urdf(path)" if file else near_matches(str(name), robots())
+            raise InputError("robot", f"there is no built-in robot {str(name)!r}", valid)
         return _load_builtin(name)
 
     @classmethod
