@@ -197,6 +197,39 @@ def test_keys_without_effect_are_named_everywhere(tmp_path: Path) -> None:
     assert "has no effect" not in run("evaluate", EXAMPLE).out
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ["contact.padding_N_m=20000", "motion.velocity_mm_s=[0, 0, -30]"],
+        ["contact.kind=free", "contact.body_mass_kg=0.6", "contact.stiffness_N_m=12345"],
+        ["contact.limits=ts15066", "verdict.clamped_limit=two_phase", "motion.velocity_mm_s=[0, 0, -10]"],
+    ],
+)
+def test_every_row_of_the_summary_is_one_line_with_all_its_digits(
+    changes: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    options = [part for change in changes for part in ("--set", change)]
+    lines = run("evaluate", EXAMPLE, *options).out.splitlines()
+    (begin,) = [number for number, line in enumerate(lines) if "p99.9" in line]
+    table = lines[begin + 1 : begin + 7]
+    names = [
+        "peak force, N", "pressure, N/cm2", "compression, mm", "felt at force, N", "felt after, ms",
+        "contact lasts, ms",
+    ]  # fmt: skip
+    assert all(line.startswith(f"{name} ") for name, line in zip(names, table, strict=True))
+    assert max(len(line.rstrip()) for line in table) <= 80
+    law = strict_json(run("evaluate", EXAMPLE, *options, "--json").out)
+    keys = (
+        "peak_force_N", "pressure_N_cm2", "compression_mm", "force_at_detection_N", "detection_delay_s",
+        "contact_time_s",
+    )  # fmt: skip
+    for name, line, key in zip(names, table, keys, strict=True):
+        factor = 1e3 if key.endswith("_s") else 1.0
+        figures = [float(each) for each in line.removeprefix(name).split()[:6]]
+        assert figures == pytest.approx([factor * value for value in law[key].values()], rel=5e-4)
+
+
 def test_any_scenario_survives_the_file() -> None:
     law = bs.evaluate(
         bs.load_scenario(EXAMPLE).with_values(

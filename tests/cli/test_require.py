@@ -23,6 +23,21 @@ def test_a_trade_curve_without_a_point_free_of_alarms_is_not_acceptable() -> Non
     assert [("alarms" in line) for line in curve.out.splitlines()] == [False, True, False]
 
 
+def test_thresholds_are_told_joint_by_joint() -> None:
+    """The value is the lowest of them: nobody may take it for that of all."""
+    scenario = ("--set", "detector.thresholds_Nm=[20, 10, 40, 20, 20, inf, 20]")
+    printed = run("require", EXAMPLE, "--vary", "detector.thresholds", *scenario).out
+    (line,) = [line for line in printed.splitlines() if line.startswith("the lowest; by joint ")]
+    by_joint = [float(each) for each in line.removeprefix("the lowest; by joint ").removesuffix(" Nm").split(", ")]
+    value = strict_json(run("require", EXAMPLE, "--vary", "detector.thresholds", *scenario, "--json").out)["value"]
+    assert by_joint == pytest.approx([factor * value for factor in (2, 1, 4, 2, 2, float("inf"), 2)], rel=1e-5)
+    for factor, status in ((1.0, 0), (1.01, 3)):
+        wanted = ", ".join(f"{factor * each:.6f}" for each in by_joint)
+        assert run("evaluate", EXAMPLE, "--set", f"detector.thresholds_Nm=[{wanted}]").status == status
+    curve = run("require", EXAMPLE, "--vary", "motion.speed", "--vary", "detector.thresholds=10:20:2").out
+    assert "lowest threshold [Nm]" in curve
+
+
 def test_a_risk_is_either_given_or_varied() -> None:
     result = run(*SPEED, "--vary", "verdict.risk=0.001:0.1:2", "--risk", "0.01")
     assert (result.status, result.out) == (2, "")

@@ -55,6 +55,8 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
         nothing = "none" if math.isnan(quantity.mean) else "inf"
         cells = [nothing if value is None else f"{value:.4g}" for value in figures.values()]
         table.add_row(name, *cells, limit, "" if over is None else _probability(over))
+    # Small figures are long: rather columns that are closer than names in two lines.
+    table.collapse_padding = console.measure(table, options=console.options.update(width=1000)).maximum > console.width
     console.print(table)
 
     felt = [

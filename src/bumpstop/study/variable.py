@@ -20,6 +20,10 @@ ALIASES = {
     "contact.padding": ("N/m", "contact.padding_N_m"),
     "contact.stiffness": ("N/m", "contact.stiffness_N_m"),
 }
+_WORDS = {
+    "detector.thresholds": "lowest threshold",
+    "detector.thresholds_and_noise": "lowest threshold and noise",
+}
 # Longest first: _mm_s ends in _s.
 _UNITS = {
     "_rad_s2": "rad/s2", "_mm_s": "mm/s", "_N_m": "N/m", "_cm2": "cm2", "_1_s": "1/s", "_deg": "deg", "_rad": "rad",
@@ -71,7 +75,7 @@ class Variable:
         """Name with unit, for people."""
         words = self.name.rpartition(".")[2] if self.name in ALIASES else self.name
         unit = self.unit(scenario)
-        return f"{words.replace('_', ' ') if self.name in ALIASES else words}" + (f" [{unit}]" if unit else "")
+        return _WORDS.get(self.name, words) + (f" [{unit}]" if unit else "")
 
     @property
     def key(self) -> str:
