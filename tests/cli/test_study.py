@@ -85,6 +85,29 @@ def test_a_page_says_whether_its_laws_are_exact(tmp_path: Path, monkeypatch: pyt
     assert "2000 sampled collisions" in drawn
 
 
+def test_a_page_tells_what_it_calls_the_source_and_speaks_of_it_where_it_belongs(tmp_path: Path) -> None:
+    """A page is handed on to people who have not read ours."""
+    pages = {}
+    for name, changes in (("hand", ()), ("arm", ("--set", "contact.body=lower_arm_wrist"))):
+        options = (*QUICK["workspace"], *changes, "--out", tmp_path / name)
+        assert run("study", "workspace", EXAMPLE, *options).status == 0
+        pages[name] = (tmp_path / name / "report.html").read_text(encoding="utf-8")
+    assert "135 N for a hand" in pages["hand"]
+    assert "135 N for a hand" not in pages["arm"]
+    varied = ("--vary", "detector.thresholds=8:12:3", "--out", tmp_path / "varied")
+    assert run("study", "parameters", EXAMPLE, *varied).status == 0
+    pages["varied"] = (tmp_path / "varied" / "report.html").read_text(encoding="utf-8")
+    assert "detector.thresholds: lowest threshold; the others in proportion" in pages["varied"]
+    asked = ("--body", "hand_finger", "--direction", "down", "--speed", 50, "--highest-speed", 20)
+    assert run("study", "effectiveness", EXAMPLE, *asked, "--out", tmp_path / "bodies").status == 0
+    pages["bodies"] = (tmp_path / "bodies" / "report.html").read_text(encoding="utf-8")
+    for page in pages.values():
+        main, footer = page.split("<footer>")
+        assert ("the source" in main.lower()) is ("The source is K. Schroeder" in footer)
+    assert "the source" in pages["hand"].lower()
+    assert "the source" not in pages["bodies"].lower()
+
+
 def test_settings_repeat_the_study(tmp_path: Path) -> None:
     first = run("study", "workspace", EXAMPLE, "--json", "--out", tmp_path / "a", *QUICK["workspace"])
     again = run("study", "workspace", tmp_path / "a" / "settings.toml", "--json", "--poses", 20, "--speed-sd", 2)

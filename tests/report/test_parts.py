@@ -3,6 +3,7 @@
 import math
 import re
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from bumpstop.report.area import AreaSection
 from bumpstop.report.arm import ArmSection
 from bumpstop.report.chain import _numbers, chain_picture
 from bumpstop.report.detection import DetectionSection
-from bumpstop.report.distribution import bins
+from bumpstop.report.distribution import DistributionSection, bins
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import WIDTH, Picture, axes, spread
 from bumpstop.report.records import ProvenanceSection
@@ -87,6 +88,45 @@ def test_names_in_any_script_are_drawn_without_a_word(kind: str) -> None:
         warnings.simplefilter("error")
         drawn = getattr(picture.render(), kind)
     assert len(drawn) > 1000
+
+
+def texts_on(panel, renderer):
+    """Boxes of the numbers at the scales of a panel, those that are seen."""
+    for axis, (low, high) in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim())):
+        ticks = [(tick, label) for tick, label in zip(axis.get_majorticklocs(), axis.get_ticklabels(), strict=True)]
+        yield [label.get_window_extent(renderer) for tick, label in ticks if low <= tick <= high and label.get_text()]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [(5e3, 2e5), (0.0015, 0.0093), (-3.0, 4.0), (1e6, 3.4e6), (0.0, 1e-4)],
+)
+def test_numbers_of_a_scale_do_not_touch(values):
+    """As they are drawn, whatever was reckoned with."""
+
+    def draw(figure):
+        axes(figure).plot(values, (0.0, 1.0))
+
+    rendered = Picture("numbers", "", "", draw).render()
+    renderer = FigureCanvasAgg(rendered.figure).get_renderer()
+    rendered.figure.draw_without_rendering()
+    across, _ = texts_on(rendered.figure.axes[0], renderer)
+    assert len(across) >= 3
+    for one, other in pairwise(across):
+        assert one.x1 + 2 < other.x0
+
+
+def test_quantiles_at_the_foot_of_the_tail_are_above_the_scale():
+    """The 99.9 % quantile of 300 runs stands at the lowest share that is drawn."""
+    (picture,) = DistributionSection(evaluate(samples=300)).pictures()
+    rendered = picture.render()
+    renderer = FigureCanvasAgg(rendered.figure).get_renderer()
+    rendered.figure.draw_without_rendering()
+    tail = rendered.figure.axes[1]
+    across, _ = texts_on(tail, renderer)
+    labels = [text for text in tail.texts if text.get_text().startswith("p99.9 ")]
+    assert len(labels) == 1
+    assert labels[0].get_window_extent(renderer).y0 > max(number.y1 for number in across)
 
 
 def test_labels_are_spread():

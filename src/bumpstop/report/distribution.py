@@ -168,13 +168,15 @@ class DistributionSection(Section):
             panel.plot(value, 1 - p, marker="o", markersize=5, color=LAW, markeredgecolor="white")
             # The curve falls: above it on the right and below it on the left there is room.
             left = value > low + 0.6 * (high - low)
+            # At the foot of the panel the numbers of the scale are below.
+            below = left and 1 - p > 2 * least
             panel.annotate(
                 f"{percentile(name)} {number(value)} N",
                 (value, 1 - p),
-                (-6, -1) if left else (6, 1),
+                (-6 if left else 6, -1 if below else 1),
                 textcoords="offset points",
                 ha="right" if left else "left",
-                va="top" if left else "bottom",
+                va="top" if below else "bottom",
                 fontsize=8.5,
                 bbox=PAPER,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib import resources
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,11 @@ if TYPE_CHECKING:
     from bumpstop.report.picture import Rendered
     from bumpstop.report.section import Part
 
+# Pages go to people who have not read these.
+_THE_SOURCE = (
+    "The source is K. Schroeder, Requirements for Effective Collision Detection on Industrial Serial Manipulators, The "
+    "University of Texas at Austin, 2013."
+)
 
 class Document:
     """Parts with their figures, drawn on construction.
@@ -50,12 +56,14 @@ class Document:
             element("title", f"{self.title}: {self.name}"),
             element("style", Html(style)),
         )
+        main = element("main", *(part.html(figures) for part, figures in self.sections))
+        told = [element("p", _THE_SOURCE)] if re.search(r"\b[Tt]he source\b", main) else []
         body = element(
             "body",
             element("header", element("p", self.kind, class_="kind"), element("h1", self.title)),
             element("nav", element("ol", *contents), aria_label="Sections"),
-            element("main", *(part.html(figures) for part, figures in self.sections)),
-            element("footer", element("p", "An engineering estimate, not a certified safety function.")),
+            main,
+            element("footer", *told, element("p", "An engineering estimate, not a certified safety function.")),
         )
         return f'<!DOCTYPE html>\n<html lang="en">{head}{body}</html>\n'
 

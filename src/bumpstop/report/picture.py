@@ -35,6 +35,9 @@ PAPER: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8
 # 5 inches fill a phone's width at about the size they have on paper, and half a desktop page.
 WIDTH = 5.0
 
+# Width of a digit, and what keeps two numbers apart, in units of the font's size.
+_LETTER, _BETWEEN = 0.62, 0.4
+
 _STYLE: dict[str, Any] = {
     "font.size": 9.5,
     "axes.titlesize": 10.5,
@@ -83,6 +86,8 @@ class Picture:
         with self.style():
             figure = Figure(figsize=(WIDTH, self.height))
             self.draw(figure)
+            for panel in figure.axes:
+                _thin_ticks(panel)
         return Rendered(self, figure)
 
     @contextmanager
@@ -168,6 +173,24 @@ def stack(
     for panel in panels[:-1]:
         panel.tick_params(labelbottom=False)
     return panels
+
+
+def _thin_ticks(panel: Axes) -> None:
+    """Fewer ticks on a horizontal scale whose labels would touch: matplotlib leaves room for three letters."""
+    from matplotlib.ticker import MaxNLocator
+
+    panel.apply_aspect()
+    axis, (low, high) = panel.xaxis, panel.get_xlim()
+    width = panel.bbox.width * 72 / panel.figure.dpi
+    while isinstance(axis.get_major_locator(), MaxNLocator):
+        ticks = [tick for tick in axis.get_majorticklocs() if low <= tick <= high]
+        shown = axis.get_ticklabels()  # none on a panel above another
+        if len(ticks) < 3 or not shown:
+            return
+        letters = max(len(label) for label in axis.get_major_formatter().format_ticks(ticks))
+        if (_LETTER * letters + _BETWEEN) * shown[0].get_fontsize() <= width * (ticks[1] - ticks[0]) / (high - low):
+            return
+        panel.locator_params(axis="x", nbins=len(ticks) - 2)
 
 
 def plain_ticks(axis: Axis, ticks: Sequence[float] | None = None) -> None:

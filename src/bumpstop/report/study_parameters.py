@@ -14,7 +14,7 @@ from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture
 from bumpstop.report.section import Part
 from bumpstop.report.words import NONE, number
 from bumpstop.study.fits import R2_WANTED, Fit, fit_laws
-from bumpstop.study.variable import per
+from bumpstop.study.variable import ALIASES, per
 
 if TYPE_CHECKING:
     import polars as pl
@@ -85,9 +85,11 @@ class SweepsPart(Part):
             f"of {number(control['sd_N'])} N. Points: mean; band: one standard deviation to either side; dashed line: "
             "the named law fitted to the means; green line: the scenario's own value."
         )
+        lowest = [each["key"] for each in self._summary["parameters"] if each["key"].startswith("detector.thresholds")]
+        told = [paragraph(f"{key}: {ALIASES[key][1]}.") for key in lowest if key in ALIASES]
         unbounded = [each["key"] for each in self._summary["parameters"] if each["without_mean"]]
         more = [paragraph(f"Values without a mean, as some collisions are never detected: {', '.join(unbounded)}.")]
-        return [paragraph(text), *(more if unbounded else [])]
+        return [paragraph(text), *told, *(more if unbounded else [])]
 
     def pictures(self) -> list[Picture]:
         """One for each parameter."""
@@ -155,7 +157,10 @@ class FitsPart(Part):
                 f"it explains at least {R2_WANTED:g}; where it does not, or the source named none, the best is taken."
             ),
             table(
-                ["parameter", "the source", *names, "taken"], rows, caption="R2 of four laws (table 5.3)", numbers=True
+                ["parameter", "the source", *names, "taken"],
+                rows,
+                caption="R2 of four laws (the source's table 5.3)",
+                numbers=True,
             ),
         ]
         weak = [each for each in self._parameters if each.get("source_law") and each.get("better_law")]
@@ -197,7 +202,7 @@ class DerivativesPart(Part):
                 "Differences of laws on either side of the scenario's own value. Where a key only takes whole "
                 "steps, the difference is across whole steps: between them nothing changes."
             ),
-            table(headings, rows, caption="Derivatives at the control point (table 5.4)", numbers=True),
+            table(headings, rows, caption="Derivatives at its own values (the source's table 5.4)", numbers=True),
         ]
         if any("source_derivative" in each for each in self._parameters):
             found.append(paragraph(_ABSOLUTE))

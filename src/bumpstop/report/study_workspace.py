@@ -136,18 +136,24 @@ class ForcePart(Part):
         """The two modes, and why shares differ from the source's."""
         found = self._summary["distribution"]
         collisions, medians = found["mode_of_collisions_N"], found["mode_of_medians_N"]
-        return [
+        parts = [
             paragraph(
                 f"Most common peak force of all collisions: {collisions[0]:g} to {collisions[1]:g} N; of the poses' "
                 f"medians: {medians[0]:g} to {medians[1]:g} N. The first bin holds the motions that end before "
                 "contact, the last one everything beyond, undetected collisions among it."
             ),
-            paragraph(
-                "The source states less than 9 % over 135 N for a hand. That share hangs on the joint acceleration, "
-                "which the source reads from a file it does not print, on its law of directions, and on its "
-                "inverse with a singular-value tolerance of 1e-7, which moves on where an exact motion ends."
-            ),
         ]
+        scenario = self._study.scenario
+        if (scenario.robot, scenario.contact.limits, scenario.contact.body) == ("sia5d", "bgia2011", "hand_finger"):
+            parts.append(
+                paragraph(
+                    "The source states less than 9 % over 135 N for a hand. That share hangs on the joint "
+                    "acceleration, which the source reads from a file it does not print, on its law of directions, "
+                    "and on its inverse with a singular-value tolerance of 1e-7, which moves on where an exact motion "
+                    "ends."
+                )
+            )
+        return parts
 
     def pictures(self) -> list[Picture]:
         """Force (figure 6.9) and, where it varies, speed (figure 6.8)."""
@@ -182,7 +188,7 @@ class ForcePart(Part):
             panel.axvline(limit, color=LIMIT, linestyle="--" if name == "force limit" else ":", label=name)
         panel.set_xlabel("peak force [N]")
         panel.set_ylabel("share [%]")
-        panel.legend(loc="upper right")
+        panel.legend(loc="upper right", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85)
 
     def _draw_speed(self, figure: Figure) -> None:
         panel = axes(figure)
