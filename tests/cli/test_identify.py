@@ -79,14 +79,22 @@ def test_from_a_text_file_to_a_validated_model(tmp_path: Path) -> None:
     assert min(joint["r2"] for joint in compared) > 0.97
 
 
-def test_words_for_people(tmp_path: Path) -> None:
-    _, _, log, _ = arm_and_logs()
+def test_words_for_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    robot, _, log, _ = arm_and_logs()
     log.save(tmp_path / "log.parquet")
     result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, "--payload", "0.0", "-o", tmp_path / "m")
     assert result.status == 0, result.err
     assert "held-out fifths" in (tmp_path / "m" / "report.html").read_text(encoding="utf-8")
     assert "shoulder_pan_joint: hysteresis cannot be seen" in result.out
     assert "error on held-out fifths" in result.out
+    # However narrow the terminal is, names are whole and every parameter stands on its joint's line.
+    lines = result.out.splitlines()
+    told = lines[lines.index("parameters, with their standard errors:") + 1 :][: robot.dof]
+    for joint, line in zip(JointTorqueModel.load(tmp_path / "m" / "joint_model.toml").joints, told, strict=True):
+        seen = {name: found for name, found in joint.parameters.items() if found is not None}
+        figures = (f"{name} {found.value:.4g} +- {found.standard_error:.2g}" for name, found in seen.items())
+        assert line == f"  {joint.name}: {', '.join(figures)}"
     result = run("validate", tmp_path / "m" / "joint_model.toml", tmp_path / "log.parquet")
     assert result.status == 0, result.err
     assert "torque estimated from current" in result.out

@@ -176,17 +176,20 @@ def _print_fit(fit: JointModelFit) -> None:
         tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
         typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
     table = Table(box=None, pad_edge=False)
-    for heading in ("joint", "R2", f"rmse, {unit}", "map", "friction", "parameters"):
+    for heading in ("joint", "R2", f"rmse, {unit}", "map", "friction"):
         table.add_column(heading, justify="right" if heading[0] in "Rr" else "left")
     for joint in fit.joints:
         own = joint.parameters
-        figures = ", ".join(
+        table.add_row(joint.name, share_text(joint.r2), f"{joint.rmse:.4g}", own.map, own.friction)
+    Console(highlight=False, markup=False).print(table)
+    typer.echo("parameters, with their standard errors:")
+    for joint in fit.joints:
+        figures = (
             f"{name} {found.value:.4g}" + ("" if found.standard_error is None else f" +- {found.standard_error:.2g}")
-            for name, found in own.parameters.items()
+            for name, found in joint.parameters.parameters.items()
             if found is not None
         )
-        table.add_row(joint.name, share_text(joint.r2), f"{joint.rmse:.4g}", own.map, own.friction, figures)
-    Console(highlight=False, markup=False).print(table)
+        typer.echo(f"  {joint.name}: {', '.join(figures) or 'none seen'}")
     typer.echo(f"error on held-out fifths, rms {unit}, by map and friction:")
     for joint in fit.joints:
         errors = (

@@ -22,6 +22,7 @@ _THE_SOURCE = (
     "University of Texas at Austin, 2013."
 )
 
+
 class Document:
     """Parts with their figures, drawn on construction.
 
