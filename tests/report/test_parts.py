@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 import bumpstop as bs
 from bumpstop.collision.verdict import percent
+from bumpstop.detection import Label, score
 from bumpstop.joint.model import Parameter
 from bumpstop.report.area import AreaSection
 from bumpstop.report.arm import ArmSection
@@ -22,6 +23,7 @@ from bumpstop.report.distribution import DistributionSection, bins
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import WIDTH, Picture, axes, spread
 from bumpstop.report.records import ProvenanceSection
+from bumpstop.report.scoring import DetectionsPart
 from bumpstop.report.words import number, with_error
 from report.cases import evaluate
 
@@ -127,6 +129,23 @@ def test_quantiles_at_the_foot_of_the_tail_are_above_the_scale():
     labels = [text for text in tail.texts if text.get_text().startswith("p99.9 ")]
     assert len(labels) == 1
     assert labels[0].get_window_extent(renderer).y0 > max(number.y1 for number in across)
+
+
+def test_delays_that_differ_by_rounding_are_drawn_at_one_time():
+    labels = tuple(Label(t, t + 1) for t in (10.0, 20.0, 30.0, 40.0))
+    (picture,) = DetectionsPart(score([10.008, 20.008, 30.008], labels=labels, watched=(0.0, 60.0))).pictures()
+    rendered = picture.render()
+    rendered.figure.draw_without_rendering()
+    (panel,) = rendered.figure.axes
+    low, high = panel.get_xlim()
+    assert low == 0
+    assert 8 < high < 20
+    shown = [label.get_text() for label in panel.get_xticklabels()]
+    assert "8" in shown
+    assert panel.xaxis.get_offset_text().get_text() == ""
+    step = panel.lines[0]
+    share = [step.get_ydata()[np.searchsorted(step.get_xdata(), late, side="right") - 1] for late in (7.9, 8.1)]
+    assert share == [0.0, 0.75]
 
 
 def test_labels_are_spread():

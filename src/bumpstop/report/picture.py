@@ -56,6 +56,7 @@ _STYLE: dict[str, Any] = {
     "lines.linewidth": 1.8,
     "hatch.linewidth": 0.6,
     "legend.frameon": False,
+    "axes.formatter.useoffset": False,  # of 8.001 and 8.002 both are read at the scale itself
     "svg.fonttype": "none",
     "text.parse_math": False,  # a dollar in a user's name is a dollar
 }

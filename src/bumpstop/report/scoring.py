@@ -71,8 +71,12 @@ class DetectionsPart(Part):
 
         def draw(figure: Figure) -> None:
             plot = axes(figure)
-            steps = np.concatenate([[found[0]], found]) * 1e3
-            plot.step(steps, np.arange(found.size + 1) / len(score.labels), where="post", color=LAW)
+            # From zero: delays that are all alike differ by rounding, which no scale should show.
+            low, high = 1e3 * min(0.0, found[0]), 1e3 * max(found[-1], 0.0)
+            high += 0.1 * max(high - low, 1.0)
+            counts = np.minimum(np.arange(found.size + 2), found.size)
+            plot.step([low, *(1e3 * found), high], counts / len(score.labels), where="post", color=LAW)
+            plot.set_xlim(low, high)
             plot.axhline(1, color=EVENT, linewidth=0.8)
             plot.set_ylim(0, 1.05)
             plot.set_xlabel("delay, ms")
