@@ -55,7 +55,7 @@ def require(
             bound = "at most" if found.harsher == "higher" else "at least"
             typer.echo(f"{name}: " + ("no value" if found.value is None else f"{bound} {found.value:g} {found.unit}"))
             if name == "detector.thresholds" and found.value is not None:
-                typer.echo(f"the lowest; by joint {_thresholds(checked, found.value)} Nm")
+                typer.echo(f"the lowest; by joint {_thresholds(checked, found.value)}")
             typer.echo(found.reason)
             typer.echo(f"risk there {found.risk_at_value:.3g}, accepted {found.risk:g}; exact law")
         return NOT_ACCEPTABLE if found.value is None or not found.false_alarm_ok else 0
@@ -86,10 +86,13 @@ def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | Non
 
 
 def _thresholds(scenario: Scenario, lowest: float) -> str:
+    from bumpstop.collision import Problem
+    from bumpstop.model import unit_of
     from bumpstop.study.variable import Variable
 
     each = Variable("detector.thresholds").changes(scenario, lowest)["detector.thresholds_Nm"]
-    return ", ".join(f"{threshold:.6g}" for threshold in each)
+    unit = unit_of(*Problem.from_scenario(scenario).robot.joints)
+    return ", ".join(f"{threshold:.6g}" for threshold in each) + f" {unit}"
 
 
 def _print_curve(rows: list[dict[str, Any]], required: str, against: str) -> None:

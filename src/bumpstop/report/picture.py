@@ -182,14 +182,15 @@ def _thin_ticks(panel: Axes) -> None:
 
     panel.apply_aspect()
     axis, (low, high) = panel.xaxis, panel.get_xlim()
-    width = panel.bbox.width * 72 / panel.figure.dpi
+    width = panel.bbox.width * 72 / panel.figure.dpi  # pt
     while isinstance(axis.get_major_locator(), MaxNLocator):
         ticks = [tick for tick in axis.get_majorticklocs() if low <= tick <= high]
         shown = axis.get_ticklabels()  # none on a panel above another
         if len(ticks) < 3 or not shown:
             return
         letters = max(len(label) for label in axis.get_major_formatter().format_ticks(ticks))
-        if (_LETTER * letters + _BETWEEN) * shown[0].get_fontsize() <= width * (ticks[1] - ticks[0]) / (high - low):
+        size = shown[0].get_fontproperties().get_size_in_points()
+        if (_LETTER * letters + _BETWEEN) * size <= width * (ticks[1] - ticks[0]) / (high - low):
             return
         panel.locator_params(axis="x", nbins=len(ticks) - 2)
 
