@@ -230,45 +230,47 @@ void a_lost_sample_makes_no_spike() {
     CHECK(late == 1 && worst < 0.5);
 }
 
-// As far as a joint gets in the interval and the period before it, in which the sample may have been taken; no farther.
-void a_sample_is_believed_up_to_its_limits() {
-    SampleLimits limits;
-    limits.period = 0.01;
-    limits.shortest_interval = 0.001;
-    limits.late_interval = 0.015;
-    limits.longest_interval = 0.05;
-    limits.resolution = 0.002;
-    limits.measured_rates = true;
-    for (int j = 0; j < 3; ++j) {
-        limits.lower[j] = -1;
-        limits.upper[j] = 1;
-        limits.velocity[j] = 2 + j;
-        limits.signal[j] = 10;
-    }
-    const auto told = [&](double after, const auto& spoil) {
-        SampleGuard guard(limits, 3);
-        DetectorSample sample;
-        CHECK(guard.check(sample) == SampleFault::gap);
-        sample.t = after;
-        spoil(sample);
-        return guard.check(sample);
+// Whatever came before, be it an alarm: nothing of it is left, not even its time.
+void a_detector_that_is_reset_is_as_new() {
+    const auto same = [](double a, double b) {
+        return std::isnan(a) ? std::isnan(b) : a == b || std::fabs(a - b) <= 1e-7 * (1 + std::fabs(a));
     };
-    for (double after : {0.01, 0.03, 0.049})
-        for (int j = 0; j < 3; ++j)
-            for (double way : {-1.0, 1.0}) {
-                const double reach = way * ((2 + j) * (after + 0.01) + 0.002);
-                CHECK(told(after, [&](DetectorSample& s) { s.q[j] = 0.999 * reach; }) == SampleFault::none);
-                CHECK(told(after, [&](DetectorSample& s) { s.q[j] = 1.001 * reach; }) == SampleFault::impossible_jump);
+    for (int k = 0; k < 8; ++k) {
+        Arm arm(1 + k % 7);
+        DetectorSettings& s = arm.settings;
+        s.residual = k % 2 ? ResidualKind::observer : ResidualKind::direct;
+        s.source = k % 3 ? TorqueSource::current : TorqueSource::torque;
+        s.decision.arming_delay = 0.01;
+        s.payload_watch.least_mass = 0.1;
+        s.payload_watch.interval = 0;
+        Detector used = arm.detector(), fresh = arm.detector();
+        const int n = used.joints();
+        const auto sample_at = [&](int i, double speed) {
+            DetectorSample sample;
+            sample.t = 0.001 * i;
+            for (int j = 0; j < n; ++j) {
+                sample.q[j] = 0.1 * j + speed * sample.t;
+                sample.signal[j] = std::sin(0.3 * i + j) + (i > 40 ? 30 : 0);
             }
-    // Behind a gap nobody knows how far it went, but its limits and its rate are what they were.
-    CHECK(told(0.051, [](DetectorSample& s) { s.q[0] = 0.999; }) == SampleFault::gap);
-    CHECK(told(0.051, [](DetectorSample& s) { s.q[0] = 1.001; }) == SampleFault::outside_limits);
-    CHECK(told(0.051, [](DetectorSample& s) { s.qd[0] = 2.001; }) == SampleFault::impossible_jump);
-    CHECK(told(0.01, [](DetectorSample& s) { s.qd[2] = -4.001; }) == SampleFault::impossible_jump);
-    CHECK(told(0.01, [](DetectorSample& s) { s.qd[2] = -3.999; }) == SampleFault::none);
-    CHECK(told(0.01, [](DetectorSample& s) { s.signal[1] = -10.01; }) == SampleFault::impossible_signal);
-    CHECK(told(0.0009, [](DetectorSample&) {}) == SampleFault::repeated);
-    CHECK(told(-0.0009, [](DetectorSample&) {}) == SampleFault::out_of_order);
+            return sample;
+        };
+        for (int i = 1000; i < 1060; ++i) used.update(sample_at(i, 0.5));
+        CHECK(used.alarmed());
+        used.reset();
+        CHECK(!used.alarmed());
+        for (int i = 0; i < 60; ++i) {
+            // So slow that a last motion, had there been one, would count.
+            const DetectorSample sample = sample_at(i, i < 30 ? 0.0 : 0.5);
+            const DetectorOutput &a = used.update(sample), &b = fresh.update(sample);
+            CHECK(a.state == b.state && a.fault == b.fault && a.stop == b.stop && a.late == b.late);
+            CHECK(a.unseen == b.unseen && a.payload_changed == b.payload_changed);
+            CHECK(a.over == b.over && a.over_fast == b.over_fast);
+            for (int j = 0; j < n; ++j)
+                CHECK(same(a.residual[j], b.residual[j]) && same(a.fast[j], b.fast[j]) &&
+                      same(a.threshold[j], b.threshold[j]));
+            CHECK(same(used.payload().change(), fresh.payload().change()));
+        }
+    }
 }
 
 // Any order, gaps, repeats, infinities, jumps: a finite residual or blind, never neither; and memory stays.
@@ -357,7 +359,7 @@ int main(int count, char** arguments) {
     a_contact_is_where_it_was();
     a_changed_payload_is_recognised();
     a_lost_sample_makes_no_spike();
-    a_sample_is_believed_up_to_its_limits();
+    a_detector_that_is_reset_is_as_new();
     no_sequence_breaks_it(count > 1 ? std::atol(arguments[1]) : 600);
     return checks::result();
 }
