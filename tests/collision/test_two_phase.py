@@ -69,6 +69,12 @@ def test_exact_against_sampled_and_against_each_path(reaction: str) -> None:
         assert theirs is not None
         assert abs(ours - theirs) < 4 * np.sqrt(max(ours * (1 - ours), 1 / 4000) / 4000) + 1e-6
     assert drawn.runs is not None
+    # The greater force of both phases is the peak force, run by run.
+    shares, detected = drawn.phase_shares(1.0, 1.0)
+    found = drawn.runs["tick"] >= 0
+    assert detected == found.mean()
+    assert len(np.unique(drawn.runs["tick"])) > 3
+    np.testing.assert_allclose(shares.values, drawn.runs["peak_force"][found], rtol=1e-9, atol=1e-9)  # type: ignore[attr-defined]
     over = []
     for run in range(0, 4000, 100):
         offset, tick = float(drawn.runs["offset"][run]), int(drawn.runs["tick"][run])
