@@ -159,6 +159,17 @@ def test_scale_and_unwatched_joints() -> None:
     assert any("joint 3 has a mean of 100" in note for note in biased.notes)
 
 
+def test_joints_with_few_peaks_stand_to_each_other_as_their_largest_residuals() -> None:
+    """Wherever in the recordings these are."""
+    quiet, loud = residuals(0.0015, 21), residuals(0.0015, 22)
+    loud = ResidualSeries(loud.t, loud.rows * [3.0, 0.2, 1.0], "loud")
+    shares = tune([quiet, loud], 100.0).shares
+    largest = np.abs(np.concatenate([quiet.rows, loud.rows])).max(axis=0)
+    assert largest[0] > 1.2 * np.abs(quiet.rows[:, 0]).max()
+    assert largest[1] > 1.2 * np.abs(loud.rows[:, 1]).max()
+    np.testing.assert_allclose(shares, largest, rtol=1e-12)
+
+
 def test_refusals() -> None:
     one = residuals(0.02, 1)
     short = residuals(0.001, 1)
