@@ -131,7 +131,11 @@ def _usage_message(error: Any) -> str:
                 if complaint["type"].startswith(kind):
                     return f"{error.param.opts[0]}: {str(complaint['input'])[:80]!r} cannot be used; wanted {wanted}"
         return f"{error.param.opts[0]}: {error.message.removeprefix('Value error, ')}"
-    return f"{str(error.format_message()).rstrip('.')}; see bumpstop --help"
+    # The outermost context is called after whatever started Python.
+    command, context = "", error.ctx
+    while context is not None and context.parent is not None:
+        command, context = f" {context.info_name}{command}", context.parent
+    return f"{str(error.format_message()).rstrip('.')}; see bumpstop{command} --help"
 
 
 def _fail(message: str, status: int) -> int:
