@@ -125,7 +125,9 @@ nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& det
         if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
         auto one = [&](std::size_t i) {
             const Point3<double> way = point3(normal.data() + 3 * i);
-            const StoppingCurve curve = self.curve(begin(i), way, &detector, stiffness, body_mass);
+            // Of measured residuals no tick is certain to alarm by what a Gaussian of their spread would do.
+            const ThresholdDetector* certain = residuals && !(body_mass > 0) ? nullptr : &detector;
+            const StoppingCurve curve = self.curve(begin(i), way, certain, stiffness, body_mass);
             double offset;
             SampledRuns out{&offset, &tick.data[i], &triggers.data[i], &noise.data[i * dof], &residual.data[i * dof]};
             out.peak_force = &peak.data[i];

@@ -207,6 +207,17 @@ def test_residuals_that_lean_away_from_the_contact_are_followed_until_it_is_noti
         assert law.peak_force.quantile(0.99) == pytest.approx(gauss.peak_force.quantile(0.99), rel=0.01)
 
 
+def test_residuals_that_lean_away_from_the_contact_are_followed_on_a_trajectory(tmp_path: Path) -> None:
+    lean, sd = np.array([0, 6.0, 0, -5.0, 0, 0, 0]), np.array([3.0, 1.5, 3.0, 3.0, 3.0, 3.0, 3.0])
+    path = record_file(tmp_path, lean + correlated_rows(60_000, 0.0, sd, seed=5))
+    example = bs.load_scenario(Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml")
+    case = example.with_values({"motion.contact_time": 0.7})
+    gauss = bs.evaluate(case.with_values({"detector.noise_sd_Nm": list(sd), "detector.noise_mean_Nm": list(lean)}))
+    law = bs.evaluate(case.with_values({"detector.residuals": str(path)}), samples=10_000, seed=1)
+    assert gauss.undetected_probability < 0.01
+    assert law.undetected_probability == pytest.approx(gauss.undetected_probability, abs=0.005)
+
+
 def test_resampling_keeps_rows_whole_and_in_order(tmp_path: Path) -> None:
     rows = np.random.default_rng(1).normal(size=(500, 7))
     path = record_file(tmp_path, rows)
