@@ -101,7 +101,7 @@ class BatchPanels {
             int parts = 1;
             group = rare && k > 0 ? group_at(k, group, width) : 1;
             const double low = edge_[k], high = std::min(edge_[k + group], largest);
-            while ((high - low) > parts * width) parts *= 2;
+            while (parts <= most_parts && (high - low) > parts * width) parts *= 2;
             if (parts > most_parts) return false;
             if (cut_where_left(k, low, high, width)) continue;
             // One that the end of the offsets cuts short is like no other.

@@ -13,7 +13,8 @@ class CertainDetection {
     CertainDetection(const ThresholdDetector& detector, const Timing& timing, double step, double stiffness,
                      T largest_offset)
         : detector_(detector), stiffness_(stiffness), largest_(largest_offset) {
-        while (!detector.armed((double(blind_ticks_) * timing.period + 1) * step)) ++blind_ticks_;
+        while (blind_ticks_ <= timing.steps && !detector.armed((double(blind_ticks_) * timing.period + 1) * step))
+            ++blind_ticks_;
         for (int w = 0; w < detector.watched; ++w) residual_[w] = 0.0;
     }
     /// Called at every tick in turn.

@@ -14,7 +14,10 @@ class FreeReactions {
     static constexpr int lanes = Scalar<T>::lanes;
 
     FreeReactions(const FreePaths& paths, const FreeBody& body)
-        : paths_(&paths), stiffness_(body.stiffness), impact_(body, paths.step) {}
+        : paths_(&paths),
+          stiffness_(body.stiffness),
+          impact_(body, paths.step),
+          swing_(int(std::min(std::numbers::pi / body.frequency() / paths.step, 1e9)) + 2) {}
 
     const FreePaths& paths() const { return *paths_; }
     const FreeImpact<T>& impact() const { return impact_; }
@@ -48,7 +51,8 @@ class FreeReactions {
     /// Until arm and body have parted in all lanes.
     void follow(State& state, const PathAfter* path, int longest, T offset) const {
         T from = place(path, 0);
-        for (int i = 0; i < longest_reaction_steps; ++i) {
+        // Left behind at constant speed, a body parts within half an oscillation.
+        for (int i = 0; i < longest + swing_; ++i) {
             if (i >= longest) {
                 for (int lane = 0; lane < lanes; ++lane)
                     if (!path[lane].retreats()) impact_.rest(state, lane);
@@ -66,6 +70,7 @@ class FreeReactions {
     const FreePaths* paths_;
     double stiffness_;
     FreeImpact<T> impact_;
+    int swing_;  // simulation steps of half an oscillation, and two
 };
 
 /// One offset in each lane, whose first tick beyond it is `tick`: force at every tick of the undetected collision, and

@@ -104,7 +104,7 @@ class PanelCutter {
                 for (int k = 0; k < curve_.path.ticks; ++k)
                     growth = std::max(growth, (edge_[k + 1] - edge_[k]) / settings_.offset.size);
             }
-            if (growth > 0) group_ = std::clamp(int(1 / growth), 1, std::max(1, curve_.path.ticks));
+            if (growth > 0) group_ = int(std::clamp(1 / growth, 1.0, double(std::max(1, curve_.path.ticks))));
         }
         most *= group_;
         if (settings_.free != nullptr) most /= timing_.period;  // panels are cut at every step

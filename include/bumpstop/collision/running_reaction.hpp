@@ -16,11 +16,11 @@ enum class ReactionKind { stop, reverse };
 /// steps into the reaction; step[0] is 0, where it begins.
 struct ReactionJob {
     const LinePath* path;
-    int curve;  ///< whose number the path is
-    int tick;
-    std::vector<double> distance;
-    std::vector<int> step;
-    double leap_tolerance = braking_leap_tolerance;
+    int curve;                                                ///< number of the curve that the path belongs to
+    int tick;                                                 ///< that it reacts to
+    std::vector<double> distance;                             ///< result [m]
+    std::vector<int> step;                                    ///< result
+    double leap_tolerance = braking_leap_tolerance;           ///< as of BrakingArm::begin
     double enough = std::numeric_limits<double>::infinity();  ///< nothing is asked beyond this distance [m]
     const double* q = nullptr;  ///< joint positions the path started in: held joints keep theirs
     double return_to = 0;       ///< distance [m] behind which a point that reverses is back
@@ -37,8 +37,13 @@ struct ReactionJob {
 /// `only_peak` does not know. A reaction that stops is followed until it has.
 enum class ReactionDetail { every_step, only_peak };
 
-/// No arm needs this many steps; one that cannot reverse near a singularity must not run for ever.
-inline constexpr int longest_reaction_steps = 20000;
+/// Steps after which a reaction is left where it is: an arm that cannot reverse near a singularity must not run for ever.
+/// Any other is done long before. Its slowest joint stands after `stop_time` [s] and has reversed after twice that; it then
+/// goes back no farther than it came on its way of `path_steps`. `substeps` keeps controller sub-steps countable.
+inline int longest_reaction(double stop_time, std::size_t path_steps, double step, int substeps) {
+    const double needed = std::min(4 * stop_time / step, 2e6) + 2 * double(path_steps);
+    return int(std::min(std::max(needed, 20000.0), 2e9 / substeps));
+}
 /// The steps about the farthest point tell where between two steps it lies.
 inline constexpr int steps_past_peak = 3;
 
@@ -75,7 +80,9 @@ class RunningReaction {
     /// `here`: distance along the normal [m]; `stop_time`: what the slowest joint needs to stop [s].
     RunningReaction(const ReactionRules& rules, ReactionJob& job, double here, double stop_time) : job_(&job) {
         const double step = rules.substeps * rules.substep;
-        patience_ = (int((0.05 + 1.5 * stop_time) / step + 1e-9) + 1) * rules.substeps;
+        const int longest = longest_reaction(stop_time, job.path->s.size(), step, rules.substeps);
+        longest_ = longest * rules.substeps;
+        patience_ = (int(std::min((0.05 + 1.5 * stop_time) / step + 1e-9, longest - 1.0)) + 1) * rules.substeps;
         here_ = peak_ = here;
         job.distance.assign(1, here);
         job.step.assign(1, 0);
@@ -130,7 +137,7 @@ class RunningReaction {
         turned_ = turned_ || retreats;
         over_ = over_ || (rules.stopping ? look.reached : (rules.only_peak ? turned_ : retreats) && back);
         const bool ends = whole && (over_ || here_ > job_->enough);
-        if (ends || leaves || gone_ >= longest_reaction_steps * rules.substeps) return ReactionFate::done;
+        if (ends || leaves || gone_ >= longest_) return ReactionFate::done;
         if (!rules.only_peak || rules.stopping || !retreats || over_ || careful_ || homing_ ||
             peak_ - here_ <= homing_distance)
             return ReactionFate::goes_on;
@@ -174,6 +181,7 @@ class RunningReaction {
 
     ReactionJob* job_ = nullptr;     ///< null: the lane is idle
     int patience_ = 0;               ///< controller sub-steps after which the retreat of an arm astray is believed
+    int longest_ = 0;                ///< controller sub-steps after which it is left where it is
     int gone_ = 0, retreating_ = 0;  ///< controller sub-steps since the beginning, and since the point began to retreat
     double here_ = 0;                ///< distance along the normal [m]
     double speed_ = 0;               ///< along the normal [m/s]

@@ -43,7 +43,8 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
         const int j = motion.free_joint[limiting];
         const double qd = path.reaction_state[(std::size_t(2) * k + 1) * motion.free_count + limiting];
         const double stop_time = std::fabs(qd) / motion.acceleration_limit[j];
-        const int crossing = int(stop_time / (2 * timing.period * motion.step)) + 2 + timing.latency / timing.period;
+        const double ticks = std::min(stop_time / (2 * timing.period * motion.step), double(k));
+        const int crossing = int(ticks) + 2 + timing.latency / timing.period;
         const int begin = std::max(first, k - crossing), end = std::min(known - 1, k + 1);
         if (!tolerance.matters(begin, end)) continue;
         if (begin > first) stretches.push_back({curve, first, begin - 1});

@@ -94,8 +94,12 @@ class ArmTrajectory {
         ticks_ = (steps_ - 1) / settings_.period + 1;
         timing_ = {steps_, settings_.period, settings_.latency, false};
         Posture<double> posture;
+        double q[max_joints], first[max_joints], second[max_joints], stop_time = 0;
         for (int i = 0; i <= steps_; ++i) {
             pose(i * step(), posture);
+            spline_.at(i * step(), q, first, second);
+            for (int j = 0; j < chain_.dof; ++j)
+                stop_time = std::max(stop_time, std::fabs(first[j]) / settings_.motion.acceleration_limit[j]);
             point_.push_back(posture.position(settings_.point));
             if (i < 1 || (i - 1) % settings_.period != 0) continue;
             for (int j = 0; j < chain_.dof; ++j) {
@@ -103,6 +107,7 @@ class ArmTrajectory {
                                                           : linear_column(chain_, posture, point_.back(), j));
             }
         }
+        longest_ = longest_reaction(stop_time, point_.size(), step(), settings_.motion.substeps);
         for (int k = 0; k < ticks_; ++k) reaction_.push_back(react(k));
     }
 
@@ -280,7 +285,7 @@ class ArmTrajectory {
                 forward_kinematics(chain_, state.q, state.angle, posture);
                 reaction.point.push_back(posture.position(settings_.point));
             }
-            if (v == target || i >= longest_reaction_steps) return reaction;
+            if (v == target || i >= longest_) return reaction;
             forward = v > 0;
             double excess = 1;
             const double w = hardest_braking(chain_.dof, state.qd, second, motion.acceleration_limit.data(), v, excess);
@@ -311,6 +316,7 @@ class ArmTrajectory {
     TrajectorySettings settings_;
     Timing timing_;
     int steps_ = 0, ticks_ = 0;
+    int longest_ = 0;                    ///< steps after which a reaction is left where it is
     double excess_ = 1;                  ///< of the path's own acceleration over the limits while braking
     std::vector<Point3<double>> point_;  ///< by step
     std::vector<Point3<double>> lever_;  ///< [tick][joint]: linear column of the Jacobian at the contact point
