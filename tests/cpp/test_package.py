@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import re
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ import bumpstop as bs
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, describe_detector, save_detector
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import describe, effective_mass, inverse_dynamics
+from cpp.builds import COMPILER, WARNINGS
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBER = re.compile(r"-?\d+\.\d+(?:e[-+]\d+)?|-?\d+e[-+]\d+|inf")
@@ -228,3 +230,19 @@ def test_unknown_inertia_stays_unknown(built: Path, tmp_path: Path) -> None:
     file.write_text(without(describe(bs.Robot.load("ur10e")), "inertia"), encoding="utf-8")
     done = subprocess.run([built / "02_dynamics", file], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, "error: the inertia of ur10e is not known\n")
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="instruction sets of other processors")
+def test_files_for_several_instruction_sets_share_nothing(tmp_path: Path) -> None:
+    """Registers differ in size: what the linker took for one type would be read wrongly in one of the files."""
+    here = Path(__file__).parent
+    command = [*COMPILER, *WARNINGS, f"-I{ROOT / 'include'}"]
+    flags = {"baseline": [], "avx2": ["-mavx2", "-mfma"], "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl"]}
+    for name, own in flags.items():
+        source, to = str(here / "instruction_set.cpp"), str(tmp_path / f"{name}.o")
+        subprocess.run([*command, *own, f"-DWHERE={name}", "-c", source, "-o", to], check=True)
+    objects = [str(tmp_path / f"{name}.o") for name in flags]
+    program = str(tmp_path / "program")
+    subprocess.run([*command, str(here / "instruction_sets.cpp"), *objects, "-o", program], check=True)
+    names = subprocess.run([program], capture_output=True, text=True, check=True).stdout.split()
+    assert len(set(names)) == len(flags)

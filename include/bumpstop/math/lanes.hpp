@@ -20,9 +20,18 @@
 #endif
 
 /// Every instruction set compiles the headers once. The inline namespace keeps the linker from merging a
-/// function built for a wide machine into the code of a narrow one.
+/// function built for a wide machine into the code of a narrow one, and from joining files in which the types
+/// that hold registers differ in size.
 #ifndef BUMPSTOP_TARGET
+#if defined(__AVX512F__)
+#define BUMPSTOP_TARGET native_avx512
+#elif defined(__AVX2__)
+#define BUMPSTOP_TARGET native_avx2
+#elif defined(__AVX__)
+#define BUMPSTOP_TARGET native_avx
+#else
 #define BUMPSTOP_TARGET native
+#endif
 #endif
 
 /// Before a loop that is short and hot. Compilers spell it differently.
