@@ -3,6 +3,7 @@
 
 #include "bumpstop/detection/detector.hpp"
 #include "common.hpp"
+#include "links.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -11,16 +12,7 @@ namespace {
 Detector make_detector(const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor,
                        const std::vector<JointTorqueParameters>& joints, const std::vector<JointTorqueErrors>& errors,
                        const DetectorSettings& settings) {
-    std::vector<LinkInertia> links(std::size_t(chain.dof));
-    for (std::size_t i = 0; i < links.size(); ++i) {
-        links[i].mass = mass(i);
-        links[i].rotor = rotor(i);
-        for (int k = 0; k < 3; ++k) {
-            links[i].center[k] = center(i, k);
-            for (int l = 0; l < 3; ++l) links[i].tensor[3 * k + l] = tensor(i, k, l);
-        }
-    }
-    return Detector(chain, links, joints, errors, settings);
+    return Detector(chain, make_links(mass, center, tensor, rotor), joints, errors, settings);
 }
 
 void store_row(const std::array<double, max_joints>& values, NewArray<double>& out, std::size_t row) {

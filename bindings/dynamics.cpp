@@ -2,6 +2,7 @@
 #include "bumpstop/model/dynamics.hpp"
 
 #include "bumpstop/model/singular_values.hpp"
+#include "links.hpp"
 #include "registers.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -17,16 +18,7 @@ struct Dynamics {
 };
 
 Dynamics make_dynamics(const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor) {
-    std::vector<LinkInertia> links(std::size_t(chain.dof));
-    for (std::size_t i = 0; i < links.size(); ++i) {
-        links[i].mass = mass(i);
-        links[i].rotor = rotor(i);
-        for (int k = 0; k < 3; ++k) {
-            links[i].center[k] = center(i, k);
-            for (int l = 0; l < 3; ++l) links[i].tensor[3 * k + l] = tensor(i, k, l);
-        }
-    }
-    return {chain, Inertias(chain, links)};
+    return {chain, Inertias(chain, make_links(mass, center, tensor, rotor))};
 }
 
 Point3<L> load_vectors(Matrix vectors, std::size_t first, int column = 0) {

@@ -8,11 +8,12 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct FreePaths {
     const LinePath* path = nullptr;
-    int period = 0, latency = 0, end_step = 0;  ///< end_step: in which the undetected motion ends
-    double step = 0;
-    std::vector<std::vector<double>> reaction;  ///< by tick, from the step in which it begins on; may be empty
-    std::vector<double> farthest;               ///< by tick: the greatest distance from the tick on
-    std::vector<double> reached;                ///< by step: the greatest distance of the undisturbed motion so far
+    int period = 0, latency = 0;                ///< as of Timing [simulation steps]
+    int end_step = 0;                           ///< in which the undetected motion ends
+    double step = 0;                            ///< simulation step [s]
+    std::vector<std::vector<double>> reaction;  ///< by tick: distances [m] from the step it begins in on; may be empty
+    std::vector<double> farthest;               ///< by tick: the greatest distance from the tick on [m]
+    std::vector<double> reached;                ///< by step: the greatest distance of the undisturbed motion so far [m]
 
     /// The step after which nothing is known of the undisturbed motion: it goes on for a latency, for the reactions.
     int last_step() const { return int(path->s.size()) - 1; }

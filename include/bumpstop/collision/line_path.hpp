@@ -34,13 +34,15 @@ struct LinePath {
     std::vector<double> s;               ///< distance along the normal after step i; s[0] = 0 [m]
     std::vector<double> torque_per_N;    ///< [tick][dof]: J_v' n at the tick
     std::vector<double> reaction_state;  ///< [tick][free]: q then qd at the step in which the reaction would begin
-    Vector3 start{}, normal{}, velocity{};
+    Vector3 start{}, normal{};  ///< of the contact point [m]; unit vector into the body; both in the base frame
+    Vector3 velocity{};         ///< asked of the tip, base frame [m/s]
     double approach_speed = 0;  ///< of the point along the normal when the motion has its full speed [m/s]
     PathEnd end = PathEnd::horizon;
-    int end_joint = -1;
+    int end_joint = -1;             ///< the joint beyond its limit, from 0; -1: none is
     bool velocity_limited = false;  ///< a joint-velocity limit slowed the motion somewhere
-    bool singular_start = false;
+    bool singular_start = false;    ///< the rates of the start mean nothing, and so does the path
 
+    /// Distance at tick k, of which there is one every `period` steps [m].
     double at_tick(int k, int period) const { return s[std::size_t(k) * period + 1]; }
 };
 

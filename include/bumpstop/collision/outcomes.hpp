@@ -11,7 +11,7 @@ inline constexpr double negligible_survival = 1e-18;
 /// A path need not be traced farther once its farthest body goes unnoticed with this probability or less.
 inline constexpr double certain_survival = 1e-20;
 
-/// Offsets low..high, whose first tick in contact is `tick`.
+/// Offsets low..high [m], whose first tick in contact is `tick`.
 struct Panel {
     double low, high;
     int tick;

@@ -26,8 +26,7 @@ struct SummitOf {
 
     /// The greatest value at a whole step.
     T at_steps() const {
-        const T nearest = (time + rounding_shift) - rounding_shift;
-        const T below = maximum(T(0.0), select(nearest > time, nearest - 1.0, nearest));
+        const T below = maximum(T(0.0), whole_part(time));
         return maximum(T(0.0), maximum(value(below - time), value(below + 1.0 - time)));
     }
 

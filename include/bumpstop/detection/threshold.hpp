@@ -13,9 +13,9 @@ struct ThresholdDetector {
     int watched = 0;  ///< joints with a finite threshold
     std::array<int, max_joints> joint{};
     std::array<double, max_joints> threshold{};               ///< Nm or N, by watched joint
-    std::array<double, max_joints> sd{}, mean{};              ///< of the noise, by watched joint
-    std::array<double, max_joints> scale{};                   ///< 1 / (sqrt 2 sd), large for no noise
-    std::array<double, max_joints> noise_sd{}, noise_mean{};  ///< by joint, watched or not
+    std::array<double, max_joints> sd{}, mean{};              ///< of the noise, by watched joint [Nm or N]
+    std::array<double, max_joints> scale{};                   ///< 1 / (sqrt 2 sd) [1/Nm or 1/N], large for no noise
+    std::array<double, max_joints> noise_sd{}, noise_mean{};  ///< by joint, watched or not [Nm or N]
     double arming_delay = 0;                                  ///< ticks earlier than this never alarm [s]
     double correlation = 0;  ///< of the noise from tick to tick; sd stays its stationary value
     /// The observer's first-order filter: the share of the old residual that a tick keeps; 0: the direct residual.
@@ -32,6 +32,7 @@ struct ThresholdDetector {
         return filter == 0 ? torque : torque + filter * (before - torque);
     }
 
+    /// Watches joint j, once: limit, standard deviation and mean of the noise [Nm or N].
     void watch(int j, double limit, double noise_sd, double noise_mean) {
         joint[watched] = j;
         threshold[watched] = limit;

@@ -12,6 +12,13 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// Adding 1.5 * 2^52 rounds to the nearest integer and leaves that integer in the low bits of the mantissa.
 inline constexpr double rounding_shift = 6755399441055744.0;
 
+/// The whole number not above x, |x| < 2^51.
+template <class T>
+T whole_part(T x) {
+    const T near = (x + rounding_shift) - rounding_shift;
+    return select(near > x, near - 1.0, near);
+}
+
 /// c[0] + c[1] x + ... + c[n-1] x^(n-1). The powers run as two or four chains, whose latencies overlap.
 template <class T, int n>
 T polynomial(const double (&c)[n], T x) {

@@ -67,14 +67,6 @@ T norm_of(const ArmOnLine& arm, const T* a) {
     return square_root(dot_joints(arm, a, a));
 }
 
-/// The whole number not above x, 0 <= x < 2^51.
-template <class T>
-T whole_part(T x) {
-    constexpr double shift = 6755399441055744.0;
-    const T near = (x + shift) - shift;
-    return select(near > x, near - 1.0, near);
-}
-
 /// A stretch of `length` seconds of a motion, known at `steps` + 1 moments that follow each other evenly. Between them
 /// distance, speed, torque and rates lie on the parabola through the three nearest moments, positions on the cubic that
 /// has position and rate of both ends.

@@ -25,11 +25,19 @@ struct ForetoldScenario {
     double rarest() const { return (1 - quantile) * (offset_kind == OffsetKind::half_normal ? 0.5 : 1.0); }
 };
 
-/// What is foretold; `unbounded` for infinite, NaN where the start is singular.
+/// What is foretold of a case. Forces of `unbounded_force` and more stand for infinite ones. `expected`, `bound` and
+/// `stopping` are NaN where the start is singular or the contact point does not advance.
 template <class T>
 struct Foretold {
-    T expected, bound, unnoticed, trigger, gain, stopping, approach, trusted;
-    T turned;  ///< of the joint rates, in shares of themselves
+    T expected;   ///< peak force, its mean [N]
+    T bound;      ///< peak force that a share `ForetoldScenario::quantile` of the cases stays below [N]
+    T unnoticed;  ///< largest contact force that passes no threshold without noise [N]
+    T trigger;    ///< the joint whose threshold that is, from 0
+    T gain;       ///< greatest joint rate per speed of the tip [rad/m or 1]
+    T stopping;   ///< travel of the contact point along the normal after the detection expected [m]
+    T approach;   ///< speed of the contact point along the normal [m/s]
+    T trusted;    ///< 1: the formula holds, and there is a bound; else 0
+    T turned;     ///< greatest change of the joint rates on the way, in shares of themselves
 };
 
 /// Larger than any force.
@@ -63,8 +71,8 @@ template <class T>
 struct Start {
     Moment<T> at;
     Point3<T> normal, velocity;
-    T torque[max_joints];
-    T approach, stop;
+    T torque[max_joints];  ///< J_v' n, by joint [Nm/N or 1]
+    T approach, stop;      ///< speed along the normal [m/s], time the slowest joint needs to stop [s]
     MaskOf<T> singular;
 };
 
@@ -98,7 +106,7 @@ Start<T> start_of_case(const ForetoldScenario& scenario, const T* q, const Point
 
 template <class T>
 struct Forces {
-    T expected, bound, stopping, turned;
+    T expected, bound, stopping, turned;  ///< as of Foretold
     MaskOf<T> trusted;
 };
 

@@ -17,7 +17,7 @@ inline constexpr int noticing_points = 33;
 template <class T>
 struct Noticing {
     T per_tick;                  ///< D [N]
-    T low, width;                ///< the forces are low + i width [N]; width is NaN where no force is noticed
+    T low, width;                ///< the forces are low + i width [N]; infinite_force and 0 where none is noticed
     T silence[noticing_points];  ///< S at them
 
     /// Expected force at detection [N].
