@@ -1,5 +1,5 @@
-// One of several files of a program, each compiled for another instruction set: tells what a type with registers is called
-// there. `WHERE` names the function; the file with `main` asks all.
+// One of several files of a program, each compiled for another instruction set: tells what a type with registers is
+// called there. `WHERE` names the function; the file with `main` asks all.
 #include <typeinfo>
 
 #include "bumpstop/joint/joint_bank.hpp"
