@@ -21,7 +21,7 @@ struct NoiseMemory {
     double threshold = 0, sd = 0, mean = 0;  ///< Nm or N
     double correlation = 0;                  ///< c
     double innovation = 0;                   ///< s, standard deviation of what a tick adds [Nm or N]
-    std::vector<double> node, weight;  ///< on [-1, 1]
+    std::vector<double> node, weight;        ///< on [-1, 1]
     /// exp(-(a_i - c a_l)^2 / 2) with a_i = node_i threshold / s, [i][l]: how noise moves between the thresholds.
     std::vector<double> spread;
 
