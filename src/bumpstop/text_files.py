@@ -1,8 +1,10 @@
-"""Text that people write: read whole, but not without end, and refused in one sentence."""
+"""Text that people write and read: read whole, but not without end, and refused in one sentence; and TOML."""
 
 from __future__ import annotations
 
+import numbers
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,12 +58,49 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a file in UTF-8.
+    """Write a file in UTF-8, with line feeds alone at the ends of its lines.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: it cannot be written, or the text holds what is no text, as the name of a file may.
     """
     try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+        Path(path).write_bytes(text.encode("utf-8"))
+    except UnicodeEncodeError as error:
+        problem = f"cannot be written: {text[max(0, error.start - 20) : error.end]!r} is no text"
+        raise InputError(str(path), problem, "wanted names of files in UTF-8") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(str(path), f"cannot be written ({why})") from None
+
+
+def to_toml(data: Mapping[str, Any]) -> str:
+    """Nested tables and lists of tables as TOML, one level deep, with all digits."""
+    lines = [f"{key} = {toml_value(value)}" for key, value in data.items() if not _is_table(value)]
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            lines += ["", f"[{key}]", *(f"{inner} = {toml_value(item)}" for inner, item in value.items())]
+        elif _is_table(value):
+            for row in value:
+                lines += ["", f"[[{key}]]", *(f"{inner} = {toml_value(item)}" for inner, item in row.items())]
+    return "\n".join(lines) + "\n"
+
+
+def toml_value(value: Any) -> str:
+    """A number, a boolean, a text, or a list of them as TOML; anything else as its text."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, numbers.Integral):
+        return str(int(value))
+    if isinstance(value, numbers.Real):
+        return repr(float(value))  # numpy's are floats, too, but say so
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+    # Not as JSON: there what lies beyond 65 535 may be two halves, which are no characters in TOML.
+    escaped = "".join(
+        {"\\": "\\\\", '"': '\\"'}.get(c, c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}") for c in str(value)
+    )
+    return f'"{escaped}"'
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))

@@ -114,10 +114,11 @@ def test_a_payload_is_found_and_told_as_the_next_fit_wants_it(tmp_path: Path) ->
     robot, truth, _, _ = arm_and_logs()
     center = (0.02, -0.01, 0.08)
     carried = driven(with_payload(robot, 2.0, center), fourier(robot, 10.0, 94.0, 3), truth, 3)
-    carried.save(tmp_path / "carried.parquet")
+    log = tmp_path / "carried \U0001f9be.parquet"
+    carried.save(log)
     truth.save(tmp_path / "joint_model.toml")
     options = ("--robot", ROBOT, "--model", "payload", "--joint-model", tmp_path / "joint_model.toml")
-    result = run("identify", tmp_path / "carried.parquet", *options, "-o", tmp_path / "out", "--json")
+    result = run("identify", log, *options, "-o", tmp_path / "out", "--json")
     assert result.status == 0, result.err
     found = strict_json(result.out)
     mass = found["parameters"]["m"]
@@ -128,10 +129,11 @@ def test_a_payload_is_found_and_told_as_the_next_fit_wants_it(tmp_path: Path) ->
         assert abs(value - planted_at) < 4 * error
     assert all(joint["rmse_Nm"] < joint["rmse_without_payload_Nm"] for joint in found["joints"])
     kept = tomllib.loads((tmp_path / "out/payload.toml").read_text(encoding="utf-8"))
+    assert kept["created_from"] == str(log)
     assert kept["m"] == mass
     assert kept["center_m"]["value"] == found["center_m"]["value"]
     assert "Torque that the payload explains" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
-    words = run("identify", tmp_path / "carried.parquet", *options).out
+    words = run("identify", log, *options).out
     (line,) = [line for line in words.splitlines() if line.startswith("for --payload: ")]
     assert [float(x) for x in line.split(": ")[1].split(",")] == pytest.approx(
         [mass["value"], *found["center_m"]["value"]], rel=1e-3

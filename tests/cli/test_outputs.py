@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.settings_file import to_toml
+from bumpstop.text_files import to_toml, write_text
 from cli.support import EXAMPLE, REPOSITORY, evaluate, run, strict_json
 
 # What is the same in every file of the sampled law, and what a joint adds.
@@ -252,6 +252,21 @@ def test_any_scenario_survives_the_file() -> None:
 def test_texts_of_any_letters_are_written() -> None:
     odd = {"a": 'q"\\\n\t\x00\x7f\u00e9\u2028\U0001f600', "t": {"flag": True, "list": [1, 2.5, 1e300, -0.0], "s": "x"}}
     assert tomllib.loads(to_toml(odd)) == odd
+
+
+def test_numbers_of_numpy_are_written_as_numbers() -> None:
+    mine = {"f": np.float64(0.1), "i": np.int64(7), "l": [np.float64(1e-7), np.float32(0.5)], "no": [np.inf, -np.inf]}
+    assert tomllib.loads(to_toml(mine)) == {"f": 0.1, "i": 7, "l": [1e-7, 0.5], "no": [np.inf, -np.inf]}
+
+
+@pytest.mark.parametrize(("name", "text", "why"), [("a\0b", "x", "null"), ("there", "robot = \udcff", "no text")])
+def test_what_cannot_be_written_is_said_and_leaves_what_was_there(
+    tmp_path: Path, name: str, text: str, why: str
+) -> None:
+    (tmp_path / "there").write_text("old")
+    with pytest.raises(bs.InputError, match=why):
+        write_text(tmp_path / name, text)
+    assert (tmp_path / "there").read_text() == "old"
 
 
 def test_what_was_there_before_is_replaced(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from bumpstop.cli.folders import writing
 from bumpstop.errors import InputError
-from bumpstop.text_files import write_text
+from bumpstop.text_files import toml_value, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -100,17 +100,21 @@ def _toml(found: PayloadFit, arm: Robot, log: Recording) -> str:
     """The figures that were seen, with standard errors; what was not is left out and listed."""
     lines = [
         "# Payload at the tip, in its frame: kg, kg m, kg m2.",
-        f"robot = {json.dumps(arm.name)}",
-        f"created_from = {json.dumps(log.source)}",
+        f"robot = {toml_value(arm.name)}",
+        f"created_from = {toml_value(log.source)}",
     ]
     for name, value in found.values.items():
         error = found.standard_errors[name]
         if value is not None and error is not None and math.isfinite(error):
-            lines.append(f"{name} = {{ value = {value!r}, standard_error = {error!r} }}")
+            lines.append(_figure(name, value, error))
     if found.center is not None and found.center_errors is not None:
-        lines.append(f"center_m = {{ value = {list(found.center)}, standard_error = {list(found.center_errors)} }}")
-    lines.append(f"unseen = {json.dumps(list(found.unseen))}")
+        lines.append(_figure("center_m", found.center, found.center_errors))
+    lines.append(f"unseen = {toml_value(found.unseen)}")
     return "\n".join(lines) + "\n"
+
+
+def _figure(name: str, value: Any, error: Any) -> str:
+    return f"{name} = {{ value = {toml_value(value)}, standard_error = {toml_value(error)} }}"
 
 
 def _print(found: PayloadFit, arm: Robot) -> None:

@@ -42,8 +42,9 @@ def settings_toml(law: ForceLaw) -> str:
     The file is itself a scenario: its reader passes over the table ``[made_by]``.
     """
     from bumpstop.collision.scenario import MADE_BY
-    from bumpstop.collision.settings_file import scenario_data, to_toml
+    from bumpstop.collision.settings_file import scenario_data
     from bumpstop.kernels import target
+    from bumpstop.text_files import to_toml
 
     made_by: dict[str, Any] = {"law": law.kind}
     if law.kind == "sampled":

@@ -32,25 +32,3 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
         # Relative paths start at the scenario's folder, which the copy has left.
         set_key(data, key, str(path.resolve()))
     return data
-
-
-def to_toml(data: dict[str, Any]) -> str:
-    """Write nested dictionaries of numbers, texts, booleans and lists as TOML, one level of tables deep."""
-    lines = [f"{key} = {_value(value)}" for key, value in data.items() if not isinstance(value, dict)]
-    for key, table in data.items():
-        if isinstance(table, dict):
-            lines += ["", f"[{key}]", *(f"{inner} = {_value(value)}" for inner, value in table.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    escaped = "".join(
-        {"\\": "\\\\", '"': '\\"'}.get(c, c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}") for c in str(value)
-    )
-    return f'"{escaped}"'

@@ -13,7 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.settings import ResidualKind
 from bumpstop.errors import InputError, near_matches
-from bumpstop.text_files import parse_toml, read_text, write_text
+from bumpstop.text_files import parse_toml, read_text, toml_value, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -173,7 +173,7 @@ class Thresholds:
         Raises:
             InputError: the file cannot be written.
         """
-        lines = [f"{key} = {_toml(getattr(self, name))}" for key, name in _KEYS.items()]
+        lines = [f"{key} = {toml_value(getattr(self, name).tolist())}" for key, name in _KEYS.items()]
         lines.append(f"model_errors = {float(self.model_errors)!r}")
         for key in ("period_s", "observer_gain_1_s"):
             if (value := getattr(self, key)) is not None:
@@ -209,7 +209,3 @@ def _column(value: Any, where: str) -> FloatArray:
     if not isinstance(value, list):
         raise InputError(where, f"is {value!r}", "wanted a list")
     return np.array([math.inf if item is None else as_number(item, where, finite=False) for item in value])
-
-
-def _toml(values: FloatArray) -> str:
-    return "[" + ", ".join("inf" if math.isinf(value) else repr(float(value)) for value in values) + "]"

@@ -11,11 +11,11 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.identification.fit_file import chain_of, toml_text
+from bumpstop.identification.fit_file import chain_of
 from bumpstop.identification.gravity_pose import Unseen
 from bumpstop.identification.plan import IdentificationPlan, JointExperiment, ProtocolSettings
 from bumpstop.model import Robot
-from bumpstop.text_files import parse_toml, read_text, write_text
+from bumpstop.text_files import parse_toml, read_text, toml_value, write_text
 
 _KIND = "identification_plan"
 _TOP = {"kind", "robot", "base", "tip", "home", "settings", "experiment", "unseen"}
@@ -35,7 +35,7 @@ def save_plan(plan: IdentificationPlan, path: str | Path, *, robot: dict[str, st
         robot: ``robot`` as a scenario names it, with ``base`` and ``tip`` where a URDF needs them.
     """
     arm = plan.robot
-    lines = [f'kind = "{_KIND}"', *(f"{key} = {toml_text(value)}" for key, value in robot.items())]
+    lines = [f'kind = "{_KIND}"', *(f"{key} = {toml_value(value)}" for key, value in robot.items())]
     lines += [f"home = {_pose(arm, plan.home)}  # deg (m of sliding joints); where every trajectory begins and ends"]
     lines += ["", "[settings]"]
     for key, value in asdict(plan.settings).items():
@@ -44,22 +44,23 @@ def save_plan(plan: IdentificationPlan, path: str | Path, *, robot: dict[str, st
         elif key in _ANGLES:
             lines.append(f"{key}_deg = {_degrees(value)}")
         else:
-            lines.append(f"{key} = {list(value) if isinstance(value, tuple) else value}")
+            lines.append(f"{key} = {toml_value(value)}")
     for one in plan.experiments:
+        too_fast = [100 * share for share in one.too_fast]
         lines += [
             "",
             "[[experiment]]",
             f"joint = {one.joint + 1}",
-            f"name = {toml_text(one.name)}",
+            f"name = {toml_value(one.name)}",
             f"pose = {_pose(arm, one.pose)}  # the moved joint where gravity gives it no torque",
             f"low_deg = {_degrees(one.low)}",
             f"high_deg = {_degrees(one.high)}",
-            f"torque_low_Nm = {one.torque_low!r}",
-            f"torque_high_Nm = {one.torque_high!r}",
-            f"clearance_m = {one.clearance if math.isfinite(one.clearance) else 1e9!r}",
-            f"speeds_deg_s = {[_degrees(speed) for speed in one.speeds]}",
-            f"too_fast_percent = {[100 * share for share in one.too_fast]}  # no room for them in the stroke",
-            f"accelerations_rad_s2 = {list(one.accelerations)}",
+            f"torque_low_Nm = {toml_value(one.torque_low)}",
+            f"torque_high_Nm = {toml_value(one.torque_high)}",
+            f"clearance_m = {toml_value(one.clearance if math.isfinite(one.clearance) else 1e9)}",
+            f"speeds_deg_s = {toml_value([_degrees(speed) for speed in one.speeds])}",
+            f"too_fast_percent = {toml_value(too_fast)}  # no room for them in the stroke",
+            f"accelerations_rad_s2 = {toml_value(one.accelerations)}",
             f"hold_joint = {0 if one.hold_joint is None else one.hold_joint + 1}  # swings while the joint is held",
             f"swing_deg = {_degrees(one.swing)}",
             f"route = [{', '.join(_pose(arm, pose) for pose in one.route)}]  # from home to the stroke",
@@ -69,7 +70,7 @@ def save_plan(plan: IdentificationPlan, path: str | Path, *, robot: dict[str, st
             "",
             "[[unseen]]",
             f"joint = {lost.joint + 1}",
-            *(f"{key} = {toml_text(getattr(lost, key))}" for key in ("name", "reason", "remedy")),
+            *(f"{key} = {toml_value(getattr(lost, key))}" for key in ("name", "reason", "remedy")),
         ]
     write_text(path, "\n".join(lines) + "\n")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from bumpstop.joint.model import (
     JointTorqueModel,
     Parameter,
 )
-from bumpstop.text_files import parse_toml
+from bumpstop.text_files import parse_toml, toml_value
 
 if TYPE_CHECKING:
     from bumpstop.joint.model import CurrentMap, FrictionLaw
@@ -52,18 +51,22 @@ def model_from_toml(text: str, file: str) -> JointTorqueModel:
 
 def model_to_toml(model: JointTorqueModel) -> str:
     """The file :func:`model_from_toml` reads the same model from."""
-    lines = [f"{key} = {_quoted(getattr(model, key))}" for key in _HEAD]
+    lines = [f"{key} = {toml_value(getattr(model, key))}" for key in _HEAD]
     if model.note:
-        lines.append(f"note = {_quoted(model.note)}")
+        lines.append(f"note = {toml_value(model.note)}")
     for joint in model.joints:
-        lines += ["", "[[joint]]", *(f"{key} = {_quoted(getattr(joint, key))}" for key in ("name", "map", "friction"))]
+        lines += [
+            "",
+            "[[joint]]",
+            *(f"{key} = {toml_value(getattr(joint, key))}" for key in ("name", "map", "friction")),
+        ]
         lines += [f"{name} = {_parameter_text(parameter)}" for name, parameter in joint.parameters.items()]
         for key in _RANGES:
             given = getattr(joint, key)
-            lines.append(f"{key} = " + (_quoted(_UNKNOWN) if given is None else str([float(end) for end in given])))
-        lines.append(f"rest_speed = {float(joint.rest_speed)!r}")
+            lines.append(f"{key} = " + (toml_value(_UNKNOWN) if given is None else toml_value(given)))
+        lines.append(f"rest_speed = {toml_value(float(joint.rest_speed))}")
         if joint.friction_sd is not None:
-            lines.append(f"friction_sd = {float(joint.friction_sd)!r}")
+            lines.append(f"friction_sd = {toml_value(float(joint.friction_sd))}")
     return "\n".join(lines) + "\n"
 
 
@@ -131,11 +134,6 @@ def _text(data: Mapping[str, Any], key: str, where: str) -> str:
 
 def _parameter_text(parameter: Parameter | None) -> str:
     if parameter is None:
-        return _quoted(_UNKNOWN)
-    error = _quoted(_UNKNOWN) if parameter.standard_error is None else repr(float(parameter.standard_error))
+        return toml_value(_UNKNOWN)
+    error = toml_value(_UNKNOWN) if parameter.standard_error is None else repr(float(parameter.standard_error))
     return f"{{ value = {float(parameter.value)!r}, standard_error = {error} }}"
-
-
-def _quoted(text: str) -> str:
-    # A JSON string is a TOML string, but for one control character.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

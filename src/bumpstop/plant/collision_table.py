@@ -11,7 +11,7 @@ import numpy as np
 
 from bumpstop.errors import InputError
 from bumpstop.plant.collisions import ARMING_S, PERIOD_S, Collision, CollisionExperiment, SourceRow
-from bumpstop.plant.run import to_toml
+from bumpstop.text_files import to_toml
 
 
 def median(values: Sequence[float | None]) -> float | None:

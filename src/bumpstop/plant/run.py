@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +12,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.recording import Recording
+from bumpstop.text_files import to_toml
 
 if TYPE_CHECKING:
     from bumpstop.plant.command import Command
@@ -258,34 +257,3 @@ def truth_of(plant: Plant) -> dict[str, Any]:
 def sensors_truth(sensors: Sensors) -> dict[str, Any]:
     """Sensors as plain values."""
     return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(sensors).items()}
-
-
-def to_toml(data: Mapping[str, Any]) -> str:
-    """Nested tables and lists of tables as TOML."""
-    lines = [f"{key} = {_value(value)}" for key, value in data.items() if not _is_table(value)]
-    for key, value in data.items():
-        if isinstance(value, Mapping):
-            lines += ["", f"[{key}]", *(f"{inner} = {_value(item)}" for inner, item in value.items())]
-        elif _is_table(value):
-            for row in value:
-                lines += ["", f"[[{key}]]", *(f"{inner} = {_value(item)}" for inner, item in row.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        return repr(float(value)) if math.isfinite(value) else "inf" if value > 0 else "-inf" if value < 0 else "nan"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    escaped = "".join(
-        {"\\": "\\\\", '"': '\\"'}.get(c, c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}") for c in str(value)
-    )
-    return f'"{escaped}"'
