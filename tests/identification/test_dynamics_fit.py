@@ -163,6 +163,13 @@ def test_files_repeat_the_fit(tmp_path: Path) -> None:
         (lambda text: text.replace("rows_used", "rows"), "unknown key 'rows'"),
         (lambda text: text.replace('column = "', 'column = "x'), "cannot be used"),
         (lambda text: text.replace("value = ", "value = nan # "), "cannot be used"),
+        (lambda text: text.replace("value = ", f"value = {10**400} # "), "cannot be used"),
+        (lambda text: text.replace("rows_used = ", "rows_used = inf # "), "cannot be used"),
+        (lambda text: text.replace("cutoff_hz = ", "cutoff_hz = -"), "no frequency above 0"),
+        (lambda text: text.replace("sign_speed = [", "sign_speed = [-"), "sign_speed is not one above 0"),
+        (lambda text: text.replace("sign_speed = ", "sign_speed = [0.1, 0.1] # "), "sign_speed is not one above 0"),
+        (lambda text: text.replace("couplings = [[[5,", "couplings = [[[0,"), "joints are 1 to 6"),
+        (lambda text: text.replace("couplings = [[[5,", "couplings = [[[7,"), "joints are 1 to 6"),
         (lambda text: text[:40], "is not valid TOML"),
     ):
         path.write_text(spoil(path.read_text(encoding="utf-8")), encoding="utf-8")

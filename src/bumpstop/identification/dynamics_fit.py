@@ -218,7 +218,7 @@ def identify_dynamics(
             than two.
     """
     logs = listed(recordings)
-    groups = tuple(_checked(group, robot.dof) for group in couplings)
+    groups = tuple(checked_group(group, robot.dof) for group in couplings)
     held_out: dict[float, float] = {}
     still = still_joints(logs, robot)
     if cutoff_hz is None:
@@ -232,8 +232,12 @@ def identify_dynamics(
     return replace(fit_of(best_friction(few, robot, cutoff_hz, groups, of=rows), held_out), still=still)
 
 
-def _checked(group: Sequence[tuple[int, float]], dof: int) -> tuple[tuple[int, float], ...]:
-    """A shared motor: two joints or more, each once and with a share."""
+def checked_group(group: Sequence[tuple[int, float]], dof: int) -> tuple[tuple[int, float], ...]:
+    """A shared motor: two joints or more, each once and with a share; (joint from 0, share) pairs.
+
+    Raises:
+        InputError: it is none of a robot with ``dof`` joints.
+    """
     made = tuple((int(j), float(share)) for j, share in group)
     joints = [j for j, _ in made]
     usable = all(0 <= j < dof and share != 0 and math.isfinite(share) for j, share in made)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,10 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics_fit import DynamicsFit
+from bumpstop.identification.dynamics_fit import DynamicsFit, checked_group
 from bumpstop.identification.torque_columns import column_names
 from bumpstop.model import Robot
-from bumpstop.text_files import parse_toml, read_text, write_text
+from bumpstop.text_files import parse_toml, read_text, toml_value, write_text
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
 _KEYS |= {"rows_used", "sign_speed", "top_speed", "couplings", "parameter", "gain"}
@@ -30,27 +31,28 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
     Raises:
         InputError: the file cannot be written.
     """
-    lines = ['kind = "dynamics"', *(f"{key} = {toml_text(value)}" for key, value in robot.items())]
+    lines = ['kind = "dynamics"', *(f"{key} = {toml_value(value)}" for key, value in robot.items())]
     lines += [
-        f"created_from = [{', '.join(toml_text(name) for name in created_from)}]",
-        f"cutoff_hz = {fit.cutoff_hz!r}  # of the zero-phase filter of the motion",
+        f"created_from = {toml_value(created_from)}",
+        f"cutoff_hz = {toml_value(float(fit.cutoff_hz))}  # of the zero-phase filter of the motion",
         f"rows_used = {fit.rows_used}",
-        f"sign_speed = {[float(value) for value in fit.sign_speed]}  # rad/s or m/s, over which Coulomb friction turns",
-        *([] if fit.top_speed is None else [f"top_speed = {fit.top_speed.tolist()}  # up to which friction bends"]),
-        f"couplings = {[[[j + 1, share] for j, share in group] for group in fit.couplings]}",
+        f"sign_speed = {toml_value(fit.sign_speed.tolist())}  # rad/s or m/s, over which Coulomb friction turns",
+        f"couplings = {toml_value([[[j + 1, share] for j, share in group] for group in fit.couplings])}",
     ]
+    if fit.top_speed is not None:
+        lines.append(f"top_speed = {toml_value(fit.top_speed.tolist())}  # up to which friction bends")
     if fit.gains is not None and fit.gain_errors is not None:
         for joint, gain, error in zip(fit.robot.joints, fit.gains, fit.gain_errors, strict=True):
             seen = "" if np.isfinite(error) else "  # not seen: the scale of this joint's torque means nothing"
-            lines += ["", "[[gain]]", f"joint = {toml_text(joint.name)}", f"value = {float(gain)!r}{seen}"]
+            lines += ["", "[[gain]]", f"joint = {toml_value(joint.name)}", f"value = {float(gain)!r}{seen}"]
             lines += [f"standard_error = {float(error)!r}"]
     names = column_names(fit.robot, fit.couplings, bent=fit.top_speed is not None)
     for place, (column, name) in enumerate(zip(fit.columns, fit.names, strict=True)):
         lines += [
             "",
             "[[parameter]]",
-            f"column = {toml_text(names[column])}",
-            f"name = {toml_text(name)}",
+            f"column = {toml_value(names[column])}",
+            f"name = {toml_value(name)}",
             f"value = {float(fit.values[place])!r}",
             f"standard_error = {float(fit.standard_errors[place])!r}",
         ]
@@ -73,7 +75,14 @@ def load_fit(path: str | Path) -> DynamicsFit:
         raise InputError(where, problem, 'wanted kind = "dynamics", as identify writes it')
     robot = chain_of(data, Path(path).parent)
     try:
-        couplings = tuple(tuple((int(j) - 1, float(share)) for j, share in group) for group in data["couplings"])
+        couplings = tuple(
+            checked_group([(int(j) - 1, float(share)) for j, share in group], robot.dof) for group in data["couplings"]
+        )
+        sign_speed, cutoff_hz = _finite(data["sign_speed"]), float(data["cutoff_hz"])
+        if sign_speed.size not in (robot.dof, robot.dof + len(couplings)) or not (sign_speed > 0).all():
+            raise ValueError("sign_speed is not one above 0 for each joint, or each joint and shared motor")
+        if not 0 < cutoff_hz < math.inf:
+            raise ValueError("cutoff_hz is no frequency above 0")
         top_speed = _finite(data["top_speed"]) if "top_speed" in data else None
         if top_speed is not None and not (top_speed.size == robot.dof + len(couplings) and (top_speed > 0).all()):
             raise ValueError("top_speed is not one above 0 for each joint and each shared motor")
@@ -89,9 +98,9 @@ def load_fit(path: str | Path) -> DynamicsFit:
             names=tuple(str(parameter["name"]) for parameter in parameters),
             values=_finite([parameter["value"] for parameter in parameters]),
             standard_errors=_finite([parameter["standard_error"] for parameter in parameters]),
-            sign_speed=_finite(data["sign_speed"]),
+            sign_speed=sign_speed,
             couplings=couplings,
-            cutoff_hz=float(data["cutoff_hz"]),
+            cutoff_hz=cutoff_hz,
             held_out={},
             unseen=(),
             rows_used=int(data["rows_used"]),
@@ -102,7 +111,7 @@ def load_fit(path: str | Path) -> DynamicsFit:
         )
     except KeyError as error:
         raise InputError(where, f"has no key {error.args[0]!r}", "wanted a file that identify wrote") from None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(where, f"cannot be used ({error})", "wanted a file that identify wrote") from None
 
 
@@ -133,9 +142,3 @@ def _finite(values: Any) -> Any:
     if not np.isfinite(array).all():
         raise ValueError("a figure is not finite")
     return array
-
-
-def toml_text(value: str) -> str:
-    """A text as TOML writes it."""
-    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
