@@ -12,6 +12,8 @@ import pytest
 import scipy.io
 
 from bumpstop import InputError, Robot
+from bumpstop.cli.residuals import holds_residuals
+from bumpstop.detection import ResidualSeries
 from bumpstop.model import Joint
 from bumpstop.recording import Recording
 from recording.cases import COLUMNS, JOINTS, lines, recording, workbook, written
@@ -19,9 +21,11 @@ from recording.cases import COLUMNS, JOINTS, lines, recording, workbook, written
 
 @pytest.mark.parametrize("ending", [".parquet", ".csv", ".mcap"])
 def test_there_and_back(ending: str, tmp_path: Path) -> None:
+    # Neither letters nor what elsewhere is a pattern mean anything in the name of a file.
+    path = tmp_path / f"run [1] *\u00e9{ending}"
     before = recording()
-    before.save(tmp_path / f"run{ending}")
-    after = Recording.load(tmp_path / f"run{ending}")
+    before.save(path)
+    after = Recording.load(path)
     np.testing.assert_allclose(after.t, before.t, rtol=0, atol=1e-9)
     fields = ("q", "qd", "tau") if ending == ".mcap" else ("q", "qd", "current", "tau", "wrench")
     for field in fields:
@@ -313,9 +317,26 @@ def test_another_file_beside_a_matlab_file_is_refused(tmp_path: Path) -> None:
         Recording.load(tmp_path / "run.mat", columns=columns)
 
 
+def test_times_may_stand_in_a_file_of_their_own(tmp_path: Path) -> None:
+    """The same column of the recording itself was read in their place."""
+    written(tmp_path, [f"{7 * i},{0.002 * i}" for i in range(50)]).rename(tmp_path / "times.csv")
+    path = written(tmp_path, lines(50))
+    time = {"column": 2, "file": "times.csv"}
+    found = Recording.load(path, columns=COLUMNS | {"time": time})
+    np.testing.assert_allclose(found.t, 0.002 * np.arange(50), atol=1e-12)
+    np.testing.assert_array_equal(found.q, Recording.load(path, columns=COLUMNS).q)
+
+
+def test_a_name_too_long_for_any_file_is_bad_input(tmp_path: Path) -> None:
+    for load in (Recording.load, ResidualSeries.load, holds_residuals):
+        with pytest.raises(InputError, match="File name too long"):
+            load(tmp_path / ("x" * 300 + ".parquet"))
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [
+        ({"time": {"column": 1, "rate_hz": 100}}, "columns.time.column: and rate_hz are both given"),
         ({"position": {"columns": [2, 9]}}, "9 is no column of .*it has 4"),
         ({"position": {"columns": ["q", "r"]}}, "no header: give numbers"),
         ({"position": {"columns": [2, 3], "unit": "grad"}}, "columns.position.unit: 'grad' .*did you mean 'rad'"),

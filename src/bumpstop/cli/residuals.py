@@ -90,8 +90,13 @@ def holds_residuals(path: Path) -> bool:
     Raises:
         InputError: there is no such file, or it is damaged: before anything else is asked for.
     """
-    if not path.exists():
-        raise InputError(str(path), "there is no such file", "wanted a recording, or Parquet with residuals")
+    wanted = "wanted a recording, or Parquet with residuals"
+    try:
+        there = path.exists()
+    except OSError as error:  # as of a name that is too long for any
+        raise InputError(str(path), f"cannot be read ({error.strerror})", wanted) from None
+    if not there:
+        raise InputError(str(path), "there is no such file", wanted)
     if path.suffix != ".parquet" or not path.is_file():
         return False
     from bumpstop.recording.frames import read_parquet

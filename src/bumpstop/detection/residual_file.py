@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.detection.residuals import write_residuals
+from bumpstop.detection.residuals import read_residuals, write_residuals
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.errors import InputError
 
 # An interval longer than this many typical ones is a gap: nothing is known of what happened in it. Lost samples within
 # shorter ones part nothing, as those that the detector bridges.
 _GAP = DetectorSettings.longest_periods
-_WANTED = "wanted a Parquet file with columns t, residual_1 .. residual_n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,31 +76,7 @@ class ResidualSeries:
         Raises:
             InputError: the file cannot be read, columns are missing, a value is not finite, or time runs backwards.
         """
-        import polars as pl
-
-        where = str(path)
-        if not Path(path).is_file():
-            raise InputError(where, "is no file", _WANTED)
-        try:
-            table = pl.read_parquet(path)
-        except Exception as error:  # polars raises many kinds for a damaged file
-            first = (str(error).splitlines() or [type(error).__name__])[0][:120]
-            raise InputError(where, f"cannot be read ({first})", _WANTED) from None
-        dof = sum(name.startswith("residual_") for name in table.columns)
-        names = ["t", *(f"residual_{j + 1}" for j in range(dof))]
-        missing = [name for name in names if name not in table.columns]
-        if dof == 0 or missing:
-            raise InputError(where, f"has no column {(missing or ['residual_1'])[0]!r}", _WANTED)
-        columns: list[npt.NDArray[np.float64]] = []
-        for name in names:
-            if not table[name].dtype.is_numeric():
-                raise InputError(where, f"column {name!r} does not hold numbers", _WANTED)
-            column = table[name].cast(pl.Float64).to_numpy()
-            bad = np.flatnonzero(~np.isfinite(column))
-            if bad.size:
-                raise InputError(where, f"column {name!r}, row {bad[0] + 1} is not a finite number")
-            columns.append(column)
-        return cls(columns[0], np.stack(columns[1:], axis=1), where)
+        return cls(*read_residuals(path), str(path))
 
     def save(self, path: str | Path) -> None:
         """Write the file that :meth:`load`, ``bumpstop tune`` and the scenario key ``detector.residuals`` read.

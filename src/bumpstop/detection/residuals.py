@@ -81,36 +81,21 @@ class ResidualRecord:
             InputError: the file cannot be read, columns are missing or unknown, a value is not finite, time runs
                 backwards, or the rate is not the feedback rate.
         """
-        import polars as pl
-
         where = "detector.residuals"
-        wanted = "wanted a Parquet file with columns t, residual_1 .. residual_n"
-        if not Path(path).is_file():
-            raise InputError(where, f"{str(path)!r} is no file", wanted)
         try:
-            table = pl.read_parquet(path)
-        except Exception as error:  # polars raises many kinds for a damaged file
-            raise InputError(where, f"{str(path)!r} cannot be read ({_first_line(error)})", wanted) from None
-        names = [f"residual_{j + 1}" for j in range(dof)]
-        for name in ("t", *names):
-            if name not in table.columns:
-                raise InputError(where, f"{str(path)!r} has no column {name!r}", f"wanted t, residual_1 .. {names[-1]}")
-        extra = [name for name in table.columns if name.startswith("residual_") and name not in names]
-        if extra:
-            raise InputError(where, f"{str(path)!r} has a column {extra[0]!r}", f"the robot has {dof} joints")
-        columns = []
-        for name in ("t", *names):
-            if not table[name].dtype.is_numeric():
-                raise InputError(where, f"column {name!r} of {str(path)!r} does not hold numbers", wanted)
-            column = table[name].cast(pl.Float64).to_numpy()
-            bad = np.flatnonzero(~np.isfinite(column))
-            if bad.size:
-                raise InputError(where, f"column {name!r}, row {bad[0] + 1} of {str(path)!r} is not a finite number")
-            columns.append(column)
-        rows = np.stack(columns[1:], axis=1)
+            t, rows = read_residuals(path)
+        except InputError as error:
+            raise InputError(where, f"{error.field!r} {error.problem}", error.valid) from None
+        joints = rows.shape[1]
+        if joints < dof:
+            problem = f"{str(path)!r} has no column 'residual_{joints + 1}'"
+            raise InputError(where, problem, f"wanted t, residual_1 .. residual_{dof}")
+        if joints > dof:
+            problem = f"{str(path)!r} has a column 'residual_{dof + 1}'"
+            raise InputError(where, problem, f"the robot has {dof} joints")
         if rows.shape[0] < _FEWEST_ROWS:
             raise InputError(where, f"{str(path)!r} has {rows.shape[0]} rows", f"wanted at least {_FEWEST_ROWS}")
-        return cls.from_rows(rows, _check_time(columns[0], period, where, str(path)), columns[0])
+        return cls.from_rows(rows, _check_time(t, period, where, str(path)), t)
 
     def save(self, path: str | Path) -> None:
         """Write ``t, residual_1 .. residual_n`` as Parquet: a scenario takes it as its noise.
@@ -121,6 +106,43 @@ class ResidualRecord:
         if self.t is None:
             raise InputError("residuals", "have no times", "only records with times can be written")
         write_residuals(path, self.t, self.rows)
+
+
+def read_residuals(path: str | Path) -> tuple[FloatArray, FloatArray]:
+    """Times (N,) [s] and residuals (N, n) [Nm or N] of a Parquet file with ``t, residual_1 .. residual_n``.
+
+    Raises:
+        InputError: the file cannot be read, columns are missing or hold something else than finite numbers.
+    """
+    import polars as pl
+
+    where, wanted = str(path), "wanted a Parquet file with columns t, residual_1 .. residual_n"
+    try:
+        there = Path(path).is_file()
+    except OSError as error:  # as of a name that is too long for any
+        raise InputError(where, f"cannot be read ({error.strerror})", wanted) from None
+    if not there:
+        raise InputError(where, "is no file", wanted)
+    try:
+        table = pl.read_parquet(path, glob=False)
+    except Exception as error:  # polars raises many kinds for a damaged file
+        first = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise InputError(where, f"cannot be read ({first})", wanted) from None
+    dof = sum(name.startswith("residual_") for name in table.columns)
+    names = ["t", *(f"residual_{j + 1}" for j in range(dof))]
+    missing = [name for name in names if name not in table.columns]
+    if dof == 0 or missing:
+        raise InputError(where, f"has no column {(missing or ['residual_1'])[0]!r}", wanted)
+    columns: list[FloatArray] = []
+    for name in names:
+        if not table[name].dtype.is_numeric():
+            raise InputError(where, f"column {name!r} does not hold numbers", wanted)
+        column = table[name].cast(pl.Float64).to_numpy()
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            raise InputError(where, f"column {name!r}, row {bad[0] + 1} is not a finite number")
+        columns.append(column)
+    return columns[0], np.stack(columns[1:], axis=1)
 
 
 def write_residuals(path: str | Path, t: FloatArray, rows: FloatArray) -> None:
@@ -161,7 +183,3 @@ def _check_time(t: FloatArray, period: float, where: str, path: str) -> tuple[st
     if not uneven:
         return ()
     return (f"{uneven} of {steps.size} intervals of the measured residuals are uneven and taken as even.",)
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:120]

@@ -41,11 +41,9 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
     time = quantities.pop("time", Quantity())
     if not time.columns and time.rate_hz is None:
         raise InputError("columns.time", "names neither a column nor a rate", "wanted column = ..., or rate_hz = ...")
-    values: dict[str, FloatArray] = {}
-    own = {name: quantity for name, quantity in quantities.items() if quantity.file is None}
     if time.columns:
-        own["t"] = time
-    values = _fetched(table, own, path)
+        quantities["t"] = time
+    values = _fetched(table, {name: own for name, own in quantities.items() if own.file is None}, path)
     if not time.columns:
         assert time.rate_hz is not None
         values["t"] = ((table.rows - table.first_row) / time.rate_hz)[:, None]
@@ -71,6 +69,8 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
 
 def _fetched(table: Table, quantities: dict[str, Quantity], path: Path) -> dict[str, FloatArray]:
     """All columns in one go: a reader may have to pass through the file for each."""
+    if not quantities:
+        return {}
     places = {name: _places(table, name, quantity, path) for name, quantity in quantities.items()}
     block = table.fetch([i for place in places.values() for i in place])
     values, start = {}, 0

@@ -170,6 +170,9 @@ def _quantity(name: str, given: Any, folder: Path, axis: str) -> Quantity:
         rate = as_number(rate, f"{where}.rate_hz")
         if rate <= 0:
             raise InputError(f"{where}.rate_hz", f"is {rate:g}", "wanted more than 0")
+        for other in ("column", "variable", "file"):
+            if other in given:
+                raise InputError(f"{where}.{other}", "and rate_hz are both given", "give one of them")
     chosen = given.get("axis", axis)
     return Quantity(
         columns=tuple(written),

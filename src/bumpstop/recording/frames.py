@@ -22,15 +22,17 @@ def read_parquet(path: Path) -> Table:
     import polars as pl
 
     try:
-        names = list(pl.read_parquet_schema(path))
+        # A bracket in the name of a file is no pattern.
+        table = pl.scan_parquet(path, glob=False)
+        names = list(table.collect_schema())
         said = pl.read_parquet_metadata(path)
-        rows = int(pl.scan_parquet(path).select(pl.len()).collect().item())
+        rows = int(table.select(pl.len()).collect().item())
     except Exception as error:  # polars raises many kinds for a damaged file
         raise _damaged(path, "Parquet", error) from None
 
     def fetch(wanted: list[int]) -> FloatArray:
         try:
-            table = pl.read_parquet(path, columns=sorted({names[i] for i in wanted}))
+            table = pl.read_parquet(path, columns=sorted({names[i] for i in wanted}), glob=False)
         except Exception as error:
             raise _damaged(path, "Parquet", error) from None
         return _numbers(table, [names[i] for i in wanted])
@@ -57,7 +59,7 @@ def read_excel(path: Path, header: bool | None) -> Table:
     import polars as pl
 
     def read(named: bool) -> pl.DataFrame:
-        return pl.read_excel(path, engine="calamine", has_header=named, infer_schema_length=None)
+        return pl.read_excel(path.read_bytes(), engine="calamine", has_header=named, infer_schema_length=None)
 
     named = header is not False
     try:

@@ -44,13 +44,13 @@ def read(
     """Fields of a ``Recording``; arguments and errors as ``Recording.load``."""
     if not 0 <= max_bad <= 1:
         raise InputError("max_bad", f"is {max_bad:g}", "wanted a share from 0 to 1")
-    if not path.exists():
-        raise InputError(str(path), "there is no such file")
-    given = Columns.load(columns, path.parent)
-    kind = _format(path, given)
-    _check_places(given, kind)
-    notes = check_memory(path, kind)
     try:
+        if not path.exists():
+            raise InputError(str(path), "there is no such file")
+        given = Columns.load(columns, path.parent)
+        kind = _format(path, given)
+        _check_places(given, kind)
+        notes = check_memory(path, kind)
         raw = _raw(path, kind, given, robot, topic)
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror or error})") from None

@@ -162,7 +162,7 @@ class StudyFolder:
 
         try:
             if pl.read_parquet_metadata(file).get(_STUDY) == self._fingerprint:
-                return pl.read_parquet(file)
+                return pl.read_parquet(file, glob=False)
         except (pl.exceptions.PolarsError, OSError) as error:
             # One with a number is the system's: there the file could not be opened at all.
             if isinstance(error, OSError) and error.errno is not None:
