@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import sys
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,9 @@ def as_float_array(value: Any, field: str, shape: tuple[int | None, ...], *, fin
     Raises:
         InputError: the dtype, the shape or a value cannot be used; names the first offending index.
     """
+    # Of a mask asarray would make nothing, silently. Numpy loads its module only for those who use one.
+    if "numpy.ma" in sys.modules and np.ma.is_masked(value):
+        raise InputError(field, "has masked values", "leave their rows out, or fill them")
     try:
         array = np.asarray(value)
     except ValueError as error:

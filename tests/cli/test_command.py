@@ -172,3 +172,11 @@ def test_too_little_memory(monkeypatch: pytest.MonkeyPatch, options: tuple[objec
     assert (result.status, result.out) == (2, "")
     assert result.err.startswith("error: --sampled: ")
     assert "memory" in result.err
+
+
+def test_names_in_letters_that_the_terminal_lacks(tmp_path: Path) -> None:
+    (tmp_path / "é.csv").write_text("t,q_1\n" + "".join(f"{k / 100},{k}\n" for k in range(100)))
+    for encoding, name in (("ascii", r"\xe9.csv"), ("utf-8", "é.csv")):
+        done = bumpstop("recording", "info", tmp_path / "é.csv", PYTHONIOENCODING=encoding, PYTHONUTF8="1")
+        assert (done.returncode, done.stderr) == (0, "")
+        assert name in done.stdout

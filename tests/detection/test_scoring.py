@@ -130,6 +130,7 @@ def test_refusals() -> None:
         ("start_s,end_s\n1,inf\n", "line 2: 'inf' is no time"),
         ("start_s,end_s\n2,1\n", "from 2 to 1 s"),
         ("start_s,end_s,kind\n1,2,hand,3\n", "line 2: has 4 fields"),
+        ('start_s,end_s,kind\n1,2,"' + 200_000 * "x", "labels.csv: is no CSV"),
     ],
 )
 def test_label_files_refused(text: str, message: str, tmp_path: Path) -> None:

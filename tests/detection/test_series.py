@@ -71,6 +71,14 @@ def test_a_recording_of_nothing_but_gaps_is_all_blind(fit: DynamicsFit) -> None:
     assert run.events == ()
 
 
+def test_a_day_between_two_motions_is_refused(fit: DynamicsFit) -> None:
+    """An even grid across it would have twenty million rows."""
+    whole = log(3, 3000)
+    later = np.where(np.arange(3000) < 1500, whole.t, whole.t + 86_400)
+    with pytest.raises(bs.InputError, match=r"recording: needs 2\.16e\+07 even rows; .* cut the gaps out"):
+        detect(Recording(t=later, q=whole.q, tau=whole.tau), UR5E, fit, [THETA] * 6)
+
+
 def test_a_gap_is_no_quiet_time(fit: DynamicsFit) -> None:
     """Pushed into a gap of a second: nobody knows whether it was quiet in there, and quiet counts from its end."""
     push = np.zeros(3000)

@@ -369,6 +369,7 @@ def test_a_bad_scenario_is_told_before_the_tuning(
         ),
         (("score", "LABELS.json", "--labels", "LABELS"), "cannot be read"),
         (("score", "EVENTS", "--labels", "LABELS"), "has no 'start_s'"),
+        (("score", "HUGE", "--labels", "LABELS"), "holds no events"),
     ],
 )
 def test_refusals(
@@ -379,11 +380,14 @@ def test_refusals(
     damaged = tmp_path / "damaged.parquet"
     damaged.write_bytes(noise.read_bytes()[:1000])
     events.write_text('{"events": []}')
+    huge = tmp_path / "huge.json"
+    huge.write_text(f'{{"events": [], "start_s": 0, "end_s": {10**400}, "blind": []}}')
     slow = tmp_path / "slow.toml"
     slow.write_text(f"thresholds_Nm = {[9] * 7}\nperiod_s = 0.02\n")
     places = {
         "NOISE": noise, "LABELS": labels, "LABELS.json": tmp_path / "none.json", "EVENTS": events,
         "DAMAGED": damaged, "ur": EXAMPLE.parent / "05_ur10e.toml", "LOG": loop[0], "SLOW": slow,
+        "HUGE": huge,
     }  # fmt: skip
     done = run(*(places.get(argument, argument) for argument in arguments))
     assert done.status == 2

@@ -86,3 +86,13 @@ def test_written_urdf_is_the_same_arm(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(inverse_dynamics(again, q, qd, qdd), inverse_dynamics(bare, q, qd, qdd), atol=1e-9)
     np.testing.assert_array_equal(again.lower, robot.lower)
     np.testing.assert_array_equal(again.velocity, robot.velocity)
+
+
+def test_written_urdf_gives_the_base_a_name_of_its_own(tmp_path: Path) -> None:
+    robot = bs.Robot.load("ur10e")
+    first, second, *others = robot.joints
+    named = (replace(first, link="base_link"), replace(second, name=f"{robot.tip_name}_fixed"), *others)
+    write_urdf(replace(robot, joints=named), tmp_path / "arm.urdf")
+    again = bs.Robot.from_urdf(tmp_path / "arm.urdf", tip=robot.tip_name)
+    assert again.joints[0].link == "base_link"
+    assert [joint.name for joint in again.joints] == [joint.name for joint in named]

@@ -187,6 +187,7 @@ def test_damaged_plans_are_refused(tmp_path: Path, plans: dict[str, Identificati
         (lambda text: text.replace("joint = 2", "joint = 9", 1), "9 is none of ur10e"),
         (lambda text: text.replace("low_deg = -", "low_deg = -9", 1), "low_deg"),
         (lambda text: text.replace("speeds_deg_s = [", "speeds_deg_s = [900, ", 1), "at most 120"),
+        (lambda text: text.replace("too_fast_percent = [", f"too_fast_percent = [{10**400}, ", 1), "too_fast_percent"),
         (lambda text: text.replace("home = [", "home = [1000, ", 1), "home"),
         (lambda text: text.replace("pose = [0.0", "pose = [999.0", 1), "outside its limits"),
         (lambda text: text.replace("swing_deg", "swing", 1), "unknown key 'swing'"),

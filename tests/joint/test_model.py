@@ -362,6 +362,7 @@ def test_two_joints_of_one_name_and_none_at_all(tmp_path: Path) -> None:
     [
         (lambda: JointTorqueModel.load("sia5"), "joint model: none is called 'sia5'; did you mean 'sia5d'?"),
         (lambda: JointTorqueModel.load("no/such.toml"), "joint model: 'no/such.toml' cannot be read (No such file"),
+        (lambda: model().torque([[1.0], [1.0, 2.0]], [[0.0], [0.0]]), "current: rows of different lengths"),
         (lambda: model().torque([1.0, 2.0], [0.0, 0.0]), "current: has shape (2,); wanted (1,)"),
         (lambda: model().torque([[1.0]], [[0.0], [0.0]]), "qd: has shape (2, 1); wanted (1, 1)"),
         (lambda: model().torque([1.0], [0.0], [[0.0]]), "qdd: has shape (1, 1); wanted (1,)"),

@@ -333,6 +333,7 @@ NO_POSITIONS = {
     "nothing": None,
     "objects": np.array([None] * 7),
     "dates": np.zeros(7, "datetime64[s]"),
+    "masked": np.ma.masked_array(np.zeros(7), [False] * 6 + [True]),
     "ragged rows": [[0.0] * 7, [0.0] * 6],
     "ragged": [0.0, [0.0, 1.0], 0.0, 0.0, 0.0, 0.0, 0.0],
 }

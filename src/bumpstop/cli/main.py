@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -90,6 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments is None:
         # What imports make stays for good: to look through it for garbage every 700 objects takes a tenth of a command.
         gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
+        # A name in letters that the terminal lacks is no fault of anybody's.
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         _refuse_empty_folder(given)

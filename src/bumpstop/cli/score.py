@@ -95,7 +95,7 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> S
         blind: list[Interval] = [(float(a), float(b)) for a, b in data["blind"]]
     except KeyError as error:
         raise InputError(str(file), f"has no {error.args[0]!r}", wanted) from None
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, OverflowError, RecursionError):
         raise InputError(str(file), "holds no events", wanted) from None
     return score(events, labels, watched, blind=blind, tolerance=tolerance)
 

@@ -230,6 +230,7 @@ def evaluate(
     """
     problem = Problem.from_scenario(as_scenario(scenario))
     refinement = as_whole_number(refinement, "refinement", 1, 100)
+    as_whole_number(threads, "threads", 1, 256)
     if samples is not None:
         _check_sample(samples, seed, threads)
     elif problem.residuals is not None:

@@ -130,8 +130,13 @@ class Detector:
             resting: the arm stands still, and friction hides what it can.
             link: name of the link; default: the tip.
             point: in its frame [m].
+
+        Raises:
+            InputError: a direction that is no unit vector, or arrays of other shapes.
         """
         n = as_float_array(direction, "direction", (3,))
+        if abs(np.linalg.norm(n) - 1) > 1e-9:
+            raise InputError("direction", f"has length {np.linalg.norm(n):.6g}", "wanted a unit vector")
         lever = np.abs(self.robot.jacobian(q, link, point)[:3].T @ n)
         with np.errstate(divide="ignore", invalid="ignore"):
             forces = np.where(lever > 1e-12, self.smallest_torque(resting=resting) / lever, np.inf)
@@ -180,6 +185,8 @@ class Detector:
         """
         n = self.robot.dof
         times = as_float_array(t, "t", (None,), finite=False)
+        if times.size == 0:
+            raise InputError("t", "has no rows", "wanted at least one")
         rows = as_float_array(q, "q", (times.size, n), finite=False)
         signals = as_float_array(signal, "signal", (times.size, n), finite=False)
         rates = None if qd is None else as_float_array(qd, "qd", (times.size, n), finite=False)

@@ -37,7 +37,10 @@ def load_labels(path: str | Path) -> tuple[Label, ...]:
             time, an end that is not after the start, or contacts that overlap.
     """
     text = read_text(path, _WANTED)
-    lines = list(csv.reader(text.splitlines()))
+    try:
+        lines = list(csv.reader(text.splitlines()))
+    except csv.Error as error:  # as of a field that never ends
+        raise InputError(str(path), f"is no CSV ({error})", _WANTED) from None
     header = [cell.strip() for cell in lines[0]] if lines else []
     if header not in (["start_s", "end_s"], ["start_s", "end_s", "kind"]):
         raise InputError(str(path), f"has the header {','.join(header)[:80]!r}", _WANTED)

@@ -20,6 +20,7 @@ _RATE_PER_CUTOFF = 10.0
 # What lies beyond the margins of a part of a recording would change it by this share of its range: far below the noise
 # of any sensor. A share of 1e-9 would make margins half as wide again.
 REACH_SHARE = 1e-6
+_MOST_ROWS = 100  # of a grid, for a sample of the recording
 LEAST_ROWS = 50  # of a motion
 _SLOPE_ROWS = 2  # that two differences one after the other reach to either side
 
@@ -78,8 +79,17 @@ class EvenGrid:
 
     @classmethod
     def of(cls, t: FloatArray) -> EvenGrid:
-        """The grid of recorded times (N,)."""
+        """The grid of recorded times (N,).
+
+        Raises:
+            InputError: more rows than memory should be spent on, as a long gap would need.
+        """
         step = float(np.median(np.diff(t)))
+        wanted = (t[-1] - t[0]) / step
+        if wanted > _MOST_ROWS * t.size:
+            raise InputError(
+                "recording", f"needs {wanted:.3g} even rows", f"wanted at most {_MOST_ROWS} a sample: cut the gaps out"
+            )
         grid = np.arange(t[0], t[-1] + 0.5 * step, step)
         return cls(t, grid, 1 / step, grid.size == t.size and float(np.abs(grid - t).max()) < _EVEN * step)
 
@@ -136,7 +146,7 @@ def even_motion(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: 
     """The motion of a whole recording at times ``t`` (N,); other arguments as for :meth:`EvenGrid.motion`.
 
     Raises:
-        InputError: fewer than ``LEAST_ROWS`` rows.
+        InputError: fewer than ``LEAST_ROWS`` rows, or gaps too long to be bridged.
     """
     if t.size < LEAST_ROWS:
         raise InputError("recording", f"{t.size} rows", f"wanted at least {LEAST_ROWS}")

@@ -147,6 +147,7 @@ def _experiment(robot: Robot, entry: dict[str, Any], where: str) -> JointExperim
     if not len(speeds) or not ((speeds > 0) & (speeds <= robot.velocity[joint] * (1 + 1e-9))).all():
         most = math.degrees(robot.velocity[joint])
         raise InputError(f"{place}: speeds_deg_s", f"{entry['speeds_deg_s']}", f"wanted above 0, at most {most:g}")
+    too_fast = as_float_array(entry["too_fast_percent"], f"{place}: too_fast_percent", (None,))
     accelerations = as_float_array(entry["accelerations_rad_s2"] or [1.0], f"{place}: accelerations_rad_s2", (None,))
     if not (accelerations > 0).all():
         raise InputError(f"{place}: accelerations_rad_s2", f"{accelerations.tolist()}", "wanted above 0")
@@ -160,7 +161,7 @@ def _experiment(robot: Robot, entry: dict[str, Any], where: str) -> JointExperim
         torque_high=number["torque_high_Nm"],
         clearance=number["clearance_m"],
         speeds=tuple(speeds.tolist()),
-        too_fast=tuple(share / 100 for share in entry["too_fast_percent"]),
+        too_fast=tuple((too_fast / 100).tolist()),
         accelerations=tuple(accelerations.tolist()) if entry["accelerations_rad_s2"] else (),
         hold_joint=_joint(robot, entry["hold_joint"], where) if entry["hold_joint"] else None,
         swing=math.radians(number["swing_deg"]),

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.arrays import FloatArray, as_float_array, as_number, as_rows
 from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
 
@@ -314,10 +314,10 @@ class JointTorqueModel:
             InputError: a shape or a value that cannot be used.
         """
         n = len(self.joints)
-        single = np.ndim(current) == 1
-        currents = as_float_array(current, "current", (n,) if single else (None, n))
-        rates = as_float_array(qd, "qd", currents.shape)
-        accelerations = None if qdd is None else as_float_array(qdd, "qdd", currents.shape).reshape(-1, n)
+        currents, single = as_rows(current, "current", n)
+        shape = (n,) if single else currents.shape
+        rates = as_float_array(qd, "qd", shape).reshape(-1, n)
+        accelerations = None if qdd is None else as_float_array(qdd, "qdd", shape).reshape(-1, n)
         state = TorqueState.at_rest(n) if state is None else state
         memory = np.stack(
             [
@@ -325,11 +325,9 @@ class JointTorqueModel:
                 for name in ("direction", "outside_current", "outside_speed")
             ]
         )
-        tau: FloatArray = core.joint_torques(
-            self._kernel, currents.reshape(-1, n), rates.reshape(-1, n), accelerations, memory
-        )
+        tau: FloatArray = core.joint_torques(self._kernel, currents, rates, accelerations, memory)
         state.direction, state.outside_current, state.outside_speed = memory
-        return tau.reshape(currents.shape)
+        return tau.reshape(shape)
 
     def notes(self, state: TorqueState | None = None) -> tuple[str, ...]:
         """What is unknown about the model and, with a state, how often it was used outside its fitted range."""

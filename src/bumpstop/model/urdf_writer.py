@@ -30,8 +30,9 @@ def write_urdf(robot: Robot, path: str | Path) -> None:
             written.
     """
     root = Xml.Element("robot", name=robot.name)
-    Xml.SubElement(root, "link", name="base_link")
-    before = "base_link"
+    links = {robot.tip_name, *(joint.link for joint in robot.joints), *(frame.name for frame in robot.frames)}
+    before = _other_than(links, "base_link")
+    Xml.SubElement(root, "link", name=before)
     for joint in robot.joints:
         link = Xml.SubElement(root, "link", name=joint.link)
         if joint.inertia is not None:
@@ -43,12 +44,22 @@ def write_urdf(robot: Robot, path: str | Path) -> None:
     # The tip may be the last link itself.
     if robot.tip_name != last:
         fixed.append((robot.tip_name, last, robot.tip_origin, robot.tip_rotation))
+    joints = {joint.name for joint in robot.joints}
     for name, parent, origin, rotation in fixed:
         Xml.SubElement(root, "link", name=name)
-        element = Xml.SubElement(root, "joint", name=f"{name}_fixed", type="fixed")
+        own = _other_than(joints, f"{name}_fixed")
+        joints.add(own)
+        element = Xml.SubElement(root, "joint", name=own, type="fixed")
         _placed(element, parent, name, origin, rotation)
     Xml.indent(root)
     write_text(path, Xml.tostring(root, encoding="unicode") + "\n")
+
+
+def _other_than(names: set[str], wanted: str) -> str:
+    """``wanted``, or with strokes behind it where there is that name already."""
+    while wanted in names:
+        wanted += "_"
+    return wanted
 
 
 def _joint(root: Xml.Element, joint: Joint, before: str) -> None:
