@@ -3,6 +3,7 @@
 import math
 import re
 import warnings
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +15,9 @@ from matplotlib.figure import Figure
 import bumpstop as bs
 from bumpstop.collision.verdict import percent
 from bumpstop.detection import Label, score
+from bumpstop.identification.validation import Comparison
 from bumpstop.joint.model import Parameter
+from bumpstop.recording import Recording
 from bumpstop.report.area import AreaSection
 from bumpstop.report.arm import ArmSection
 from bumpstop.report.chain import _numbers, chain_picture
@@ -22,8 +25,10 @@ from bumpstop.report.detection import DetectionSection
 from bumpstop.report.distribution import DistributionSection, bins
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import WIDTH, Picture, axes, spread
+from bumpstop.report.recording import recording_picture
 from bumpstop.report.records import ProvenanceSection
 from bumpstop.report.scoring import DetectionsPart
+from bumpstop.report.validation import OverTimePart, WherePart
 from bumpstop.report.words import number, with_error
 from report.cases import evaluate
 
@@ -218,3 +223,28 @@ def test_the_body_s_stiffness_is_the_table_s_and_the_padding_the_scenario_s():
     assert "75000 N/m, from the limit table" in rows
     assert "20000 N/m, as the scenario says; 15789 N/m in series with the body" in rows
     assert "padding" not in " ".join(ProvenanceSection(evaluate()).content())
+
+
+def test_a_slide_s_axes_are_in_metres_and_newtons():
+    arm = bs.Robot.load("ur10e")
+    mixed = replace(arm, joints=(replace(arm.joints[0], kind="prismatic"), *arm.joints[1:]))
+    t, rows = np.arange(100) / 100, np.zeros((100, 6))
+    log = Recording(t=t, q=rows, qd=rows, tau=rows)
+
+    def labels(picture):
+        return {label for panel in picture.render().figure.axes for label in (panel.get_xlabel(), panel.get_ylabel())}
+
+    assert labels(recording_picture(log, arm)) >= {"q, rad", "qd, rad/s", "tau, Nm"}
+    assert labels(recording_picture(log, mixed)) >= {"q, rad or m", "qd, rad/s or m/s", "tau, Nm or N"}
+    moved = np.random.default_rng(0).normal(size=(100, 2))
+    compared = Comparison(
+        names=("slide", "turn"), units=("N", "Nm"), t=t, qd=moved, qdd=moved, measured=moved, predicted=moved,
+        rate_hz=100.0, filter_hz=10.0,
+    )  # fmt: skip
+    for part, (slide, turn) in (
+        (OverTimePart, ({"N", "m/s2"}, {"Nm", "rad/s2"})),
+        (WherePart, ({"speed [m/s]", "acceleration [m/s2]"}, {"speed [rad/s]", "acceleration [rad/s2]"})),
+    ):
+        first, second = (labels(picture) for picture in part(compared).pictures())
+        assert slide <= first
+        assert turn <= second

@@ -58,7 +58,7 @@ class Price:
 
     def to_json(self) -> str:
         """As a person writes it."""
-        return f"{self.swept.variable.name}={self.per_unit:g}"
+        return f"{self.swept.variable.name}={self.per_unit:.12g}"
 
 
 @dataclass(frozen=True)
