@@ -15,13 +15,10 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 
-def is_path(robot: str) -> bool:
-    """Whether a robot is given by the path of its URDF."""
-    return bool(Path(robot).suffix) or "/" in robot
-
-
 def built_in_or_path(robot: str) -> str:
     """The name of a built-in robot, or the whole path of a URDF."""
+    from bumpstop.cli.robots import is_path
+
     return str(Path(robot).resolve()) if is_path(robot) else robot
 
 

@@ -109,11 +109,11 @@ def identification(
 
 def named_robot(name: str, base: str | None, tip: str | None) -> tuple[Robot, dict[str, str]]:
     """A robot, and how files of identification name it."""
+    from bumpstop.cli.arm_recordings import built_in_or_path
     from bumpstop.cli.robots import load_robot
 
     arm = load_robot(name, base, tip)
-    is_file = bool(Path(name).suffix) or "/" in name
-    named = {"robot": str(Path(name).resolve()) if is_file else name}
+    named = {"robot": built_in_or_path(name)}
     named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
     return arm, named
 

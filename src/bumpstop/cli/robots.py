@@ -84,11 +84,16 @@ def export(
     typer.echo(f"robot: {file}")
 
 
+def is_path(robot: str) -> bool:
+    """Whether a robot is given by the path of its URDF."""
+    return bool(Path(robot).suffix) or "/" in robot
+
+
 def load_robot(name: str, base: str | None = None, tip: str | None = None, *, strict_inertia: bool = False) -> Robot:
     """The robot that a command names: a built-in one, or a URDF file."""
     from bumpstop.model import Robot
 
-    if Path(name).suffix or "/" in name:
+    if is_path(name):
         try:
             return Robot.from_urdf(name, base, tip, strict_inertia=strict_inertia)
         except InputError as error:

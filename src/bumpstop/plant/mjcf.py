@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.plant.objects import quoted
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -66,7 +67,7 @@ def mjcf(
     damping = [0.0] * dof if joint_damping is None else list(joint_damping)
     place = robot.frame(contact_link, contact_point)
     lines = [
-        f'<mujoco model="{_escape(robot.name)}">',
+        f'<mujoco model="{quoted(robot.name)}">',
         '<compiler angle="radian" autolimits="false" inertiafromgeom="false" boundmass="1e-12" boundinertia="1e-14"/>',
         f'<option timestep="{step!r}" gravity="{_numbers(gravity)}" integrator="implicitfast" solver="Newton" '
         'jacobian="dense" tolerance="1e-10"/>',
@@ -90,14 +91,14 @@ def mjcf(
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.tensor
         axis, kind = _numbers(joint.axis), "slide" if joint.kind == "prismatic" else "hinge"
         lines += [
-            f'<body name="{_escape(joint.link)}" pos="{_numbers(joint.origin)}" quat="{_quaternion(joint.rotation)}">',
+            f'<body name="{quoted(joint.link)}" pos="{_numbers(joint.origin)}" quat="{_quaternion(joint.rotation)}">',
             f'<inertial pos="{_numbers(inertia.center)}" mass="{inertia.mass!r}" '
             f'fullinertia="{_numbers((xx, yy, zz, xy, xz, yz))}"/>',
-            f'<joint name="{_escape(joint.name)}" type="{kind}" axis="{axis}" armature="{float(rotors[j])!r}"/>',
+            f'<joint name="{quoted(joint.name)}" type="{kind}" axis="{axis}" armature="{float(rotors[j])!r}"/>',
         ]
         if np.isfinite(stiffness[j]):
             lines.append(
-                f'<joint name="{_escape(joint.name)}:twist" type="{kind}" axis="{axis}" '
+                f'<joint name="{quoted(joint.name)}:twist" type="{kind}" axis="{axis}" '
                 f'stiffness="{float(stiffness[j])!r}" damping="{float(damping[j])!r}"/>'
             )
         end = robot.joints[j + 1].origin if j + 1 < dof else robot.tip_origin
@@ -121,11 +122,11 @@ def mjcf(
     for thing in objects:
         lines += thing.mjcf(contact_radius)
     lines += ["</worldbody>", "<actuator>"]
-    lines += [f'<general name="{_escape(joint.name)}" joint="{_escape(joint.name)}"/>' for joint in robot.joints]
+    lines += [f'<general name="{quoted(joint.name)}" joint="{quoted(joint.name)}"/>' for joint in robot.joints]
     lines += ["</actuator>", "<sensor>", f'<force site="{TIP}"/>', f'<torque site="{TIP}"/>', "</sensor>", "<contact>"]
     for thing in objects:
         contact = _CONTACT.format(damping=_CLAMPED if thing.body_mass is None else _FREE)
-        lines.append(f'<pair geom1=":{TOOL}" geom2="{_escape(thing.geom)}" {contact}/>')
+        lines.append(f'<pair geom1=":{TOOL}" geom2="{quoted(thing.geom)}" {contact}/>')
     return "\n".join([*lines, "</contact>", "</mujoco>"]) + "\n"
 
 
@@ -180,7 +181,3 @@ def _quaternion(rotation: Sequence[Sequence[float]]) -> str:
 
 def _numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
-
-
-def _escape(name: str) -> str:
-    return name.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")

@@ -175,11 +175,11 @@ class PlantObject:
         x, y = (" ".join(map(repr, axis.tolist())) for axis in (side, np.cross(n, side)))
         centre = np.asarray(self.position) + (contact_radius + _THICKNESS / 2) * n
         mass, colour = self.moving_mass, " ".join(f"{part:g}" for part in self.colour)
-        name = _quoted(self.geom)
+        name = quoted(self.geom)
         place = f'pos="{" ".join(map(repr, centre.tolist()))}" xyaxes="{x} {y}"'
         before, after = [], []
         if self.body_mass is not None:
-            behind = _quoted(self.behind)
+            behind = quoted(self.behind)
             before = [
                 f'<body name="{behind}" {place} gravcomp="1">',
                 _inertial(self.body_mass - mass),
@@ -204,7 +204,8 @@ def _inertial(mass: float) -> str:
     return f'<inertial pos="0 0 0" mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>'
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
+    """A name as it may stand in an attribute of XML."""
     return name.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
 
 
