@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ import scipy.io
 from bumpstop import InputError, Robot
 from bumpstop.cli.residuals import holds_residuals
 from bumpstop.detection import ResidualSeries
-from bumpstop.model import Joint
 from bumpstop.recording import Recording
 from recording.cases import COLUMNS, JOINTS, lines, recording, workbook, written
 
@@ -58,76 +56,6 @@ def test_windows_lines_comments_and_blank_lines(tmp_path: Path) -> None:
     assert Recording.load(path).q[:, 0].tolist() == [1, 2]
 
 
-SCARA = Robot(
-    name="scara",
-    joints=(
-        Joint(name="shoulder", link="upper", lower=-2.3, upper=2.3, velocity=6.0),
-        Joint(name="quill", link="quill", kind="prismatic", lower=-0.2, upper=0.0, velocity=1.1),
-    ),
-)
-
-
-def test_a_unit_for_each_column(tmp_path: Path) -> None:
-    """A robot that turns and slides is logged in degrees and millimetres."""
-    q = np.column_stack([np.linspace(-1, 1, 50), np.linspace(-0.15, 0, 50)])
-    qd = q + 0.01
-    text = [",".join(map(repr, (0.01 * i, *map(float, row)))) for i, row in enumerate(
-        np.hstack([np.degrees(q[:, :1]), 1e3 * q[:, 1:], np.degrees(qd[:, :1]), 1e3 * qd[:, 1:]])
-    )]  # fmt: skip
-    path = written(tmp_path, text)
-    columns: dict[str, Any] = {
-        "time": {"column": 1},
-        "position": {"columns": [2, 3], "unit": ["deg", "mm"]},
-        "velocity": {"columns": [4, 5], "unit": ["deg/s", "mm/s"]},
-    }
-    found = Recording.load(path, columns=columns, robot=SCARA)
-    np.testing.assert_allclose(found.q, q, rtol=1e-12, atol=1e-15)
-    assert found.qd is not None
-    np.testing.assert_allclose(found.qd, qd, rtol=1e-12)
-    # In another order of the columns the units go with them.
-    turned = columns | {
-        "joint_names": ["quill", "shoulder"],
-        "position": {"columns": [3, 2], "unit": ["mm", "deg"]},
-        "velocity": {"columns": [5, 4], "unit": ["mm/s", "deg/s"]},
-    }
-    np.testing.assert_allclose(Recording.load(path, columns=turned, robot=SCARA).q, q, rtol=1e-12, atol=1e-15)
-    with pytest.raises(InputError, match=r"^columns.position.unit: 3 of them for 2 columns"):
-        Recording.load(path, columns=columns | {"position": {"columns": [2, 3], "unit": ["deg", "mm", "mm"]}})
-
-
-@pytest.mark.parametrize(
-    ("position", "velocity", "message"),
-    [
-        ("deg", "rad/s", r"position.unit: 'deg' is none of joint 'quill', which slides; .*example \[.deg., .mm.\]"),
-        ("mm", "rad/s", r"position.unit: 'mm' is none of joint 'shoulder', which turns; .*example \[.deg., .mm.\]"),
-        ("rad", "rpm", r"velocity.unit: 'rpm' is none of joint 'quill', which slides; .*example \[.rpm., .mm/s.\]"),
-        (["mm", "deg"], "rad/s", r"position.unit: 'mm' is none of joint 'shoulder'"),
-    ],
-)
-def test_units_of_angles_are_none_of_sliding_joints(position: Any, velocity: str, message: str, tmp_path: Path) -> None:
-    """A factor of pi / 180 on a length is a wrong number that no limit need show."""
-    columns = {
-        "time": {"column": 1},
-        "position": {"columns": [2, 3], "unit": position},
-        "velocity": {"columns": [2, 3], "unit": velocity},
-    }
-    path = written(tmp_path, [f"{0.01 * i},{0.1 * i},{-0.0002 * i}" for i in range(50)])
-    with pytest.raises(InputError, match=message):
-        Recording.load(path, columns=columns, robot=SCARA)
-
-
-def test_units_of_motors_are_those_of_motors(tmp_path: Path) -> None:
-    """The motor of a joint that slides turns."""
-    path = written(tmp_path, [f"{0.01 * i},{0.1 * i},{-10.0 * i}" for i in range(50)])
-    columns = {
-        "time": {"column": 1},
-        "position": {"columns": [2, 3], "unit": "deg"},
-        "coupling": {"ratio": [[1.0, 0.0], [0.0, 628.3]]},
-    }
-    found = Recording.load(path, columns=columns, robot=SCARA)
-    np.testing.assert_allclose(found.q[-1], [np.radians(4.9), np.radians(-490.0) / 628.3], rtol=1e-12)
-
-
 def test_a_last_line_without_an_end_is_a_row_too(tmp_path: Path) -> None:
     """Also where some lines are left out."""
     path = tmp_path / "run.csv"
@@ -136,45 +64,6 @@ def test_a_last_line_without_an_end_is_a_row_too(tmp_path: Path) -> None:
         found = Recording.load(path, max_bad=0.5)
         assert found.t.tolist() == times
         assert found.q[:, 0].tolist() == [time + 1 for time in times]
-
-
-def test_units_and_coupling(tmp_path: Path) -> None:
-    motor = np.random.default_rng(2).uniform(-100, 100, (50, 2))
-    torque = np.random.default_rng(3).uniform(-1, 1, (50, 2))
-    text = [f"{10 * i},{a},{b},{c},{d}" for i, (a, b, c, d) in enumerate(np.hstack([motor, torque]))]
-    ratio = np.array([[45.0, 0.0], [32.0, 32.0]])
-    columns = {
-        "time": {"column": 1, "unit": "ms"},
-        "position": {"columns": [2, 3], "unit": "deg"},
-        "torque": {"columns": [4, 5], "side": "motor"},
-        "coupling": {"ratio": ratio.tolist(), "offset_rad": [0.1, -0.2], "sign": [1, -1]},
-    }
-    found = Recording.load(written(tmp_path, text), columns=columns)
-    q = np.linalg.solve(ratio, np.radians(motor).T).T + np.array([0.1, -0.2])
-    np.testing.assert_allclose(found.q, q, rtol=1e-12)
-    assert found.tau is not None
-    np.testing.assert_allclose(found.tau, (ratio.T @ torque.T).T * [1, -1], rtol=1e-12)
-    assert found.t[1] == 0.01
-    # Rates turn as positions do, and have no zero to shift; whose they are is said for each.
-    columns["velocity"] = {"columns": [2, 3], "unit": "deg/s"}
-    for side in ("motor", "joint"):
-        columns["velocity"]["side"] = side  # type: ignore[index]
-        moving = Recording.load(written(tmp_path, text), columns=columns)
-        rates = np.radians(motor if side == "joint" else np.linalg.solve(ratio, motor.T).T)
-        np.testing.assert_allclose(np.array(moving.qd), rates, rtol=1e-12)
-    # Where a file itself says what stands where, a coupling turns positions and rates.
-    own = recording()
-    own.save(tmp_path / "own.parquet")
-    turned = Recording.load(tmp_path / "own.parquet", columns={"coupling": {"ratio": ratio.tolist()}})
-    np.testing.assert_allclose(turned.q @ ratio.T, own.q, atol=1e-12)
-    np.testing.assert_allclose(np.array(turned.qd) @ ratio.T, np.array(own.qd), atol=1e-12)
-    # Positions that are the joints' already have no ratio, but where their zero lies is still said.
-    columns["position"]["side"] = "joint"  # type: ignore[index]
-    joint_side = Recording.load(written(tmp_path, text), columns=columns)
-    np.testing.assert_allclose(joint_side.q, np.radians(motor) + np.array([0.1, -0.2]), rtol=1e-12)
-    # Power is the same on both sides, but for the sign that was asked for.
-    power = np.sum(found.tau * [1, -1] * np.linalg.solve(ratio, motor.T).T, axis=1)
-    np.testing.assert_allclose(power, np.sum(torque * motor, axis=1))
 
 
 def test_quantities_in_two_files_are_joined_row_by_row(tmp_path: Path) -> None:

@@ -235,7 +235,7 @@ def test_a_slide_s_axes_are_in_metres_and_newtons():
         return {label for panel in picture.render().figure.axes for label in (panel.get_xlabel(), panel.get_ylabel())}
 
     assert labels(recording_picture(log, arm)) >= {"q, rad", "qd, rad/s", "tau, Nm"}
-    assert labels(recording_picture(log, mixed)) >= {"q, rad or m", "qd, rad/s or m/s", "tau, Nm or N"}
+    assert labels(recording_picture(log, mixed)) >= {"q, rad (m)", "qd, rad/s (m/s)", "tau, Nm (N)"}
     moved = np.random.default_rng(0).normal(size=(100, 2))
     compared = Comparison(
         names=("slide", "turn"), units=("N", "Nm"), t=t, qd=moved, qdd=moved, measured=moved, predicted=moved,
