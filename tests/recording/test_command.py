@@ -79,7 +79,8 @@ def test_convert_says_what_is_lost(absent: dict[str, Any], ending: str, tmp_path
         {name for name in names if getattr(one, name) is not None and len(getattr(one, name))}
         for one in (before, after)
     )
-    said = result.out.partition("no place for it: ")[2].strip()
+    assert ('give a column file with effort = "current"' in result.out) == (in_place is not None)
+    said = result.out.partition("no place for it: ")[2].partition("\n")[0]
     assert {name.replace(" ", "_") for name in said.split(", ") if name} == had - has
 
 

@@ -74,7 +74,7 @@ def convert(
     max_bad: MaxBad = 0.01,
 ) -> None:
     """Write a recording as Parquet, CSV, or MCAP with sensor_msgs/msg/JointState. Bad rows are left out."""
-    from bumpstop.recording.writing import left_out
+    from bumpstop.recording.writing import holds_current_as_effort, left_out
 
     found = _load(file, columns, _robot(robot, base, tip), topic, max_bad)
     if out.exists() and out.samefile(file):
@@ -85,6 +85,8 @@ def convert(
     missing = left_out(found, out)
     if missing:
         typer.echo(f"not written, as {out.suffix} has no place for it: {', '.join(missing)}")
+    if holds_current_as_effort(found, out):
+        typer.echo('its effort is the motor current: to read it as such, give a column file with effort = "current"')
 
 
 def _robot(name: str | None, base: str | None, tip: str | None) -> Robot | None:

@@ -38,6 +38,11 @@ def write(recording: Recording, path: Path) -> None:
         raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
 
 
+def holds_current_as_effort(recording: Recording, path: Path) -> bool:
+    """Whether the effort of a bag so written is motor current, and would be read as torque by default."""
+    return path.suffix == ".mcap" and recording.tau is None and recording.current is not None
+
+
 def left_out(recording: Recording, path: Path) -> tuple[str, ...]:
     """What a file with this ending does not hold of the recording."""
     lost = {
