@@ -183,7 +183,7 @@ def test_a_target_this_machine_lacks_is_refused() -> None:
 def test_threads_and_seeds() -> None:
     scenario = VARIED["oblique"]
     for wrong in ({"threads": 0}, {"refinement": 0}):
-        with pytest.raises(bs.InputError, match=f"{next(iter(wrong))}: 0 is too few"):
+        with pytest.raises(bs.InputError, match=f"{next(iter(wrong))}: is 0; wanted a whole number"):
             bs.evaluate(scenario, samples=10, **wrong)
     one, two = (bs.evaluate(scenario, samples=150_000, seed=9, threads=n) for n in (1, 2))
     assert one.runs is not None
