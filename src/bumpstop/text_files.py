@@ -13,6 +13,11 @@ from bumpstop.errors import InputError
 MOST_BYTES = 10_000_000
 
 
+def is_path(robot: str) -> bool:
+    """Whether a robot is given by the path of its URDF, and not by the name of a built-in one."""
+    return bool(Path(robot).suffix) or "/" in robot
+
+
 def read_text(
     path: str | os.PathLike[str], wanted: str, *, field: str | None = None, most_bytes: int = MOST_BYTES
 ) -> str:

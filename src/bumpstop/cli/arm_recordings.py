@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
+from bumpstop.text_files import is_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
 
 def built_in_or_path(robot: str) -> str:
     """The name of a built-in robot, or the whole path of a URDF."""
-    from bumpstop.cli.robots import is_path
-
     return str(Path(robot).resolve()) if is_path(robot) else robot
 
 

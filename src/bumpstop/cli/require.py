@@ -86,12 +86,12 @@ def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | Non
 
 
 def _thresholds(scenario: Scenario, lowest: float) -> str:
-    from bumpstop.collision import Problem
+    from bumpstop.collision.scenario_file import robot_of
     from bumpstop.model import unit_of
     from bumpstop.study.variable import Variable
 
     each = Variable("detector.thresholds").changes(scenario, lowest)["detector.thresholds_Nm"]
-    unit = unit_of(*Problem.from_scenario(scenario).robot.joints)
+    unit = unit_of(*robot_of(scenario).joints)
     return ", ".join(f"{threshold:.6g}" for threshold in each) + f" {unit}"
 
 

@@ -10,6 +10,7 @@ import typer
 
 from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.errors import InputError
+from bumpstop.text_files import is_path
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -82,11 +83,6 @@ def export(
 
     write_text(file, describe(load_robot(robot, base, tip)))
     typer.echo(f"robot: {file}")
-
-
-def is_path(robot: str) -> bool:
-    """Whether a robot is given by the path of its URDF."""
-    return bool(Path(robot).suffix) or "/" in robot
 
 
 def load_robot(name: str, base: str | None = None, tip: str | None = None, *, strict_inertia: bool = False) -> Robot:

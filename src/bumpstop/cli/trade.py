@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
 # Of the wanted rate.
 _TIMES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
-_SAME_PERIOD = 0.1  # as detectors take it
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +96,6 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
 
     law = evaluate(scenario.with_values({"detector.thresholds_Nm": thresholds.tolist()}))
     problem, contact, verdict = law.problem, scenario.contact, law.verdict
-    causes = {
-        "force": (verdict.p_over_force or 0.0) > verdict.risk,
-        "pressure": (verdict.p_over_pressure or 0.0) > verdict.risk,
-        "false_alarm": not verdict.false_alarm_ok,
-    }
     peak = law.peak_force.to_json()
     blind = blind_forces(problem.robot, problem.q, thresholds, link=contact.link, point=contact.point_m)
     largest = float(blind.largest)
@@ -111,7 +104,7 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
         "anywhere": largest if largest < float("inf") else None,
         "limit": law.problem.limits.force_N if law.problem.limits else None,
         "acceptable": verdict.acceptable,
-        "fails_by": [cause for cause, holds in causes.items() if holds],
+        "fails_by": list(verdict.fails_by),
     }
 
 
@@ -120,6 +113,8 @@ def notes(points: Sequence[TradePoint], scenarios: Mapping[str, Scenario], perio
 
     ``period`` is what the thresholds were found at [s].
     """
+    from bumpstop.detection.rate import same_period
+
     found = []
     for path, scenario in scenarios.items():
         name, detector = Path(path).stem, scenario.detector
@@ -130,7 +125,7 @@ def notes(points: Sequence[TradePoint], scenarios: Mapping[str, Scenario], perio
                 f"{scenario.verdict.max_false_alarm:g}. They are those of its detector.noise_sd_Nm, not of what was "
                 "recorded; with detector.residuals they would be."
             )
-        if not math.isclose(detector.feedback_period_s, period, rel_tol=_SAME_PERIOD):
+        if not same_period(detector.feedback_period_s, period):
             found.append(
                 f"{name}: its feedback period is {detector.feedback_period_s:g} s, and the thresholds were found at "
                 f"{period:.4g} s: its alarms are not those of the rates here."

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.scenario import Scenario
+from bumpstop.collision.scenario_file import robot_of
 from bumpstop.contact import ContactLimits, LimitTable
 from bumpstop.detection import ResidualRecord
 from bumpstop.errors import InputError
@@ -18,7 +20,6 @@ from bumpstop.model import Robot
 from bumpstop.model.pose_limits import check_pose
 
 if TYPE_CHECKING:
-    from bumpstop.collision.scenario import Scenario
     from bumpstop.collision.trajectory import Trajectory
 
 # A day of ticks at a kilohertz would exhaust memory long before anything is learned from it.
@@ -70,7 +71,7 @@ class Problem:
         Raises:
             InputError: a length, a joint number, the pose or the start of the motion cannot be used.
         """
-        robot = _robot(scenario)
+        robot = robot_of(scenario)
         notes = list(robot.warnings)
         contact, detector, reaction = scenario.contact, scenario.detector, scenario.reaction
         limits = None
@@ -324,18 +325,6 @@ class Problem:
                 f"({self.approach_speed * 1e3:.3g} mm/s along the normal)",
                 "give a point that moves, and a normal that points the way it goes",
             )
-
-
-def _robot(scenario: Scenario) -> Robot:
-    path = scenario.robot_path
-    if path is None:
-        return Robot.load(scenario.robot)
-    try:
-        return Robot.from_urdf(path, scenario.base, scenario.tip)
-    except InputError as error:
-        if error.field in ("base", "tip"):
-            raise
-        raise InputError("robot", f"{error.field}: {error.problem}", error.valid) from None
 
 
 def _body_mass(scenario: Scenario, limits: ContactLimits | None) -> float | None:

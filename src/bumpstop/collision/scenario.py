@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from bumpstop.collision.scenario_words import as_written, explain, short, unknown_key, words
 from bumpstop.collision.unused_keys import given_without_effect, keys_without_effect
 from bumpstop.errors import InputError
+from bumpstop.text_files import is_path
 
 
 def _between(low: float, high: float) -> Any:
@@ -252,7 +253,7 @@ class Scenario(_Table):
     @property
     def robot_path(self) -> Path | None:
         """The URDF file, or None where the robot is a built-in one."""
-        return self.folder / self.robot if Path(self.robot).suffix or "/" in self.robot else None
+        return self.folder / self.robot if is_path(self.robot) else None
 
     @model_validator(mode="after")
     def _links_of_urdf(self) -> Scenario:

@@ -1,14 +1,17 @@
-"""Scenario files."""
+"""Scenario files, and the robot that one names."""
 
 from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.scenario import Scenario, set_key
 from bumpstop.errors import InputError
 from bumpstop.text_files import read_text
+
+if TYPE_CHECKING:
+    from bumpstop.model import Robot
 
 # Beyond this it is no scenario, but perhaps a recording or a device that never ends.
 _MOST_BYTES = 1_000_000
@@ -45,3 +48,22 @@ def _parse(text: str, path: str) -> dict[str, Any]:
         raise InputError(path, "is nested too deeply", f"wanted {shallow}") from None
     except ValueError:
         raise InputError(path, "holds a number of thousands of digits", "wanted numbers below 1e10") from None
+
+
+def robot_of(scenario: Scenario) -> Robot:
+    """The arm of a scenario.
+
+    Raises:
+        InputError: there is none of that name, or its file cannot be used.
+    """
+    from bumpstop.model import Robot
+
+    path = scenario.robot_path
+    if path is None:
+        return Robot.load(scenario.robot)
+    try:
+        return Robot.from_urdf(path, scenario.base, scenario.tip)
+    except InputError as error:
+        if error.field in ("base", "tip"):
+            raise
+        raise InputError("robot", f"{error.field}: {error.problem}", error.valid) from None

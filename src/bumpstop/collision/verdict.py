@@ -43,10 +43,14 @@ class Verdict:
     @property
     def acceptable(self) -> bool | None:
         """Force, pressure and false alarms are all within what is accepted; None without limits."""
-        if self.p_over_force is None:
-            return None
-        over = max(self.p_over_force, self.p_over_pressure or 0.0)
-        return over <= self.risk and self.false_alarm_ok
+        return None if self.p_over_force is None else not self.fails_by
+
+    @property
+    def fails_by(self) -> tuple[str, ...]:
+        """What is not within what is accepted, of ``"force"``, ``"pressure"`` and ``"false_alarm"``."""
+        over = {"force": self.p_over_force, "pressure": self.p_over_pressure}
+        limits = tuple(name for name, p in over.items() if p is not None and not p <= self.risk)
+        return limits if self.false_alarm_ok else (*limits, "false_alarm")
 
     def to_json(self) -> dict[str, Any]:
         """The ``verdict`` object of ``bumpstop evaluate --json``."""

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
 _TOLERANCE = 0.1  # of a period, between what is stated, and what is stated elsewhere or recorded
 
 
+def same_period(one: float, stated: float) -> bool:
+    """Whether a period is near enough to the one that is stated elsewhere [s]."""
+    return abs(one - stated) <= _TOLERANCE * stated
+
+
 def check_rates(settings: DetectorSettings, thresholds: Thresholds) -> None:
     """Refuse thresholds that were found at another rate than the settings have, where both say one.
 
@@ -27,7 +32,7 @@ def check_rates(settings: DetectorSettings, thresholds: Thresholds) -> None:
         InputError: the rates differ.
     """
     ours, theirs = settings.period_s, thresholds.period_s
-    if ours and theirs and abs(ours - theirs) > _TOLERANCE * theirs:
+    if ours and theirs and not same_period(ours, theirs):
         raise InputError("period_s", f"is {ours:g}", f"the thresholds were found at {theirs:g}")
 
 
@@ -46,7 +51,7 @@ def period_of(t: FloatArray, settings: DetectorSettings, thresholds: Thresholds)
     steps = steps[np.isfinite(steps) & (steps > 0)]
     recorded = float(np.median(steps)) if steps.size else None
     for name, wanted in (("period_s", settings.period_s), ("thresholds period_s", thresholds.period_s)):
-        if wanted and recorded and abs(recorded - wanted) > _TOLERANCE * wanted:
+        if wanted and recorded and not same_period(recorded, wanted):
             raise InputError(
                 "recording", f"has a row every {recorded:.6g} s", f"the detector is made for {name} = {wanted:g}"
             )

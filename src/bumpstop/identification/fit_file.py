@@ -13,7 +13,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit, checked_group
 from bumpstop.identification.torque_columns import column_names
 from bumpstop.model import Robot
-from bumpstop.text_files import parse_toml, read_text, toml_value, write_text
+from bumpstop.text_files import is_path, parse_toml, read_text, toml_value, write_text
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
 _KEYS |= {"rows_used", "sign_speed", "top_speed", "couplings", "parameter", "gain"}
@@ -132,7 +132,7 @@ def chain_of(data: dict[str, Any], folder: Path) -> Robot:
     name = data.get("robot")
     if not isinstance(name, str):
         raise InputError("robot", "is missing", "wanted a built-in name or the path of a URDF")
-    if Path(name).suffix or "/" in name:
+    if is_path(name):
         return Robot.from_urdf(folder / name, data.get("base"), data.get("tip"))
     return Robot.load(name)
 

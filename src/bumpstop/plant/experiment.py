@@ -32,7 +32,7 @@ from bumpstop.plant.plant import Plant
 from bumpstop.plant.sample import Sample
 from bumpstop.plant.sensors import Sensors
 from bumpstop.plant.servo import Servo
-from bumpstop.text_files import parse_toml, read_text
+from bumpstop.text_files import is_path, parse_toml, read_text
 
 if TYPE_CHECKING:
     from bumpstop.plant.run import PlantRun
@@ -107,7 +107,7 @@ class Experiment(ExperimentTable):
         Raises:
             InputError: there is none of that name, or its file cannot be used.
         """
-        if Path(self.robot).suffix or "/" in self.robot:
+        if is_path(self.robot):
             return Robot.from_urdf(self.folder / self.robot, self.base, self.tip)
         return Robot.load(self.robot)
 

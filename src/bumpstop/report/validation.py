@@ -110,7 +110,7 @@ class OverTimePart(_JointsPart):
             middle.set_ylabel(f"error, {unit}")
             lower.axhline(0, color=FAINT, linewidth=0.6)
             lower.plot(*thin(t, found.qdd[:, j]), color=EVENT, linewidth=0.8)
-            lower.set_ylabel("m/s2" if unit == "N" else "rad/s2")
+            lower.set_ylabel(f"{_way(unit)}/s2")
             lower.set_xlabel("time [s]")
 
         caption = f"{name} over time."
@@ -164,7 +164,7 @@ class WherePart(_JointsPart):
     def _picture(self, j: int, name: str) -> Picture:
         found = self._comparison
         unit = found.units[j]
-        way = "m" if unit == "N" else "rad"
+        way = _way(unit)
 
         def draw(figure: Figure) -> None:
             width, height = figure.get_size_inches()
@@ -333,3 +333,8 @@ def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
 def few(count: int, most: int) -> np.ndarray:
     """Numbers of at most ``most`` of ``count`` rows, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
+
+
+def _way(unit: str) -> str:
+    """The unit of a joint's way, of that of its torque."""
+    return "m" if unit == "N" else "rad"

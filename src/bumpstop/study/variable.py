@@ -60,10 +60,10 @@ class Variable:
             unit = next((unit for ending, unit in _UNITS.items() if self.key.endswith(ending)), "")
         if unit not in _SLIDING:
             return unit
-        from bumpstop.collision import Problem
+        from bumpstop.collision.scenario_file import robot_of
         from bumpstop.model import unit_of
 
-        joints = Problem.from_scenario(scenario).robot.joints
+        joints = robot_of(scenario).joints
         whole = scenario.detector.thresholds_Nm if self.name in ALIASES else self._whole(scenario)
         if self._item is not None:
             joints = joints[self._item - 1 : self._item]
