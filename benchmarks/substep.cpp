@@ -1,9 +1,9 @@
-// Time of one controller sub-step (kinematics, Jacobian, solve, limits, new angles) with poses in all lanes.
+// Time of one controller sub-step (rates from the joint angles, limits, new angles) with poses in all lanes.
 #include <chrono>
 #include <cstdio>
-#include <numbers>
+#include <limits>
 
-#include "bumpstop/collision/line_motion.hpp"
+#include "bumpstop/collision/line_controller.hpp"
 
 using namespace bumpstop;
 
@@ -28,24 +28,25 @@ static double nanoseconds_per_lane(int dof, int free) {
     for (int j = 0; j < dof; ++j) {
         motion.free_joint[j] = j;
         motion.acceleration_limit[j] = 4.5;
-        motion.velocity_limit[j] = 1e300;
+        motion.velocity_limit[j] = std::numeric_limits<double>::infinity();
         for (int lane = 0; lane < Scalar<T>::lanes; ++lane) set_lane(state.q[j], lane, 0.3 + 0.2 * j + 0.01 * lane);
         state.qd[j] = 0.0;
     }
     state.refresh_angles(chain);
     const Point3<T> velocity{T(0.01), T(-0.004), T(0.005)};
-    Posture<T> posture;
+    LineController<T> controller(chain, motion);
+    Rates<T> rates;
+    controller.find_rates(state, velocity, rates);
     double best = 1e300;
     for (int repeat = 0; repeat < 40; ++repeat) {
-        constexpr int count = 2000;
+        constexpr int count = 400;
         const auto begin = std::chrono::steady_clock::now();
         for (int i = 0; i < count; ++i) {
-            forward_kinematics(chain, state.q, state.angle, posture);
-            const Rates<T> rates = resolved_rates(chain, motion, posture, velocity);
-            advance(chain, motion, rates.free, state);
+            controller.step(rates, velocity, state);
+            controller.find_rates(state, velocity, rates);
         }
         const std::chrono::duration<double> time = std::chrono::steady_clock::now() - begin;
-        best = std::min(best, time.count() / count / Scalar<T>::lanes);
+        best = std::min(best, time.count() / count / motion.substeps / Scalar<T>::lanes);
     }
     volatile double sink = lane_of(state.q[0], 0);
     (void)sink;

@@ -31,6 +31,7 @@ BUILDS = {
 CASES = [
     *((ROOT / "tests/math/lanes.cpp", build) for build in BUILDS),
     *((ROOT / "tests/model/min_norm.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/model/screw_rates.cpp", build) for build in BUILDS),
     *((ROOT / "tests/model/dynamics.cpp", build) for build in BUILDS),
     *((ROOT / "tests/signal/causal_derivative.cpp", build) for build in BUILDS),
     *((ROOT / "tests/signal/zero_phase.cpp", build) for build in BUILDS),

@@ -35,7 +35,7 @@ class BrakingArm {
     };
 
     BrakingArm(const Chain& chain, const MotionSettings& motion, Kind kind)
-        : chain_(chain), motion_(motion), kind_(kind) {}
+        : chain_(chain), motion_(motion), full_(motion), kind_(kind) {}
 
     ArmState<T> state;
     Point3<T> target;  ///< velocity asked of the tool: the line's, or the reaction's [m/s]
@@ -131,7 +131,7 @@ class BrakingArm {
             wanted = resolved_rates(chain_, motion_, posture, target);
         }
         T change[max_joints], load[max_joints];
-        const MaskOf<T> reaches = limited_change(motion_, wanted.free, state, change, load);
+        const MaskOf<T> reaches = limited_change(motion_, full_, wanted.free, state, change, load);
         T off = 0.0, largest = 0.0, largest_rate = 0.0, correction[max_joints];
         for (int f = 0; f < n; ++f) {
             if (follows) {
@@ -255,6 +255,7 @@ class BrakingArm {
 
     const Chain& chain_;
     const MotionSettings& motion_;
+    const FullChangeInverse full_;
     const Kind kind_;
     T tolerance_ = 1.0, slack_ = 1.0;
     /// Positions are kept as those of the beginning and what was gained since, by free joint: so roundings of the former do

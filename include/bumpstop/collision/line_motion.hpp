@@ -23,6 +23,16 @@ struct MotionSettings {
     double substep() const { return step / substeps; }
 };
 
+/// The greatest change of a rate in a controller sub-step, by free joint, upside down [s/rad or s/m].
+struct FullChangeInverse {
+    std::array<double, max_joints> of{};
+
+    explicit FullChangeInverse(const MotionSettings& motion) {
+        for (int f = 0; f < motion.free_count; ++f)
+            of[f] = 1 / (motion.acceleration_limit[motion.free_joint[f]] * motion.substep());
+    }
+};
+
 template <class T>
 struct ArmState {
     T q[max_joints];   ///< rad or m
@@ -41,6 +51,22 @@ struct Rates {
     MaskOf<T> velocity_limited;
     T velocity_load;  ///< the largest rate before it was slowed, relative to its limit
 };
+
+/// Scales the rates down as a whole where one would pass its velocity limit.
+template <class T>
+void slow_to_velocity_limits(const MotionSettings& motion, Rates<T>& rates) {
+    T over = 0.0;
+    for (int f = 0; f < motion.free_count; ++f) {
+        const double limit = motion.velocity_limit[motion.free_joint[f]];
+        if (std::isfinite(limit)) over = maximum(over, absolute(rates.free[f]) * (1.0 / limit));
+    }
+    rates.velocity_load = over;
+    rates.velocity_limited = over > T(1.0);
+    if (any(rates.velocity_limited)) {
+        const T scale = 1.0 / maximum(over, T(1.0));
+        for (int f = 0; f < motion.free_count; ++f) rates.free[f] *= scale;
+    }
+}
 
 /// Joint rates that move the tip with `velocity` (base frame, m/s) and no rotation, scaled down as a whole
 /// where one would pass its velocity limit.
@@ -76,52 +102,27 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
         T target[3] = {velocity.x, velocity.y, velocity.z};
         rates.conditioning = damped_min_norm<3>(row, n, target, motion.damping, rates.free);
     }
-    T over = 0.0;
-    for (int f = 0; f < n; ++f) {
-        over = maximum(over, absolute(rates.free[f]) * (1.0 / motion.velocity_limit[motion.free_joint[f]]));
-    }
-    rates.velocity_load = over;
-    rates.velocity_limited = over > T(1.0);
-    if (any(rates.velocity_limited)) {
-        const T scale = 1.0 / maximum(over, T(1.0));
-        for (int f = 0; f < n; ++f) rates.free[f] *= scale;
-    }
+    slow_to_velocity_limits(motion, rates);
     return rates;
 }
 
 /// How the rates change in one controller sub-step toward `wanted` (by free joint): one ratio scales all joint
 /// accelerations so that none passes its limit. Returns where the wanted rates are reached. `load`: the changes that are
-/// left, in units of the greatest there may be.
-template <class T>
-MaskOf<T> limited_change(const MotionSettings& motion, const T* wanted, const ArmState<T>& state, T* change, T* load) {
-    const double h = motion.substep();
-    const int n = motion.free_count;
+/// left, in units of the greatest there may be. `Free`: how many joints are free, or 0 to take it from `motion`.
+template <int Free = 0, class T>
+MaskOf<T> limited_change(const MotionSettings& motion, const FullChangeInverse& full, const T* wanted,
+                         const ArmState<T>& state, T* change, T* load) {
+    const int n = Free > 0 ? Free : motion.free_count;
     T over = 0.0;
     for (int f = 0; f < n; ++f) {
-        const int j = motion.free_joint[f];
-        change[f] = wanted[f] - state.qd[j];
-        load[f] = absolute(change[f]) * (1.0 / (motion.acceleration_limit[j] * h));
+        change[f] = wanted[f] - state.qd[motion.free_joint[f]];
+        load[f] = absolute(change[f]) * full.of[f];
         over = maximum(over, load[f]);
     }
     const auto reached = over <= T(1.0);
     if (!all(reached)) {
         const T ratio = 1.0 / maximum(over, T(1.0));
         for (int f = 0; f < n; ++f) change[f] *= ratio;
-    }
-    return reached;
-}
-
-/// One controller sub-step: the rates change, then the positions follow the new rates.
-template <class T>
-MaskOf<T> advance(const Chain& chain, const MotionSettings& motion, const T* wanted, ArmState<T>& state) {
-    T change[max_joints], load[max_joints];
-    const auto reached = limited_change(motion, wanted, state, change, load);
-    for (int f = 0; f < motion.free_count; ++f) {
-        const int j = motion.free_joint[f];
-        // Rates that are reached are taken over, so that no rounding keeps them apart.
-        state.qd[j] = select(reached, wanted[f], state.qd[j] + change[f]);
-        state.q[j] += state.qd[j] * motion.substep();
-        state.angle.set(chain, j, state.q[j]);
     }
     return reached;
 }

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "bumpstop/collision/leap.hpp"
+#include "bumpstop/collision/line_controller.hpp"
 #include "bumpstop/collision/line_path.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -21,6 +22,8 @@ class LineTracer {
           contact_(contact),
           timing_(timing),
           finished_(finished),
+          full_(motion),
+          controller_(chain, motion),
           stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
           table_(stride_ * motion.substeps) {}
 
@@ -50,6 +53,7 @@ class LineTracer {
         paths_ = paths;
         velocity_ = velocity;
         history_.forget();
+        controller_.begin();
         const LineStart<T> line = begin_line(chain_, motion_, contact_, timing_, q, velocity, paths, count);
         state_ = line.state;
         posture_ = line.posture;
@@ -66,15 +70,12 @@ class LineTracer {
     /// Posture and wanted rates where the arm is.
     void look() {
         forward_kinematics(chain_, state_.q, state_.angle, posture_);
-        rates_ = resolved_rates(chain_, motion_, posture_, velocity_);
+        controller_.find_rates(state_, posture_, velocity_, rates_);
     }
 
     /// One simulation step of the controller as it runs.
     void step() {
-        for (int sub = 0; sub < motion_.substeps; ++sub) {
-            if (sub > 0) look();
-            reached_ = reached_ & advance(chain_, motion_, rates_.free, state_);
-        }
+        reached_ = reached_ & controller_.step(rates_, velocity_, state_);
         look();
     }
 
@@ -122,7 +123,7 @@ class LineTracer {
         look();
         T difference = 0.0, largest = 0.0, use = 0.0;  // use: of the velocity limits
         T change[max_joints], load[max_joints], most_load = 0.0;
-        limited_change(motion_, rates_.free, state_, change, load);
+        limited_change(motion_, full_, rates_.free, state_, change, load);
         for (int f = 0; f < motion_.free_count; ++f) {
             const T rate = absolute(rates_.free[f]);
             difference = maximum(difference, absolute(rates_.free[f] - history_.combine(weights.predict, f)));
@@ -249,6 +250,8 @@ class LineTracer {
     const ContactGeometry& contact_;
     const Timing& timing_;
     Finished& finished_;
+    const FullChangeInverse full_;
+    LineController<T> controller_;
     const int stride_;  ///< steps between the moments a path keeps: ticks, and beginnings of reactions
     const LeapTable table_;
 

@@ -1,0 +1,298 @@
+// Rates from screws in the middle of the chain against those from the Jacobian at the tip.
+#include "bumpstop/model/screw_rates.hpp"
+
+#include <numeric>
+
+#include "bumpstop/model/min_norm.hpp"
+#include "model/random_chain.hpp"
+
+namespace {
+
+using namespace bumpstop;
+using random_chain::pi;
+
+struct Arm {
+    Chain chain;
+    LinkPoint tip;
+    std::vector<int> free;
+};
+
+enum class Shape { general, industrial };
+
+// Turning joints. Industrial arms have axes at right angles, parallel or, once calibrated, nearly so.
+Arm random_arm(int dof, Shape shape, int held = -1) {
+    std::vector<JointSpec> joints(static_cast<std::size_t>(dof));
+    for (JointSpec& joint : joints) {
+        for (double& d : joint.origin) d = checks::uniform(-0.5, 0.5);
+        joint.axis = random_chain::random_unit();
+        if (shape == Shape::general) continue;
+        joint.origin[0] = 0;
+        joint.axis = {0, 0, 1};
+        const double draw = checks::uniform(0, 1), tilt = draw < 0.6   ? pi / 2
+                                                          : draw < 0.8 ? 0
+                                                                       : 1e-3 * checks::normal();
+        joint.rotation = random_chain::rotation_about({1, 0, 0}, checks::uniform(0, 1) < 0.5 ? tilt : -tilt);
+    }
+    Arm arm;
+    arm.chain = Chain(joints);
+    arm.tip = link_point(arm.chain, dof - 1, {0.05, -0.02, 0.1});
+    for (int j = 0; j < dof; ++j)
+        if (j != held) arm.free.push_back(j);
+    return arm;
+}
+
+template <class T>
+ScrewRates<T> screws_of(const Arm& arm) {
+    return ScrewRates<T>(arm.chain, arm.free.data(), int(arm.free.size()), arm.tip);
+}
+
+struct Pose {
+    double q[max_joints];
+    Point3<double> velocity;
+};
+
+Pose random_pose() {
+    Pose pose;
+    for (double& q : pose.q) q = checks::uniform(-pi, pi);
+    pose.velocity = {checks::normal(), checks::normal(), checks::normal()};
+    return pose;
+}
+
+struct Reference {
+    double column[max_joints][6];
+    double x[max_columns];
+    bool singular;
+    bool far_from_singular;  // for arms as large as these
+};
+
+Reference reference(const Arm& arm, const Pose& pose) {
+    JointAngles<double> angle;
+    angle.set(arm.chain, pose.q);
+    Posture<double> posture;
+    forward_kinematics(arm.chain, pose.q, angle, posture);
+    const Point3<double> tip = posture.position(arm.tip);
+    Reference made;
+    double row[6][max_columns], target[6] = {0, 0, 0, pose.velocity.x, pose.velocity.y, pose.velocity.z};
+    for (std::size_t f = 0; f < arm.free.size(); ++f) {
+        const int j = arm.free[f];
+        const Point3<double> z = posture.axis[j], linear = linear_column(arm.chain, posture, tip, j);
+        const double column[6] = {z.x, z.y, z.z, linear.x, linear.y, linear.z};
+        for (int c = 0; c < 6; ++c) row[c][f] = made.column[f][c] = column[c];
+    }
+    made.singular = min_norm<6, 0>(row, int(arm.free.size()), target, made.x).singular;
+    // The solve leaves the rows orthogonal.
+    double manipulability = 1;
+    for (int c = 0; c < 6; ++c)
+        manipulability *= std::sqrt(std::inner_product(row[c], row[c] + arm.free.size(), row[c], 0.0));
+    made.far_from_singular = manipulability > 0.02;
+    return made;
+}
+
+double largest(const double* x, std::size_t n) {
+    double most = 0;
+    for (std::size_t f = 0; f < n; ++f) most = std::max(most, std::fabs(x[f]));
+    return most;
+}
+
+// The tool moves as asked, and does so with the rates of least norm.
+void check_rates(const Arm& arm, const Pose& pose, const double* x) {
+    const std::size_t n = arm.free.size();
+    const Reference wanted = reference(arm, pose);
+    CHECK(!wanted.singular);
+    const double most = largest(wanted.x, n);
+    const double target[6] = {0, 0, 0, pose.velocity.x, pose.velocity.y, pose.velocity.z};
+    for (int c = 0; c < 6; ++c) {
+        long double moves = 0;
+        for (std::size_t f = 0; f < n; ++f) moves += (long double)wanted.column[f][c] * x[f];
+        CHECK_NEAR(moves, target[c], 2e-12 * most);
+    }
+    // Both routes lose what a Jacobian within 1e-6 of singular loses.
+    for (std::size_t f = 0; f < n; ++f) CHECK_NEAR(x[f], wanted.x[f], 1e-9 * most);
+}
+
+void one_by_one(int dof, Shape shape, int held = -1) {
+    int solved = 0, due = 0;
+    for (int i = 0; i < 20; ++i) {
+        const Arm arm = random_arm(dof, shape, held);
+        ScrewRates<double> screws = screws_of<double>(arm);
+        if (!screws.works()) continue;
+        for (int k = 0; k < 50; ++k) {
+            const Pose pose = random_pose();
+            JointAngles<double> angle;
+            angle.set(arm.chain, pose.q);
+            double x[max_columns];
+            screws.begin();
+            const bool found = screws.solve(angle, pose.velocity, x), far = reference(arm, pose).far_from_singular;
+            if (found) check_rates(arm, pose, x);
+            due += far;
+            solved += far && found;
+        }
+    }
+    CHECK(due > 100);
+    CHECK(solved > 0.99 * due);
+}
+
+template <class T>
+void in_lanes(int dof, Shape shape) {
+    int solved = 0, due = 0;
+    for (int i = 0; i < 20; ++i) {
+        const Arm arm = random_arm(dof, shape);
+        ScrewRates<T> screws = screws_of<T>(arm);
+        if (!screws.works()) continue;
+        for (int k = 0; k < 20; ++k) {
+            Pose pose[Scalar<T>::lanes];
+            T q[max_joints], x[max_columns];
+            bool far = true;
+            Point3<T> velocity;
+            for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
+                pose[lane] = random_pose();
+                far = far && reference(arm, pose[lane]).far_from_singular;
+                for (int j = 0; j < max_joints; ++j) set_lane(q[j], lane, pose[lane].q[j]);
+                set_lane(velocity.x, lane, pose[lane].velocity.x);
+                set_lane(velocity.y, lane, pose[lane].velocity.y);
+                set_lane(velocity.z, lane, pose[lane].velocity.z);
+            }
+            JointAngles<T> angle;
+            angle.set(arm.chain, q);
+            screws.begin();
+            due += far;
+            if (!screws.solve(angle, velocity, x)) continue;
+            solved += far;
+            for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
+                double own[max_columns];
+                for (std::size_t f = 0; f < arm.free.size(); ++f) own[f] = lane_of(x[f], lane);
+                check_rates(arm, pose[lane], own);
+            }
+        }
+    }
+    CHECK(due > 5);
+    CHECK(solved > 0.95 * due);
+}
+
+// Roll, pitch and roll about one point lose a direction where the pitch is 0.
+Arm arm_with_wrist() {
+    const Matrix3 up = random_chain::rotation_about({1, 0, 0}, pi / 2), down = transposed(up);
+    std::vector<JointSpec> joints(6);
+    joints[1] = {.origin = {0.1, 0, 0.4}, .rotation = up};
+    joints[2] = {.origin = {0, 0.5, 0}};
+    joints[3] = {.origin = {0.05, 0.1, 0}, .rotation = down};
+    joints[4] = {.origin = {0, 0, 0.5}, .rotation = up};
+    joints[5] = {.rotation = down};
+    Arm arm;
+    arm.chain = Chain(joints);
+    arm.tip = link_point(arm.chain, 5, {0, 0, 0.1});
+    arm.free = {0, 1, 2, 3, 4, 5};
+    return arm;
+}
+
+void near_a_singularity() {
+    const Arm arm = arm_with_wrist();
+    ScrewRates<double> screws = screws_of<double>(arm);
+    CHECK(screws.works());
+    Pose pose{{0.3, 0.7, -0.9, 0.4, 0, 0.2}, {0.1, -0.2, 0.3}};
+    int solved = 0;
+    for (double pitch = 1; pitch > 1e-12; pitch *= 0.8) {
+        pose.q[4] = pitch;
+        JointAngles<double> angle;
+        angle.set(arm.chain, pose.q);
+        double x[max_columns];
+        screws.begin();
+        if (screws.solve(angle, pose.velocity, x)) {
+            ++solved;
+            check_rates(arm, pose, x);
+        } else {
+            CHECK(pitch < 0.01);
+        }
+    }
+    CHECK(solved > 20);
+    pose.q[4] = 0;
+    JointAngles<double> angle;
+    angle.set(arm.chain, pose.q);
+    double x[max_columns];
+    CHECK(!screws.solve(angle, pose.velocity, x));
+    // The pose after it needs no order of its own.
+    pose.q[4] = 1;
+    angle.set(arm.chain, pose.q);
+    CHECK(screws.solve(angle, pose.velocity, x));
+}
+
+// The first column of one order vanishes where that of another does not.
+void changes_the_order() {
+    int changed = 0;
+    for (int i = 0; i < 200 && changed < 5; ++i) {
+        const Arm arm = random_arm(6, Shape::industrial);
+        ScrewRates<double> screws = screws_of<double>(arm);
+        if (!screws.works()) continue;
+        const Pose pose = random_pose();
+        JointAngles<double> angle;
+        angle.set(arm.chain, pose.q);
+        double x[max_columns];
+        if (!screws.solve(angle, pose.velocity, x)) continue;
+        // From now on the order is that of this pose, and others must not spoil it.
+        const std::vector<double> alone(x, x + 6);
+        for (int k = 0; k < 20; ++k) {
+            const Pose other = random_pose();
+            JointAngles<double> other_angle;
+            other_angle.set(arm.chain, other.q);
+            screws.begin();
+            screws.solve(other_angle, other.velocity, x);
+        }
+        screws.begin();
+        CHECK(screws.solve(angle, pose.velocity, x));
+        const double most = largest(x, 6);
+        bool same = true;
+        for (std::size_t f = 0; f < 6; ++f) {
+            CHECK_NEAR(x[f], alone[f], 1e-9 * most);
+            same = same && x[f] == alone[f];
+        }
+        changed += !same;
+    }
+    CHECK(changed == 5);
+}
+
+void what_it_does_not_serve() {
+    Arm arm = random_arm(7, Shape::general);
+    CHECK(screws_of<double>(arm).works());
+    arm.free = {0, 1, 2, 3, 4};
+    CHECK(!screws_of<double>(arm).works());
+    CHECK(!screws_of<double>(random_arm(8, Shape::general)).works());
+    std::vector<JointSpec> joints(6);
+    for (JointSpec& joint : joints) joint.axis = random_chain::random_unit();
+    joints[2].prismatic = true;
+    CHECK(!ScrewRates<double>(Chain(joints), std::vector{0, 1, 2, 3, 4, 5}.data(), 6, {5, {}}).works());
+    for (JointSpec& joint : joints) joint = JointSpec{.origin = {0.1, 0, 0}};
+    CHECK(!ScrewRates<double>(Chain(joints), std::vector{0, 1, 2, 3, 4, 5}.data(), 6, {5, {}}).works());
+}
+
+void small_turns() {
+    const std::vector<JointSpec> joints(1);
+    const Chain chain(joints);
+    JointAngles<double> angle;
+    for (int i = 0; i < 1000; ++i) {
+        const double q = checks::uniform(-pi, pi), by = checks::uniform(-1, 1) * largest_small_turn;
+        angle.set(chain, 0, q);
+        angle.turn(0, by);
+        CHECK_NEAR(angle.sin[0], std::sin((long double)q + by), 3e-16);
+        CHECK_NEAR(angle.cos[0], std::cos((long double)q + by), 3e-16);
+    }
+}
+
+}  // namespace
+
+int main() {
+    for (const Shape shape : {Shape::general, Shape::industrial}) {
+        one_by_one(6, shape);
+        one_by_one(7, shape);
+        one_by_one(7, shape, 2);
+        one_by_one(7, shape, 6);
+        one_by_one(8, shape, 4);
+        in_lanes<Lanes<2>>(6, shape);
+        in_lanes<Lanes<4>>(6, shape);
+        in_lanes<Lanes<8>>(7, shape);
+    }
+    near_a_singularity();
+    changes_the_order();
+    what_it_does_not_serve();
+    small_turns();
+    return checks::result();
+}
