@@ -220,3 +220,18 @@ def test_a_period_that_no_loop_has_is_refused(period: str, tmp_path: Path, capsy
     status, _, err = run(capsys, *words, "--period", period)
     assert status == 2
     assert err.startswith(f"error: --period: is {float(period)}; wanted ")
+
+
+def test_files_of_a_run_that_was_blind_all_the_time(
+    pushed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is left to be written as residuals, not even those of an earlier run, and all else is told."""
+    given = ("--robot", "ur5e", "--thresholds", "20,20,20,9,9,9", "--out", tmp_path / "out")
+    assert run(capsys, "detect", pushed, *given)[0] == 0
+    short = tmp_path / "short.parquet"
+    Recording.load(pushed).between(0.0, 0.02).save(short)
+    status, text, _ = run(capsys, "detect", short, *given)
+    assert status == 0
+    assert "no residuals.parquet: the detector was blind all the time" in text
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"events.json", "residuals.svg", "residuals.png"}
+    assert json.loads((tmp_path / "out" / "events.json").read_text(encoding="utf-8"))["rows"] == 6

@@ -110,7 +110,8 @@ def detect(
     if log.report.rows_dropped:
         typer.echo(f"rows dropped while reading: {log.report.rows_dropped} of {log.report.rows_read}")
     if out is not None:
-        typer.echo(f"figures: {out}")
+        missing = ", no residuals.parquet: the detector was blind all the time" if run.blind.all() else ""
+        typer.echo(f"figures: {out}{missing}")
 
 
 def detector(
@@ -207,4 +208,7 @@ def _write(run: DetectionRun, arm: Robot, events: str, folder: Path) -> None:
         (folder / "residuals.svg").write_text(drawn.svg, encoding="utf-8")
         (folder / "residuals.png").write_bytes(drawn.png)
         (folder / "events.json").write_text(events + "\n", encoding="utf-8")
-        run.save_residuals(folder / "residuals.parquet")
+        # Those of an earlier run are none of this one.
+        (folder / "residuals.parquet").unlink(missing_ok=True)
+        if not run.blind.all():
+            run.save_residuals(folder / "residuals.parquet")

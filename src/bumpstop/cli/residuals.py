@@ -63,8 +63,11 @@ def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
 
 def load_run(
     path: Path, thresholds: Thresholds, origin: Origin, arming_delay_s: float, rearm_s: float
-) -> tuple[ResidualSeries, DetectionRun, list[str]]:
-    """Residuals of a recording without its blind rows, what the detector made of them, and what to know of them."""
+) -> tuple[ResidualSeries | None, DetectionRun, list[str]]:
+    """Residuals of a recording without its blind rows, what the detector made of them, and what to know of them.
+
+    There are none where fewer than two rows are left.
+    """
     from bumpstop.detection import ResidualSeries, detect
 
     model, arm = origin.parts
@@ -72,8 +75,11 @@ def load_run(
     with as_options(DETECTOR_OPTIONS):
         settings = replace(origin.settings, arming_delay_s=arming_delay_s)
         run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
-    seen = ~run.blind
-    return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run, [*dropped(log, path), *run.notes]
+    seen, notes = ~run.blind, [*dropped(log, path), *run.notes]
+    if seen.sum() < 2:
+        dark = f"{run.t.size - seen.sum()} of {run.t.size} rows"
+        return None, run, [*notes, f"Other thresholds are not compared: the detector was blind in {dark}."]
+    return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run, notes
 
 
 def dropped(log: Recording, path: Path) -> list[str]:

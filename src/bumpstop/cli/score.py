@@ -16,7 +16,7 @@ from bumpstop.errors import InputError
 from bumpstop.text_files import read_text
 
 if TYPE_CHECKING:
-    from bumpstop.detection import Label, Roc, Score, Tolerance
+    from bumpstop.detection import Label, ResidualSeries, Roc, Score, Tolerance
     from bumpstop.detection.scoring import Interval
 
 _MOST_BYTES = 100_000_000  # of events
@@ -104,6 +104,8 @@ def _print(found: Score, roc: Roc | None) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from bumpstop.detection.labels import time_text
+
     console = Console(highlight=False, markup=False, soft_wrap=True)
     data = found.to_json()
     low, high = found.false_alarms_per_hour_interval()
@@ -117,10 +119,10 @@ def _print(found: Score, roc: Roc | None) -> None:
         delays = ", ".join(f"{key} {1e3 * value:.4g}" for key, value in data["delay_s"].items())
         console.print(f"delay, ms: {delays}")
     for start in data["false_alarm_times_s"][:20]:
-        console.print(f"  false alarm at {start:.6g} s")
+        console.print(f"  false alarm at {time_text(start)} s")
     for label, late in zip(found.labels, found.delay_s, strict=True):
         if math.isnan(late):
-            console.print(f"  missed: {label.start_s:.6g} to {label.end_s:.6g} s {label.kind}".rstrip())
+            console.print(f"  missed: {time_text(label.start_s)} to {time_text(label.end_s)} s {label.kind}".rstrip())
     if found.repeated:
         console.print(f"{found.repeated} more events inside labels that were detected before")
     if found.outside:
@@ -145,13 +147,14 @@ def _of_residuals(
     arming_delay_s: float,
     rearm_s: float,
     tolerance: Tolerance,
-) -> tuple[Score, Roc, list[str]]:
+) -> tuple[Score, Roc | None, list[str]]:
     """Events of a recording are those of the detector; residuals alone are compared with constant thresholds."""
     import numpy as np
 
     from bumpstop.detection import DetectorSettings, event_times, gaps, roc, scaled_residual, score
     from bumpstop.detection.rate import period_of
 
+    series: ResidualSeries | None
     notes: list[str] = []
     if holds_residuals(file):
         series = residuals_of(file, origin)
@@ -167,5 +170,9 @@ def _of_residuals(
         times = np.array([event.t for event in run.events])
         watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()
     whole = score(times, labels, watched, blind=blind, tolerance=tolerance)
-    factors = roc(series, given.constant, labels, _FACTORS, rearm_s=rearm_s, tolerance=tolerance)
+    if series is None:
+        return whole, None, notes
+    factors = roc(
+        series, given.constant, labels, _FACTORS, rearm_s=rearm_s, tolerance=tolerance, watched=watched, blind=blind
+    )
     return whole, factors, notes

@@ -29,6 +29,11 @@ class Label:
     kind: str = ""
 
 
+def time_text(t: float) -> str:
+    """A time as people are told it [s]: to a tenth of a millisecond, also where the clock counts from long ago."""
+    return f"{t:.4f}".rstrip("0").rstrip(".") if abs(t) < 1e10 else f"{t:.15g}"
+
+
 def load_labels(path: str | Path) -> tuple[Label, ...]:
     """Read labels, in order of time: CSV with the header ``start_s,end_s[,kind]``.
 
@@ -62,13 +67,15 @@ def checked_labels(labels: Sequence[Label], where: str = "labels") -> tuple[Labe
     for label in ordered:
         if not label.start_s < label.end_s:
             raise InputError(
-                where, f"a contact from {label.start_s:g} to {label.end_s:g} s", "wanted an end after its start"
+                where,
+                f"a contact from {time_text(label.start_s)} to {time_text(label.end_s)} s",
+                "wanted an end after its start",
             )
     for before, after in itertools.pairwise(ordered):
         if after.start_s < before.end_s:
             raise InputError(
                 where,
-                f"the contact at {after.start_s:g} s begins before that at {before.start_s:g} s ends",
+                f"the contact at {time_text(after.start_s)} s begins before that at {time_text(before.start_s)} s ends",
                 "wanted contacts one after the other",
             )
     return ordered

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.labels import Label, checked_labels
+from bumpstop.detection.labels import Label, checked_labels, time_text
 from bumpstop.detection.residual_file import ResidualSeries
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
@@ -183,10 +183,13 @@ def score(
     edges = tolerance or Tolerance()
     begin, end = (as_number(value, "watched") for value in watched)
     if not begin < end:
-        raise InputError("watched", f"{begin:g} to {end:g} s is no time", "wanted an end after its start")
+        raise InputError(
+            "watched", f"{time_text(begin)} to {time_text(end)} s is no time", "wanted an end after its start"
+        )
     if times.size and not begin <= times[0] <= times[-1] <= end:
         wrong = times[0] if times[0] < begin else times[-1]
-        raise InputError("events", f"one is at {wrong:g} s", f"the recording is from {begin:g} to {end:g} s")
+        valid = f"the recording is from {time_text(begin)} to {time_text(end)} s"
+        raise InputError("events", f"one is at {time_text(wrong)} s", valid)
     dark = _merged(blind, begin, end)
     ordered = checked_labels(labels)
     inside = np.array([begin <= label.start_s and label.end_s <= end for label in ordered], dtype=bool)
@@ -224,10 +227,12 @@ def roc(
     *,
     rearm_s: float = 0.5,
     tolerance: Tolerance | None = None,
+    watched: Interval | None = None,
+    blind: Sequence[Interval] | None = None,
 ) -> Roc:
     """Score the residuals of a recording at thresholds times each of several factors.
 
-    Events are those of :func:`event_times`. Gaps in time count as blind.
+    Events are those of :func:`event_times`.
 
     Args:
         series: residuals.
@@ -236,6 +241,8 @@ def roc(
         factors: (M,) positive.
         rearm_s: quiet time after which there may be another event [s].
         tolerance: as of :func:`score`.
+        watched: first and last time of the recording, where not all its rows are residuals; default: theirs [s].
+        blind: times from and to when there are no residuals; default: the gaps between them [s].
 
     Raises:
         InputError: no factor, one that is not positive, or thresholds of another number of joints.
@@ -248,8 +255,8 @@ def roc(
         score(
             event_times(series, scaled, float(factor), rearm_s),
             labels,
-            (float(series.t[0]), float(series.t[-1])),
-            blind=gaps(series),
+            watched or (float(series.t[0]), float(series.t[-1])),
+            blind=gaps(series) if blind is None else blind,
             tolerance=tolerance,
         )
         for factor in steps
@@ -334,7 +341,7 @@ def _merged(intervals: Sequence[Interval], begin: float, end: float) -> list[Int
     merged: list[Interval] = []
     for a, b in sorted(intervals):
         if not a <= b:
-            raise InputError("blind", f"from {a:g} to {b:g} s", "wanted an end after its start")
+            raise InputError("blind", f"from {time_text(a)} to {time_text(b)} s", "wanted an end after its start")
         low, high = max(a, begin), min(b, end)
         if low >= high:
             continue

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.detection.labels import time_text
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, plain_ticks, stack
@@ -50,7 +51,7 @@ class DetectionsPart(Part):
         score = self.score
         low, high = score.false_alarms_per_hour_interval()
         rows = [
-            (f"{label.start_s:.6g} s", label.kind or "-", _delay(late), "blind" if dark else "")
+            (f"{time_text(label.start_s)} s", label.kind or "-", _delay(late), "blind" if dark else "")
             for label, late, dark in zip(score.labels, score.delay_s, score.blind, strict=True)
         ]
         return [

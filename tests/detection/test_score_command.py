@@ -1,0 +1,70 @@
+"""``bumpstop score`` of recordings in which the detector was blind, and of clocks that count from long ago."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bumpstop.model import inverse_dynamics
+from bumpstop.recording import Recording
+from cli.support import run, strict_json
+from detection.moving_arms import UR5E
+
+ARM = ("--robot", "ur5e", "--thresholds", "20,20,20,9,9,9")
+
+
+def pushed(path: Path, blind_until_s: float = 0.0, start_s: float = 0.0) -> Path:
+    """Two seconds with a push from 1.5 s on; before, the wrist may be beyond its limits: blind there."""
+    t = 0.004 * np.arange(501)
+    q = 0.2 + 0.3 * t[:, None] * np.ones(6)
+    tau = inverse_dynamics(UR5E, q, np.full_like(q, 0.3), 0 * q)
+    tau[375:400, 1] += 30
+    q[t < blind_until_s, 5] += 10
+    Recording(t=start_s + t, q=q, tau=tau).save(path)
+    return path
+
+
+def scored(tmp_path: Path, *given: object) -> dict[str, Any]:
+    labels = tmp_path / "labels.csv"
+    labels.write_text("start_s,end_s\n0.4,0.6\n1.5,1.6\n")
+    done = run("score", *given, "--labels", labels, "--json")
+    assert done.status == 0, done.err
+    return strict_json(done.out)
+
+
+@pytest.mark.parametrize(("blind_until_s", "missed"), [(0.0, 1), (1.0, 1), (2.5, 2), (1.999, 2)])
+def test_a_recording_scores_as_its_events_do_also_where_the_detector_was_blind(
+    blind_until_s: float, missed: int, tmp_path: Path
+) -> None:
+    log, events = pushed(tmp_path / "log.parquet", blind_until_s), tmp_path / "events.json"
+    events.write_text(run("detect", log, *ARM, "--json").out)
+    found, wanted = scored(tmp_path, log, *ARM), scored(tmp_path, events)
+    assert (found["missed"], found["missed_blind"]) == (missed, missed if blind_until_s else 0)
+    counted = set(wanted) - {"notes"}
+    assert {key: found[key] for key in counted} == {key: wanted[key] for key in counted}
+    if blind_until_s < 1.5:
+        (here,) = (row for row in found["roc"] if row["factor"] == 1)
+        assert {key: here[key] for key in ("detected", "missed", "false_alarms_per_hour")} == {
+            key: found[key] for key in ("detected", "missed", "false_alarms_per_hour")
+        }
+    else:
+        assert "roc" not in found
+        (note,) = (note for note in found["notes"] if "Other thresholds" in note)
+        assert "blind in 501 of 501 rows" in note
+        assert any("wrist_3_joint: at 10.2, beyond its limits" in note for note in found["notes"])
+
+
+def test_times_of_a_clock_that_counts_from_long_ago_are_told_to_their_digits(tmp_path: Path) -> None:
+    start_s = 1_700_000_000.0
+    log, labels, out = pushed(tmp_path / "log.parquet", start_s=start_s), tmp_path / "labels.csv", tmp_path / "out"
+    labels.write_text("start_s,end_s\n1700000000.4,1700000000.6\n")
+    done = run("score", log, *ARM, "--labels", labels, "--out", out)
+    assert "false alarm at 1700000001.5 s\n" in done.out
+    assert "missed: 1700000000.4 to 1700000000.6 s\n" in done.out
+    assert "1700000000.4 s" in (out / "report.html").read_text()
+    labels.write_text("start_s,end_s\n1700000000.4,1700000000.6\n1700000000.5,1700000000.7\n")
+    refused = run("score", log, *ARM, "--labels", labels)
+    assert "the contact at 1700000000.5 s begins before that at 1700000000.4 s ends" in refused.err
