@@ -43,7 +43,7 @@ def near_matches(name: str, known: Iterable[str]) -> str:
     Returns:
         ``"did you mean 'a' or 'b'?"``, or ``"valid: a, b, c"``; a very long list is cut.
     """
-    names = list(known)
+    names = list(dict.fromkeys(known))  # a link may be the tip as well
     spelling = {known_name.casefold(): known_name for known_name in names}
     wanted = name.casefold()
     close = difflib.get_close_matches(wanted, spelling, n=3, cutoff=0.6)

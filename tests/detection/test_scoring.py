@@ -110,6 +110,7 @@ def test_refusals() -> None:
         ([-1.0], {}, "events: one is at -1 s; the recording is from 0 to 3600 s"),
         ([math.nan], {}, "events.0.: is nan"),
         ([], {"watched": (5.0, 5.0)}, "watched: 5 to 5 s is no time"),
+        ([], {"watched": (-1e308, 1e308)}, "watched: -1e.308 to 1e.308 s is no time"),
         ([], {"labels": (Label(1, 3), Label(2, 4))}, "the contact at 2 s begins before that at 1 s ends"),
         ([], {"labels": (Label(3, 3),)}, "a contact from 3 to 3 s"),
         ([], {"blind": [(5.0, 4.0)]}, "blind: from 5 to 4 s"),

@@ -184,6 +184,9 @@ def test_links_are_found_by_name() -> None:
         arm.pose(np.zeros(7), "gripper")
     with pytest.raises(InputError, match=r"^link: sia5d has no link 3; valid: link_s, "):
         arm.frame(3)  # type: ignore[arg-type]
+    # A tip may be a link itself.
+    with pytest.raises(InputError, match=r"; valid: forearm$"):
+        robot((joint(),), tip_name="forearm").frame("gripper")
 
 
 FILE: dict[str, Any] = {

@@ -60,6 +60,7 @@ DETECTOR_OPTIONS = {
     "payload_change_kg": "--payload-change",
     "period_s": "--period",
     "rearm_s": "--rearm",
+    "link": "--link",
 }
 
 

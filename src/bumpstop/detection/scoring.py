@@ -182,7 +182,7 @@ def score(
     times = np.sort(as_float_array(events, "events", (None,)))
     edges = tolerance or Tolerance()
     begin, end = (as_number(value, "watched") for value in watched)
-    if not begin < end:
+    if not 0 < end - begin < math.inf:
         raise InputError(
             "watched", f"{time_text(begin)} to {time_text(end)} s is no time", "wanted an end after its start"
         )
