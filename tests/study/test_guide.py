@@ -12,6 +12,7 @@ import bumpstop as bs
 from bumpstop.study import run
 from bumpstop.study.equal_risk import allowed_force
 from bumpstop.study.parameters import ParameterStudy
+from bumpstop.study.requirement import require
 from bumpstop.study.variable import Variable
 from collision.cases import control_group, ur10e
 
@@ -159,6 +160,25 @@ def test_the_guide_finds_what_meets_limits_and_false_alarms_at_once(name: str) -
         cost = sum(abs(value - start[key]) for key, value in zip(ends, values, strict=True))
         if cost < guide["together"]["cost"] * (1 - 1e-4):
             assert not acceptable(dict(zip(ends, values, strict=True))), "a cheaper plan was overlooked"
+
+
+def test_no_arm_is_slowed_until_it_does_not_arrive() -> None:
+    """In 0.4 s an arm slower than 75 mm/s does not get to a body 30 mm away, which makes it no safer to meet."""
+    scenario = control_group(
+        motion__velocity_mm_s=[0.0, 0.0, -80.0],
+        motion__duration_s=0.4,
+        contact__offset_law="fixed",
+        contact__offset_mm=30.0,
+        contact__area_cm2=2.0,
+    )
+    study = ParameterStudy.of(scenario, vary=["motion.speed=20:80:4"], prices=["motion.speed=1"])
+    rows, summary = run(study)
+    assert rows["no_contact"].max() == 0
+    harshest = require(scenario, "motion.speed").value
+    assert harshest is not None
+    assert harshest < 70
+    # Against a body at a fixed distance the risk is a sawtooth: the guide may stop at a tooth that is a little higher.
+    assert summary["guide"]["together"]["values"]["motion.speed"] == pytest.approx(harshest, rel=0.03)
 
 
 def test_a_guide_that_finds_nothing_says_why() -> None:

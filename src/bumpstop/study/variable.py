@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError, near_matches
+from bumpstop.study.horizon import duration_s
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario import Scenario
 
 # Names for what is more than one key: with unit, and what they mean.
 ALIASES = {
-    "motion.speed": ("mm/s", "speed of the tip; the direction of motion.velocity_mm_s stays"),
+    "motion.speed": ("mm/s", "speed of the tip; the direction stays, and slower arms get longer to go as far"),
     "detector.thresholds": ("Nm", "lowest threshold; the others in proportion, the noise stays"),
     "detector.thresholds_and_noise": ("Nm", "lowest threshold; the others and the noise in proportion"),
     "contact.padding": ("N/m", "contact.padding_N_m"),
@@ -139,7 +140,11 @@ class Variable:
         if self.name == "motion.speed":
             assert scenario.motion.velocity_mm_s is not None
             factor = value / self.value(scenario)
-            return {"motion.velocity_mm_s": [factor * v for v in scenario.motion.velocity_mm_s]}
+            # In the same time a slow arm would not get to the body, and seem harmless.
+            return {
+                "motion.velocity_mm_s": [factor * v for v in scenario.motion.velocity_mm_s],
+                "motion.duration_s": duration_s(scenario, factor),
+            }
         if self.name in ("detector.thresholds", "detector.thresholds_and_noise"):
             factor = value / self.value(scenario)
             changes: dict[str, Any] = {"detector.thresholds_Nm": [factor * t for t in detector.thresholds_Nm]}
