@@ -11,6 +11,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.study import run
 from bumpstop.study.equal_risk import allowed_force
+from bumpstop.study.guide import cheapest
 from bumpstop.study.parameters import ParameterStudy
 from bumpstop.study.requirement import require
 from bumpstop.study.variable import Variable
@@ -160,6 +161,41 @@ def test_the_guide_finds_what_meets_limits_and_false_alarms_at_once(name: str) -
         cost = sum(abs(value - start[key]) for key, value in zip(ends, values, strict=True))
         if cost < guide["together"]["cost"] * (1 - 1e-4):
             assert not acceptable(dict(zip(ends, values, strict=True))), "a cheaper plan was overlooked"
+
+
+def test_the_guide_does_not_stay_beside_the_cheapest_single_change() -> None:
+    """Softer padding alone is enough; a larger area and a harder stop together are a sixth cheaper."""
+    scenario = control_group(
+        motion__velocity_mm_s=[0.0, 0.0, -79.0],
+        contact__area_cm2=2.0,
+        contact__padding_N_m=240e3,
+        reaction__latency_s=0.009,
+    )
+    prices = {"contact.padding": 1.64e-6, "reaction.joint_acceleration_rad_s2": 0.0364, "contact.area_cm2": 0.171}
+    ranges = ["contact.padding=24e3:240e3", "reaction.joint_acceleration_rad_s2=3.6:22.5", "contact.area_cm2=2:4"]
+    study = ParameterStudy.of(scenario, ranges, prices=[f"{key}={price}" for key, price in prices.items()])
+    plan = cheapest(scenario, study.prices).together
+    assert plan is not None
+    other = {"reaction.joint_acceleration_rad_s2": 10.5, "contact.area_cm2": 2.25}
+    assert bs.evaluate(scenario.with_values(other)).verdict.acceptable
+    assert plan.cost <= sum(prices[key] * (value - Variable(key).value(scenario)) for key, value in other.items())
+
+
+def test_one_key_of_many_whole_steps_has_a_cheapest_one() -> None:
+    scenario = control_group(contact__area_cm2=2.0, reaction__latency_s=0.1)
+    study = ParameterStudy.of(scenario, ["reaction.latency_s=0:0.1"], prices=["reaction.latency_s=100"])
+    plan = cheapest(scenario, study.prices).together
+    assert plan is not None
+    longest = plan.values["reaction.latency_s"]
+    for latency, meets in ((longest, True), (longest + scenario.simulation.step_s, False)):
+        assert bs.evaluate(scenario.with_values({"reaction.latency_s": latency})).verdict.acceptable == meets
+
+
+def test_too_many_whole_steps_are_refused_before_the_first_law() -> None:
+    scenario = control_group(contact__area_cm2=2.0, reaction__latency_s=0.1)
+    prices = ["reaction.latency_s=100", "motion.speed=1"]
+    with pytest.raises(bs.InputError, match=r"--price: 101 combinations of whole steps.*wanted at most 64"):
+        ParameterStudy.of(scenario, ["reaction.latency_s=0:0.1", "motion.speed=30:50"], prices=prices)
 
 
 def test_no_arm_is_slowed_until_it_does_not_arrive() -> None:

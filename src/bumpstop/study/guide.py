@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 # Below this a false alarm is so rare that no digit of it matters, and its logarithm stays finite.
 _RAREST = 1e-30
-_MOST_COMBINATIONS = 64
+# Combinations of whole steps, with a search over all other variables for each, or with a law where there are none.
+_MOST_SEARCHES, _MOST_LAWS = 64, 4096
 # Values of one variable looked at, as many on either side of the present one.
 _LOOKS = 16
 # Rounds through all variables on the way to the mildest values: one may only matter where another has changed.
@@ -147,6 +148,19 @@ def cheapest(scenario: Scenario, prices: Sequence[Price]) -> Guide:
             + ("." if mild.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
         )
     return Guide(now, alone, together, reason)
+
+
+def check_whole_steps(scenario: Scenario, prices: Sequence[Price]) -> None:
+    """Refuse what :func:`cheapest` would, with too many whole steps to be tried, before a study has worked for long.
+
+    Raises:
+        InputError: there are too many quantised values.
+    """
+    if not any(price.swept.variable.quantum(scenario) for price in prices):
+        return
+    search = _Search(scenario, prices)
+    if not search.plan(search.start).meets:
+        search.combinations()
 
 
 class _Search:
@@ -280,18 +294,19 @@ class _Search:
         mild = self.plan(self.mild)
         if mild.meets and (best is None or mild.cost < best.cost):
             best = mild
-        combinations = self._combinations()
+        combinations = self.combinations()
         if best is None:
             # Where not even the mildest values are enough, those of quantised keys are the only ones worth a search.
             combinations = [{k: float(self.mild[k]) for k, quantum in enumerate(self.quantum) if quantum}]
         for fixed in combinations:
-            for begin in (self.mild, self.start) if best is None else (np.array(list(best.values.values())),):
+            for begin in (self.mild, self.start, *([] if best is None else [np.array(list(best.values.values()))])):
                 found = self._smooth(fixed, begin)
                 if found is not None and (best is None or found.cost < best.cost):
                     best = found
         return best
 
-    def _combinations(self) -> list[dict[int, float]]:
+    def combinations(self) -> list[dict[int, float]]:
+        """Whole steps of the quantised variables on the way to the mildest, each with each; their number is checked."""
         choices: dict[int, list[float]] = {}
         for k, quantum in enumerate(self.quantum):
             if quantum:
@@ -301,8 +316,10 @@ class _Search:
                     self.variables[k].quantised(self.scenario, self.start[k] + sign * i) for i in range(steps + 1)
                 ]
         count = math.prod(len(values) for values in choices.values())
-        if count > _MOST_COMBINATIONS:
-            raise InputError("--price", f"{count} combinations of quantised values", f"wanted {_MOST_COMBINATIONS}")
+        most = _MOST_LAWS if all(self.quantum) else _MOST_SEARCHES
+        if count > most:
+            problem = f"{count} combinations of whole steps of {', '.join(self.variables[k].name for k in choices)}"
+            raise InputError("--price", problem, f"wanted at most {most}: a narrower range, or fewer prices")
         return [dict(zip(choices, values, strict=True)) for values in itertools.product(*choices.values())]
 
     def _smooth(self, fixed: Mapping[int, float], begin: FloatArray) -> Plan | None:

@@ -12,7 +12,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.study.equal_risk import RISKS, equal_risk_curves
 from bumpstop.study.fits import R2_WANTED, fit_laws
-from bumpstop.study.guide import Price, cheapest
+from bumpstop.study.guide import Price, cheapest, check_whole_steps
 from bumpstop.study.study import Study, check_risk
 from bumpstop.study.variable import Range, Variable
 
@@ -122,6 +122,7 @@ class ParameterStudy(Study):
             priced.append(price)
         if found or priced:
             _check_limits(scenario)
+            check_whole_steps(scenario, priced)
         return cls(scenario, ranges, tuple(found), tuple(priced))
 
     @property
