@@ -197,7 +197,9 @@ class Plant:
         model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -kp, -kv
         model.dof_damping[motor] = 0.0
         controls = self._controls(command, kp, kv)
-        damping, against, slope, base = drives.resist(np.array(data.qpos[motor]), command.qd[0], self._needed(command))
+        damping, against, slope, base = drives.resist(
+            np.array(data.qpos[motor]), command.qd[0], self._needed(command.q[0], command.qd[0])
+        )
         longest = command.duration + _AFTERWARDS_S
         plans = [SamplePlan.draw(sensors, n, longest, STEP, COMMAND_STEP, seed) for sensors, seed in recorders]
         sample_at = np.unique(np.concatenate([plan.step[plan.kept] for plan in plans]))
@@ -300,9 +302,12 @@ class Plant:
             channels.wrench(-log.wrench[rows], plan.wrench[samples]),
         )
 
-    def _needed(self, command: Command) -> FloatArray:
-        """Torque that holds the start of a command at its rates (dof,) [Nm or N]."""
-        q, qd = command.q[0], command.qd[0]
+    def hanging(self, q: FloatArray) -> FloatArray:
+        """Where the links stand while the motors hold a pose: gears that give sag (dof,) [rad or m]."""
+        return q - self._needed(q, np.zeros_like(q)) / self.drives.stiffness
+
+    def _needed(self, q: FloatArray, qd: FloatArray) -> FloatArray:
+        """Torque that keeps the arm at these rates (dof,) [Nm or N]."""
         return inverse_dynamics(self._geared, q, qd, np.zeros_like(q), gravity=self.gravity)
 
     def _begin(self, command: Command) -> None:
@@ -312,9 +317,9 @@ class Plant:
         data.qpos[self._motor], data.qvel[self._motor] = q, qd
         soft, at = self._twist
         if len(soft):
-            data.qpos[at] = -self._needed(command)[soft] / self.drives.stiffness[soft]
-            data.qpos[self._motor] -= _scattered(data.qpos[at], soft, self.robot.dof)
-        self.drives.reset(np.array(data.qpos[self._motor]), qd, self._needed(command))
+            # The motors are where they are told to be, and the links hang in their gears.
+            data.qpos[at] = -self._needed(q, qd)[soft] / self.drives.stiffness[soft]
+        self.drives.reset(q, qd, self._needed(q, qd))
         mj.mj_forward(model, data)
         for thing, force in zip(self.objects, self._contact_forces(), strict=True):
             if force > 0:
@@ -373,12 +378,6 @@ class Plant:
     def truth(self) -> dict[str, Any]:
         """What the plant is made of, for a TOML file."""
         return truth_of(self)
-
-
-def _scattered(values: FloatArray, at: npt.NDArray[np.int64], n: int) -> FloatArray:
-    out = np.zeros(n)
-    out[at] = values
-    return out
 
 
 def import_mujoco() -> Any:

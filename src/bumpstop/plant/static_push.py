@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import as_float_array
+from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
-from bumpstop.plant.command import line
+from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction, line
 
 if TYPE_CHECKING:
     from bumpstop.plant.objects import PlantObject
     from bumpstop.plant.plant import Plant
 
 _PUSHES_N = (20.0, 60.0)
+_PUSH_S, _HOLD_S = 0.2, 0.3
+# Of the contact point along the normal per joint: below it no joint moves it that way [m/rad or 1].
+_LEAST_LEVER = 1e-6
 
 
 def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
@@ -25,8 +28,9 @@ def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
 
     pose = as_float_array(q, "q", (arm.robot.dof,))
     n = np.array(thing.direction)
-    touch = arm.robot.pose(pose, *arm.contact)[:3, 3]
-    # A hair's breadth away, so that no rounding begins inside; the difference of the pushes does not know it.
+    # Where the links hang in their gears, or the first push might not get to the face; and a hair's breadth away, so
+    # that no rounding begins inside. The difference of the pushes does not know it.
+    touch = arm.robot.pose(arm.hanging(pose), *arm.contact)[:3, 3]
     x, y, z = (touch + 1e-6 * n).tolist()
     held = replace(thing, position=(x, y, z), body_mass=None)
     pushed = Plant(
@@ -42,22 +46,50 @@ def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
     )
     ways, forces = [], []
     for force in _PUSHES_N:
-        way, seconds = force / thing.stiffness, 0.2
-        begin = pose
-        command = line(
-            arm.robot,
-            begin,
-            tuple((n * way / seconds).tolist()),
-            duration=seconds,
-            start="rest",
-            joint_acceleration=4.5,
-            task="pose" if arm.robot.dof >= 6 else "position",
-            hold=0.3,
-        )
+        command = _push(arm, pose, n * force / thing.stiffness)
         run = pushed.run(command)
-        end = arm.robot.pose(command.q[-1], *arm.contact)[:3, 3]
+        end = arm.robot.pose(arm.hanging(command.q[-1]), *arm.contact)[:3, 3]
         ways.append(float(n @ (end - touch)))
         forces.append(float(run.trace.contact_force[-1, 0]))
     if not ways[1] - ways[0] > 1e-9:
-        raise InputError("series_stiffness", "the arm does not move along the object's normal here")
+        raise _immovable()
     return (forces[1] - forces[0]) / (ways[1] - ways[0])
+
+
+def _push(arm: Plant, pose: FloatArray, way: FloatArray) -> Command:
+    """A little way from rest to rest (3,) [m], and a while there."""
+    try:
+        return line(
+            arm.robot,
+            pose,
+            tuple((way / _PUSH_S).tolist()),
+            duration=_PUSH_S,
+            start="rest",
+            joint_acceleration=4.5,
+            task="pose" if arm.robot.dof >= 6 else "position",
+            hold=_HOLD_S,
+        )
+    except InputError:
+        # Too few joints for a line, or none that is straight from here.
+        return _by_joints(arm, pose, way)
+
+
+def _by_joints(arm: Plant, pose: FloatArray, way: FloatArray) -> Command:
+    """By those joints that move the contact point that way, as far as they do."""
+    far = float(np.linalg.norm(way))
+    lever = (way / far) @ arm.robot.jacobian(pose, *arm.contact)[:3]
+    steepest = float(lever @ lever)
+    if steepest < _LEAST_LEVER**2:
+        raise _immovable()
+    t: FloatArray = np.arange(round((_PUSH_S + _HOLD_S) / COMMAND_STEP) + 1, dtype=np.float64) * COMMAND_STEP
+    u = np.minimum(t / _PUSH_S, 1.0)[:, None]
+    joints = lever * far / steepest
+
+    def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
+        raise InputError("reaction", "has no meaning in a static push", "leave it out")
+
+    return Command(pose + u * u * (3 - 2 * u) * joints, 6 * u * (1 - u) / _PUSH_S * joints, react)
+
+
+def _immovable() -> InputError:
+    return InputError("series_stiffness", "the arm does not move along the object's normal here")
