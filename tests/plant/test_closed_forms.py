@@ -14,7 +14,7 @@ from bumpstop.collision.trajectory import Trajectory
 from bumpstop.errors import InputError
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
 from bumpstop.model import Joint, LinkInertia, Robot, inverse_dynamics
-from bumpstop.plant import Command, Experiment, Gears, Plant, PlantObject, Sample, Sensors, Servo, along
+from bumpstop.plant import Command, Experiment, Gears, Plant, PlantObject, Sample, Sensors, Servo, along, mjcf
 from bumpstop.plant.drive import Drives
 from bumpstop.plant.sensors import SamplePlan
 
@@ -69,8 +69,8 @@ def without_end(q: Floats, qd: Floats) -> Command:
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -20.0), (30.0, 0.0, 20.0)])
 def test_the_servo_knows_the_torque_of_the_motion(gravity: tuple[float, float, float]) -> None:
     """Without friction the arm is where it should be; it would lag by what is left out over the servo's stiffness."""
-    robot, command = pendulum(rotor=1.0), swing(0.8, 0.5)
-    run = Plant(robot, gravity=gravity).run(command)
+    robot, command = pendulum(), swing(0.8, 0.5)
+    run = Plant(robot, friction=Gears(rotor_inertia=1.0), gravity=gravity).run(command)
     stiffness = (INERTIA + 1.0) * (2 * math.pi * 100) ** 2
     shares = (
         np.abs(inverse_dynamics(robot, command.q, 0 * command.qd, 0 * command.qd, gravity=gravity)).max(),
@@ -128,6 +128,10 @@ def test_a_soft_gear_sags_by_the_weight_over_its_stiffness() -> None:
     assert encoders == pytest.approx(angle, abs=2e-4)
     sag = link - encoders
     assert sag == pytest.approx(MASS * GRAVITY * CENTRE * math.cos(link) / stiffness, rel=2e-3)
+    # It hangs there from the begin: nothing has to be lifted first.
+    current = run.recording.current
+    assert current is not None
+    np.testing.assert_allclose(current[:, 0], -MASS * GRAVITY * CENTRE * math.cos(link), rtol=0.01)
 
 
 def test_samples_are_of_one_instant() -> None:
@@ -332,9 +336,62 @@ def test_hysteresis_at_once_in_one_joint_and_over_a_way_in_another() -> None:
     drives.resist(np.full(2, 1e-2), np.full(2, 1.0), np.zeros(2))
     against = drives.resist(np.full(2, 1e-2), np.zeros(2), np.zeros(2))[1]
     np.testing.assert_allclose(against, [5.0, 5.0 * (1 - math.exp(-1))], rtol=1e-9)
+    # Creeping back turns round what has a way, and leaves the memory of the other as it is.
+    creep = np.full(2, -0.005)
+    against = (
+        drives.resist(np.full(2, -1e-2), creep, np.zeros(2))[1]
+        - drives.resist(np.full(2, -1e-2), creep, np.zeros(2))[3]
+    )
+    np.testing.assert_allclose(against, [5.0, 5.0 * (-1 + (2 - math.exp(-1)) * math.exp(-2))], rtol=1e-9)
     # A motion that begins at speed has turned it round already.
     drives.reset(np.zeros(2), np.full(2, -1.0))
     np.testing.assert_allclose(drives.resist(np.zeros(2), np.zeros(2), np.zeros(2))[1], -5.0)
+
+
+def test_a_plate_swings_and_comes_to_rest_as_its_figures_say() -> None:
+    """With 0.3 of the critical damping where nothing is said: each half swing leaves exp(-0.3 pi / sqrt(0.91))."""
+    import mujoco
+
+    plate = PlantObject(name="plate", position=(2, 0, 0), normal=(0, 1, 0), stiffness=3700.0, mass=1.0)
+    model = mujoco.MjModel.from_xml_string(mjcf(pendulum(), objects=[plate]))
+    data = mujoco.MjData(model)
+    data.joint(plate.geom).qpos[0] = 0.01
+    path = []
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+        path.append(float(data.joint(plate.geom).qpos[0]))
+    assert -min(path) / 0.01 == pytest.approx(math.exp(-0.3 * math.pi / math.sqrt(0.91)), rel=0.02)
+    assert int(np.argmin(path)) * 2e-4 == pytest.approx(math.pi / math.sqrt(0.91 * 3700), rel=0.02)
+
+
+def test_a_face_is_as_wide_and_as_high_as_told() -> None:
+    """Of a wall the width is level."""
+    import mujoco
+
+    wall = PlantObject(name="wall", position=(2, 0, 0), normal=(0.6, 0.8, 0), stiffness=3700.0, size=(0.2, 0.05))
+    model = mujoco.MjModel.from_xml_string(mjcf(pendulum(), objects=[wall]))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    axes = data.geom(wall.geom).xmat.reshape(3, 3)
+    width, height, _ = model.geom(wall.geom).size
+    assert (width, height) == (0.2, 0.05)
+    assert abs(axes[2, 0]) < 1e-12
+    assert abs(axes[2, 1]) == pytest.approx(1.0)
+
+
+def test_what_touches_is_a_ball_about_the_contact_point() -> None:
+    """In the frame of a tip that is turned, and in that of its link."""
+    import mujoco
+
+    turned = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    robot = replace(pendulum(), tip_rotation=turned)
+    for link in (None, "l"):
+        model = mujoco.MjModel.from_xml_string(mjcf(robot, contact_link=link, contact_point=(0.01, 0.02, 0.03)))
+        data = mujoco.MjData(model)
+        data.qpos[0] = 0.3
+        mujoco.mj_forward(model, data)
+        place = robot.pose([0.3], link, (0.01, 0.02, 0.03))[:3, 3]
+        np.testing.assert_allclose(data.geom(":tool").xpos, place, atol=1e-12)
 
 
 def urdf(joints: int) -> str:
