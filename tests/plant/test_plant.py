@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -272,6 +273,11 @@ def test_gears_say_what_no_model_of_the_class_says() -> None:
     assert spread[1] > 1.3 * spread[0]
 
 
+def turned(acceleration: object) -> object:
+    command = line(source_arm(), STANDARD, DOWN, duration=0.1, held_joints=[7])
+    return command.reaction(10, PlantReaction(joint_acceleration=acceleration))  # type: ignore[arg-type]
+
+
 REFUSED = {
     "seed": ("seed", lambda: source_plant(-1)),
     "seed of text": ("seed", lambda: Plant(source_arm(), seed="1")),  # type: ignore[arg-type]
@@ -299,6 +305,32 @@ REFUSED = {
     "limits": ("pose[2]", lambda: line(source_arm(), [0, 9, 0, 0, 0, 0, 0], DOWN, duration=0.1)),
     "held": ("held_joints", lambda: line(source_arm(), STANDARD, DOWN, duration=0.1, held_joints=[8])),
     "too few joints": ("task", lambda: line(source_arm(), STANDARD, DOWN, duration=0.1, held_joints=[1, 2])),
+    "start": ("start", lambda: line(source_arm(), STANDARD, DOWN, duration=0.1, start="moved")),  # type: ignore[arg-type]
+    "task": ("task", lambda: line(source_arm(), STANDARD, DOWN, duration=0.1, task="line")),  # type: ignore[arg-type]
+    "hold": ("hold", lambda: line(source_arm(), STANDARD, DOWN, duration=0.1, hold=math.nan)),
+    "held text": (
+        "held_joints",
+        lambda: line(source_arm(), STANDARD, DOWN, duration=0.1, held_joints=["7"]),  # type: ignore[list-item]
+    ),
+    "no acceleration": (
+        "joint_acceleration",
+        lambda: line(
+            source_arm(), STANDARD, DOWN, duration=0.1, start="rest", joint_acceleration=-1.0, held_joints=[7]
+        ),
+    ),
+    "two accelerations": (
+        "joint_acceleration",
+        lambda: line(source_arm(), STANDARD, DOWN, duration=0.1, joint_acceleration=[4.5, 4.5], held_joints=[7]),
+    ),
+    "turn": ("reaction.kind", lambda: PlantReaction(kind="turn")),  # type: ignore[arg-type]
+    "latency": ("reaction.latency_s", lambda: PlantReaction(latency_s=math.nan)),
+    "reaction before its sample": ("reaction.latency_s", lambda: PlantReaction(latency_s=-0.1)),
+    "acceleration of text": ("reaction.joint_acceleration", lambda: turned("fast")),
+    "endless stribeck": ("friction.stribeck[1]", lambda: Plant(source_arm(), friction=Gears(stribeck=math.inf))),
+    "endless noise": ("sensors.current_noise[1]", lambda: Plant(source_arm(), sensors=Sensors(current_noise=math.inf))),
+    "rotor of text": ("friction.rotor_inertia", lambda: Plant(source_arm(), friction=Gears(rotor_inertia="x"))),  # type: ignore[arg-type]
+    "damping of gears": ("friction.damping_ratio", lambda: Gears(damping_ratio=-1.0)),
+    "size": ("object 'foam' size", lambda: below(0.01, "foam", size=(math.nan, 0.1))),  # type: ignore[arg-type]
     "reach": ("motion.offset_mm", lambda: pick_and_place(source_arm(), STANDARD, (2.0, 0, 0))),
 }
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
 
 if TYPE_CHECKING:
@@ -21,7 +21,13 @@ if TYPE_CHECKING:
 COMMAND_STEP = 1e-3
 SUBSTEPS = 5
 _LONGEST_S = 3600.0
+_LONGEST_LATENCY_S = 10.0
 _AFTERWARDS_S = 0.25
+
+
+Turn = Literal["reverse", "stop"]
+Start = Literal["moving", "rest"]
+Task = Literal["pose", "position"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +40,14 @@ class PlantReaction:
         latency_s: from the sample to the reaction; rounded up to whole milliseconds.
     """
 
-    kind: Literal["reverse", "stop"] = "reverse"
+    kind: Turn = "reverse"
     joint_acceleration: float | Sequence[float] = 4.5
     latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_name("reaction.kind", self.kind, get_args(Turn))
+        if not 0 <= as_number(self.latency_s, "reaction.latency_s") <= _LONGEST_LATENCY_S:
+            raise InputError("reaction.latency_s", f"is {self.latency_s} s", f"wanted 0 to {_LONGEST_LATENCY_S:g}")
 
 
 class _Reactions(Protocol):
@@ -72,12 +83,22 @@ class Command:
         """
         knot = min(knot, len(self.q) - 1)
         n = self.q.shape[1]
-        limit = np.broadcast_to(np.asarray(reaction.joint_acceleration, dtype=np.float64), (n,)).copy()
-        as_float_array(limit, "reaction.joint_acceleration", (n,))
-        if not (limit > 0).all():
-            raise InputError("reaction.joint_acceleration", f"is {limit.min():g}", "wanted numbers above 0")
+        limit = _accelerations(reaction.joint_acceleration, n, "reaction.joint_acceleration")
         q, qd = self.react(knot, reaction, limit, rest)
         return Command(q, qd, self.react)
+
+
+def _check_name(field: str, name: str, names: tuple[str, ...]) -> None:
+    if name not in names:
+        raise InputError(field, f"{name!r} is none", near_matches(str(name), names))
+
+
+def _accelerations(value: float | Sequence[float], n: int, field: str) -> FloatArray:
+    """A limit for all joints or one each, as (n,)."""
+    limit = np.full(n, as_number(value, field)) if np.ndim(value) == 0 else as_float_array(value, field, (n,))
+    if not (limit > 0).all():
+        raise InputError(field, f"is {limit.min():g}", "wanted numbers above 0")
+    return limit
 
 
 def line(
@@ -86,8 +107,8 @@ def line(
     velocity: Sequence[float],
     *,
     duration: float,
-    start: Literal["moving", "rest"] = "moving",
-    task: Literal["pose", "position"] = "pose",
+    start: Start = "moving",
+    task: Task = "pose",
     held_joints: Sequence[int] = (),
     joint_acceleration: float | Sequence[float] = 4.5,
     hold: float = 0.0,
@@ -121,14 +142,18 @@ def line(
         )
     if not COMMAND_STEP <= as_number(duration, "duration") <= _LONGEST_S:
         raise InputError("duration", f"is {duration} s", f"wanted {COMMAND_STEP} to {_LONGEST_S:g}")
-    held = [number - 1 for number in held_joints]
-    if any(not 0 <= j < n for j in held):
+    if not 0 <= as_number(hold, "hold") <= _LONGEST_S:
+        raise InputError("hold", f"is {hold} s", f"wanted 0 to {_LONGEST_S:g}")
+    _check_name("start", start, get_args(Start))
+    _check_name("task", task, get_args(Task))
+    limit = _accelerations(joint_acceleration, n, "joint_acceleration")
+    held = [number - 1 for number in held_joints if number in range(1, n + 1)]
+    if len(held) < len(held_joints):
         raise InputError("held_joints", f"{list(held_joints)} names a joint that is none", f"valid: 1 to {n}")
     free = [j for j in range(n) if j not in held]
     rows = 6 if task == "pose" else 3
     if len(free) < rows:
         raise InputError("task", f"{task!r} needs {rows} free joints, {len(free)} are free", "free more of them")
-    limit = np.broadcast_to(np.asarray(joint_acceleration, dtype=np.float64), (n,)).copy()
     steps = round(duration / COMMAND_STEP)
     tip_link, tip_point = robot.frame(None)
     setup = core.Setup(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
 
 if TYPE_CHECKING:
@@ -63,6 +63,8 @@ class Gears:
         if self.scatter_per not in get_args(ScatterPer):
             problem = f"{self.scatter_per!r} is none"
             raise InputError("friction.scatter_per", problem, near_matches(str(self.scatter_per), get_args(ScatterPer)))
+        if not 0 <= as_number(self.damping_ratio, "friction.damping_ratio") <= 2:
+            raise InputError("friction.damping_ratio", f"is {self.damping_ratio}", "wanted 0 to 2")
 
 
 class Drives:
@@ -275,10 +277,10 @@ class Drives:
         return np.asarray(self.scatter * draws[0] * np.clip(qd / self.rest, -1.0, 1.0))
 
 
-def per_joint(value: PerJoint, n: int, field: str, most: float = np.inf, least: float = 0.0) -> FloatArray:
+def per_joint(value: PerJoint, n: int, field: str, most: float = 1e6, least: float = 0.0) -> FloatArray:
     """A number for all joints or a list of one each, as (n,); refuses what is out of range."""
-    numbers = np.full(n, float(value)) if isinstance(value, int | float) else np.asarray(value, dtype=np.float64)
-    numbers = as_float_array(numbers, field, (n,), finite=False)
+    given = np.full(n, float(value)) if isinstance(value, int | float) else value
+    numbers = as_float_array(given, field, (n,), finite=False)
     for j in range(n):
         if not least <= numbers[j] <= most:
             raise InputError(f"{field}[{j + 1}]", f"is {numbers[j]:g}", f"wanted {least:g} to {most:g}")

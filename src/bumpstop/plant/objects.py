@@ -87,8 +87,8 @@ class PlantObject:
             if not least <= as_number(self.body_mass, f"{where} body_mass") <= 1e4:
                 problem = f"is {self.body_mass:g}, with {self.moving_mass:.3g} kg in its face"
                 raise InputError(f"{where} body_mass", problem, f"wanted {least:.3g} to 10000 kg")
-        if min(self.size) <= 0:
-            raise InputError(f"{where} size", f"is {self.size}", "wanted two lengths above 0")
+        if not all(0 < length < math.inf for length in self.size):
+            raise InputError(f"{where} size", f"is {self.size}", "wanted two finite lengths above 0")
 
     @classmethod
     def of(
