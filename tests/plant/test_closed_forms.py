@@ -52,7 +52,7 @@ def test_a_soft_gear_sags_by_the_weight_over_its_stiffness() -> None:
     assert encoders == pytest.approx(angle, abs=2e-4)
     sag = link - encoders
     assert sag == pytest.approx(MASS * GRAVITY * CENTRE * math.cos(link) / stiffness, rel=2e-3)
-    # It hangs there from the begin: nothing has to be lifted first.
+    # It hangs there from the beginning: nothing has to be lifted first.
     current = run.recording.current
     assert current is not None
     np.testing.assert_allclose(current[:, 0], -MASS * GRAVITY * CENTRE * math.cos(link), rtol=0.01)

@@ -25,13 +25,14 @@ class LineController {
     /// Poses far from those before come next.
     void begin() { screws_.begin(); }
 
-    /// As of `resolved_rates`, but for Conditioning::poor, which is not told. `posture`: of the state.
-    void find_rates(const ArmState<T>& state, const Posture<T>& posture, const Point3<T>& velocity, Rates<T>& found) {
-        if (!find_by_screws(state, velocity, found)) found = resolved_rates(chain_, motion_, posture, velocity);
-    }
-    /// The same where the posture, and the angles that screws do without, are not known.
+    /// As of `resolved_rates`, but for Conditioning::poor, which is not told.
     void find_rates(ArmState<T>& state, const Point3<T>& velocity, Rates<T>& found) {
-        if (find_by_screws(state, velocity, found)) return;
+        if (uses_screws_ && screws_.solve(state.angle, velocity, found.free)) {
+            found.conditioning = {T(0.0) > T(1.0), T(0.0) > T(1.0)};
+            slow_to_velocity_limits(motion_, found);
+            return;
+        }
+        // Screws do without some of the angles.
         state.refresh_angles(chain_);
         Posture<T> posture;
         forward_kinematics(chain_, state.q, state.angle, posture);
@@ -47,13 +48,6 @@ class LineController {
     }
 
   private:
-    bool find_by_screws(const ArmState<T>& state, const Point3<T>& velocity, Rates<T>& found) {
-        if (!uses_screws_ || !screws_.solve(state.angle, velocity, found.free)) return false;
-        found.conditioning = {T(0.0) > T(1.0), T(0.0) > T(1.0)};
-        slow_to_velocity_limits(motion_, found);
-        return true;
-    }
-
     template <int Free>
     MaskOf<T> step_of(Rates<T>& wanted, const Point3<T>& velocity, ArmState<T>& state) {
         // Inside the step sines and cosines follow small turns; where it ends they are worked out anew.

@@ -67,10 +67,10 @@ class LineTracer {
         }
     }
 
-    /// Posture and wanted rates where the arm is.
+    /// Posture and wanted rates where the arm is. By the last digits of these rates leaps are told to be long enough.
     void look() {
         forward_kinematics(chain_, state_.q, state_.angle, posture_);
-        controller_.find_rates(state_, posture_, velocity_, rates_);
+        rates_ = resolved_rates(chain_, motion_, posture_, velocity_);
     }
 
     /// One simulation step of the controller as it runs.
