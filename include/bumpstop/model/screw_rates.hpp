@@ -61,8 +61,8 @@ class ScrewRates {
     /// Poses far from those before come next.
     void begin() { gave_up_ = false; }
 
-    /// Writes the rates by free joint [rad/s] of least norm that give `velocity` (base frame, m/s). False, and `x` means
-    /// nothing, unless in all lanes they turn the tool by less than 1e-12 of the largest of them and no row of the
+    /// Writes the rates by free joint [rad/s] of least norm that give `velocity` (base frame, m/s) and do not turn the tool.
+    /// False, and `x` means nothing, unless in all lanes they do so to 2e-12 of the largest of them and no row of the
     /// Jacobian at the tip is within 1e-6 of those before it (see Conditioning).
     bool solve(const JointAngles<T>& angle, const Point3<T>& velocity, T* x) {
         Column column[max_joints];
@@ -73,7 +73,9 @@ class ScrewRates {
 
   private:
     static constexpr int longest_side = 4, most_others = 5;
-    static constexpr double largest_growth = 30, singular_sine = 1e-6;
+    /// What is subtracted from a row may be so many times greater than it: two subtractions lose three digits at most.
+    static constexpr double largest_growth = 30;
+    static constexpr double singular_sine = 1e-6;  ///< as of Conditioning
 
     /// A frame stands on the joint's axis and turns with the link: it is reached from that before by a shift in x and y,
     /// a turn about x, then a shift along and a turn about z. y is needed where axes are nearly parallel alone.
@@ -353,7 +355,9 @@ class ScrewRates {
     int middle_ = -1, last_ = 0;
     std::array<Link, max_joints> link_{};
     double next_y_ = 0, next_z_ = 0;  ///< moment of the joint after the middle by its rotation about y [m]
-    double inverse_sine_ = 1, reach_ = 1, least_determinant_ = 0;
+    double inverse_sine_ = 1;         ///< of the angle between the middle joint's axis and the next
+    double reach_ = 1;                ///< from the joints to the tip, at most and in the quadratic mean [m]
+    double least_determinant_ = 0;    ///< of what is left: below it a row of the Jacobian may be dependent [m3]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
