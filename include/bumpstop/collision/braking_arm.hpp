@@ -14,14 +14,14 @@ inline constexpr int longest_braking_leap = 128;  ///< sub-steps
 /// the length of leaps, and instruction sets, which round differently, must still agree to 1e-12: with 1e-10 they differ by
 /// 2e-12 where the arm is fast.
 inline constexpr double braking_leap_tolerance = 1e-11;
-/// The same in batches, where 1e-9 m are enough: over 0.5 s at 5 rad/s^2 the positions stay within 1e-10 rad of those of
+/// The same in batches, where 1e-9 m are enough: over 0.5 s at 5 rad/s^2 the positions stay within 1e-9 rad of those of
 /// the sub-steps. And where a reaction matters little, for nothing is gained by more.
-inline constexpr double loose_braking_leap_tolerance = 3e-7;
+inline constexpr double loose_braking_leap_tolerance = 3e-6;
 inline constexpr double loosest_braking_leap_tolerance = 1e-4;
 
 /// Of an arm that follows its line: while it lags behind, and while it has the rates asked for, relative to the largest.
 inline constexpr double tracing_leap_tolerance = 3e-7;
-inline constexpr double following_leap_tolerance = 3e-9;
+inline constexpr double following_leap_tolerance = 3e-8;
 
 /// Arms that change their rates as fast as they may: they brake, or lag behind a line. While the same joint limits the
 /// acceleration the changes of the rates are smooth, and many sub-steps are a leap; where they are not, the controller's
@@ -194,6 +194,16 @@ class BrakingArm {
             travelled_[f] = select(stays, travelled_before[f], travelled_[f] + to_position * correction[f]);
             state.q[j] = from_[f] + travelled_[f];
             state.qd[j] = select(stays, qd_before[f], state.qd[j] + to_rate * correction[f]);
+        }
+        // Next leaps go by the changes that belong to the corrected rates. The nearer the arm is to the rates asked for, the
+        // more an error of its own bends the change: with `load` sub-steps to go, changes of the rates before the correction
+        // make extrapolations unstable that are longer than some twentieth of them.
+        const MaskOf<T> lags = stood & !(has_rates | reaches);
+        T corrected[max_joints], corrected_load[max_joints];
+        limited_change(motion_, full_, wanted.free, state, corrected, corrected_load);
+        for (int f = 0; f < n; ++f) {
+            change[f] = select(lags, corrected[f], change[f]);
+            load[f] = select(lags, corrected_load[f], load[f]);
         }
         history_.push(stood & (count > T(0.0)), count, change, n);
         if (any(begins > T(0.0))) history_.keep_newest(begins > T(0.0));
