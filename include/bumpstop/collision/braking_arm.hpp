@@ -51,20 +51,23 @@ class BrakingArm {
             set_lane(from_[f], lane, lane_of(state.q[motion_.free_joint[f]], lane));
             set_lane(travelled_[f], lane, 0.0);
         }
-        known_[lane] = 0;
-        wish_[lane] = 1;
-        error_[lane] = std::numeric_limits<double>::infinity();
-        reached_[lane] = reaches_[lane] = false;
+        set_lane(known_, lane, 0.0);
+        set_lane(wish_, lane, 1.0);
+        set_lane(error_, lane, std::numeric_limits<double>::infinity());
+        T others = 1.0;
+        set_lane(others, lane, 0.0);
+        reached_ = reached_ & (others > T(0.0));
+        reaches_ = reaches_ & (others > T(0.0));
     }
     /// From here on changes need to be known so many times less well.
     void loosen(int lane, double times) { set_lane(slack_, lane, times); }
     /// The rates asked for were reached in the last sub-step.
-    bool reached(int lane) const { return reached_[lane]; }
+    bool reached(int lane) const { return lane_of(reached_, lane); }
     /// A singularity was near at an end of the last leap.
-    bool poor(int lane) const { return poor_[lane]; }
+    bool poor(int lane) const { return lane_of(poor_, lane); }
     /// Where the lane is, the rates asked for are at a singularity, or slowed by a velocity limit.
-    bool singular(int lane) const { return singular_[lane]; }
-    bool limited(int lane) const { return limited_[lane]; }
+    bool singular(int lane) const { return lane_of(singular_, lane); }
+    bool limited(int lane) const { return lane_of(limited_, lane); }
 
     /// Where a lane was, by free joint, `back` sub-steps before it got here: within its last leap.
     void before(int lane, const T& back, T* q, T* qd) const {
@@ -72,12 +75,13 @@ class BrakingArm {
         const UnevenHistory<T> own = history_.spread(lane, n);
         const T count = -back;
         const UnevenWeights<T> weights = own.template weights<true>(count);
+        const bool followed = lane_of(reaches_, lane);
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
             const double rate = lane_of(state.qd[j], lane);
             const T gained =
-                reaches_[lane] ? own.combine(weights.sum, f) : count * rate + own.combine(weights.sum_of_sums, f);
-            const T then = reaches_[lane] ? own.combine(weights.last, f) : rate + own.combine(weights.sum, f);
+                followed ? own.combine(weights.sum, f) : count * rate + own.combine(weights.sum_of_sums, f);
+            const T then = followed ? own.combine(weights.last, f) : rate + own.combine(weights.sum, f);
             q[f] = lane_of(state.q[j], lane) + motion_.substep() * gained;
             qd[f] = select(back > T(0.0), then, T(rate));
         }
@@ -90,19 +94,14 @@ class BrakingArm {
     template <class Look, class Accept>
     void advance(const int* most, int* gone, Look look, Accept accept) {
         const int n = motion_.free_count;
-        T count, known;
-        for (int lane = 0; lane < lanes; ++lane) {
-            const bool leaps = kind_ == Kind::follows || !reaches_[lane];
-            gone[lane] = known_[lane] == 0 ? 0 : std::min(leaps ? wish_[lane] : 1, most[lane]);
-            set_lane(count, lane, double(gone[lane]));
-            set_lane(known, lane, double(known_[lane]));
-        }
         const bool follows = kind_ == Kind::follows;
+        const MaskOf<T> begun = known_ > T(0.0);
+        const T known = known_, longest = load_whole<T>(most), wish = follows ? wish_ : select(reaches_, T(1.0), wish_);
+        const T count = select(begun, minimum(wish, longest), T(0.0));
         const UnevenWeights<T> weights =
             follows ? history_.template weights<true>(count) : history_.template weights<false>(count);
-        T following = 0.0;  // 1: the values known are the rates themselves, which the arm has
-        for (int lane = 0; follows && lane < lanes; ++lane) set_lane(following, lane, reaches_[lane] ? 1.0 : 0.0);
-        const MaskOf<T> has_rates = following > T(0.0);
+        // Where the values known are the rates themselves, which the arm has.
+        const MaskOf<T> has_rates = follows ? reaches_ : none();
         T travelled_before[max_joints], qd_before[max_joints];
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
@@ -124,8 +123,8 @@ class BrakingArm {
         Rates<T> wanted;
         if (kind_ == Kind::stops) {
             for (int f = 0; f < n; ++f) wanted.free[f] = 0.0;
-            wanted.conditioning = {T(0.0) > T(1.0), T(0.0) > T(1.0)};
-            wanted.velocity_limited = T(0.0) > T(1.0);
+            wanted.conditioning = {none(), none()};
+            wanted.velocity_limited = none();
             wanted.velocity_load = 0.0;
         } else {
             wanted = resolved_rates(chain_, motion_, posture, target);
@@ -148,44 +147,32 @@ class BrakingArm {
         look();
         // Where nothing was gone there is nothing to learn about the length of leaps.
         const T roughness = error / maximum(history_.error_growth(count, known), T(1e-300));
-        T stands = 0.0, begins = 0.0;
+        const MaskOf<T> goes = count > T(0.0), leaps = count > T(1.0), single = !leaps,
+                        limited = wanted.velocity_limited;
+        // Where one regime ends and another begins is found by single sub-steps.
+        const MaskOf<T> changes = follows ? differ(reaches, reaches_) | differ(limited, limited_) : reaches;
+        const MaskOf<T> good = single | ((error <= T(1.0)) & !changes);
+        T refused = 0.0;
         for (int lane = 0; lane < lanes; ++lane) {
-            const int over = gone[lane];
-            if (over == 0 && known_[lane] > 0) continue;
-            const double e = lane_of(error, lane);
-            const bool reaching = lane_of(reaches, lane), limited = lane_of(wanted.velocity_limited, lane);
-            // Where one regime ends and another begins is found by single sub-steps.
-            const bool changes = follows ? reaching != reaches_[lane] || limited != limited_[lane] : reaching;
-            if (over > 1 && (!(e <= 1) || changes)) {
-                gone[lane] = 0;
-                continue;
-            }
-            if (over > 1 && !accept(lane, over)) {
-                gone[lane] = 0;
-                continue;
-            }
-            set_lane(stands, lane, 1.0);
-            reached_[lane] = over == 1 && reaches_[lane];
-            reaches_[lane] = reaching;
-            limited_[lane] = limited;
-            singular_[lane] = lane_of(wanted.conditioning.singular, lane);
-            poor_[lane] = (over > 0 && poor_now_[lane]) || lane_of(wanted.conditioning.poor, lane);
-            poor_now_[lane] = lane_of(wanted.conditioning.poor, lane);
-            if (over == 0) {
-                history_.set_first(lane, change, n);
-                known_[lane] = 1;
-                continue;
-            }
-            // A kink: what was before says nothing about what comes.
-            const bool kink = changes ? follows : over == 1 && e > 1 && e > kink_jump * error_[lane];
-            error_[lane] = kink ? std::numeric_limits<double>::infinity() : e;
-            if (kink) {
-                known_[lane] = 0;
-                set_lane(begins, lane, 1.0);
-            }
-            known_[lane] = std::min(known_[lane] + 1, braking_order);
+            if (lane_of(leaps & good, lane) && !accept(lane, int(lane_of(count, lane)))) set_lane(refused, lane, 1.0);
         }
-        const MaskOf<T> stood = stands > T(0.0), stays = !(stood | !(count > T(0.0)));
+        const MaskOf<T> stood = (goes | !begun) & good & !(refused > T(0.0)), moved = stood & goes,
+                        first = stood & !goes;
+        store_whole(select(moved, count, T(0.0)), gone);
+        reached_ = select(stood, single & goes & reaches_, reached_);
+        reaches_ = select(stood, reaches, reaches_);
+        limited_ = select(stood, limited, limited_);
+        singular_ = select(stood, wanted.conditioning.singular, singular_);
+        poor_ = select(stood, (goes & poor_now_) | wanted.conditioning.poor, poor_);
+        poor_now_ = select(stood, wanted.conditioning.poor, poor_now_);
+        history_.set_first(first, change, n);
+        // A kink: what was before says nothing about what comes.
+        const MaskOf<T> jumps = single & (error > T(1.0)) & (error > kink_jump * error_);
+        const MaskOf<T> kinks = moved & (follows ? changes | jumps : !changes & jumps);
+        error_ = select(moved, select(kinks, T(std::numeric_limits<double>::infinity()), error), error_);
+        known_ = select(moved, minimum(select(kinks, T(0.0), known_) + 1.0, T(double(braking_order))),
+                        select(first, T(1.0), known_));
+        const MaskOf<T> stays = goes & !moved;
         // The posture stays the one found before: what the corrections move it by is less than it need be known to.
         const T to_position = select(has_rates, weights.correct_sum, weights.correct_sum_of_sums) * motion_.substep();
         const T to_rate = follows ? select(has_rates, weights.correct_last, weights.correct_sum) : weights.correct_sum;
@@ -205,8 +192,8 @@ class BrakingArm {
             change[f] = select(lags, corrected[f], change[f]);
             load[f] = select(lags, corrected_load[f], load[f]);
         }
-        history_.push(stood & (count > T(0.0)), count, change, n);
-        if (any(begins > T(0.0))) history_.keep_newest(begins > T(0.0));
+        history_.push(moved, count, change, n);
+        if (any(kinks)) history_.keep_newest(kinks);
         // The longest next leap whose error will do, by what its error grows with, but none over a kink.
         T next = count * shortest_ratio;
         for (double factor : ratio_factors) {
@@ -216,12 +203,11 @@ class BrakingArm {
         const T kink = count * share_before_kink(load, wanted.velocity_load);
         // A leap undone may have failed for another reason than the kink foretold, so it is halved at least.
         next = select(stood, minimum(next, kink - count), select(kink < count, minimum(kink, 0.5 * count), next));
-        const MaskOf<T> moved = stood | !(count > T(0.0));
-        for (int f = 0; f < n; ++f) load_[f] = select(moved, load[f], load_[f]);
-        velocity_load_ = select(moved, wanted.velocity_load, velocity_load_);
-        for (int lane = 0; lane < lanes; ++lane) {
-            if (lane_of(count, lane) > 0) wish_[lane] = known_[lane] < 3 ? 1 : std::max(1, int(lane_of(next, lane)));
-        }
+        const MaskOf<T> found = !stays;
+        for (int f = 0; f < n; ++f) load_[f] = select(found, load[f], load_[f]);
+        velocity_load_ = select(found, wanted.velocity_load, velocity_load_);
+        const T longer = select(known_ < T(3.0), T(1.0), maximum(whole_part(next), T(1.0)));
+        wish_ = select(goes, longer, wish_);
     }
 
   private:
@@ -257,6 +243,7 @@ class BrakingArm {
     }
 
     static constexpr int lanes = Scalar<T>::lanes;
+    static MaskOf<T> none() { return T(0.0) > T(1.0); }
     static constexpr double wished_error = 0.25;  ///< of a leap, relative to what is allowed
     /// The next leap is this much shorter than the last at most, or any product of some of the factors longer than that.
     static constexpr double shortest_ratio = 0.125,
@@ -273,11 +260,11 @@ class BrakingArm {
     T from_[max_joints], travelled_[max_joints];
     UnevenHistory<T> history_;
     T load_[max_joints], velocity_load_ = 0.0;  ///< as of the last look that counted
-    int known_[lanes] = {};                     ///< moments of the history, at most braking_order
-    int wish_[lanes] = {};                      ///< length of the next leap
-    double error_[lanes] = {};                  ///< of the last leap that stood
-    bool reaches_[lanes] = {};                  ///< the next sub-step will reach the rates asked for
-    bool reached_[lanes] = {}, poor_[lanes] = {}, poor_now_[lanes] = {}, singular_[lanes] = {}, limited_[lanes] = {};
+    T known_ = 0.0;                             ///< moments of the history, at most braking_order
+    T wish_ = 1.0;                              ///< length of the next leap
+    T error_ = 0.0;                             ///< of the last leap that stood
+    MaskOf<T> reaches_ = none();                ///< the next sub-step will reach the rates asked for
+    MaskOf<T> reached_ = none(), poor_ = none(), poor_now_ = none(), singular_ = none(), limited_ = none();
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

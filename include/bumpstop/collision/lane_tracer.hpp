@@ -96,6 +96,10 @@ class LaneTracer {
         double survival = 1;  ///< of the farthest body
         Point3<T> start, normal;
         double q[max_joints];  ///< where held joints stay
+        int next_step = 0;     ///< none before it is still to be kept
+        int waiting = 0;       ///< moments that wait to be written, until they fill a register
+        int step[lanes];       ///< of those
+        T waiting_q[max_joints], waiting_qd[max_joints];  ///< of the free joints then
     };
 
     /// Begins all paths, and keeps the rates they begin with.
@@ -148,7 +152,7 @@ class LaneTracer {
         return at.path->end == PathEnd::horizon && step > before_end && step <= before_end + stride_;
     }
 
-    /// Writes what a lane has passed. False when its path is over.
+    /// Keeps the moments a lane has passed, and writes them as soon as there are enough. False when its path is over.
     bool take(int lane, int gone, double margin) {
         Lane& at = lane_[lane];
         LinePath& path = *at.path;
@@ -161,17 +165,21 @@ class LaneTracer {
         // After the last moment that a path keeps, the steps to its end are looked at one by one.
         const int last_kept = at.last_step - (at.last_step - 1) % stride_;
         int wanted[lanes], known = 0;
-        for (int step = int(path.s.size()); step <= last; ++step) {
+        for (int step = at.next_step; step <= last; ++step) {
             if (!at.careful && !every_step(at, step) && step <= last_kept)
                 step += stride_ - 1 - (step + stride_ - 2) % stride_;
             if (step > last) break;
             wanted[known++] = step;
-            if (known == lanes) {
-                if (!record(lane, wanted, known)) return false;
+            at.next_step = step + 1;
+            if (at.waiting + known == lanes) {
+                keep(lane, wanted, known);
+                if (!write_waiting(lane)) return false;
                 known = 0;
             }
         }
-        if (known > 0 && !record(lane, wanted, known)) return false;
+        if (known > 0) keep(lane, wanted, known);
+        const bool enough = 2 * at.waiting >= lanes || singular || last >= at.last_step;
+        if (enough && !write_waiting(lane)) return false;
         if (singular) {
             if (path.end != PathEnd::certain_detection) path.end = PathEnd::singularity;
             at.path = nullptr;
@@ -179,16 +187,39 @@ class LaneTracer {
         return at.path != nullptr;
     }
 
-    /// Writes `count` steps of a lane, in order. False when its path is over.
-    bool record(int lane, const int* steps, int count) {
+    /// Where a lane was at these steps of its last leap, in order.
+    void keep(int lane, const int* steps, int count) {
         Lane& at = lane_[lane];
-        const int n = motion_.free_count;
-        T back, q[max_joints], free_q[max_joints], free_qd[max_joints];
+        T back, q[max_joints], qd[max_joints];
         for (int i = 0; i < lanes; ++i)
             set_lane(back, i, double(at.gone - steps[std::min(i, count - 1)] * motion_.substeps));
-        arm_.before(lane, back, free_q, free_qd);
+        arm_.before(lane, back, q, qd);
+        if (at.waiting == 0) {
+            std::copy_n(q, motion_.free_count, at.waiting_q);
+            std::copy_n(qd, motion_.free_count, at.waiting_qd);
+            std::copy_n(steps, count, at.step);
+            at.waiting = count;
+            return;
+        }
+        for (int i = 0; i < count; ++i) {
+            const int to = at.waiting++;
+            at.step[to] = steps[i];
+            for (int f = 0; f < motion_.free_count; ++f) {
+                set_lane(at.waiting_q[f], to, lane_of(q[f], i));
+                set_lane(at.waiting_qd[f], to, lane_of(qd[f], i));
+            }
+        }
+    }
+
+    /// Writes the moments of a lane that wait. False when its path is over.
+    bool write_waiting(int lane) {
+        Lane& at = lane_[lane];
+        const int count = at.waiting, n = motion_.free_count;
+        at.waiting = 0;
+        if (count == 0) return true;
+        T q[max_joints];
         for (int j = 0; j < chain_.dof; ++j) q[j] = at.q[j];
-        for (int f = 0; f < n; ++f) q[motion_.free_joint[f]] = free_q[f];
+        for (int f = 0; f < n; ++f) q[motion_.free_joint[f]] = at.waiting_q[f];
         JointAngles<T> angle;
         for (int j = 0; j < chain_.dof; ++j) angle.set(chain_, j, q[j]);
         Posture<T> posture;
@@ -208,8 +239,8 @@ class LaneTracer {
                 at.path = nullptr;
                 return false;
             }
-            write(lane, steps[i], i, s, torque, lane_of(silent, i), free_q, free_qd);
-            if (steps[i] < at.last_step) continue;
+            write(lane, at.step[i], i, s, torque, lane_of(silent, i), at.waiting_q, at.waiting_qd);
+            if (at.step[i] < at.last_step) continue;
             at.path = nullptr;
             return false;
         }

@@ -103,8 +103,7 @@ class RunningReaction {
     /// False where a leap over `count` sub-steps, after which the speed is `after`, went over the top: the speeds at its
     /// ends say where that was.
     bool accepts(const ReactionRules& rules, int count, double after) {
-        const bool long_leap = count > to_step(rules);
-        if (!rules.only_peak || homing_ || !long_leap || !(speed_ > 0 && after <= 0)) return true;
+        if (!(speed_ > 0 && after <= 0) || !rules.only_peak || homing_ || count <= to_step(rules)) return true;
         top_ = count * speed_ / (speed_ - after);
         return false;
     }
@@ -120,15 +119,15 @@ class RunningReaction {
         }
         if (look.gone == 0) return ReactionFate::goes_on;
         const double before = speed_;
-        move(look);
+        move(rules, look);
         if (homing_ && nears_peak(before * look.gone * rules.substep)) return ReactionFate::anew;
-        const bool whole = gone_ % rules.substeps == 0;
+        const bool whole = into_step_ == 0;
         const bool leaves =
             whole && !rules.only_peak && !rules.stopping && turned_ && here_ > peak_ && (!astray_ || gone_ > patience_);
         peak_ = std::max(peak_, here_);
         if (whole && !homing_ && !leaves) {
             job_->distance.push_back(here_);
-            job_->step.push_back(gone_ / rules.substeps);
+            job_->step.push_back(steps_);
         }
         astray_ = job_->comes_back && (astray_ || look.poor);
         const bool in_time = astray_ && gone_ < patience_;
@@ -152,7 +151,7 @@ class RunningReaction {
     /// An arm on its way home comes back where it is within this share of its retreat, or this distance, of its peak.
     static constexpr double homing_share = 0.1, homing_distance = 1e-5;
 
-    int to_step(const ReactionRules& rules) const { return rules.substeps - gone_ % rules.substeps; }
+    int to_step(const ReactionRules& rules) const { return rules.substeps - into_step_; }
 
     int longest_leap_by_speed(const ReactionRules& rules) const {
         if (!rules.only_peak || speed_ == 0 || over_) return to_step(rules);
@@ -164,8 +163,11 @@ class RunningReaction {
         return std::max(landing, to_step(rules));
     }
 
-    void move(const ReactionLook& look) {
+    void move(const ReactionRules& rules, const ReactionLook& look) {
         gone_ += look.gone;
+        into_step_ += look.gone;
+        steps_ += into_step_ / rules.substeps;
+        into_step_ %= rules.substeps;
         const double before = speed_;
         speed_ = look.speed;
         top_ = speed_ < before ? look.gone * speed_ / (before - speed_) : std::numeric_limits<double>::infinity();
@@ -183,6 +185,7 @@ class RunningReaction {
     int patience_ = 0;               ///< controller sub-steps after which the retreat of an arm astray is believed
     int longest_ = 0;                ///< controller sub-steps after which it is left where it is
     int gone_ = 0, retreating_ = 0;  ///< controller sub-steps since the beginning, and since the point began to retreat
+    int steps_ = 0, into_step_ = 0;  ///< the same in whole simulation steps, and controller sub-steps since the last
     double here_ = 0;                ///< distance along the normal [m]
     double speed_ = 0;               ///< along the normal [m/s]
     double top_ = std::numeric_limits<double>::infinity();  ///< sub-steps to the farthest point, as far as one can tell

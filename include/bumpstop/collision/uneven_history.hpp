@@ -53,9 +53,9 @@ class UnevenHistory {
             for (T& change : change_[j]) change = select(lane, T(0.0), change);
         }
     }
-    /// Of a lane that has just begun.
-    void set_first(int lane, const T* change, int free_count) {
-        for (int f = 0; f < free_count; ++f) set_lane(change_[0][f], lane, lane_of(change[f], lane));
+    /// Of lanes that have just begun.
+    void set_first(const MaskOf<T>& lane, const T* change, int free_count) {
+        for (int f = 0; f < free_count; ++f) change_[0][f] = select(lane, change[f], change_[0][f]);
     }
     /// What the error of the change extrapolated over `count` sub-steps grows with, of a history of `known` moments.
     T error_growth(const T& count, const T& known) const {

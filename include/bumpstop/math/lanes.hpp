@@ -229,6 +229,17 @@ Lanes<N> select(Mask<N> m, Lanes<N> a, Lanes<N> b) {
     return Lanes<N>::of(m.choose(a.v, b.v));
 }
 
+inline bool select(bool m, bool a, bool b) { return m ? a : b; }
+template <int N>
+Mask<N> select(Mask<N> m, Mask<N> a, Mask<N> b) {
+    return (m & a) | (!m & b);
+}
+inline bool differ(bool a, bool b) { return a != b; }
+template <int N>
+Mask<N> differ(Mask<N> a, Mask<N> b) {
+    return (a & !b) | (!a & b);
+}
+
 inline bool any(bool m) { return m; }
 inline bool all(bool m) { return m; }
 template <int N>
@@ -358,6 +369,20 @@ inline void store(double x, double* p) { *p = x; }
 template <int N>
 void store(Lanes<N> x, double* p) {
     x.store(p);
+}
+
+/// Whole numbers of 32 bits, one a lane.
+template <class T>
+T load_whole(const int* from) {
+    double value[Scalar<T>::lanes];
+    for (int lane = 0; lane < Scalar<T>::lanes; ++lane) value[lane] = from[lane];
+    return load<T>(value);
+}
+template <class T>
+void store_whole(T x, int* to) {
+    double value[Scalar<T>::lanes];
+    store(x, value);
+    for (int lane = 0; lane < Scalar<T>::lanes; ++lane) to[lane] = int(value[lane]);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
