@@ -8,19 +8,20 @@
 using namespace bumpstop;
 
 // A chain without a zero in it, so that nothing is spared by special geometry.
-static Chain general_chain(int dof) {
+static Chain general_chain(int dof, bool on_rail) {
     std::array<JointSpec, max_joints> specs{};
     for (int i = 0; i < dof; ++i) {
         const double a = 0.3 + 0.9 * i, b = 0.7 + 1.3 * i;
         specs[i].origin = {0.05 + 0.02 * i, 0.03 * (i % 3) - 0.02, 0.2 - 0.01 * i};
         specs[i].axis = {std::sin(a) * std::cos(b), std::sin(a) * std::sin(b), std::cos(a)};
     }
+    specs[0].prismatic = on_rail;
     return Chain(std::span<const JointSpec>(specs.data(), std::size_t(dof)));
 }
 
 template <class T>
-static double nanoseconds_per_lane(int dof, int free) {
-    const Chain chain = general_chain(dof);
+static double nanoseconds_per_lane(int dof, int free, bool on_rail) {
+    const Chain chain = general_chain(dof, on_rail);
     MotionSettings motion;
     motion.tip = link_point(chain, dof - 1, {0.01, 0.02, 0.1});
     motion.free_count = free;
@@ -28,6 +29,8 @@ static double nanoseconds_per_lane(int dof, int free) {
     for (int j = 0; j < dof; ++j) {
         motion.free_joint[j] = j;
         motion.acceleration_limit[j] = 4.5;
+        motion.lower[j] = -3;
+        motion.upper[j] = 3;
         motion.velocity_limit[j] = std::numeric_limits<double>::infinity();
         for (int lane = 0; lane < Scalar<T>::lanes; ++lane) set_lane(state.q[j], lane, 0.3 + 0.2 * j + 0.01 * lane);
         state.qd[j] = 0.0;
@@ -54,6 +57,8 @@ static double nanoseconds_per_lane(int dof, int free) {
 }
 
 int main() {
-    std::printf("%d %.2f %.2f %.2f\n", native_lanes, nanoseconds_per_lane<Lanes<native_lanes>>(7, 6),
-                nanoseconds_per_lane<Lanes<native_lanes>>(7, 7), nanoseconds_per_lane<double>(7, 6));
+    using L = Lanes<native_lanes>;
+    std::printf("%d %.2f %.2f %.2f %.2f\n", native_lanes, nanoseconds_per_lane<L>(7, 6, false),
+                nanoseconds_per_lane<L>(7, 7, false), nanoseconds_per_lane<L>(7, 7, true),
+                nanoseconds_per_lane<double>(7, 6, false));
 }

@@ -1,4 +1,4 @@
-"""The C++ test programs of the lower rooms and of detection: compiled against the headers alone, and run.
+"""The C++ test programs of the lower rooms, of detection and of the controller: compiled against the headers alone, and run.
 
 clang++-14 is tried beside the compiler when it is there.
 """
@@ -38,6 +38,7 @@ CASES = [
     *((ROOT / "tests/signal/chain_derivative.cpp", build) for build in BUILDS),
     *((ROOT / "tests/joint/joint_torque.cpp", build) for build in BUILDS),
     *((ROOT / "tests/joint/joint_bank.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/collision/line_controller.cpp", build) for build in BUILDS),
     *((ROOT / "tests/detection/detector.cpp", build) for build in BUILDS),
     *((ROOT / "tests/detection/sample_guard.cpp", build) for build in BUILDS),
     *((ROOT / "tests/math/quadrature.cpp", build) for build in ("sanitized", "clang++-14")),

@@ -19,8 +19,9 @@ struct Arm {
 
 enum class Shape { general, industrial };
 
-// Turning joints. Industrial arms have axes at right angles, parallel or, once calibrated, nearly so.
-Arm random_arm(int dof, Shape shape, int held = -1) {
+// Turning joints, but for those that slide. Industrial arms have axes at right angles, parallel or, once calibrated,
+// nearly so.
+Arm random_arm(int dof, Shape shape, int held = -1, const std::vector<int>& sliding = {}) {
     std::vector<JointSpec> joints(static_cast<std::size_t>(dof));
     for (JointSpec& joint : joints) {
         for (double& d : joint.origin) d = checks::uniform(-0.5, 0.5);
@@ -33,6 +34,7 @@ Arm random_arm(int dof, Shape shape, int held = -1) {
                                                                        : 1e-3 * checks::normal();
         joint.rotation = random_chain::rotation_about({1, 0, 0}, checks::uniform(0, 1) < 0.5 ? tilt : -tilt);
     }
+    for (int j : sliding) joints[std::size_t(j)].prismatic = true;
     Arm arm;
     arm.chain = Chain(joints);
     arm.tip = link_point(arm.chain, dof - 1, {0.05, -0.02, 0.1});
@@ -43,7 +45,8 @@ Arm random_arm(int dof, Shape shape, int held = -1) {
 
 template <class T>
 ScrewRates<T> screws_of(const Arm& arm) {
-    return ScrewRates<T>(arm.chain, arm.free.data(), int(arm.free.size()), arm.tip);
+    const std::vector<double> travel(max_joints, pi);
+    return ScrewRates<T>(arm.chain, arm.free.data(), int(arm.free.size()), arm.tip, travel.data());
 }
 
 struct Pose {
@@ -76,7 +79,8 @@ Reference reference(const Arm& arm, const Pose& pose) {
     for (std::size_t f = 0; f < arm.free.size(); ++f) {
         const int j = arm.free[f];
         const Point3<double> z = posture.axis[j], linear = linear_column(arm.chain, posture, tip, j);
-        const double column[6] = {z.x, z.y, z.z, linear.x, linear.y, linear.z};
+        const double turns = arm.chain.joint[j].turns;
+        const double column[6] = {turns * z.x, turns * z.y, turns * z.z, linear.x, linear.y, linear.z};
         for (int c = 0; c < 6; ++c) row[c][f] = made.column[f][c] = column[c];
     }
     made.singular = min_norm<6, 0>(row, int(arm.free.size()), target, made.x).singular;
@@ -110,10 +114,10 @@ void check_rates(const Arm& arm, const Pose& pose, const double* x) {
     for (std::size_t f = 0; f < n; ++f) CHECK_NEAR(x[f], wanted.x[f], 1e-9 * most);
 }
 
-void one_by_one(int dof, Shape shape, int held = -1) {
+void one_by_one(int dof, Shape shape, int held = -1, const std::vector<int>& sliding = {}) {
     int solved = 0, due = 0;
     for (int i = 0; i < 20; ++i) {
-        const Arm arm = random_arm(dof, shape, held);
+        const Arm arm = random_arm(dof, shape, held, sliding);
         ScrewRates<double> screws = screws_of<double>(arm);
         if (!screws.works()) continue;
         for (int k = 0; k < 50; ++k) {
@@ -122,7 +126,8 @@ void one_by_one(int dof, Shape shape, int held = -1) {
             angle.set(arm.chain, pose.q);
             double x[max_columns];
             screws.begin();
-            const bool found = screws.solve(angle, pose.velocity, x), far = reference(arm, pose).far_from_singular;
+            const bool found = screws.solve(angle, pose.q, pose.velocity, x),
+                       far = reference(arm, pose).far_from_singular;
             if (found) check_rates(arm, pose, x);
             due += far;
             solved += far && found;
@@ -133,10 +138,10 @@ void one_by_one(int dof, Shape shape, int held = -1) {
 }
 
 template <class T>
-void in_lanes(int dof, Shape shape) {
+void in_lanes(int dof, Shape shape, const std::vector<int>& sliding = {}) {
     int solved = 0, due = 0;
     for (int i = 0; i < 20; ++i) {
-        const Arm arm = random_arm(dof, shape);
+        const Arm arm = random_arm(dof, shape, -1, sliding);
         ScrewRates<T> screws = screws_of<T>(arm);
         if (!screws.works()) continue;
         for (int k = 0; k < 20; ++k) {
@@ -156,7 +161,7 @@ void in_lanes(int dof, Shape shape) {
             angle.set(arm.chain, q);
             screws.begin();
             due += far;
-            if (!screws.solve(angle, velocity, x)) continue;
+            if (!screws.solve(angle, q, velocity, x)) continue;
             solved += far;
             for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
                 double own[max_columns];
@@ -197,7 +202,7 @@ void near_a_singularity() {
         angle.set(arm.chain, pose.q);
         double x[max_columns];
         screws.begin();
-        if (screws.solve(angle, pose.velocity, x)) {
+        if (screws.solve(angle, pose.q, pose.velocity, x)) {
             ++solved;
             check_rates(arm, pose, x);
         } else {
@@ -209,11 +214,11 @@ void near_a_singularity() {
     JointAngles<double> angle;
     angle.set(arm.chain, pose.q);
     double x[max_columns];
-    CHECK(!screws.solve(angle, pose.velocity, x));
+    CHECK(!screws.solve(angle, pose.q, pose.velocity, x));
     // The pose after it needs no order of its own.
     pose.q[4] = 1;
     angle.set(arm.chain, pose.q);
-    CHECK(screws.solve(angle, pose.velocity, x));
+    CHECK(screws.solve(angle, pose.q, pose.velocity, x));
 }
 
 // The first column of one order vanishes where that of another does not.
@@ -227,7 +232,7 @@ void changes_the_order() {
         JointAngles<double> angle;
         angle.set(arm.chain, pose.q);
         double x[max_columns];
-        if (!screws.solve(angle, pose.velocity, x)) continue;
+        if (!screws.solve(angle, pose.q, pose.velocity, x)) continue;
         // From now on the order is that of this pose, and others must not spoil it.
         const std::vector<double> alone(x, x + 6);
         for (int k = 0; k < 20; ++k) {
@@ -235,10 +240,10 @@ void changes_the_order() {
             JointAngles<double> other_angle;
             other_angle.set(arm.chain, other.q);
             screws.begin();
-            screws.solve(other_angle, other.velocity, x);
+            screws.solve(other_angle, other.q, other.velocity, x);
         }
         screws.begin();
-        CHECK(screws.solve(angle, pose.velocity, x));
+        CHECK(screws.solve(angle, pose.q, pose.velocity, x));
         const double most = largest(x, 6);
         bool same = true;
         for (std::size_t f = 0; f < 6; ++f) {
@@ -256,12 +261,16 @@ void what_it_does_not_serve() {
     arm.free = {0, 1, 2, 3, 4};
     CHECK(!screws_of<double>(arm).works());
     CHECK(!screws_of<double>(random_arm(8, Shape::general)).works());
-    std::vector<JointSpec> joints(6);
-    for (JointSpec& joint : joints) joint.axis = random_chain::random_unit();
-    joints[2].prismatic = true;
-    CHECK(!ScrewRates<double>(Chain(joints), std::vector{0, 1, 2, 3, 4, 5}.data(), 6, {5, {}}).works());
-    for (JointSpec& joint : joints) joint = JointSpec{.origin = {0.1, 0, 0}};
-    CHECK(!ScrewRates<double>(Chain(joints), std::vector{0, 1, 2, 3, 4, 5}.data(), 6, {5, {}}).works());
+    CHECK(!screws_of<double>(random_arm(6, Shape::general, -1, {0, 2, 4})).works());
+    const std::vector<int> all{0, 1, 2, 3, 4, 5};
+    // How far the tip of an arm on an endless rail is from a joint cannot be told.
+    const Arm rail = random_arm(6, Shape::general, -1, {0});
+    std::vector<double> travel(max_joints, 1.0);
+    CHECK(ScrewRates<double>(rail.chain, all.data(), 6, rail.tip, travel.data()).works());
+    travel[0] = std::numeric_limits<double>::infinity();
+    CHECK(!ScrewRates<double>(rail.chain, all.data(), 6, rail.tip, travel.data()).works());
+    const std::vector<JointSpec> parallel(6, JointSpec{.origin = {0.1, 0, 0}});
+    CHECK(!ScrewRates<double>(Chain(parallel), all.data(), 6, {5, {}}, travel.data()).works());
 }
 
 void small_turns() {
@@ -286,6 +295,15 @@ int main() {
         one_by_one(7, shape, 2);
         one_by_one(7, shape, 6);
         one_by_one(8, shape, 4);
+        // On a rail, with a telescope, both, and with a lift that stands still.
+        one_by_one(6, shape, -1, {0});
+        one_by_one(7, shape, -1, {0});
+        one_by_one(7, shape, -1, {6});
+        one_by_one(7, shape, -1, {3});
+        one_by_one(7, shape, -1, {0, 4});
+        one_by_one(7, shape, 1, {1});
+        in_lanes<Lanes<8>>(7, shape, {0});
+        in_lanes<Lanes<4>>(6, shape, {2});
         in_lanes<Lanes<2>>(6, shape);
         in_lanes<Lanes<4>>(6, shape);
         in_lanes<Lanes<8>>(7, shape);

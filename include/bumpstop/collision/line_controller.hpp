@@ -13,7 +13,7 @@ class LineController {
     LineController(const Chain& chain, const MotionSettings& motion)
         : chain_(chain),
           motion_(motion),
-          screws_(chain, motion.free_joint.data(), motion.free_count, motion.tip),
+          screws_(chain, motion.free_joint.data(), motion.free_count, motion.tip, travel(motion).data()),
           uses_screws_(screws_.works() && motion.task_rows == 6 && motion.damping == 0),
           full_(motion) {
         for (int f = 0; f < motion.free_count; ++f) {
@@ -27,7 +27,7 @@ class LineController {
 
     /// As of `resolved_rates`, but for Conditioning::poor, which is not told.
     void find_rates(ArmState<T>& state, const Point3<T>& velocity, Rates<T>& found) {
-        if (uses_screws_ && screws_.solve(state.angle, velocity, found.free)) {
+        if (uses_screws_ && screws_.solve(state.angle, state.q, velocity, found.free)) {
             found.conditioning = {T(0.0) > T(1.0), T(0.0) > T(1.0)};
             slow_to_velocity_limits(motion_, found);
             return;
@@ -48,6 +48,14 @@ class LineController {
     }
 
   private:
+    /// How far from 0 joints can be: a path ends at the limits, and passes them by a step at most.
+    static std::array<double, max_joints> travel(const MotionSettings& motion) {
+        std::array<double, max_joints> most{};
+        for (int j = 0; j < max_joints; ++j)
+            most[j] = 2 * std::max(std::fabs(motion.lower[j]), std::fabs(motion.upper[j]));
+        return most;
+    }
+
     template <int Free>
     MaskOf<T> step_of(Rates<T>& wanted, const Point3<T>& velocity, ArmState<T>& state) {
         // Inside the step sines and cosines follow small turns; where it ends they are worked out anew.
@@ -90,7 +98,8 @@ class LineController {
         for (int f = 0; f < motion_.free_count; ++f) {
             const int j = motion_.free_joint[f];
             if (uses_screws_ && j >= screws_.angles_needed()) break;
-            if (small && !chain_.joint[j].prismatic) {
+            if (chain_.joint[j].prismatic) continue;
+            if (small) {
                 state.angle.turn(j, state.qd[j] * h);
             } else {
                 state.angle.set(chain_, j, state.q[j]);

@@ -14,17 +14,22 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// are constants; they take two rows away. What is left for six joints is four by four, and nothing is carried through
 /// the whole chain: half the work of the Jacobian at the tip.
 ///
-/// It serves chains of turning joints of which six or seven may move. All lanes eliminate the columns in the same order,
+/// It serves chains of which six or seven joints may move, turning or sliding, with two neighbours among them that turn
+/// about axes well apart. The screw of a joint that slides is a translation alone. All lanes eliminate the columns in the same order,
 /// which is changed when it does not serve them; there is none for lanes near singularities, where `min_norm` is right.
 template <class T>
 class ScrewRates {
   public:
-    /// `free_joint`: the `count` joints that may move, in the order of the chain. `tip`: of the tool.
-    ScrewRates(const Chain& chain, const int* free_joint, int count, const LinkPoint& tip)
+    /// `free_joint`: the `count` joints that may move, in the order of the chain. `tip`: of the tool. `travel`: by joint,
+    /// how far from 0 one that slides can be [m]; those that turn need none.
+    ScrewRates(const Chain& chain, const int* free_joint, int count, const LinkPoint& tip, const double* travel)
         : chain_(chain), count_(count) {
         if (count != 6 && count != 7) return;
-        for (int j = 0; j < chain.dof; ++j)
-            if (chain.joint[j].prismatic) return;
+        for (int j = 0; j < chain.dof; ++j) {
+            if (!chain.joint[j].prismatic) continue;
+            if (!std::isfinite(travel[j])) return;
+            slides_ = true;
+        }
         for (int f = 0; f < count; ++f) {
             free_joint_[f] = free_joint[f];
             place_[free_joint[f]] = f;
@@ -35,7 +40,7 @@ class ScrewRates {
             const int k = free_joint[f];
             const bool neighbours = free_joint[f + 1] == k + 1;
             if (!neighbours || std::fabs(chain.joint[k + 1].sin_alpha) < 0.5 || k > longest_side ||
-                last_ - k - 1 > longest_side)
+                last_ - k - 1 > longest_side || chain.joint[k].prismatic || chain.joint[k + 1].prismatic)
                 continue;
             // Turns on the way to the middle: those of the columns on either side, and those of the velocity.
             const int inner = k, outer = last_ - k - 1;
@@ -50,7 +55,7 @@ class ScrewRates {
         for (int f = 0; f < count; ++f)
             if (const int j = free_joint[f]; j != middle_ && j != middle_ + 1) order_[others++] = j;
         set_links();
-        set_least_determinant(tip);
+        set_least_determinant(tip, travel);
     }
 
     /// Whether it can do this chain at all.
@@ -64,10 +69,11 @@ class ScrewRates {
     /// Writes the rates by free joint [rad/s] of least norm that give `velocity` (base frame, m/s) and do not turn the tool.
     /// False, and `x` means nothing, unless in all lanes they do so to 2e-12 of the largest of them and no row of the
     /// Jacobian at the tip is within 1e-6 of those before it (see Conditioning).
-    bool solve(const JointAngles<T>& angle, const Point3<T>& velocity, T* x) {
+    /// `q`: joint positions, of which those of joints that slide are needed [m].
+    bool solve(const JointAngles<T>& angle, const T* q, const Point3<T>& velocity, T* x) {
         Column column[max_joints];
-        const Point3<T> v = inner_columns(angle, velocity, column);
-        outer_columns(angle, column);
+        const Point3<T> v =
+            slides_ ? find_columns<true>(angle, q, velocity, column) : find_columns<false>(angle, q, velocity, column);
         return eliminate(column, v, x) || in_another_order(column, v, x);
     }
 
@@ -119,13 +125,14 @@ class ScrewRates {
     /// |det J| of six columns is the product of the distances of each row from those before it, and each of these is at
     /// most as long as the row. Squares of rotations add up to one in a column, those of translations to no more than the
     /// square of how far the tip can be from the joint.
-    void set_least_determinant(const LinkPoint& tip) {
+    void set_least_determinant(const LinkPoint& tip, const double* travel) {
         const auto length = [](const Vector3& v) { return std::hypot(v[0], v[1], v[2]); };
         double squares = 0;
         for (int f = 0; f < count_; ++f) {
             double far = length(tip.offset);
-            for (int j = free_joint_[f] + 1; j <= tip.link; ++j) far += length(chain_.joint[j].displacement);
-            squares += far * far;
+            for (int j = free_joint_[f] + 1; j <= tip.link; ++j)
+                far += length(chain_.joint[j].displacement) + (chain_.joint[j].prismatic ? travel[j] : 0.0);
+            squares += chain_.joint[free_joint_[f]].prismatic ? 1.0 : far * far;
         }
         const double longest_rows = std::pow(count_ / 3.0 * squares / 3.0, 1.5);
         least_determinant_ = singular_sine * longest_rows * std::fabs(inverse_sine_);
@@ -163,21 +170,49 @@ class ScrewRates {
         column.z = w.z.z + column.y * link_[middle_ + 1].cos_alpha;
     }
 
-    /// Columns of the joints before the middle one; returns the velocity in the middle frame.
-    Point3<T> inner_columns(const JointAngles<T>& angle, const Point3<T>& velocity, Column* column) const {
-        switch (middle_) {
-            case 1:
-                return inner_columns_of<1>(angle, velocity, column);
-            case 2:
-                return inner_columns_of<2>(angle, velocity, column);
-            case 3:
-                return inner_columns_of<3>(angle, velocity, column);
-            default:
-                return inner_columns_of<4>(angle, velocity, column);
+    /// How far a link's frame has been shifted along its axis [m].
+    template <bool Slides>
+    [[gnu::always_inline]] auto along(int j, const T* q) const {
+        if constexpr (Slides) {
+            return chain_.joint[j].prismatic ? q[j] + link_[j].z : T(link_[j].z);
+        } else {
+            return link_[j].z;
         }
     }
-    template <int Count>
-    Point3<T> inner_columns_of(const JointAngles<T>& angle, const Point3<T>& velocity, Column* column) const {
+    template <bool Slides>
+    [[gnu::always_inline]] bool is_slide(int j) const {
+        return Slides && chain_.joint[j].prismatic;
+    }
+
+    /// All columns but those of the middle; returns the velocity in the middle frame.
+    template <bool Slides>
+    Point3<T> find_columns(const JointAngles<T>& angle, const T* q, const Point3<T>& velocity, Column* column) const {
+        switch (last_ - middle_ - 1) {
+            case 1:
+                outer_columns<1, Slides>(angle, q, column);
+                break;
+            case 2:
+                outer_columns<2, Slides>(angle, q, column);
+                break;
+            case 3:
+                outer_columns<3, Slides>(angle, q, column);
+                break;
+            default:
+                outer_columns<4, Slides>(angle, q, column);
+        }
+        switch (middle_) {
+            case 1:
+                return inner_columns<1, Slides>(angle, q, velocity, column);
+            case 2:
+                return inner_columns<2, Slides>(angle, q, velocity, column);
+            case 3:
+                return inner_columns<3, Slides>(angle, q, velocity, column);
+            default:
+                return inner_columns<4, Slides>(angle, q, velocity, column);
+        }
+    }
+    template <int Count, bool Slides>
+    Point3<T> inner_columns(const JointAngles<T>& angle, const T* q, const Point3<T>& velocity, Column* column) const {
         const double c0 = chain_.base_turn[0], s0 = chain_.base_turn[1];
         Point3<T> v{velocity.x * c0 + velocity.y * s0, velocity.y * c0 - velocity.x * s0, velocity.z};
         BUMPSTOP_UNROLL
@@ -188,9 +223,11 @@ class ScrewRates {
         BUMPSTOP_UNROLL
         for (int i = 0; i < Count; ++i) {
             const Link& first = link_[i + 1];
-            Screw w{
-                {T(0.0), T(first.sin_alpha), T(first.cos_alpha)},
-                {T(first.sin_alpha * first.z - first.y), T(first.x * first.cos_alpha), T(-first.x * first.sin_alpha)}};
+            const Point3<T> axis{T(0.0), T(first.sin_alpha), T(first.cos_alpha)};
+            Screw w{axis,
+                    {T(first.sin_alpha * along<Slides>(i + 1, q) - first.y), T(first.x * first.cos_alpha),
+                     T(-first.x * first.sin_alpha)}};
+            if (is_slide<Slides>(i)) w = {{T(0.0), T(0.0), T(0.0)}, axis};
             turn_back_z(angle.cos[i + 1], angle.sin[i + 1], w.z);
             turn_back_z(angle.cos[i + 1], angle.sin[i + 1], w.m);
             BUMPSTOP_UNROLL
@@ -199,8 +236,9 @@ class ScrewRates {
                 shift(-1, link, w);
                 turn_back_x(link, w.z);
                 turn_back_x(link, w.m);
-                w.m.x += w.z.y * link.z;
-                w.m.y -= w.z.x * link.z;
+                const auto z = along<Slides>(j, q);
+                w.m.x += w.z.y * z;
+                w.m.y -= w.z.x * z;
                 turn_back_z(angle.cos[j], angle.sin[j], w.z);
                 turn_back_z(angle.cos[j], angle.sin[j], w.m);
             }
@@ -209,28 +247,18 @@ class ScrewRates {
         return v;
     }
 
-    void outer_columns(const JointAngles<T>& angle, Column* column) const {
-        switch (last_ - middle_ - 1) {
-            case 1:
-                return outer_columns_of<1>(angle, column);
-            case 2:
-                return outer_columns_of<2>(angle, column);
-            case 3:
-                return outer_columns_of<3>(angle, column);
-            default:
-                return outer_columns_of<4>(angle, column);
-        }
-    }
-    template <int Count>
-    void outer_columns_of(const JointAngles<T>& angle, Column* column) const {
+    template <int Count, bool Slides>
+    void outer_columns(const JointAngles<T>& angle, const T* q, Column* column) const {
         const Link* const next = &link_[middle_ + 1];
         const T *const cosine = &angle.cos[middle_ + 1], *const sine = &angle.sin[middle_ + 1];
         BUMPSTOP_UNROLL
         for (int i = 1; i <= Count; ++i) {
             const Link &own = next[i], &before = next[i - 1];
-            Screw w{{T(0.0), T(-own.sin_alpha), T(own.cos_alpha)},
-                    {T(own.y * own.cos_alpha + before.z * own.sin_alpha), T(-own.x * own.cos_alpha),
-                     T(-own.x * own.sin_alpha)}};
+            const Point3<T> axis{T(0.0), T(-own.sin_alpha), T(own.cos_alpha)};
+            Screw w{axis,
+                    {T(own.y * own.cos_alpha + along<Slides>(middle_ + i, q) * own.sin_alpha),
+                     T(-own.x * own.cos_alpha), T(-own.x * own.sin_alpha)}};
+            if (is_slide<Slides>(middle_ + 1 + i)) w = {{T(0.0), T(0.0), T(0.0)}, axis};
             turn_z(cosine[i - 1], sine[i - 1], w.z);
             turn_z(cosine[i - 1], sine[i - 1], w.m);
             turn_x(before, w.z);
@@ -241,8 +269,9 @@ class ScrewRates {
                 const Link& link = next[j];
                 turn_z(cosine[j], sine[j], w.z);
                 turn_z(cosine[j], sine[j], w.m);
-                w.m.x -= w.z.y * link.z;
-                w.m.y += w.z.x * link.z;
+                const auto z = along<Slides>(middle_ + 1 + j, q);
+                w.m.x -= w.z.y * z;
+                w.m.y += w.z.x * z;
                 turn_x(link, w.z);
                 turn_x(link, w.m);
                 shift(1, link, w);
@@ -351,6 +380,7 @@ class ScrewRates {
     std::array<int, max_joints> free_joint_{};
     std::array<int, max_joints> place_{};  ///< of a joint among the free ones
     std::array<int, most_others> order_{};
+    bool slides_ = false;   ///< a joint of the chain does
     bool gave_up_ = false;  ///< no order serves the poses since `begin`
     int middle_ = -1, last_ = 0;
     std::array<Link, max_joints> link_{};
