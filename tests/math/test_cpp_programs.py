@@ -1,4 +1,4 @@
-"""The C++ test programs of the lower rooms, of detection and of the controller: compiled against the headers alone, and run.
+"""The C++ programs of the lower rooms, detection and the controller: compiled against the headers alone, and run.
 
 clang++-14 is tried beside the compiler when it is there.
 """
