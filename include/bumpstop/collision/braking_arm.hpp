@@ -168,7 +168,7 @@ class BrakingArm {
         history_.set_first(first, change, n);
         // A kink: what was before says nothing about what comes.
         const MaskOf<T> jumps = single & (error > T(1.0)) & (error > kink_jump * error_);
-        const MaskOf<T> kinks = moved & (follows ? changes | jumps : !changes & jumps);
+        const MaskOf<T> kinks = moved & (follows ? changes | jumps : (!changes) & jumps);
         error_ = select(moved, select(kinks, T(std::numeric_limits<double>::infinity()), error), error_);
         known_ = select(moved, minimum(select(kinks, T(0.0), known_) + 1.0, T(double(braking_order))),
                         select(first, T(1.0), known_));

@@ -232,12 +232,12 @@ Lanes<N> select(Mask<N> m, Lanes<N> a, Lanes<N> b) {
 inline bool select(bool m, bool a, bool b) { return m ? a : b; }
 template <int N>
 Mask<N> select(Mask<N> m, Mask<N> a, Mask<N> b) {
-    return (m & a) | (!m & b);
+    return (m & a) | ((!m) & b);
 }
 inline bool differ(bool a, bool b) { return a != b; }
 template <int N>
 Mask<N> differ(Mask<N> a, Mask<N> b) {
-    return (a & !b) | (!a & b);
+    return (a & (!b)) | ((!a) & b);
 }
 
 inline bool any(bool m) { return m; }
