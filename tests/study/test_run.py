@@ -88,6 +88,29 @@ def test_an_interrupted_study_ends_as_an_uninterrupted_one(tmp_path: Path, threa
     assert files(begun) == files(tmp_path / "whole")
 
 
+@dataclass(frozen=True)
+class Grouped(Squares):
+    """The same, some shards at a time."""
+
+    together: ClassVar[int] = 3
+    count: int = 24
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_shards_worked_out_together_are_kept_one_by_one(tmp_path: Path, threads: int) -> None:
+    study, alone = Grouped(control_group(), seed=3), Squares(control_group(), seed=3, count=24)
+    done: list[int] = []
+    with pytest.raises(BrokenError):
+        run(study, tmp_path, threads=threads, progress=lambda at, _: (done.append(at), breaking(6)(at, 24)))
+    assert done == [0, 3, 6]
+    (tmp_path / "shards" / "000004.arrow").unlink()
+    again: list[int] = []
+    rows, _ = run(study, tmp_path, threads=threads, progress=lambda at, _: again.append(at))
+    assert again[0] >= 5
+    assert again[-1] == 24
+    assert rows.equals(run(alone)[0])
+
+
 def test_without_a_folder_the_rows_are_the_same_and_in_order(tmp_path: Path) -> None:
     study = Squares(control_group(), seed=3)
     rows, _ = run(study, threads=4)

@@ -68,6 +68,9 @@ def test_threads_and_shards_change_nothing(
     assert small.shards == 3
     assert run(small, threads=2)[0].equals(run(small)[0])
     assert run(small)[0]["q_1"].n_unique() == 60, "every shard draws poses of its own"
+    together = small.several([2, 0, 1])
+    for number, shard in zip((2, 0, 1), together, strict=True):
+        assert shard.equals(small.shard(number), null_equal=True), number
     # The first poses of a longer study are those of a shorter one.
     assert run(WorkspaceStudy(SLOW, poses=20, seed=5))[0]["q_1"].equals(run(small)[0]["q_1"][:20])
     assert not run(WorkspaceStudy(SLOW, poses=20, seed=6))[0]["q_1"].equals(run(small)[0]["q_1"][:20])

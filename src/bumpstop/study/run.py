@@ -56,22 +56,30 @@ def run(
         else:
             store.put(number, rows)
 
+    def put_all(numbers: list[int], shards: list[pl.DataFrame]) -> None:
+        nonlocal count
+        for number, rows in zip(numbers, shards, strict=True):
+            put(number, rows)
+        count += len(numbers)
+        report()
+
+    # Few enough for every thread to have several groups.
+    size = max(1, min(study.together, len(missing) // (4 * threads)))
+    groups = [missing[first : first + size] for first in range(0, len(missing), size)]
     report()
     try:
         if threads == 1:
-            for number in missing:
-                put(number, study.shard(number))
-                count += 1
-                report()
+            for group in groups:
+                put_all(group, study.several(group))
         else:
             pool = ThreadPoolExecutor(threads)
             try:
-                running: dict[Future[pl.DataFrame], int] = {pool.submit(study.shard, n): n for n in missing}
+                running: dict[Future[list[pl.DataFrame]], list[int]] = {
+                    pool.submit(study.several, group): group for group in groups
+                }
                 while running:
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        put(running.pop(future), future.result())
-                        count += 1
-                        report()
+                        put_all(running.pop(future), future.result())
             finally:
                 # After an interruption nothing new is begun; what is done is kept.
                 pool.shutdown(cancel_futures=True)

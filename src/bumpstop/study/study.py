@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from importlib.metadata import version
@@ -53,6 +53,8 @@ class Study(ABC):
 
     name: ClassVar[str]
     title: ClassVar[str]
+    together: ClassVar[int] = 1
+    """Shards that are worked out sooner in one go than one by one, at most."""
 
     scenario: Scenario
 
@@ -64,6 +66,10 @@ class Study(ABC):
     @abstractmethod
     def shard(self, number: int) -> pl.DataFrame:
         """Rows of one shard, counted from 0; every shard has the same columns."""
+
+    def several(self, numbers: Sequence[int]) -> list[pl.DataFrame]:
+        """Rows of several shards: the same bits as of each by itself."""
+        return [self.shard(number) for number in numbers]
 
     @abstractmethod
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:

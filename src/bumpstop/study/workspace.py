@@ -19,6 +19,8 @@ from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import polars as pl
 
     from bumpstop.collision import BatchLaws, Problem
@@ -54,6 +56,7 @@ class WorkspaceStudy(Study):
 
     name: ClassVar[str] = "workspace"
     title: ClassVar[str] = "workspace"
+    together: ClassVar[int] = 4  # lanes that are done find another pose longer
 
     poses: int = 0
     grid: int = 0
@@ -109,6 +112,16 @@ class WorkspaceStudy(Study):
         return math.ceil(self.drawn / SHARD_ROWS)
 
     def shard(self, number: int) -> pl.DataFrame:  # noqa: D102
+        return self.several([number])[0]
+
+    def several(self, numbers: Sequence[int]) -> list[pl.DataFrame]:  # noqa: D102
+        cases = [self._cases(number) for number in numbers]
+        rows = self._table(*(np.concatenate(columns) for columns in zip(*cases, strict=True)))
+        ends = np.cumsum([len(q) for q, *_ in cases])
+        return [rows[end - len(q) : end] for end, (q, *_) in zip(ends.tolist(), cases, strict=True)]
+
+    def _cases(self, number: int) -> tuple[FloatArray, FloatArray, Any]:
+        """Poses and velocities of a shard, and how many poses were drawn in vain before each."""
         first = number * SHARD_ROWS
         count = min(SHARD_ROWS, self.drawn - first)
         if self.grid:
@@ -120,7 +133,7 @@ class WorkspaceStudy(Study):
             q, redrawn = self._drawn(count, rng)
             direction = draw_directions(self.directions, self._own, count, rng)
             speed = self._speeds(count, rng)
-        return self._table(q, direction * speed[:, None] / 1e3, redrawn)
+        return q, direction * speed[:, None] / 1e3, redrawn
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
         from bumpstop.study.workspace_summary import summarise
