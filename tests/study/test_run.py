@@ -103,7 +103,7 @@ def test_shards_worked_out_together_are_kept_one_by_one(tmp_path: Path, threads:
     with pytest.raises(BrokenError):
         run(study, tmp_path, threads=threads, progress=lambda at, _: (done.append(at), breaking(6)(at, 24)))
     assert done == [0, 3, 6]
-    (tmp_path / "shards" / "000004.arrow").unlink()
+    next((tmp_path / "shards").glob("*.arrow")).unlink()
     again: list[int] = []
     rows, _ = run(study, tmp_path, threads=threads, progress=lambda at, _: again.append(at))
     assert again[0] >= 5
