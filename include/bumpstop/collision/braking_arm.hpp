@@ -14,8 +14,8 @@ inline constexpr int longest_braking_leap = 128;  ///< sub-steps
 /// the length of leaps, and instruction sets, which round differently, must still agree to 1e-12: with 1e-10 they differ by
 /// 2e-12 where the arm is fast.
 inline constexpr double braking_leap_tolerance = 1e-11;
-/// The same in batches, where 1e-9 m are enough: over 0.5 s at 5 rad/s^2 the positions stay within 1e-9 rad of those of
-/// the sub-steps. And where a reaction matters little, for nothing is gained by more.
+/// The same in batches, where 1e-9 m are enough: against ten times less, mean forces of 5900 random poses move by 2e-6 of
+/// themselves at most, 99 % of them by less than 6e-8. And where a reaction matters little, for nothing is gained by more.
 inline constexpr double loose_braking_leap_tolerance = 3e-6;
 inline constexpr double loosest_braking_leap_tolerance = 1e-4;
 
