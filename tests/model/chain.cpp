@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "bumpstop/model/kinematics.hpp"
+#include "bumpstop/model/point_motion.hpp"
 #include "model/random_chain.hpp"
 
 namespace {
@@ -52,12 +53,13 @@ void kinematics() {
         for (int trial = 0; trial < 10; ++trial) {
             const Case made = random_case(dof);
             std::vector<double> q[lanes];
-            T position[max_joints];
+            T position[max_joints], rate[max_joints];
             JointAngles<T> angle;
             for (int j = 0; j < dof; ++j) {
                 for (int lane = 0; lane < lanes; ++lane) {
                     q[lane].push_back(checks::uniform(-pi, pi));
                     set_lane(position[j], lane, q[lane][j]);
+                    set_lane(rate[j], lane, checks::normal());
                 }
                 angle.set(made.chain, j, position[j]);
             }
@@ -65,7 +67,14 @@ void kinematics() {
             forward_kinematics(made.chain, position, angle, posture);
             for (int link = -1; link < dof; ++link) {
                 const Vector3 point{checks::uniform(-1, 1), checks::uniform(-1, 1), checks::uniform(-1, 1)};
-                const Point3<T> p = posture.position(link_point(made.chain, link, point));
+                const LinkPoint on_link = link_point(made.chain, link, point);
+                const Point3<T> p = posture.position(on_link);
+                const PointMotion<T> motion = point_motion(made.chain, position, rate, angle, on_link);
+                Point3<T> velocity{T(0.0), T(0.0), T(0.0)};
+                for (int j = 0; j <= link; ++j) {
+                    const Point3<T> column = linear_column(made.chain, posture, p, j);
+                    velocity = velocity + Point3<T>{column.x * rate[j], column.y * rate[j], column.z * rate[j]};
+                }
                 for (int lane = 0; lane < lanes; ++lane) {
                     const Vector3 exact = naive_position(made, q[lane], link, point);
                     // Each joint adds a rotation and a step of at most 2 + pi m, with some roundings of each.
@@ -73,6 +82,12 @@ void kinematics() {
                     CHECK_NEAR(lane_of(p.x, lane), exact[0], bound);
                     CHECK_NEAR(lane_of(p.y, lane), exact[1], bound);
                     CHECK_NEAR(lane_of(p.z, lane), exact[2], bound);
+                    CHECK_NEAR(lane_of(motion.position.x, lane), exact[0], bound);
+                    CHECK_NEAR(lane_of(motion.position.y, lane), exact[1], bound);
+                    CHECK_NEAR(lane_of(motion.position.z, lane), exact[2], bound);
+                    CHECK_NEAR(lane_of(motion.velocity.x, lane), lane_of(velocity.x, lane), 10 * dof * bound);
+                    CHECK_NEAR(lane_of(motion.velocity.y, lane), lane_of(velocity.y, lane), 10 * dof * bound);
+                    CHECK_NEAR(lane_of(motion.velocity.z, lane), lane_of(velocity.z, lane), 10 * dof * bound);
                     if (trial > 0) continue;
                     // Columns of the Jacobian by central differences, whose error is some 1e-10.
                     for (int j = 0; j <= link; ++j) {

@@ -4,6 +4,7 @@
 
 #include "bumpstop/collision/line_motion.hpp"
 #include "bumpstop/collision/uneven_history.hpp"
+#include "bumpstop/model/pivoted_rates.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -35,17 +36,23 @@ class BrakingArm {
     };
 
     BrakingArm(const Chain& chain, const MotionSettings& motion, Kind kind)
-        : chain_(chain), motion_(motion), full_(motion), kind_(kind) {}
+        : chain_(chain),
+          motion_(motion),
+          full_(motion),
+          screws_(chain, motion.free_joint.data(), motion.free_count, motion.tip, farthest_travel(motion).data()),
+          uses_screws_(screws_.works() && motion.task_rows == 6 && motion.damping == 0),
+          kind_(kind) {}
 
     ArmState<T> state;
     Point3<T> target;  ///< velocity asked of the tool: the line's, or the reaction's [m/s]
-    Posture<T> posture;
 
     /// The lane's state and target have been set anew. Its next `advance` only looks where it is. Changes of the rates
     /// may differ from those extrapolated by `leap_tolerance`, relative to the largest.
     void begin(int lane, double leap_tolerance) {
         set_lane(tolerance_, lane, leap_tolerance);
         set_lane(slack_, lane, 1.0);
+        set_lane(judged_, lane, true);
+        begun_anew_ = true;
         history_.forget(lane);
         for (int f = 0; f < motion_.free_count; ++f) {
             set_lane(from_[f], lane, lane_of(state.q[motion_.free_joint[f]], lane));
@@ -54,17 +61,18 @@ class BrakingArm {
         set_lane(known_, lane, 0.0);
         set_lane(wish_, lane, 1.0);
         set_lane(error_, lane, std::numeric_limits<double>::infinity());
-        T others = 1.0;
-        set_lane(others, lane, 0.0);
-        reached_ = reached_ & (others > T(0.0));
-        reaches_ = reaches_ & (others > T(0.0));
+        set_lane(reached_, lane, false);
+        set_lane(reaches_, lane, false);
     }
     /// From here on changes need to be known so many times less well.
-    void loosen(int lane, double times) { set_lane(slack_, lane, times); }
+    void loosen(const MaskOf<T>& lanes, double times) { slack_ = select(lanes, T(times), slack_); }
+    /// From here on nobody asks whether a singularity is near, which costs as much as the rates do that a lane asks for; they
+    /// are then found in another way, which rounds otherwise.
+    void stop_judging(const MaskOf<T>& lanes) { judged_ = judged_ & !lanes; }
     /// The rates asked for were reached in the last sub-step.
-    bool reached(int lane) const { return lane_of(reached_, lane); }
+    MaskOf<T> reached() const { return reached_; }
     /// A singularity was near at an end of the last leap.
-    bool poor(int lane) const { return lane_of(poor_, lane); }
+    MaskOf<T> poor() const { return poor_; }
     /// Where the lane is, the rates asked for are at a singularity, or slowed by a velocity limit.
     bool singular(int lane) const { return lane_of(singular_, lane); }
     bool limited(int lane) const { return lane_of(limited_, lane); }
@@ -87,17 +95,16 @@ class BrakingArm {
         }
     }
 
-    /// Takes every lane over `most[lane]` sub-steps or fewer; gone[lane] is how many, 0 where the lane only looked or its
-    /// leap was undone. `look()` is called once state and posture are those at the ends of the leaps. Where `accept(lane,
-    /// sub-steps)` does not agree then, a leap of more than one sub-step is undone, and state and posture mean nothing
-    /// until the next call.
-    template <class Look, class Accept>
-    void advance(const int* most, int* gone, Look look, Accept accept) {
+    /// Takes every lane over `most` sub-steps or fewer, and returns over how many: 0 where the lane only looked or its leap was
+    /// undone. `look()` is called once the state, angles too, is that at the ends of the leaps. Of leaps over more than one
+    /// sub-step, `refused(which, sub-steps)` says which are to be undone; the state means nothing then until the next call.
+    template <class Look, class Refused>
+    T advance(const T& most, Look look, Refused refused) {
         const int n = motion_.free_count;
         const bool follows = kind_ == Kind::follows;
         const MaskOf<T> begun = known_ > T(0.0);
-        const T known = known_, longest = load_whole<T>(most), wish = follows ? wish_ : select(reaches_, T(1.0), wish_);
-        const T count = select(begun, minimum(wish, longest), T(0.0));
+        const T known = known_, wish = follows ? wish_ : select(reaches_, T(1.0), wish_);
+        const T count = select(begun, minimum(wish, most), T(0.0));
         const UnevenWeights<T> weights =
             follows ? history_.template weights<true>(count) : history_.template weights<false>(count);
         // Where the values known are the rates themselves, which the arm has.
@@ -118,17 +125,9 @@ class BrakingArm {
             state.q[j] = from_[f] + travelled_[f];
             state.qd[j] = rate;
         }
-        state.refresh_angles(chain_);
-        forward_kinematics(chain_, state.q, state.angle, posture);
+        turn();
         Rates<T> wanted;
-        if (kind_ == Kind::stops) {
-            for (int f = 0; f < n; ++f) wanted.free[f] = 0.0;
-            wanted.conditioning = {none(), none()};
-            wanted.velocity_limited = none();
-            wanted.velocity_load = 0.0;
-        } else {
-            wanted = resolved_rates(chain_, motion_, posture, target);
-        }
+        find_wanted(most > T(0.0), wanted);
         T change[max_joints], load[max_joints];
         const MaskOf<T> reaches = limited_change(motion_, full_, wanted.free, state, change, load);
         T off = 0.0, largest = 0.0, largest_rate = 0.0, correction[max_joints];
@@ -152,13 +151,8 @@ class BrakingArm {
         // Where one regime ends and another begins is found by single sub-steps.
         const MaskOf<T> changes = follows ? differ(reaches, reaches_) | differ(limited, limited_) : reaches;
         const MaskOf<T> good = single | ((error <= T(1.0)) & !changes);
-        T refused = 0.0;
-        for (int lane = 0; lane < lanes; ++lane) {
-            if (lane_of(leaps & good, lane) && !accept(lane, int(lane_of(count, lane)))) set_lane(refused, lane, 1.0);
-        }
-        const MaskOf<T> stood = (goes | !begun) & good & !(refused > T(0.0)), moved = stood & goes,
+        const MaskOf<T> stood = (goes | !begun) & good & !refused(leaps & good, count), moved = stood & goes,
                         first = stood & !goes;
-        store_whole(select(moved, count, T(0.0)), gone);
         reached_ = select(stood, single & goes & reaches_, reached_);
         reaches_ = select(stood, reaches, reaches_);
         limited_ = select(stood, limited, limited_);
@@ -172,15 +166,14 @@ class BrakingArm {
         error_ = select(moved, select(kinks, T(std::numeric_limits<double>::infinity()), error), error_);
         known_ = select(moved, minimum(select(kinks, T(0.0), known_) + 1.0, T(double(braking_order))),
                         select(first, T(1.0), known_));
-        const MaskOf<T> stays = goes & !moved;
-        // The posture stays the one found before: what the corrections move it by is less than it need be known to.
+        // The angles stay those found before: what the corrections move it by is less than it need be known to.
         const T to_position = select(has_rates, weights.correct_sum, weights.correct_sum_of_sums) * motion_.substep();
         const T to_rate = follows ? select(has_rates, weights.correct_last, weights.correct_sum) : weights.correct_sum;
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
-            travelled_[f] = select(stays, travelled_before[f], travelled_[f] + to_position * correction[f]);
+            travelled_[f] = select(moved, travelled_[f] + to_position * correction[f], travelled_before[f]);
             state.q[j] = from_[f] + travelled_[f];
-            state.qd[j] = select(stays, qd_before[f], state.qd[j] + to_rate * correction[f]);
+            state.qd[j] = select(moved, state.qd[j] + to_rate * correction[f], qd_before[f]);
         }
         // Next leaps go by the changes that belong to the corrected rates. The nearer the arm is to the rates asked for, the
         // more an error of its own bends the change: with `load` sub-steps to go, changes of the rates before the correction
@@ -203,14 +196,56 @@ class BrakingArm {
         const T kink = count * share_before_kink(load, wanted.velocity_load);
         // A leap undone may have failed for another reason than the kink foretold, so it is halved at least.
         next = select(stood, minimum(next, kink - count), select(kink < count, minimum(kink, 0.5 * count), next));
-        const MaskOf<T> found = !stays;
-        for (int f = 0; f < n; ++f) load_[f] = select(found, load[f], load_[f]);
-        velocity_load_ = select(found, wanted.velocity_load, velocity_load_);
+        for (int f = 0; f < n; ++f) load_[f] = select(stood, load[f], load_[f]);
+        velocity_load_ = select(stood, wanted.velocity_load, velocity_load_);
         const T longer = select(known_ < T(3.0), T(1.0), maximum(whole_part(next), T(1.0)));
         wish_ = select(goes, longer, wish_);
+        return select(moved, count, T(0.0));
     }
 
   private:
+    void turn() {
+        if (begun_anew_) {
+            state.refresh_angles(chain_);  // of held joints as well
+        } else {
+            for (int f = 0; f < motion_.free_count; ++f) {
+                const int j = motion_.free_joint[f];
+                state.angle.set(chain_, j, state.q[j]);
+            }
+        }
+        begun_anew_ = false;
+    }
+
+    /// A lane's depend on that lane alone; those of lanes that are not `busy` may be anything.
+    void find_wanted(const MaskOf<T>& busy, Rates<T>& wanted) const {
+        if (kind_ == Kind::stops) {
+            for (int f = 0; f < motion_.free_count; ++f) wanted.free[f] = 0.0;
+            wanted.conditioning = {none(), none()};
+            wanted.velocity_limited = none();
+            wanted.velocity_load = 0.0;
+            return;
+        }
+        if (!uses_screws_ || !any(busy & !judged_)) {
+            wanted = judged_rates();
+            return;
+        }
+        const MaskOf<T> right = screws_.solve(state.angle, state.q, target, wanted.free) & !judged_;
+        wanted.conditioning = {none(), none()};
+        slow_to_velocity_limits(motion_, wanted);
+        if (!any(busy & !right)) return;
+        const Rates<T> others = judged_rates();
+        for (int f = 0; f < motion_.free_count; ++f) wanted.free[f] = select(right, wanted.free[f], others.free[f]);
+        wanted.conditioning = {select(right, none(), others.conditioning.singular),
+                               select(right, none(), others.conditioning.poor)};
+        wanted.velocity_limited = select(right, wanted.velocity_limited, others.velocity_limited);
+        wanted.velocity_load = select(right, wanted.velocity_load, others.velocity_load);
+    }
+    Rates<T> judged_rates() const {
+        Posture<T> posture;
+        forward_kinematics(chain_, state.q, state.angle, posture);
+        return resolved_rates(chain_, motion_, posture, target);
+    }
+
     /// How much of the last leap lay before the next kink, as far as the loads at its ends can tell: more than all of it
     /// where the kink is still to come. Kinks are where another joint limits the acceleration, where the rates asked for
     /// are reached or left, where a velocity limit begins or ends to matter, and singularities.
@@ -253,8 +288,11 @@ class BrakingArm {
     const Chain& chain_;
     const MotionSettings& motion_;
     const FullChangeInverse full_;
+    const PivotedRates<T> screws_;
+    const bool uses_screws_;
     const Kind kind_;
     T tolerance_ = 1.0, slack_ = 1.0;
+    bool begun_anew_ = true;  ///< a lane has, since the last `advance`
     /// Positions are kept as those of the beginning and what was gained since, by free joint: so roundings of the former do
     /// not add up.
     T from_[max_joints], travelled_[max_joints];
@@ -263,6 +301,7 @@ class BrakingArm {
     T known_ = 0.0;                             ///< moments of the history, at most braking_order
     T wish_ = 1.0;                              ///< length of the next leap
     T error_ = 0.0;                             ///< of the last leap that stood
+    MaskOf<T> judged_ = !none();                ///< lanes that may be asked about singularities
     MaskOf<T> reaches_ = none();                ///< the next sub-step will reach the rates asked for
     MaskOf<T> reached_ = none(), poor_ = none(), poor_now_ = none(), singular_ = none(), limited_ = none();
 };

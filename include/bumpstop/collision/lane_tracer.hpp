@@ -62,18 +62,17 @@ class LaneTracer {
             load(lane, jobs, paths, std::min(lane, count - 1));
             if (lane >= count) lane_[lane].path = nullptr;
         }
-        int most[lanes], gone[lanes];
-        T margin;
+        T most, margin;
         auto look = [&] { margin = detail::least_margin(motion_, arm_.state.q); };
-        auto accept = [](int, int) { return true; };
+        auto refused = [](const auto&, const T&) { return T(0.0) > T(1.0); };
         while (busy > 0) {
-            for (int lane = 0; lane < lanes; ++lane) most[lane] = longest(lane);
-            arm_.advance(most, gone, look, accept);
+            for (int lane = 0; lane < lanes; ++lane) set_lane(most, lane, double(longest(lane)));
+            const T gone = arm_.advance(most, look, refused);
             for (int lane = 0; lane < lanes; ++lane) {
                 Lane& at = lane_[lane];
-                if (at.path == nullptr || (at.begun && gone[lane] == 0)) continue;
+                if (at.path == nullptr || (at.begun && lane_of(gone, lane) == 0)) continue;
                 at.begun = true;
-                if (take(lane, gone[lane], lane_of(margin, lane))) continue;
+                if (take(lane, int(lane_of(gone, lane)), lane_of(margin, lane))) continue;
                 if (next < count) {
                     load(lane, jobs, paths, next++);
                 } else {
@@ -140,7 +139,7 @@ class LaneTracer {
         const Lane& at = lane_[lane];
         if (at.path == nullptr) return 0;
         // Whether a singularity is met is asked where a step ends.
-        if (arm_.poor(lane)) return motion_.substeps - at.gone % motion_.substeps;
+        if (lane_of(arm_.poor(), lane)) return motion_.substeps - at.gone % motion_.substeps;
         return std::min(longest_braking_leap, at.last_step * motion_.substeps - at.gone);
     }
 
@@ -161,7 +160,7 @@ class LaneTracer {
         const bool singular = at.gone % motion_.substeps == 0 && arm_.singular(lane);
         const int last = at.gone / motion_.substeps;
         // Where it will end is found step by step, and so that no step lies far behind, from well before on.
-        at.careful = at.careful || arm_.poor(lane) || margin < 0.05;
+        at.careful = at.careful || lane_of(arm_.poor(), lane) || margin < 0.05;
         // After the last moment that a path keeps, the steps to its end are looked at one by one.
         const int last_kept = at.last_step - (at.last_step - 1) % stride_;
         int wanted[lanes], known = 0;

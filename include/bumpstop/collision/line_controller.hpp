@@ -13,7 +13,7 @@ class LineController {
     LineController(const Chain& chain, const MotionSettings& motion)
         : chain_(chain),
           motion_(motion),
-          screws_(chain, motion.free_joint.data(), motion.free_count, motion.tip, travel(motion).data()),
+          screws_(chain, motion.free_joint.data(), motion.free_count, motion.tip, farthest_travel(motion).data()),
           uses_screws_(screws_.works() && motion.task_rows == 6 && motion.damping == 0),
           full_(motion) {
         for (int f = 0; f < motion.free_count; ++f) {
@@ -48,14 +48,6 @@ class LineController {
     }
 
   private:
-    /// How far from 0 joints can be: a path ends at the limits, and passes them by a step at most.
-    static std::array<double, max_joints> travel(const MotionSettings& motion) {
-        std::array<double, max_joints> most{};
-        for (int j = 0; j < max_joints; ++j)
-            most[j] = 2 * std::max(std::fabs(motion.lower[j]), std::fabs(motion.upper[j]));
-        return most;
-    }
-
     template <int Free>
     MaskOf<T> step_of(Rates<T>& wanted, const Point3<T>& velocity, ArmState<T>& state) {
         // Inside the step sines and cosines follow small turns; where it ends they are worked out anew.

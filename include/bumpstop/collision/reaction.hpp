@@ -2,24 +2,12 @@
 /// The path the contact point still travels once the arm reacts.
 #pragma once
 
-#include "bumpstop/collision/running_reaction.hpp"
+#include "bumpstop/collision/running_reactions.hpp"
+#include "bumpstop/model/point_motion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
-
-/// Velocity of a point of the arm along `normal` [m/s].
-template <class T>
-T speed_along(const Chain& chain, const MotionSettings& motion, const ArmState<T>& state, const Posture<T>& posture,
-              const LinkPoint& point, const Point3<T>& normal) {
-    const Point3<T> p = posture.position(point);
-    T speed = 0.0;
-    for (int f = 0; f < motion.free_count; ++f) {
-        const int j = motion.free_joint[f];
-        if (j <= point.link) speed += state.qd[j] * dot(linear_column(chain, posture, p, j), normal);
-    }
-    return speed;
-}
 
 /// What the slowest joint needs to stop [s]. The source counts from the detection on, with the rates the joints had then.
 inline double longest_stop_time(const MotionSettings& motion, const Timing& timing, const LinePath& path, int tick) {
@@ -32,6 +20,33 @@ inline double longest_stop_time(const MotionSettings& motion, const Timing& timi
             longest = std::max(longest, std::fabs(rates[f]) / motion.acceleration_limit[motion.free_joint[f]]);
     }
     return longest;
+}
+
+/// Tells jobs whose last digits do not matter where they begin near a singularity.
+template <class T>
+void find_poor_starts(const Chain& chain, const MotionSettings& motion, ReactionJob* jobs, int count) {
+    constexpr int lanes = Scalar<T>::lanes;
+    const int n = motion.free_count;
+    for (int first = 0; first < count; first += lanes) {
+        T q[max_joints];
+        Point3<T> velocity;
+        for (int lane = 0; lane < lanes; ++lane) {
+            const ReactionJob& job = jobs[std::min(first + lane, count - 1)];
+            const double* rs = &job.path->reaction_state[std::size_t(job.tick) * 2 * n];
+            for (int j = 0; j < chain.dof; ++j) set_lane(q[j], lane, job.q[j]);
+            for (int f = 0; f < n; ++f) set_lane(q[motion.free_joint[f]], lane, rs[f]);
+            set_lane(velocity.x, lane, job.path->velocity[0]);
+            set_lane(velocity.y, lane, job.path->velocity[1]);
+            set_lane(velocity.z, lane, job.path->velocity[2]);
+        }
+        JointAngles<T> angle;
+        angle.set(chain, q);
+        Posture<T> posture;
+        forward_kinematics(chain, q, angle, posture);
+        const MaskOf<T> poor = resolved_rates(chain, motion, posture, velocity).conditioning.poor;
+        for (int lane = 0; lane < lanes && first + lane < count; ++lane)
+            jobs[first + lane].poor_start = !jobs[first + lane].exact() && lane_of(poor, lane);
+    }
 }
 
 }  // namespace detail
@@ -48,9 +63,10 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     using Arm = BrakingArm<T>;
     Arm arm(chain, motion, stopping ? Arm::Kind::stops : Arm::Kind::follows);
     Point3<T> normal, start;
-    RunningReaction running[lanes];
+    RunningReactions<T> running(rules);
     if (count == 0) return;
-    auto load = [&](int lane, ReactionJob& job) {
+    if (!stopping) detail::find_poor_starts<T>(chain, motion, jobs, count);
+    auto load = [&](int lane, ReactionJob& job, bool careful = false) {
         const LinePath& path = *job.path;
         const double* rs = &path.reaction_state[std::size_t(job.tick) * 2 * n];
         for (int j = 0; j < chain.dof; ++j) {
@@ -71,47 +87,35 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         set(normal, path.normal, 1);
         set(start, path.start, 1);
         arm.begin(lane, job.leap_tolerance);
-        running[lane] = RunningReaction(rules, job, path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency],
-                                        detail::longest_stop_time(motion, timing, path, job.tick));
+        running.begin(lane, job, path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency],
+                      detail::longest_stop_time(motion, timing, path, job.tick), careful);
     };
-    int busy = std::min(count, lanes), next = busy;
+    int next = std::min(count, lanes);
     for (int lane = 0; lane < lanes; ++lane) {
         // Lanes without a job of their own stand where the first one began.
         load(lane, jobs[lane < count ? lane : 0]);
-        if (lane >= count) running[lane] = {};
+        if (lane >= count) running.stop(lane);
     }
     T speed, distance;
-    int most[lanes], gone[lanes];
-    while (busy > 0) {
-        for (int lane = 0; lane < lanes; ++lane)
-            most[lane] = running[lane].idle() ? 0 : running[lane].longest_leap(rules);
-        auto look = [&] {
-            speed = detail::speed_along(chain, motion, arm.state, arm.posture, contact.point, normal);
-            distance = dot(arm.posture.position(contact.point) - start, normal);
-        };
-        arm.advance(most, gone, look,
-                    [&](int lane, int over) { return running[lane].accepts(rules, over, lane_of(speed, lane)); });
+    auto look = [&] {
+        const PointMotion<T> point = point_motion(chain, arm.state.q, arm.state.qd, arm.state.angle, contact.point);
+        speed = dot(point.velocity, normal);
+        distance = dot(point.position - start, normal);
+    };
+    auto refused = [&](const MaskOf<T>& leaps, const T& over) { return running.refused(leaps, over, speed); };
+    while (!running.all_done()) {
+        arm.stop_judging(running.careless());
+        const T gone = arm.advance(running.longest_leaps(), look, refused);
+        const ReactionFates<T> fates = running.take({gone, distance, speed, arm.poor(), arm.reached()});
+        arm.loosen(fates.home, RunningReactions<T>::homing_slack);
+        if (!any(fates.anew | fates.done)) continue;
         for (int lane = 0; lane < lanes; ++lane) {
-            RunningReaction& at = running[lane];
-            if (at.idle()) continue;
-            switch (at.take(rules, {gone[lane], lane_of(distance, lane), lane_of(speed, lane), arm.poor(lane),
-                                    arm.reached(lane)})) {
-                case ReactionFate::goes_on:
-                    break;
-                case ReactionFate::homes:
-                    arm.loosen(lane, RunningReaction::homing_slack);
-                    break;
-                case ReactionFate::anew:
-                    load(lane, at.job());
-                    at.take_care();
-                    break;
-                case ReactionFate::done:
-                    if (next < count) {
-                        load(lane, jobs[next++]);
-                    } else {
-                        at = {};
-                        --busy;
-                    }
+            if (lane_of(fates.anew, lane)) load(lane, running.job(lane), true);
+            if (!lane_of(fates.done, lane)) continue;
+            if (next < count) {
+                load(lane, jobs[next++]);
+            } else {
+                running.stop(lane);
             }
         }
     }

@@ -103,6 +103,7 @@ struct Mask {
     friend Mask operator|(Mask a, Mask b) { return {a.bits | b.bits}; }
     friend Mask operator!(Mask a) { return {~a.bits}; }
     bool operator[](int lane) const { return bits[lane] != 0; }
+    void set(int lane, bool value) { bits[lane] = value ? -1 : 0; }
 };
 
 #if defined(__AVX512F__)
@@ -122,6 +123,7 @@ struct Mask<8> {
     friend Mask operator|(Mask a, Mask b) { return {__mmask8(a.bits | b.bits)}; }
     friend Mask operator!(Mask a) { return {__mmask8(~a.bits)}; }
     bool operator[](int lane) const { return (bits >> lane & 1) != 0; }
+    void set(int lane, bool value) { bits = __mmask8((bits & ~(1 << lane)) | (value ? 1 << lane : 0)); }
 };
 #endif
 
@@ -357,6 +359,11 @@ template <int N>
 void set_lane(Lanes<N>& x, int lane, double value) {
     x.v[lane] = value;
 }
+inline void set_lane(bool& m, int, bool value) { m = value; }
+template <int N>
+void set_lane(Mask<N>& m, int lane, bool value) {
+    m.set(lane, value);
+}
 template <class T>
 T load(const double* p) {
     if constexpr (Scalar<T>::lanes == 1) {
@@ -369,20 +376,6 @@ inline void store(double x, double* p) { *p = x; }
 template <int N>
 void store(Lanes<N> x, double* p) {
     x.store(p);
-}
-
-/// Whole numbers of 32 bits, one a lane.
-template <class T>
-T load_whole(const int* from) {
-    double value[Scalar<T>::lanes];
-    for (int lane = 0; lane < Scalar<T>::lanes; ++lane) value[lane] = from[lane];
-    return load<T>(value);
-}
-template <class T>
-void store_whole(T x, int* to) {
-    double value[Scalar<T>::lanes];
-    store(x, value);
-    for (int lane = 0; lane < Scalar<T>::lanes; ++lane) to[lane] = int(value[lane]);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
