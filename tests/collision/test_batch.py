@@ -27,7 +27,7 @@ def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
         law = bs.evaluate(
             base.with_values({"pose_rad": q[i].tolist(), "motion.velocity_mm_s": (velocity[i] * 1e3).tolist()})
         )
-        assert one.mean[i] == pytest.approx(law.peak_force.mean, rel=1e-8)
+        assert one.mean[i] == pytest.approx(law.peak_force.mean, rel=1e-6)
         assert one.sd[i] == pytest.approx(law.peak_force.sd, rel=1e-6)
         for column, p in enumerate((0.5, 0.95, 0.99, 0.999)):
             assert one.quantile[i, column] == pytest.approx(law.peak_force.quantile(p), rel=1e-7)

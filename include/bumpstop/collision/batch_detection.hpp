@@ -77,8 +77,9 @@ class BatchDetection : public BatchPanels {
 
   private:
     static constexpr double least_survival = 1e-13;
-    static constexpr int interpolated_from = 8;  ///< panels
-    static constexpr double agreement = 1e-9;    ///< of probabilities interpolated and worked out
+    static constexpr int interpolated_from = 8;    ///< panels
+    static constexpr std::size_t more_slots = 16;  ///< room is made for so many at a time
+    static constexpr double agreement = 1e-9;      ///< of probabilities interpolated and worked out
 
     void begin() {
         false_alarm = undetected = no_contact = 0;
@@ -229,15 +230,14 @@ class BatchDetection : public BatchPanels {
             for (int w = 0; w < watched; ++w) fired[w][r] = 0.0;
         }
         for (int k = panel.tick; k < path_->ticks; ++k) {
-            const std::size_t at = outcome_.size();
-            outcome_.resize(at + order);
+            const std::size_t at = outcome_of_[std::size_t(p)] + std::size_t(panel.slots) * order;
+            if (at == outcome_.size()) outcome_.resize(at + more_slots * order);
             ++panel.slots;
             if (!quiet_.armed(k)) {
                 std::fill_n(&outcome_[at], order, 0.0);
                 continue;
             }
             const double s = s_tick(k);
-            const double* torque = &path_->torque_per_N[std::size_t(k) * path_->dof];
             T alarm[registers], silent[registers], force[registers], most = 0.0;
             for (int r = 0; r < registers; ++r) {
                 alarm[r] = 0.0;
@@ -246,10 +246,10 @@ class BatchDetection : public BatchPanels {
             }
             const double nearest = std::max(s - panel.high, 0.0), farthest = std::max(s - panel.low, 0.0);
             const double central = 0.5 * (nearest + farthest) * stiffness_;
+            const AlarmTable::Near near = alarms_.near<T>(watched, torque_per_N(k), central);
             for (int w = 0; w < watched; ++w) {
-                const AlarmTable::Near near = alarms_.near(w, torque[detector_.joint[w]], central);
                 for (int r = 0; r < registers; ++r) {
-                    const T q = near.alarm(force[r]);
+                    const T q = near.alarm(w, force[r]);
                     fired[w][r] += survival[r] * q;
                     alarm[r] += silent[r] * q;
                     silent[r] = silent[r] * (1.0 - q);
@@ -262,6 +262,7 @@ class BatchDetection : public BatchPanels {
             }
             if (all(most < T(least_survival))) break;
         }
+        outcome_.resize(outcome_of_[std::size_t(p)] + std::size_t(panel.slots) * order);
         for (int r = 0; r < registers; ++r) {
             store(survival[r], &survived_[std::size_t(p) * order + std::size_t(r) * lanes]);
             for (int w = 0; w < watched; ++w)

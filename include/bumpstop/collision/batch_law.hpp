@@ -100,28 +100,37 @@ class BatchLaw : public BatchDetection<T> {
     /// about which what is known of the tail foretells nothing.
     static constexpr double small_step = 1e-5, small_gap = 1e-6;
 
+    /// A panel of offsets that alarms before contact may meet: all of them with the same probabilities of the offset.
+    struct EarlyPanel {
+        double low, high, mid;
+        double value[order];       ///< probability by node
+        double moment[3];          ///< of value about the middle: sums of value, value d and value d^2
+        std::size_t first, after;  ///< its alarms
+        double most;               ///< the greatest of their depths
+    };
     /// A detection before contact whose stopping path still arrives. Those of a panel follow one another, the latest first.
     struct EarlyAlarm {
-        double low, high, farthest, mass;
-        double most;        ///< farthest minus low: the greatest of this and all that follow in its panel
-        std::size_t after;  ///< index of the first of the next panel
+        double farthest, chance;
+        double most;  ///< farthest minus low: the greatest of this and all that follow in its panel
     };
 
-    /// Where panels are cut: of each the values at the nodes, the place on [-1, 1], and 1 / half its width [1/m].
+    /// Where panels are cut: of each the values at the nodes and what they are to be multiplied with, the place on [-1, 1],
+    /// and 1 / half its width [1/m].
     struct Cuts {
-        std::vector<const double*> value;
-        std::vector<double> place, inverse_half;
+        struct Values {
+            const double* at_nodes;
+            double factor, inverse_half;
+        };
+        std::vector<Values> values;
+        std::vector<double> place;
 
         void clear() {
-            value.clear();
+            values.clear();
             place.clear();
-            inverse_half.clear();
         }
-        void add(const double* values, double cut, double low, double high) {
-            const double inverse = 2 / (high - low);
-            value.push_back(values);
-            place.push_back((cut - 0.5 * (low + high)) * inverse);
-            inverse_half.push_back(inverse);
+        void add(const Values& cut, double at) {
+            values.push_back(cut);
+            place.push_back(at);
         }
     };
 
@@ -144,19 +153,17 @@ class BatchLaw : public BatchDetection<T> {
             }
         }
         // What begins to stop before contact does not press hard.
-        for (std::size_t i = 0; depth < most_early_ && i < early_.size();) {
-            const EarlyAlarm& early = early_[i];
-            if (early.most <= depth) {
-                i = early.after;
-                continue;
+        for (const EarlyPanel& panel : early_panels_) {
+            if (panel.most <= depth) continue;
+            const double inverse_half = 2 / (panel.high - panel.low);
+            for (std::size_t i = panel.first; i < panel.after && early_[i].most > depth; ++i) {
+                const double cut = early_[i].farthest - depth;
+                if (cut >= panel.high) {
+                    sum.probability += early_[i].chance * panel.moment[0];
+                } else if (cut > panel.low) {
+                    cuts_.add({panel.value, early_[i].chance, inverse_half}, (cut - panel.mid) * inverse_half);
+                }
             }
-            const double cut = early.farthest - depth;
-            if (cut >= early.high) {
-                sum.probability += early.mass;
-            } else if (cut > early.low) {
-                cuts_.add(&early_value_[i * order], cut, early.low, early.high);
-            }
-            ++i;
         }
         add_cuts(sum);
         sum.probability = std::max(0.0, sum.probability);
@@ -172,28 +179,31 @@ class BatchLaw : public BatchDetection<T> {
         while (slot > 0 && farthest[slot - 1] >= high) --slot;
         while (slot < panel.slots && farthest[slot] < high) ++slot;
         if (slot < panel.slots) sum.probability += later_mass_[panel.mass_at + std::size_t(slot)];
+        if (slot == 0 || farthest[slot - 1] <= low) return slot;
+        const double inverse_half = 2 / (panel.high - panel.low);
         for (int cut = slot - 1; cut >= 0 && farthest[cut] > low; --cut)
-            add_slot(panel, std::size_t(cut), farthest[cut] - depth);
+            add_slot(panel, std::size_t(cut), farthest[cut] - depth, inverse_half);
         return slot;
     }
     void add_any(const Panel& panel, double depth, TailAt& sum) {
-        const double* farthest = farthest_.data() + panel.tick;
+        const double *farthest = farthest_.data() + panel.tick, inverse_half = 2 / (panel.high - panel.low);
         for (int slot = 0; slot < panel.slots; ++slot) {
             if (farthest[slot] >= panel.high + depth) {
                 sum.probability += mass_[panel.mass_at + std::size_t(slot)];
             } else if (farthest[slot] > panel.low + depth) {
-                add_slot(panel, std::size_t(slot), farthest[slot] - depth);
+                add_slot(panel, std::size_t(slot), farthest[slot] - depth, inverse_half);
             }
         }
     }
-    void add_slot(const Panel& panel, std::size_t slot, double cut) {
+    void add_slot(const Panel& panel, std::size_t slot, double cut, double inverse_half) {
         if (mass_[panel.mass_at + slot] > 0)
-            cuts_.add(&value_[panel.value_at + slot * order], cut, panel.low, panel.high);
+            cuts_.add({&value_[panel.value_at + slot * order], 1.0, inverse_half},
+                      (cut - 0.5 * (panel.low + panel.high)) * inverse_half);
     }
 
     /// Adds what lies below the cuts.
     void add_cuts(TailAt& to) {
-        const std::size_t count = cuts_.value.size();
+        const std::size_t count = cuts_.values.size();
         cuts_.place.resize((count + lanes - 1) / lanes * lanes, 0.0);
         T density = 0.0;
         for (std::size_t first = 0; first < count; first += lanes) {
@@ -211,7 +221,8 @@ class BatchLaw : public BatchDetection<T> {
                 here = after;
             }
             for (std::size_t lane = 0; lane < lanes && first + lane < count; ++lane) {
-                const double *node = cuts_.value[first + lane], inverse_half = cuts_.inverse_half[first + lane];
+                const typename Cuts::Values& cut = cuts_.values[first + lane];
+                const double slope_factor = cut.factor * cut.inverse_half;
                 T below = 0.0;
                 for (int r = 0; r < registers; ++r) {
                     T part = 0.0, slope = 0.0;
@@ -221,12 +232,12 @@ class BatchLaw : public BatchDetection<T> {
                         part += integral[l][lane] * p;
                         slope += value[l][lane] * p;
                     }
-                    const T v = load<T>(node + r * lanes);
+                    const T v = load<T>(cut.at_nodes + r * lanes);
                     below += part * v;
-                    density += slope * (v * inverse_half);
+                    density += slope * (v * slope_factor);
                 }
                 // The polynomial may dip below zero where there is next to nothing.
-                to.probability += std::max(0.0, sum_of_lanes(below));
+                to.probability += cut.factor * std::max(0.0, sum_of_lanes(below));
             }
         }
         to.density += sum_of_lanes(density);
@@ -237,8 +248,7 @@ class BatchLaw : public BatchDetection<T> {
         const int ticks = path_->ticks;
         double touching = 0;
         early_.clear();
-        early_value_.clear();
-        most_early_ = 0;
+        early_panels_.clear();
         if (quiet_.alarm_before(ticks) > 0) {
             // By tick: the farthest any stopping path gets that begins there or earlier.
             farthest_yet_.assign(farthest_.begin(), farthest_.begin() + ticks);
@@ -248,27 +258,46 @@ class BatchLaw : public BatchDetection<T> {
             const std::size_t reached = panels_.size();
             this->add_end_panels(edge_.back(), farthest_yet_.back(), ticks + 1);
             for (const Panel& panel : panels_) {
-                T offset[registers];
-                this->weigh_offsets(panel, offset);
-                const std::size_t first = early_.size();
+                EarlyPanel made;
+                made.first = early_.size();
+                made.most = 0;
+                double chances = 0;
                 for (int k = std::min(panel.tick, ticks) - 1; k >= 0; --k) {
                     const double most = farthest_yet_[std::size_t(k)] - panel.low;
                     if (!(most > 0)) break;
                     const double farthest = farthest_[std::size_t(k)];
                     if (!quiet_.armed(k) || !(farthest > panel.low)) continue;
                     const double chance = quiet_.silence_before(k) * quiet_.idle().alarm;
-                    early_.push_back({panel.low, panel.high, farthest, sum(offset) * chance, most, 0});
-                    early_value_.resize(early_.size() * order);
-                    double* value = &early_value_[early_value_.size() - order];
-                    for (int r = 0; r < registers; ++r) store(offset[r] * chance, value + r * lanes);
-                    touching += early_.back().mass;
-                    most_early_ = std::max(most_early_, farthest - panel.low);
+                    early_.push_back({farthest, chance, most});
+                    chances += chance;
+                    made.most = std::max(made.most, farthest - panel.low);
                 }
-                for (std::size_t i = first; i < early_.size(); ++i) early_[i].after = early_.size();
+                if (early_.size() == made.first) continue;
+                made.after = early_.size();
+                made.low = panel.low;
+                made.high = panel.high;
+                made.mid = 0.5 * (panel.low + panel.high);
+                weigh_early(panel, made);
+                touching += made.moment[0] * chances;
+                early_panels_.push_back(made);
             }
             panels_.resize(reached);
         }
         harmless_ = std::max(0.0, alarm_before_ - touching) + no_contact;
+    }
+
+    void weigh_early(const Panel& panel, EarlyPanel& made) const {
+        const double half = 0.5 * (panel.high - panel.low);
+        T offset[registers], moment[3][registers];
+        this->weigh_offsets(panel, offset);
+        for (int r = 0; r < registers; ++r) {
+            const T d = half * load<T>(node_ + r * lanes);
+            store(offset[r], made.value + r * lanes);
+            moment[0][r] = offset[r];
+            moment[1][r] = offset[r] * d;
+            moment[2][r] = offset[r] * d * d;
+        }
+        for (int i = 0; i < 3; ++i) made.moment[i] = sum(moment[i]);
     }
 
     void find_moments() {
@@ -289,16 +318,16 @@ class BatchLaw : public BatchDetection<T> {
             mass += here;
             most_force_ = std::max(most_force_, stiffness_ * (farthest - panel.low));
         });
-        for (const EarlyAlarm& early : early_) {
-            mass += early.mass;
-            most_force_ = std::max(most_force_, stiffness_ * (early.farthest - early.low));
+        for (const EarlyPanel& panel : early_panels_) {
+            for (std::size_t i = panel.first; i < panel.after; ++i) mass += early_[i].chance * panel.moment[0];
+            most_force_ = std::max(most_force_, stiffness_ * panel.most);
         }
         about = mass > 0 ? stiffness_ * about / mass : 0;
         T first = 0.0, second = 0.0;
         double sum1 = -harmless_ * about, sum2 = harmless_ * about * about;
         auto add = [&](const double* value, double low, double high, double farthest) {
             if (farthest > low && farthest < high) {
-                add_reached(value, low, high, farthest, about, sum1, sum2);
+                add_reached(value, 1.0, low, high, farthest, about, sum1, sum2);
                 return;
             }
             const double mid = 0.5 * (low + high), half = 0.5 * (high - low);
@@ -313,8 +342,19 @@ class BatchLaw : public BatchDetection<T> {
         each([&](const Panel& panel, const double* value, double here, double farthest) {
             if (here != 0) add(value, panel.low, panel.high, farthest);
         });
-        for (std::size_t i = 0; i < early_.size(); ++i)
-            add(&early_value_[i * order], early_[i].low, early_[i].high, early_[i].farthest);
+        for (const EarlyPanel& panel : early_panels_) {
+            for (std::size_t i = panel.first; i < panel.after; ++i) {
+                const double farthest = early_[i].farthest, chance = early_[i].chance;
+                if (farthest < panel.high) {
+                    add_reached(panel.value, chance, panel.low, panel.high, farthest, about, sum1, sum2);
+                    continue;
+                }
+                const double middle = stiffness_ * (farthest - panel.mid) - about;
+                sum1 += chance * (middle * panel.moment[0] - stiffness_ * panel.moment[1]);
+                sum2 += chance * (middle * (middle * panel.moment[0] - 2 * stiffness_ * panel.moment[1]) +
+                                  stiffness_ * stiffness_ * panel.moment[2]);
+            }
+        }
         if (undetected > 0) {
             const double end = path_->ticks > 0 ? path_->s[this->end_step()] : 0;
             for (std::size_t p = 0; p < panels_.size(); ++p)
@@ -327,17 +367,17 @@ class BatchLaw : public BatchDetection<T> {
         moments_ = {about + offset, std::sqrt(std::max(0.0, sum2 / total - offset * offset))};
     }
 
-    /// Adds the first two moments about `about` of a panel that `farthest` is in: what lies beyond feels no force, and the
+    /// Adds the first two moments about `about` of a panel that `farthest` is in, its values multiplied with `factor`: what lies beyond feels no force, and the
     /// rule is that of the nearer part, where the force is straight.
-    void add_reached(const double* value, double low, double high, double farthest, double about, double& sum1,
-                     double& sum2) const {
+    void add_reached(const double* value, double factor, double low, double high, double farthest, double about,
+                     double& sum1, double& sum2) const {
         double series[order], rest = 0;
         for (int l = 0; l < order; ++l) {
             double sum = 0;
             for (int g = 0; g < order; ++g) sum += half_legendre_[l][g] * value[g];
-            series[l] = (2 * l + 1) * sum;
+            series[l] = factor * (2 * l + 1) * sum;
         }
-        for (int g = 0; g < order; ++g) rest += value[g];
+        for (int g = 0; g < order; ++g) rest += factor * value[g];
         const double share = (farthest - low) / (high - low);
         for (int g = 0; g < order; ++g) {
             const double part = 0.5 * (node_[g] + 1);  // of the way from `low` to `farthest`
@@ -356,11 +396,10 @@ class BatchLaw : public BatchDetection<T> {
 
     std::vector<double> farthest_, farthest_yet_;
     std::vector<double> later_mass_;  ///< mass_ of a slot and all later ones of its panel
+    std::vector<EarlyPanel> early_panels_;
     std::vector<EarlyAlarm> early_;
-    std::vector<double> early_value_;  ///< [early alarm][node]: probability
     Cuts cuts_;
     KnownTails known_;
-    double most_early_ = 0;  ///< deepest an early alarm's path gets [m]
     double harmless_ = 0, most_force_ = 0;
     Moments moments_{};
 };

@@ -44,6 +44,8 @@ class BatchPanels {
 
     std::size_t end_step() const { return std::min(path_->s.size() - 1, std::size_t(timing_.steps)); }
     double s_tick(int k) const { return path_->at_tick(k, timing_.period); }
+    /// By watched joint, readable up to max_joints.
+    const double* torque_per_N(int k) const { return &torque_per_N_[std::size_t(k) * max_joints]; }
 
     void add_end_panels(double low, double high, int tick) {
         high = std::min(high, offset_.largest());
@@ -83,10 +85,13 @@ class BatchPanels {
     bool place_panels() {
         const int ticks = path_->ticks;
         double gain = 0;  // of the residual in standard deviations, per metre
+        torque_per_N_.resize(std::size_t(ticks) * max_joints);
         for (int k = 0; k < ticks; ++k) {
-            for (int w = 0; w < detector_.watched; ++w)
-                gain = std::max(gain, std::fabs(path_->torque_per_N[std::size_t(k) * path_->dof + detector_.joint[w]]) *
-                                          stiffness_ / detector_.sd[w]);
+            double* own = &torque_per_N_[std::size_t(k) * max_joints];
+            for (int w = 0; w < detector_.watched; ++w) {
+                own[w] = path_->torque_per_N[std::size_t(k) * path_->dof + detector_.joint[w]];
+                gain = std::max(gain, std::fabs(own[w]) * stiffness_ / detector_.sd[w]);
+            }
         }
         double width = gain > 0 ? AlarmTable::widest / gain : std::numeric_limits<double>::infinity();
         if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
@@ -140,7 +145,8 @@ class BatchPanels {
         return group;
     }
 
-    std::vector<double> left_;  ///< where an arm that falls back stands at a tick [m]
+    std::vector<double> torque_per_N_;  ///< [tick][watched joint, max_joints places]
+    std::vector<double> left_;          ///< where an arm that falls back stands at a tick [m]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

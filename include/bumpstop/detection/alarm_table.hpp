@@ -20,13 +20,13 @@ class AlarmTable {
         for (int w = 0; w < detector.watched; ++w) {
             sharp_ = sharp_ || !(detector.sd[w] > 0) || detector.threshold[w] > 1e3 * detector.sd[w];
             if (sharp_) return;
-            Joint& joint = joint_[w];
-            joint.mean = detector.mean[w];
-            joint.per_sd = 1 / detector.sd[w];
-            joint.first = piece_.size();
+            per_sd_[w] = 1 / detector.sd[w];
+            mean_[w] = detector.mean[w] * per_sd_[w];
+            first_[w] = piece_.size();
             // The last piece is 1: ten standard deviations above the threshold nothing is silent.
-            joint.last = int(std::ceil((detector.threshold[w] / detector.sd[w] + 10) * pieces_per_sd));
-            for (int i = 0; i < joint.last; ++i) {
+            const int last = int(std::ceil((detector.threshold[w] / detector.sd[w] + 10) * pieces_per_sd));
+            last_[w] = last;
+            for (int i = 0; i < last; ++i) {
                 double value[terms];
                 for (int n = 0; n < terms; ++n) {
                     const double c = (i / pieces_per_sd + reach * node(n)) * detector.sd[w];
@@ -50,40 +50,41 @@ class AlarmTable {
     };
 
   public:
-    /// A joint's probability of an alarm for forces near each other.
+    /// The joints' probabilities of an alarm for forces near each other.
     class Near {
       public:
+        /// Of watched joint w.
         template <class T>
-        T alarm(T force) const {
-            return polynomial(piece_->power, T(force * slope_ + shift_));
+        T alarm(int w, T force) const {
+            const Piece& piece = table_.piece_[table_.first_[w] + std::size_t(index_[w])];
+            return polynomial(piece.power, T(force * slope_[w] + shift_[w]));
         }
 
       private:
         friend class AlarmTable;
-        const Piece* piece_;
-        double slope_, shift_;  ///< of the place in the piece, -1 to 1
+        explicit Near(const AlarmTable& table) : table_(table) {}
+
+        const AlarmTable& table_;
+        double index_[max_joints], slope_[max_joints], shift_[max_joints];  ///< of the place in the piece, -1 to 1
     };
 
-    /// Of watched joint w, whose noiseless residual (without the noise mean) is `torque_per_N` times the force, about
-    /// that force.
-    Near near(int w, double torque_per_N, double force) const {
-        const Joint& joint = joint_[w];
-        const double at = (torque_per_N * force + joint.mean) * joint.per_sd, sign = at < 0 ? -1.0 : 1.0;
-        const int index = int(std::min(std::fabs(at) * pieces_per_sd + 0.5, double(joint.last)));
-        Near near;
-        near.piece_ = &piece_[joint.first + std::size_t(index)];
-        near.slope_ = sign * torque_per_N * joint.per_sd / reach;
-        near.shift_ = (sign * joint.mean * joint.per_sd - index / pieces_per_sd) / reach;
+    /// `torque_per_N`: by watched joint, its noiseless residual (without the noise mean) divided by the force; readable up to
+    /// a whole number of registers. About that force.
+    template <class T>
+    Near near(int watched, const double* torque_per_N, double force) const {
+        Near near(*this);
+        for (int w = 0; w < watched; w += Scalar<T>::lanes) {
+            const T torque = load<T>(torque_per_N + w) * load<T>(per_sd_ + w), mean = load<T>(mean_ + w);
+            const T at = torque * force + mean, sign = select(at < T(0.0), T(-1.0), T(1.0));
+            const T index = minimum(whole_part(absolute(at) * pieces_per_sd + 0.5), load<T>(last_ + w));
+            store(index, near.index_ + w);
+            store(sign * torque * (1 / reach), near.slope_ + w);
+            store((sign * mean - index * (1 / pieces_per_sd)) * (1 / reach), near.shift_ + w);
+        }
         return near;
     }
 
   private:
-    struct Joint {
-        double mean = 0, per_sd = 0;
-        int last = 0;
-        std::size_t first = 0;
-    };
-
     /// Chebyshev's nodes on [-1, 1].
     static double node(int n) { return -std::cos(std::numbers::pi * (n + 0.5) / terms); }
 
@@ -101,7 +102,9 @@ class AlarmTable {
     }
 
     bool sharp_ = false;
-    std::array<Joint, max_joints> joint_{};
+    double mean_[max_joints] = {}, per_sd_[max_joints] = {};  ///< by watched joint
+    double last_[max_joints] = {};                            ///< a joint's last piece
+    std::size_t first_[max_joints] = {};                      ///< a joint's first piece in `piece_`
     std::vector<Piece> piece_;
 };
 
