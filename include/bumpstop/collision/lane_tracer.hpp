@@ -189,6 +189,17 @@ class LaneTracer {
     /// Where a lane was at these steps of its last leap, in order.
     void keep(int lane, const int* steps, int count) {
         Lane& at = lane_[lane];
+        if (count == 1 && steps[0] * motion_.substeps == at.gone) {
+            // The end of the leap, where the arm is.
+            const int to = at.waiting++;
+            at.step[to] = steps[0];
+            for (int f = 0; f < motion_.free_count; ++f) {
+                const int j = motion_.free_joint[f];
+                set_lane(at.waiting_q[f], to, lane_of(arm_.state.q[j], lane));
+                set_lane(at.waiting_qd[f], to, lane_of(arm_.state.qd[j], lane));
+            }
+            return;
+        }
         T back, q[max_joints], qd[max_joints];
         for (int i = 0; i < lanes; ++i)
             set_lane(back, i, double(at.gone - steps[std::min(i, count - 1)] * motion_.substeps));
