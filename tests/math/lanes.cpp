@@ -43,6 +43,24 @@ void sums() {
 }
 
 template <int N>
+void transposition() {
+    Lanes<N> row[N];
+    for (int i = 0; i < N; ++i)
+        for (int lane = 0; lane < N; ++lane) row[i].set(lane, 10 * i + lane);
+    transpose(row);
+    for (int i = 0; i < N; ++i)
+        for (int lane = 0; lane < N; ++lane) CHECK(row[i][lane] == 10 * lane + i);
+}
+
+template <int N>
+void masks_by_lane() {
+    Mask<N> mask = Lanes<N>(0.0) > Lanes<N>(1.0);
+    for (int lane = 0; lane < N; lane += 2) set_lane(mask, lane, true);
+    set_lane(mask, 0, false);
+    for (int lane = 0; lane < N; ++lane) CHECK(lane_of(mask, lane) == (lane > 0 && lane % 2 == 0));
+}
+
+template <int N>
 void arithmetic() {
     using L = Lanes<N>;
     const int count = int(operands().size());
@@ -195,6 +213,8 @@ template <int N>
 void run() {
     arithmetic<N>();
     sums<N>();
+    transposition<N>();
+    masks_by_lane<N>();
     masks<N>();
     integers<N>();
     functions<N>();

@@ -21,6 +21,8 @@ class BatchDetection : public BatchPanels {
         for (int g = 0; g < order; ++g) {
             node_[g] = rule.node[g];
             weight_[g] = rule.weight[g];
+            for (int l = 0; l < order; ++l)
+                half_legendre_[g][l] = rule.to_legendre[std::size_t(l) * order + g] / ((2 * l + 1) * rule.weight[g]);
         }
     }
 
@@ -69,10 +71,26 @@ class BatchDetection : public BatchPanels {
         return sum_of_lanes(all);
     }
 
+    /// What the values at the nodes of a panel are in Legendre's polynomials: the sums of their products with P_l / 2, by
+    /// degree. With d from -1 to 1 on the panel, the polynomial through the densities is the sum of (2 l + 1) P_l(d) times
+    /// these, and its integral from -1 on that of P_l+1(d) - P_l-1(d) times these.
+    void find_series(const T (&row)[registers], double* series) const {
+        double value[order];
+        T sum[registers];
+        for (int r = 0; r < registers; ++r) {
+            store(row[r], value + r * lanes);
+            sum[r] = 0.0;
+        }
+        BUMPSTOP_UNROLL
+        for (int g = 0; g < order; ++g)
+            for (int r = 0; r < registers; ++r) sum[r] += value[g] * load<T>(half_legendre_[g] + r * lanes);
+        for (int r = 0; r < registers; ++r) store(sum[r], series + r * lanes);
+    }
+
     double node_[order], weight_[order];
     std::vector<double> survived_;  ///< [panel][node]: never detected; given contact, then weighed
-    std::vector<double> value_;     ///< [slot][node], panel by panel: probability of a detection then
-    std::vector<double> mass_;      ///< [slot], panel by panel: the same, all nodes together
+    std::vector<double> series_;    ///< [slot][degree], panel by panel: of the probability of a detection then
+    std::vector<double> mass_;      ///< [slot], panel by panel: that probability, all nodes together
     double alarm_before_ = 0;       ///< probability of an alarm before contact
 
   private:
@@ -84,7 +102,7 @@ class BatchDetection : public BatchPanels {
     void begin() {
         false_alarm = undetected = no_contact = 0;
         for (double& joint : trigger) joint = 0;
-        value_.clear();
+        series_.clear();
         mass_.clear();
     }
 
@@ -204,15 +222,17 @@ class BatchDetection : public BatchPanels {
                 if (i < slots[m] * order) value += weight[m] * load<T>(from[m] + i);
             store(value, to + i);
         }
-        const std::size_t watched = std::size_t(detector_.watched);
-        for (int i = 0; i < order; ++i) survived_[std::size_t(p) * order + i] = 0;
-        for (int m = 0; m < interpolated_from; ++m) {
-            const std::size_t n = std::size_t(run_[std::size_t(node[m])]);
-            for (std::size_t i = 0; i < order; ++i)
-                survived_[std::size_t(p) * order + i] += weight[m] * survived_[n * order + i];
-            for (std::size_t i = 0; i < order * watched; ++i)
-                fired_[std::size_t(p) * order * watched + i] += weight[m] * fired_[n * order * watched + i];
-        }
+        const auto combine = [&](std::vector<double>& of_panels, int count) {
+            for (int m = 0; m < interpolated_from; ++m)
+                from[m] = &of_panels[std::size_t(run_[std::size_t(node[m])]) * std::size_t(count)];
+            for (int i = 0; i < count; i += lanes) {
+                T value = weight[0] * load<T>(from[0] + i);
+                for (int m = 1; m < interpolated_from; ++m) value += weight[m] * load<T>(from[m] + i);
+                store(value, &of_panels[std::size_t(p) * std::size_t(count) + std::size_t(i)]);
+            }
+        };
+        combine(survived_, order);
+        combine(fired_, order * detector_.watched);
     }
 
     /// Follows the offsets of a panel from tick to tick.
@@ -281,14 +301,14 @@ class BatchDetection : public BatchPanels {
         detection_.assign(std::size_t(ticks), 0.0);
         for (int k = quiet_.unarmed(); k < ticks; ++k)
             detection_[std::size_t(k)] = quiet_.silence_before(k) * quiet_.idle().alarm * beyond_[std::size_t(k) + 1];
-        std::size_t values = 0, masses = 0;
+        std::size_t series = 0, masses = 0;
         for (Panel& panel : panels_) {
-            panel.value_at = values;
+            panel.series_at = series;
             panel.mass_at = masses;
-            values += std::size_t(panel.slots) * order;
+            series += std::size_t(panel.slots) * order;
             masses += std::size_t(panel.slots);
         }
-        value_.resize(values);
+        series_.resize(series);
         mass_.assign(masses, 0.0);
         for (std::size_t p = 0; p < panels_.size(); ++p) {
             Panel& panel = panels_[p];
@@ -305,9 +325,10 @@ class BatchDetection : public BatchPanels {
                 for (int r = 0; r < registers; ++r) {
                     // Interpolation leaves a little of either sign where there is nothing.
                     row[r] = weight[r] * maximum(load<T>(from + at + std::size_t(r) * lanes), T(0.0));
-                    store(row[r], &value_[panel.value_at + at + std::size_t(r) * lanes]);
                 }
-                const double mass = sum(row);
+                double* to = &series_[panel.series_at + at];
+                find_series(row, to);
+                const double mass = 2 * to[0];
                 mass_[panel.mass_at + std::size_t(slot)] = mass;
                 detection_[std::size_t(panel.tick + slot)] += mass;
                 panel.mass += mass;
@@ -354,6 +375,7 @@ class BatchDetection : public BatchPanels {
     }
 
     const AlarmTable& alarms_;
+    double half_legendre_[order][order];  ///< half_legendre_[g]: P_l / 2 at node g, by degree
     std::vector<int> run_;
     std::vector<std::size_t> outcome_of_;  ///< by panel: where its outcomes begin
     std::vector<double> outcome_;          ///< [slot][node], panel by panel: detected then, given contact

@@ -19,13 +19,7 @@ class BatchLaw : public BatchDetection<T> {
 
     BatchLaw(const ThresholdDetector& detector, const Timing& timing, const AlarmTable& alarms, const QuietTable& quiet,
              double stiffness, OffsetKind offset_kind)
-        : Detection(detector, timing, alarms, quiet, stiffness, offset_kind) {
-        const GaussRule& rule = gauss_rule(order);
-        for (int g = 0; g < order; ++g) {
-            for (int l = 0; l < order; ++l)
-                half_legendre_[l][g] = rule.to_legendre[std::size_t(l) * order + g] / ((2 * l + 1) * rule.weight[g]);
-        }
-    }
+        : Detection(detector, timing, alarms, quiet, stiffness, offset_kind) {}
 
     /// Takes the farthest points of the stopping paths, by tick.
     void stop(const std::vector<double>& farthest) {
@@ -88,10 +82,9 @@ class BatchLaw : public BatchDetection<T> {
     using Detection::path_;
     using Detection::quiet_;
     using Detection::registers;
+    using Detection::series_;
     using Detection::stiffness_;
-    using Detection::sum;
     using Detection::survived_;
-    using Detection::value_;
     using Detection::weight_;
     using typename Detection::Panel;
 
@@ -102,9 +95,8 @@ class BatchLaw : public BatchDetection<T> {
 
     /// A panel of offsets that alarms before contact may meet: all of them with the same probabilities of the offset.
     struct EarlyPanel {
-        double low, high, mid;
-        double value[order];       ///< probability by node
-        double moment[3];          ///< of value about the middle: sums of value, value d and value d^2
+        double low, high;
+        double series[order];      ///< of the probability of the offset
         std::size_t first, after;  ///< its alarms
         double most;               ///< the greatest of their depths
     };
@@ -114,24 +106,11 @@ class BatchLaw : public BatchDetection<T> {
         double most;  ///< farthest minus low: the greatest of this and all that follow in its panel
     };
 
-    /// Where panels are cut: of each the values at the nodes and what they are to be multiplied with, the place on [-1, 1],
-    /// and 1 / half its width [1/m].
-    struct Cuts {
-        struct Values {
-            const double* at_nodes;
-            double factor, inverse_half;
-        };
-        std::vector<Values> values;
-        std::vector<double> place;
-
-        void clear() {
-            values.clear();
-            place.clear();
-        }
-        void add(const Values& cut, double at) {
-            values.push_back(cut);
-            place.push_back(at);
-        }
+    /// Where a panel is cut: its series and what it is to be multiplied with, the place on [-1, 1], and 1 / half its width
+    /// [1/m].
+    struct Cut {
+        const double* series;
+        double factor, place, inverse_half;
     };
 
     KnownTails::At ask(double force) {
@@ -155,13 +134,13 @@ class BatchLaw : public BatchDetection<T> {
         // What begins to stop before contact does not press hard.
         for (const EarlyPanel& panel : early_panels_) {
             if (panel.most <= depth) continue;
-            const double inverse_half = 2 / (panel.high - panel.low);
+            const double mid = 0.5 * (panel.low + panel.high), inverse_half = 2 / (panel.high - panel.low);
             for (std::size_t i = panel.first; i < panel.after && early_[i].most > depth; ++i) {
                 const double cut = early_[i].farthest - depth;
                 if (cut >= panel.high) {
-                    sum.probability += early_[i].chance * panel.moment[0];
+                    sum.probability += 2 * early_[i].chance * panel.series[0];
                 } else if (cut > panel.low) {
-                    cuts_.add({panel.value, early_[i].chance, inverse_half}, (cut - panel.mid) * inverse_half);
+                    cuts_.push_back({panel.series, early_[i].chance, (cut - mid) * inverse_half, inverse_half});
                 }
             }
         }
@@ -197,49 +176,50 @@ class BatchLaw : public BatchDetection<T> {
     }
     void add_slot(const Panel& panel, std::size_t slot, double cut, double inverse_half) {
         if (mass_[panel.mass_at + slot] > 0)
-            cuts_.add({&value_[panel.value_at + slot * order], 1.0, inverse_half},
-                      (cut - 0.5 * (panel.low + panel.high)) * inverse_half);
+            cuts_.push_back({&series_[panel.series_at + slot * order], 1.0,
+                             (cut - 0.5 * (panel.low + panel.high)) * inverse_half, inverse_half});
     }
 
     /// Adds what lies below the cuts.
-    void add_cuts(TailAt& to) {
-        const std::size_t count = cuts_.values.size();
-        cuts_.place.resize((count + lanes - 1) / lanes * lanes, 0.0);
-        T density = 0.0;
-        for (std::size_t first = 0; first < count; first += lanes) {
-            // The interpolating polynomial is a Legendre series; P_l integrates to (P_l+1 - P_l-1) / (2l + 1).
-            double integral[order][lanes], value[order][lanes];
-            const T x = load<T>(&cuts_.place[first]);
-            T before = 1.0, here = x;
-            store(x + 1.0, integral[0]);
-            store(T(1.0), value[0]);
-            for (int l = 1; l < order; ++l) {
-                const T after = legendre_factors.rise[l] * x * here - legendre_factors.fall[l] * before;
-                store(after - before, integral[l]);
-                store((2.0 * l + 1) * here, value[l]);
-                before = here;
-                here = after;
+    void add_cuts(TailAt& to) const {
+        T probability = 0.0, density = 0.0;
+        for (std::size_t first = 0; first < cuts_.size(); first += lanes) {
+            // Lanes beyond the last cut hold it once more, and count for nothing.
+            const double* series[lanes];
+            T x, factor, inverse_half;
+            for (std::size_t lane = 0; lane < lanes; ++lane) {
+                const Cut& cut = cuts_[std::min(first + lane, cuts_.size() - 1)];
+                series[lane] = cut.series;
+                set_lane(x, int(lane), cut.place);
+                set_lane(factor, int(lane), first + lane < cuts_.size() ? cut.factor : 0.0);
+                set_lane(inverse_half, int(lane), cut.inverse_half);
             }
-            for (std::size_t lane = 0; lane < lanes && first + lane < count; ++lane) {
-                const typename Cuts::Values& cut = cuts_.values[first + lane];
-                const double slope_factor = cut.factor * cut.inverse_half;
-                T below = 0.0;
-                for (int r = 0; r < registers; ++r) {
-                    T part = 0.0, slope = 0.0;
-                    BUMPSTOP_UNROLL
-                    for (int l = 0; l < order; ++l) {
-                        const T p = load<T>(half_legendre_[l] + r * lanes);
-                        part += integral[l][lane] * p;
-                        slope += value[l][lane] * p;
+            T below = 0.0, slope = 0.0, before = 1.0, here = x;
+            BUMPSTOP_UNROLL
+            for (int r = 0; r < registers; ++r) {
+                T degree[lanes];
+                for (int lane = 0; lane < lanes; ++lane) degree[lane] = load<T>(series[lane] + r * lanes);
+                transpose(degree);
+                BUMPSTOP_UNROLL
+                for (int i = 0; i < lanes; ++i) {
+                    const int l = r * lanes + i;
+                    if (l == 0) {
+                        below = (x + 1.0) * degree[0];
+                        slope = degree[0];
+                        continue;
                     }
-                    const T v = load<T>(cut.at_nodes + r * lanes);
-                    below += part * v;
-                    density += slope * (v * slope_factor);
+                    const T after = legendre_factors.rise[l] * x * here - legendre_factors.fall[l] * before;
+                    below += (after - before) * degree[i];
+                    slope += ((2.0 * l + 1) * here) * degree[i];
+                    before = here;
+                    here = after;
                 }
-                // The polynomial may dip below zero where there is next to nothing.
-                to.probability += cut.factor * std::max(0.0, sum_of_lanes(below));
             }
+            // The polynomial may dip below zero where there is next to nothing.
+            probability += factor * maximum(below, T(0.0));
+            density += factor * inverse_half * slope;
         }
+        to.probability += sum_of_lanes(probability);
         to.density += sum_of_lanes(density);
     }
 
@@ -276,28 +256,15 @@ class BatchLaw : public BatchDetection<T> {
                 made.after = early_.size();
                 made.low = panel.low;
                 made.high = panel.high;
-                made.mid = 0.5 * (panel.low + panel.high);
-                weigh_early(panel, made);
-                touching += made.moment[0] * chances;
+                T offset[registers];
+                this->weigh_offsets(panel, offset);
+                this->find_series(offset, made.series);
+                touching += 2 * made.series[0] * chances;
                 early_panels_.push_back(made);
             }
             panels_.resize(reached);
         }
         harmless_ = std::max(0.0, alarm_before_ - touching) + no_contact;
-    }
-
-    void weigh_early(const Panel& panel, EarlyPanel& made) const {
-        const double half = 0.5 * (panel.high - panel.low);
-        T offset[registers], moment[3][registers];
-        this->weigh_offsets(panel, offset);
-        for (int r = 0; r < registers; ++r) {
-            const T d = half * load<T>(node_ + r * lanes);
-            store(offset[r], made.value + r * lanes);
-            moment[0][r] = offset[r];
-            moment[1][r] = offset[r] * d;
-            moment[2][r] = offset[r] * d * d;
-        }
-        for (int i = 0; i < 3; ++i) made.moment[i] = sum(moment[i]);
     }
 
     void find_moments() {
@@ -308,7 +275,7 @@ class BatchLaw : public BatchDetection<T> {
             for (const Panel& panel : panels_) {
                 if (panel.mass == 0) continue;
                 for (int slot = 0; slot < panel.slots; ++slot)
-                    use(panel, &value_[panel.value_at + std::size_t(slot) * order],
+                    use(panel, &series_[panel.series_at + std::size_t(slot) * order],
                         mass_[panel.mass_at + std::size_t(slot)], farthest_[std::size_t(panel.tick + slot)]);
             }
         };
@@ -319,70 +286,61 @@ class BatchLaw : public BatchDetection<T> {
             most_force_ = std::max(most_force_, stiffness_ * (farthest - panel.low));
         });
         for (const EarlyPanel& panel : early_panels_) {
-            for (std::size_t i = panel.first; i < panel.after; ++i) mass += early_[i].chance * panel.moment[0];
+            for (std::size_t i = panel.first; i < panel.after; ++i) mass += 2 * early_[i].chance * panel.series[0];
             most_force_ = std::max(most_force_, stiffness_ * panel.most);
         }
         about = mass > 0 ? stiffness_ * about / mass : 0;
-        T first = 0.0, second = 0.0;
         double sum1 = -harmless_ * about, sum2 = harmless_ * about * about;
-        auto add = [&](const double* value, double low, double high, double farthest) {
+        auto add = [&](const double* series, double factor, double low, double high, double farthest) {
             if (farthest > low && farthest < high) {
-                add_reached(value, 1.0, low, high, farthest, about, sum1, sum2);
+                add_reached(series, factor, low, high, farthest, about, sum1, sum2);
                 return;
             }
-            const double mid = 0.5 * (low + high), half = 0.5 * (high - low);
-            for (int r = 0; r < registers; ++r) {
-                const T offset = mid + half * load<T>(node_ + r * lanes);
-                const T force = maximum(stiffness_ * (farthest - offset), T(0.0)) - about;
-                const T weighted = load<T>(value + r * lanes) * force;
-                first += weighted;
-                second += weighted * force;
+            // Moments of the offset about the middle; x^2 is (2 P_2 + 1) / 3.
+            const double half = 0.5 * (high - low), zeroth = 2 * factor * series[0];
+            if (farthest <= low) {
+                sum1 -= zeroth * about;
+                sum2 += zeroth * about * about;
+                return;
             }
+            const double middle = stiffness_ * (farthest - 0.5 * (low + high)) - about, slope = stiffness_ * half;
+            const double first = 2 * factor * series[1] * slope,
+                         second = factor * (4 * series[2] + 2 * series[0]) * (1.0 / 3) * slope * slope;
+            sum1 += middle * zeroth - first;
+            sum2 += middle * (middle * zeroth - 2 * first) + second;
         };
-        each([&](const Panel& panel, const double* value, double here, double farthest) {
-            if (here != 0) add(value, panel.low, panel.high, farthest);
+        each([&](const Panel& panel, const double* series, double here, double farthest) {
+            if (here != 0) add(series, 1.0, panel.low, panel.high, farthest);
         });
-        for (const EarlyPanel& panel : early_panels_) {
-            for (std::size_t i = panel.first; i < panel.after; ++i) {
-                const double farthest = early_[i].farthest, chance = early_[i].chance;
-                if (farthest < panel.high) {
-                    add_reached(panel.value, chance, panel.low, panel.high, farthest, about, sum1, sum2);
-                    continue;
-                }
-                const double middle = stiffness_ * (farthest - panel.mid) - about;
-                sum1 += chance * (middle * panel.moment[0] - stiffness_ * panel.moment[1]);
-                sum2 += chance * (middle * (middle * panel.moment[0] - 2 * stiffness_ * panel.moment[1]) +
-                                  stiffness_ * stiffness_ * panel.moment[2]);
-            }
-        }
+        for (const EarlyPanel& panel : early_panels_)
+            for (std::size_t i = panel.first; i < panel.after; ++i)
+                add(panel.series, early_[i].chance, panel.low, panel.high, early_[i].farthest);
         if (undetected > 0) {
             const double end = path_->ticks > 0 ? path_->s[this->end_step()] : 0;
-            for (std::size_t p = 0; p < panels_.size(); ++p)
-                add(&survived_[p * order], panels_[p].low, panels_[p].high, end);
+            for (std::size_t p = 0; p < panels_.size(); ++p) {
+                T row[registers];
+                double series[order];
+                for (int r = 0; r < registers; ++r) row[r] = load<T>(&survived_[p * order + std::size_t(r) * lanes]);
+                this->find_series(row, series);
+                add(series, 1.0, panels_[p].low, panels_[p].high, end);
+            }
         }
         const double total = mass + harmless_ + undetected;
-        sum1 += sum_of_lanes(first);
-        sum2 += sum_of_lanes(second);
         const double offset = sum1 / total;
         moments_ = {about + offset, std::sqrt(std::max(0.0, sum2 / total - offset * offset))};
     }
 
-    /// Adds the first two moments about `about` of a panel that `farthest` is in, its values multiplied with `factor`: what lies beyond feels no force, and the
-    /// rule is that of the nearer part, where the force is straight.
-    void add_reached(const double* value, double factor, double low, double high, double farthest, double about,
+    /// Adds the first two moments about `about` of `factor` times a panel that `farthest` is in: what lies beyond feels no
+    /// force, and the rule is that of the nearer part, where the force is straight.
+    void add_reached(const double* series, double factor, double low, double high, double farthest, double about,
                      double& sum1, double& sum2) const {
-        double series[order], rest = 0;
-        for (int l = 0; l < order; ++l) {
-            double sum = 0;
-            for (int g = 0; g < order; ++g) sum += half_legendre_[l][g] * value[g];
-            series[l] = factor * (2 * l + 1) * sum;
-        }
-        for (int g = 0; g < order; ++g) rest += factor * value[g];
+        double rest = 2 * factor * series[0];
         const double share = (farthest - low) / (high - low);
         for (int g = 0; g < order; ++g) {
             const double part = 0.5 * (node_[g] + 1);  // of the way from `low` to `farthest`
-            const double here = share * weight_[g] *
-                                legendre_series(order, 2 * share * part - 1, [&](int l) { return series[l]; }).value;
+            const double here = share * weight_[g] * legendre_series(order, 2 * share * part - 1, [&](int l) {
+                                                         return factor * (2 * l + 1) * series[l];
+                                                     }).value;
             const double force = stiffness_ * (farthest - low) * (1 - part) - about;
             sum1 += here * force;
             sum2 += here * force * force;
@@ -392,13 +350,11 @@ class BatchLaw : public BatchDetection<T> {
         sum2 += rest * about * about;
     }
 
-    double half_legendre_[order][order];  ///< half_legendre_[l]: P_l / 2 at the nodes
-
     std::vector<double> farthest_, farthest_yet_;
     std::vector<double> later_mass_;  ///< mass_ of a slot and all later ones of its panel
     std::vector<EarlyPanel> early_panels_;
     std::vector<EarlyAlarm> early_;
-    Cuts cuts_;
+    std::vector<Cut> cuts_;
     KnownTails known_;
     double harmless_ = 0, most_force_ = 0;
     Moments moments_{};

@@ -29,7 +29,7 @@ class BatchPanels {
         bool known = false;
         bool sorted = false;  ///< the later a stopping path of its slots begins, the farther it ends
         double mass = 0;      ///< probability of a detection
-        std::size_t value_at = 0, mass_at = 0;
+        std::size_t series_at = 0, mass_at = 0;
         double silence = 0, total = 0;  ///< before the panel; of the offset
     };
 

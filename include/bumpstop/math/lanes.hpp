@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <utility>
 
 #if defined(__SSE2__)
 #include <immintrin.h>
@@ -317,6 +318,29 @@ double sum_of_lanes(Lanes<N> x) {
     double total = x.v[0];
     for (int lane = 1; lane < N; ++lane) total += x.v[lane];
     return total;
+}
+
+namespace detail {
+
+/// Exchanges blocks of S by S off the diagonal, then those of half the size in each.
+template <int S, int N, int... I>
+void transpose_blocks(Lanes<N>* row, std::integer_sequence<int, I...> lanes) {
+    for (int i = 0; i < N; ++i) {
+        if (i & S) continue;
+        const auto a = row[i].v, b = row[i + S].v;
+        row[i] = Lanes<N>::of(__builtin_shufflevector(a, b, ((I & S) == 0 ? I : N + I - S)...));
+        row[i + S] = Lanes<N>::of(__builtin_shufflevector(a, b, ((I & S) == 0 ? I + S : N + I)...));
+    }
+    if constexpr (S > 1) transpose_blocks<S / 2>(row, lanes);
+}
+
+}  // namespace detail
+
+/// As many registers as each has lanes: lane j of row[i] and lane i of row[j] change places.
+inline void transpose(double*) {}
+template <int N>
+void transpose(Lanes<N>* row) {
+    detail::transpose_blocks<N / 2>(row, std::make_integer_sequence<int, N>());
 }
 
 inline constexpr std::int64_t sign_bit = std::int64_t(1) << 63;
