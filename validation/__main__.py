@@ -23,6 +23,7 @@ import bumpstop as bs  # noqa: E402
 from bumpstop import kernels  # noqa: E402
 from validation import (  # noqa: E402
     against_twin,
+    batches,
     blind_force,
     chapter5,
     chapter6,
@@ -61,6 +62,7 @@ COMPARISONS = {
     "reference": reference,
     "two_laws": two_laws,
     "twin": against_twin,
+    "batches": batches,
     "convergence": convergence,
     "chapter6": chapter6,
     "chapter5": chapter5,
