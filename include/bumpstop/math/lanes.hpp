@@ -6,127 +6,12 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstdint>
 #include <cstring>
 #include <utility>
 
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
-
-// Rounding to whole numbers adds and takes away; samples that are no numbers must be told from those that are.
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || \
-    (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ != 0)
-#error "bumpstop needs arithmetic as written: no -ffast-math, -Ofast, -fassociative-math or -ffinite-math-only"
-#endif
-
-/// Every instruction set compiles the headers once. The inline namespace keeps the linker from merging a
-/// function built for a wide machine into the code of a narrow one, and from joining files in which the types
-/// that hold registers differ in size.
-#ifndef BUMPSTOP_TARGET
-#if defined(__AVX512F__)
-#define BUMPSTOP_TARGET native_avx512
-#elif defined(__AVX2__)
-#define BUMPSTOP_TARGET native_avx2
-#elif defined(__AVX__)
-#define BUMPSTOP_TARGET native_avx
-#else
-#define BUMPSTOP_TARGET native
-#endif
-#endif
-
-/// Before a loop that is short and hot. Compilers spell it differently.
-#if defined(__clang__)
-#define BUMPSTOP_UNROLL _Pragma("clang loop unroll(full)")
-#else
-#define BUMPSTOP_UNROLL _Pragma("GCC unroll 16")
-#endif
+#include "bumpstop/math/mask.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
-
-/// The register types are spelled out because gcc 12 rejects a vector_size that depends on a template
-/// parameter when the class can be built both from a double and from a register.
-template <int N>
-struct Register;
-template <>
-struct Register<2> {
-    typedef double Real __attribute__((vector_size(16)));
-    typedef std::int64_t Int __attribute__((vector_size(16)));
-    typedef std::uint64_t Unsigned __attribute__((vector_size(16)));
-};
-template <>
-struct Register<4> {
-    typedef double Real __attribute__((vector_size(32)));
-    typedef std::int64_t Int __attribute__((vector_size(32)));
-    typedef std::uint64_t Unsigned __attribute__((vector_size(32)));
-};
-template <>
-struct Register<8> {
-    typedef double Real __attribute__((vector_size(64)));
-    typedef std::int64_t Int __attribute__((vector_size(64)));
-    typedef std::uint64_t Unsigned __attribute__((vector_size(64)));
-};
-
-/// Lanes of one vector register of the instruction set being compiled for.
-#if defined(__AVX512F__)
-inline constexpr int native_lanes = 8;
-#elif defined(__AVX__)
-inline constexpr int native_lanes = 4;
-#else
-inline constexpr int native_lanes = 2;
-#endif
-
-#if defined(__AVX512F__)
-/// Intrinsics that need no mask read an undefined register in the header of gcc 12, which then warns of it; those that
-/// set lanes to zero, given every lane, become the same instruction.
-inline constexpr __mmask8 all_lanes = 0xFF;
-#endif
-
-/// N truth values, all bits of a lane set or none.
-template <int N>
-struct Mask {
-    using Real = typename Register<N>::Real;
-    using Int = typename Register<N>::Int;
-    Int bits;
-
-    static Mask less(Real a, Real b) { return {a < b}; }
-    static Mask at_most(Real a, Real b) { return {a <= b}; }
-    static Mask equal(Real a, Real b) { return {a == b}; }
-    static Mask equal(Int a, Int b) { return {a == b}; }
-    Real choose(Real a, Real b) const {
-#if defined(__AVX__)
-        // All bits of a lane are alike; gcc compares them with zero once more.
-        if constexpr (N == 4) return _mm256_blendv_pd(b, a, (__m256d)bits);
-#endif
-        return bits ? a : b;
-    }
-    friend Mask operator&(Mask a, Mask b) { return {a.bits & b.bits}; }
-    friend Mask operator|(Mask a, Mask b) { return {a.bits | b.bits}; }
-    friend Mask operator!(Mask a) { return {~a.bits}; }
-    bool operator[](int lane) const { return bits[lane] != 0; }
-    void set(int lane, bool value) { bits[lane] = value ? -1 : 0; }
-};
-
-#if defined(__AVX512F__)
-/// AVX-512 compares into registers of their own, a bit for each lane; spread over a vector, they would be compared anew.
-template <>
-struct Mask<8> {
-    using Real = Register<8>::Real;
-    using Int = Register<8>::Int;
-    __mmask8 bits;
-
-    static Mask less(Real a, Real b) { return {_mm512_cmp_pd_mask(a, b, _CMP_LT_OQ)}; }
-    static Mask at_most(Real a, Real b) { return {_mm512_cmp_pd_mask(a, b, _CMP_LE_OQ)}; }
-    static Mask equal(Real a, Real b) { return {_mm512_cmp_pd_mask(a, b, _CMP_EQ_OQ)}; }
-    static Mask equal(Int a, Int b) { return {_mm512_cmpeq_epi64_mask((__m512i)a, (__m512i)b)}; }
-    Real choose(Real a, Real b) const { return _mm512_mask_blend_pd(bits, b, a); }
-    friend Mask operator&(Mask a, Mask b) { return {__mmask8(a.bits & b.bits)}; }
-    friend Mask operator|(Mask a, Mask b) { return {__mmask8(a.bits | b.bits)}; }
-    friend Mask operator!(Mask a) { return {__mmask8(~a.bits)}; }
-    bool operator[](int lane) const { return (bits >> lane & 1) != 0; }
-    void set(int lane, bool value) { bits = __mmask8((bits & ~(1 << lane)) | (value ? 1 << lane : 0)); }
-};
-#endif
 
 /// N integers of 64 bits.
 template <int N>
@@ -230,39 +115,6 @@ inline double select(bool m, double a, double b) { return m ? a : b; }
 template <int N>
 Lanes<N> select(Mask<N> m, Lanes<N> a, Lanes<N> b) {
     return Lanes<N>::of(m.choose(a.v, b.v));
-}
-
-inline bool select(bool m, bool a, bool b) { return m ? a : b; }
-template <int N>
-Mask<N> select(Mask<N> m, Mask<N> a, Mask<N> b) {
-    return (m & a) | ((!m) & b);
-}
-inline bool differ(bool a, bool b) { return a != b; }
-template <int N>
-Mask<N> differ(Mask<N> a, Mask<N> b) {
-    return (a & (!b)) | ((!a) & b);
-}
-
-inline bool any(bool m) { return m; }
-inline bool all(bool m) { return m; }
-template <int N>
-bool any(Mask<N> m) {
-#if defined(__AVX512F__)
-    if constexpr (N == 8) return m.bits != 0;
-#endif
-#if defined(__AVX__)
-    if constexpr (N == 4) return _mm256_movemask_pd((__m256d)m.bits) != 0;
-#endif
-#if defined(__SSE2__)
-    if constexpr (N == 2) return _mm_movemask_pd((__m128d)m.bits) != 0;
-#endif
-    bool set = false;
-    for (int lane = 0; lane < N; ++lane) set |= m[lane];
-    return set;
-}
-template <int N>
-bool all(Mask<N> m) {
-    return !any(!m);
 }
 
 inline double minimum(double a, double b) { return a < b ? a : b; }
@@ -373,20 +225,10 @@ template <int N>
 double lane_of(Lanes<N> x, int lane) {
     return x.v[lane];
 }
-inline bool lane_of(bool m, int) { return m; }
-template <int N>
-bool lane_of(Mask<N> m, int lane) {
-    return m[lane];
-}
 inline void set_lane(double& x, int, double value) { x = value; }
 template <int N>
 void set_lane(Lanes<N>& x, int lane, double value) {
     x.v[lane] = value;
-}
-inline void set_lane(bool& m, int, bool value) { m = value; }
-template <int N>
-void set_lane(Mask<N>& m, int lane, bool value) {
-    m.set(lane, value);
 }
 template <class T>
 T load(const double* p) {
