@@ -106,23 +106,29 @@ class Refinement {
             return nan;  // beyond the summits: points on one side would have to be extrapolated
         int point[most_points], points = 0;
         const int base = first_ + (k - first_) / spacing * spacing;
+        bool even = base != k;
         for (int reach = 0; reach < most_points && points < most_points; ++reach) {
             for (int at : {base - reach * spacing, base + (reach + 1) * spacing}) {
                 if (at < first_ || at > last_ || at == k || points == most_points) continue;
-                if (overrun_[std::size_t(at - first_)] >= 0 && known_[std::size_t(at - first_)].time >= 0)
+                if (overrun_[std::size_t(at - first_)] >= 0 && known_[std::size_t(at - first_)].time >= 0) {
+                    even = even && reach < most_points / 2;
                     point[points++] = at;
+                }
             }
         }
         if (points < 4) return nan;
-        // Lagrange's polynomial in barycentric form.
+        // Lagrange's polynomial in barycentric form. Where three points lie to either side, the products of their distances
+        // are one divided by binomial coefficients, in the order of `point`.
+        constexpr double binomial[most_points] = {10, -10, -5, 5, 1, -1};
+        even = even && points == most_points;
         Summit sum{0, 0, 0, 0};
         double weights = 0;
         for (int m = 0; m < points; ++m) {
             double product = k - point[m];
-            for (int j = 0; j < points; ++j) {
+            for (int j = 0; j < points && !even; ++j) {
                 if (j != m) product *= point[m] - point[j];
             }
-            const double weight = 1 / product;
+            const double weight = (even ? binomial[m] : 1.0) / product;
             const Summit& at = known_[std::size_t(point[m] - first_)];
             weights += weight;
             sum.time += weight * at.time;
