@@ -192,13 +192,13 @@ class RunningReactions {
     T longest_ = 0.0;                   ///< controller sub-steps after which it is left where it is
     T enough_ = 0.0, return_to_ = 0.0;  ///< as of the job [m]
     T approach_ = 0.0;                  ///< speed of the line [m/s]
-    T gone_ = 0.0,
-      retreating_ = 0.0;  ///< controller sub-steps since the beginning, and since the point began to retreat
-    T steps_ = 0.0, into_step_ = 0.0;  ///< the same in whole simulation steps, and controller sub-steps since the last
-    T here_ = 0.0;                     ///< distance along the normal [m]
-    T speed_ = 0.0;                    ///< along the normal [m/s]
-    T top_ = 0.0;                      ///< sub-steps to the farthest point, as far as one can tell
-    T peak_ = 0.0, lowest_ = 0.0;      ///< the farthest so far, and the nearest since it goes home [m]
+    T gone_ = 0.0;                      ///< controller sub-steps since the beginning
+    T retreating_ = 0.0;                ///< and since the point began to retreat
+    T steps_ = 0.0, into_step_ = 0.0;   ///< the former in whole steps, and sub-steps since the last
+    T here_ = 0.0;                      ///< distance along the normal [m]
+    T speed_ = 0.0;                     ///< along the normal [m/s]
+    T top_ = 0.0;                       ///< sub-steps to the farthest point, as far as one can tell
+    T peak_ = 0.0, lowest_ = 0.0;       ///< the farthest so far, and the nearest since it goes home [m]
     MaskOf<T> busy_ = none();
     MaskOf<T> started_ = none();   ///< the first look has been taken
     MaskOf<T> astray_ = none();    ///< a singularity was near, or the arm did not follow its line when it began
@@ -206,9 +206,8 @@ class RunningReactions {
     MaskOf<T> exact_ = none();     ///< its last digits matter
     MaskOf<T> turned_ = none();    ///< it has retreated
     MaskOf<T> over_ = none();      ///< it ends with this step
-    MaskOf<T> homing_ =
-        busy_;  ///< well behind its peak: followed loosely, only to see that it does not come back to it
-    MaskOf<T> careful_ = none();  ///< it may, and is followed well all the way
+    MaskOf<T> homing_ = none();    ///< well behind its peak: followed loosely, to see that it does not come back
+    MaskOf<T> careful_ = none();   ///< it may, and is followed well all the way
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
