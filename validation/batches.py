@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 import bumpstop as bs
+from bumpstop.study.directions import draw_directions
 from collision.cases import control_group, ur10e
 from validation.findings import Cell, Findings
 
@@ -59,13 +60,12 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def _apart(base: bs.Scenario, poses: int) -> dict[str, list[float]]:
     """Of every pose that both say something of."""
     robot = bs.Robot.load(base.robot)
-    held = bs.Problem.from_scenario(base)
+    problem = bs.Problem.from_scenario(base)
     rng = np.random.default_rng(623)
     q = rng.uniform(robot.lower, robot.upper, size=(poses, robot.dof))
     for joint in base.motion.held_joints:
-        q[:, joint - 1] = held.q[joint - 1]
-    direction = rng.normal(size=(poses, 3))
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
+        q[:, joint - 1] = problem.q[joint - 1]
+    direction = draw_directions("sphere", problem.velocity, poses, rng)
     velocity = direction * rng.normal(0.010, 0.002, size=(poses, 1))
     laws = bs.evaluate_batch(base, q, velocity, probabilities=PROBABILITIES, limits_N=[LIMIT_N])
     apart: dict[str, list[float]] = {figure: [] for figure in PROMISED}

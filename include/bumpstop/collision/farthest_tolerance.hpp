@@ -12,8 +12,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// can feel.
 inline constexpr double farthest_tolerance = 5e-10;
 /// Where a law says how probable a detection at a tick is at most, this divided by that is enough, if it is more, and
-/// never more than `largest_farthest_tolerance` [m]. Ten times less moves the means of 999 in 1000 random poses by less than
-/// 2e-6 of themselves, and their exceedances by 1e-7.
+/// never more than `largest_farthest_tolerance` [m]. How right
+/// laws of batches are with it, `make validate` (batches) tells.
 inline constexpr double improbable_farthest_tolerance = 2e-12;
 inline constexpr double largest_farthest_tolerance = 1e-3;
 /// A tick less probable than this need not be simulated because a kink is near: refinement finds what matters of it.

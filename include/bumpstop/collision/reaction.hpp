@@ -22,22 +22,35 @@ inline double longest_stop_time(const MotionSettings& motion, const Timing& timi
     return longest;
 }
 
-/// Tells jobs whose last digits do not matter where they begin near a singularity.
+/// Rates of the free joints where a job begins [rad/s or m/s]; its positions of all joints go into a lane of `q`.
+template <class T>
+const double* load_start(const Chain& chain, const MotionSettings& motion, const ReactionJob& job, int lane, T* q) {
+    const int n = motion.free_count;
+    const double* positions = &job.path->reaction_state[std::size_t(job.tick) * 2 * n];
+    for (int j = 0; j < chain.dof; ++j) set_lane(q[j], lane, job.q[j]);
+    for (int f = 0; f < n; ++f) set_lane(q[motion.free_joint[f]], lane, positions[f]);
+    return positions + n;
+}
+
+template <class T>
+void set_lane_of_point(Point3<T>& point, int lane, const Vector3& value, double scale = 1) {
+    set_lane(point.x, lane, scale * value[0]);
+    set_lane(point.y, lane, scale * value[1]);
+    set_lane(point.z, lane, scale * value[2]);
+}
+
+/// Tells jobs whose last digits do not matter where they begin near a singularity. Others are asked on their way.
 template <class T>
 void find_poor_starts(const Chain& chain, const MotionSettings& motion, ReactionJob* jobs, int count) {
     constexpr int lanes = Scalar<T>::lanes;
-    const int n = motion.free_count;
+    if (std::all_of(jobs, jobs + count, [](const ReactionJob& job) { return job.exact(); })) return;
     for (int first = 0; first < count; first += lanes) {
         T q[max_joints];
         Point3<T> velocity;
         for (int lane = 0; lane < lanes; ++lane) {
             const ReactionJob& job = jobs[std::min(first + lane, count - 1)];
-            const double* rs = &job.path->reaction_state[std::size_t(job.tick) * 2 * n];
-            for (int j = 0; j < chain.dof; ++j) set_lane(q[j], lane, job.q[j]);
-            for (int f = 0; f < n; ++f) set_lane(q[motion.free_joint[f]], lane, rs[f]);
-            set_lane(velocity.x, lane, job.path->velocity[0]);
-            set_lane(velocity.y, lane, job.path->velocity[1]);
-            set_lane(velocity.z, lane, job.path->velocity[2]);
+            load_start(chain, motion, job, lane, q);
+            set_lane_of_point(velocity, lane, job.path->velocity);
         }
         JointAngles<T> angle;
         angle.set(chain, q);
@@ -57,7 +70,6 @@ template <class T>
 void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
                         const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail) {
     constexpr int lanes = Scalar<T>::lanes;
-    const int n = motion.free_count;
     const bool stopping = kind == ReactionKind::stop;
     const ReactionRules rules{detail == ReactionDetail::only_peak, stopping, motion.substeps, motion.substep()};
     using Arm = BrakingArm<T>;
@@ -68,24 +80,12 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     if (!stopping) detail::find_poor_starts<T>(chain, motion, jobs, count);
     auto load = [&](int lane, ReactionJob& job, bool careful = false) {
         const LinePath& path = *job.path;
-        const double* rs = &path.reaction_state[std::size_t(job.tick) * 2 * n];
-        for (int j = 0; j < chain.dof; ++j) {
-            set_lane(arm.state.q[j], lane, job.q[j]);
-            set_lane(arm.state.qd[j], lane, 0.0);
-        }
-        for (int f = 0; f < n; ++f) {
-            const int j = motion.free_joint[f];
-            set_lane(arm.state.q[j], lane, rs[f]);
-            set_lane(arm.state.qd[j], lane, rs[n + f]);
-        }
-        auto set = [&](Point3<T>& point, const Vector3& value, double scale) {
-            set_lane(point.x, lane, scale * value[0]);
-            set_lane(point.y, lane, scale * value[1]);
-            set_lane(point.z, lane, scale * value[2]);
-        };
-        set(arm.target, path.velocity, stopping ? 0 : -1);
-        set(normal, path.normal, 1);
-        set(start, path.start, 1);
+        const double* rates = detail::load_start(chain, motion, job, lane, arm.state.q);
+        for (int j = 0; j < chain.dof; ++j) set_lane(arm.state.qd[j], lane, 0.0);
+        for (int f = 0; f < motion.free_count; ++f) set_lane(arm.state.qd[motion.free_joint[f]], lane, rates[f]);
+        detail::set_lane_of_point(arm.target, lane, path.velocity, stopping ? 0 : -1);
+        detail::set_lane_of_point(normal, lane, path.normal);
+        detail::set_lane_of_point(start, lane, path.start);
         arm.begin(lane, job.leap_tolerance);
         running.begin(lane, job, path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency],
                       detail::longest_stop_time(motion, timing, path, job.tick), careful);

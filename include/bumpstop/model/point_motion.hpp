@@ -18,10 +18,6 @@ template <class T>
 PointMotion<T> point_motion(const Chain& chain, const T* q, const T* qd, const JointAngles<T>& angle,
                             const LinkPoint& point) {
     Point3<T> p{T(point.offset[0]), T(point.offset[1]), T(point.offset[2])}, v{T(0.0), T(0.0), T(0.0)};
-    const auto turn_z = [](const auto& c, const auto& s, Point3<T>& a) {
-        a = {a.x * c - a.y * s, a.x * s + a.y * c, a.z};
-    };
-    const auto turn_x = [](double c, double s, Point3<T>& a) { a = {a.x, a.y * c - a.z * s, a.y * s + a.z * c}; };
     for (int j = point.link; j >= 0; --j) {
         const Chain::Joint& joint = chain.joint[j];
         if (joint.prismatic) {

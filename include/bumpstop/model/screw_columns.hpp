@@ -162,14 +162,8 @@ class ScrewColumns {
         reach_ = std::sqrt(squares / count_);
     }
 
-    [[gnu::always_inline]] static void turn_x(const Link& link, Point3<T>& v) {
-        v = {v.x, v.y * link.cos_alpha - v.z * link.sin_alpha, v.y * link.sin_alpha + v.z * link.cos_alpha};
-    }
     [[gnu::always_inline]] static void turn_back_x(const Link& link, Point3<T>& v) {
         v = {v.x, v.y * link.cos_alpha + v.z * link.sin_alpha, v.z * link.cos_alpha - v.y * link.sin_alpha};
-    }
-    [[gnu::always_inline]] static void turn_z(const T& c, const T& s, Point3<T>& v) {
-        v = {v.x * c - v.y * s, v.x * s + v.y * c, v.z};
     }
     [[gnu::always_inline]] static void turn_back_z(const T& c, const T& s, Point3<T>& v) {
         v = {v.x * c + v.y * s, v.y * c - v.x * s, v.z};
@@ -284,8 +278,8 @@ class ScrewColumns {
             if (is_slide<Slides>(middle_ + 1 + i)) w = {{T(0.0), T(0.0), T(0.0)}, axis};
             turn_z(cosine[i - 1], sine[i - 1], w.z);
             turn_z(cosine[i - 1], sine[i - 1], w.m);
-            turn_x(before, w.z);
-            turn_x(before, w.m);
+            turn_x(before.cos_alpha, before.sin_alpha, w.z);
+            turn_x(before.cos_alpha, before.sin_alpha, w.m);
             shift(1, before, w);
             BUMPSTOP_UNROLL
             for (int j = i - 2; j >= 0; --j) {
@@ -295,8 +289,8 @@ class ScrewColumns {
                 const auto z = along<Slides>(middle_ + 1 + j, q);
                 w.m.x -= w.z.y * z;
                 w.m.y += w.z.x * z;
-                turn_x(link, w.z);
-                turn_x(link, w.m);
+                turn_x(link.cos_alpha, link.sin_alpha, w.z);
+                turn_x(link.cos_alpha, link.sin_alpha, w.m);
                 shift(1, link, w);
             }
             reduce(w, column[middle_ + 1 + i]);
