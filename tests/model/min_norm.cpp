@@ -278,6 +278,12 @@ void signs_of_bad_conditioning() {
         CHECK(solve<3>(two_rows(0.99e-2, scale)).conditioning.poor);
         CHECK(!solve<3>(two_rows(0.99e-2, scale)).conditioning.singular);
         CHECK(!solve<3>(two_rows(1.01e-2, scale)).conditioning.poor);
+        for (const double sine : {0.7, 1.01e-2, 1e-4, 1.01e-6}) {
+            // The sine is a difference of rows of length one, of which rounding leaves that much.
+            const double found = std::sqrt(solve<3>(two_rows(sine, scale)).conditioning.least_square);
+            CHECK_NEAR(found, sine, 1e-15 / sine);
+        }
+        CHECK(solve<3>(two_rows(0.99e-6, scale)).conditioning.least_square == 0);
     }
     // Lanes have flags of their own.
     const double sines[] = {1, 0.99e-6, 0.99e-2, 1.01e-2};
@@ -294,6 +300,7 @@ void signs_of_bad_conditioning() {
     for (int lane = 0; lane < 4; ++lane) {
         CHECK(flags.singular[lane] == (lane == 1));
         CHECK(flags.poor[lane] == (lane == 1 || lane == 2));
+        CHECK_NEAR(std::sqrt(lane_of(flags.least_square, lane)), lane == 1 ? 0 : sines[lane], 1e-13);
     }
     // Rows that vanish or repeat, and fewer columns than rows: flagged, and the rates stay finite.
     for (const int kind : {0, 1, 2}) {
@@ -305,6 +312,7 @@ void signs_of_bad_conditioning() {
         if (kind == 2) problem.columns = 5;
         const Solution<double> solution = solve<6>(problem);
         CHECK(solution.conditioning.singular && solution.conditioning.poor);
+        CHECK(solution.conditioning.least_square == 0);
         for (int j = 0; j < problem.columns; ++j) CHECK(std::isfinite(solution.x[j]));
     }
 }

@@ -73,6 +73,8 @@ struct Reference {
     double x[max_columns];
     bool singular;
     bool far_from_singular;  // for arms as large as these
+    double least_square;     // of Conditioning
+    double manipulability;
 };
 
 Reference reference(const Arm& arm, const Pose& pose) {
@@ -90,12 +92,14 @@ Reference reference(const Arm& arm, const Pose& pose) {
         const double column[6] = {turns * z.x, turns * z.y, turns * z.z, linear.x, linear.y, linear.z};
         for (int c = 0; c < 6; ++c) row[c][f] = made.column[f][c] = column[c];
     }
-    made.singular = min_norm<6, 0>(row, int(arm.free.size()), target, made.x).singular;
+    const Conditioning<double> conditioning = min_norm<6, 0>(row, int(arm.free.size()), target, made.x);
+    made.singular = conditioning.singular;
+    made.least_square = conditioning.least_square;
     // The solve leaves the rows orthogonal.
-    double manipulability = 1;
+    made.manipulability = 1;
     for (int c = 0; c < 6; ++c)
-        manipulability *= std::sqrt(std::inner_product(row[c], row[c] + arm.free.size(), row[c], 0.0));
-    made.far_from_singular = manipulability > 0.02;
+        made.manipulability *= std::sqrt(std::inner_product(row[c], row[c] + arm.free.size(), row[c], 0.0));
+    made.far_from_singular = made.manipulability > 0.02;
     return made;
 }
 
@@ -129,16 +133,24 @@ void one_by_one(int dof, Shape shape, int held = -1, const std::vector<int>& sli
         const PivotedRates<double> pivoted = pivoted_of<double>(arm);
         CHECK(pivoted.works() == screws.works());
         if (!screws.works()) continue;
+        double factor = 0;  // of the manipulability, the same at all poses
         for (int k = 0; k < 50; ++k) {
             const Pose pose = random_pose();
             JointAngles<double> angle;
             angle.set(arm.chain, pose.q);
             double x[max_columns];
             screws.begin();
-            const bool found = screws.solve(angle, pose.q, pose.velocity, x),
-                       far = reference(arm, pose).far_from_singular;
+            const Reference wanted = reference(arm, pose);
+            const bool found = screws.solve(angle, pose.q, pose.velocity, x), far = wanted.far_from_singular;
             if (found) check_rates(arm, pose, x);
-            const bool right = pivoted.solve(angle, pose.q, pose.velocity, x), singular = reference(arm, pose).singular;
+            double square;
+            const bool right = pivoted.solve(angle, pose.q, pose.velocity, x, square), singular = wanted.singular;
+            CHECK(!(singular && square >= pivoted.never_singular_from()));
+            if (far) {
+                const double own = square / (wanted.manipulability * wanted.manipulability);
+                if (factor == 0) factor = own;
+                CHECK_NEAR(own, factor, 1e-9 * factor);
+            }
             if (right && !singular) check_rates(arm, pose, x, 10);
             served += right;
             served_due += !singular;
@@ -183,7 +195,8 @@ void in_lanes(int dof, Shape shape, const std::vector<int>& sliding = {}) {
                     check_rates(arm, pose[lane], own, slack);
                 }
             };
-            const MaskOf<T> right = pivoted.solve(angle, q, velocity, x);
+            T square, square_again;
+            const MaskOf<T> right = pivoted.solve(angle, q, velocity, x, square);
             bool singular = false;
             for (const Pose& one : pose) singular = singular || reference(arm, one).singular;
             if (singular) continue;
@@ -197,8 +210,9 @@ void in_lanes(int dof, Shape shape, const std::vector<int>& sliding = {}) {
             }
             JointAngles<T> other_angle;
             other_angle.set(arm.chain, others);
-            pivoted.solve(other_angle, others, velocity, again);
+            pivoted.solve(other_angle, others, velocity, again, square_again);
             for (std::size_t f = 0; f < arm.free.size(); ++f) CHECK(lane_of(again[f], 0) == lane_of(x[f], 0));
+            CHECK(lane_of(square_again, 0) == lane_of(square, 0));
             if (!screws.solve(angle, q, velocity, x)) continue;
             solved += far;
             check_lanes(1);
@@ -231,6 +245,7 @@ void near_a_singularity() {
     Pose pose{{0.3, 0.7, -0.9, 0.4, 0, 0.2}, {0.1, -0.2, 0.3}};
     const PivotedRates<double> pivoted = pivoted_of<double>(arm);
     int solved = 0;
+    double share = 0;
     for (double pitch = 1; pitch > 1e-12; pitch *= 0.8) {
         pose.q[4] = pitch;
         JointAngles<double> angle;
@@ -244,13 +259,20 @@ void near_a_singularity() {
             CHECK(pitch < 0.01);
         }
         // With pivots the tool moves as asked all the way, if not with the same rates.
-        CHECK(pivoted.solve(angle, pose.q, pose.velocity, x) || pitch < 1e-9);
+        double square;
+        CHECK(pivoted.solve(angle, pose.q, pose.velocity, x, square) || pitch < 1e-9);
         const double most = largest(x, 6), target[6] = {0, 0, 0, pose.velocity.x, pose.velocity.y, pose.velocity.z};
         const Reference wanted = reference(arm, pose);
         for (int c = 0; c < 6; ++c) {
             long double moves = 0;
             for (std::size_t f = 0; f < 6; ++f) moves += (long double)wanted.column[f][c] * x[f];
             CHECK_NEAR(moves, target[c], 1e-14 * most);
+        }
+        // The nearer it is, the better the manipulability tells the least sine.
+        if (pitch < 0.015 && pitch > 1e-5) {
+            const double own = wanted.least_square / square;
+            if (share > 0) CHECK_NEAR(own, share, 0.2 * pitch * share);
+            share = own;
         }
     }
     CHECK(solved > 20);
@@ -259,7 +281,8 @@ void near_a_singularity() {
     angle.set(arm.chain, pose.q);
     double x[max_columns];
     CHECK(!screws.solve(angle, pose.q, pose.velocity, x));
-    CHECK(!pivoted.solve(angle, pose.q, pose.velocity, x));
+    double square;
+    CHECK(!pivoted.solve(angle, pose.q, pose.velocity, x, square));
     // The pose after it needs no order of its own.
     pose.q[4] = 1;
     angle.set(arm.chain, pose.q);

@@ -75,7 +75,7 @@ class BatchDetection : public BatchPanels {
     /// degree. With d from -1 to 1 on the panel, the polynomial through the densities is the sum of (2 l + 1) P_l(d) times
     /// these, and its integral from -1 on that of P_l+1(d) - P_l-1(d) times these.
     void find_series(const T (&row)[registers], double* series) const {
-        double value[order];
+        alignas(64) double value[order];
         T sum[registers];
         for (int r = 0; r < registers; ++r) {
             store(row[r], value + r * lanes);
@@ -94,10 +94,10 @@ class BatchDetection : public BatchPanels {
     double alarm_before_ = 0;       ///< probability of an alarm before contact
 
   private:
-    static constexpr double least_survival = 1e-13;
-    static constexpr int interpolated_from = 8;    ///< panels
+    static constexpr double least_survival = 1e-12;
+    static constexpr int interpolated_from = 6;    ///< panels
     static constexpr std::size_t more_slots = 16;  ///< room is made for so many at a time
-    static constexpr double agreement = 1e-9;      ///< of probabilities interpolated and worked out
+    static constexpr double agreement = 1e-6;      ///< of probabilities interpolated and worked out
 
     void begin() {
         false_alarm = undetected = no_contact = 0;
@@ -145,7 +145,7 @@ class BatchDetection : public BatchPanels {
         }
         const Interpolation interpolation(interpolation_nodes(first, end - 1, interpolated_from));
         const std::vector<int>& node = interpolation.nodes();
-        const int check[2] = {(node[0] + node[1]) / 2, (node[3] + node[4]) / 2};
+        const int check[2] = {(node[0] + node[1]) / 2, (node[2] + node[3]) / 2};
         for (int i : node) find(run_[std::size_t(i)]);
         double weight[interpolated_from];
         for (int i : check) {
@@ -243,11 +243,20 @@ class BatchDetection : public BatchPanels {
         outcome_of_[std::size_t(p)] = outcome_.size();
         const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
         const int watched = detector_.watched;
-        T offset[registers], survival[registers], fired[max_joints][registers];
+        IdleTick untouched;  // of the joints that no force moves
+        for (int w = 0, f = 0; w < watched; ++w) {
+            if (f < felt_count_ && felt_[f] == w) {
+                ++f;
+            } else {
+                untouched.add(w, {quiet_.idle().single[std::size_t(w)], 1 - quiet_.idle().single[std::size_t(w)]});
+            }
+        }
+        T offset[registers], survival[registers], waited[registers], fired[max_joints][registers];
         for (int r = 0; r < registers; ++r) {
             offset[r] = mid + half * load<T>(node_ + r * lanes);
             survival[r] = 1.0;
-            for (int w = 0; w < watched; ++w) fired[w][r] = 0.0;
+            waited[r] = 0.0;
+            for (int f = 0; f < felt_count_; ++f) fired[f][r] = 0.0;
         }
         for (int k = panel.tick; k < path_->ticks; ++k) {
             const std::size_t at = outcome_of_[std::size_t(p)] + std::size_t(panel.slots) * order;
@@ -260,17 +269,18 @@ class BatchDetection : public BatchPanels {
             const double s = s_tick(k);
             T alarm[registers], silent[registers], force[registers], most = 0.0;
             for (int r = 0; r < registers; ++r) {
-                alarm[r] = 0.0;
-                silent[r] = 1.0;
+                alarm[r] = untouched.alarm;
+                silent[r] = untouched.silent;
+                waited[r] += survival[r];
                 force[r] = maximum(s - offset[r], T(0.0)) * stiffness_;
             }
             const double nearest = std::max(s - panel.high, 0.0), farthest = std::max(s - panel.low, 0.0);
             const double central = 0.5 * (nearest + farthest) * stiffness_;
             const AlarmTable::Near near = alarms_.near<T>(watched, torque_per_N(k), central);
-            for (int w = 0; w < watched; ++w) {
+            for (int f = 0; f < felt_count_; ++f) {
                 for (int r = 0; r < registers; ++r) {
-                    const T q = near.alarm(w, force[r]);
-                    fired[w][r] += survival[r] * q;
+                    const T q = near.alarm(felt_[f], force[r]);
+                    fired[f][r] += survival[r] * q;
                     alarm[r] += silent[r] * q;
                     silent[r] = silent[r] * (1.0 - q);
                 }
@@ -280,13 +290,25 @@ class BatchDetection : public BatchPanels {
                 survival[r] = survival[r] * silent[r];
                 most = maximum(most, survival[r]);
             }
-            if (all(most < T(least_survival))) break;
+            if (all(most < T(least_survival))) {
+                // The next ticks detect what is left. Undetected it is not: that would let the arm press on without an end.
+                for (int r = 0; r < registers; ++r) {
+                    double* last = &outcome_[at + std::size_t(r) * lanes];
+                    store(load<T>(last) + survival[r], last);
+                    survival[r] = 0.0;
+                }
+                break;
+            }
         }
         outcome_.resize(outcome_of_[std::size_t(p)] + std::size_t(panel.slots) * order);
         for (int r = 0; r < registers; ++r) {
             store(survival[r], &survived_[std::size_t(p) * order + std::size_t(r) * lanes]);
-            for (int w = 0; w < watched; ++w)
-                store(fired[w][r], &fired_[(std::size_t(p) * watched + w) * order + std::size_t(r) * lanes]);
+            for (int w = 0, f = 0; w < watched; ++w) {
+                const bool felt = f < felt_count_ && felt_[f] == w;
+                const T own = felt ? fired[f][r] : T(waited[r] * quiet_.idle().single[std::size_t(w)]);
+                f += felt;
+                store(own, &fired_[(std::size_t(p) * watched + w) * order + std::size_t(r) * lanes]);
+            }
         }
     }
 

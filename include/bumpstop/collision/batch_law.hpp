@@ -4,6 +4,7 @@
 
 #include "bumpstop/collision/batch_detection.hpp"
 #include "bumpstop/collision/known_tails.hpp"
+#include "bumpstop/collision/panel_moments.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -48,7 +49,7 @@ class BatchLaw : public BatchDetection<T> {
         // Every quantile is bracketed from below by the tail at no force.
         if (known_.knows_none()) ask(0.0);
         if (known_.at_none() <= allowed) return 0;
-        double low = 0, high = most_force_;
+        double low = 0, high = stiffness_ * most_depth_;
         known_.narrow(allowed, low, high);
         const double resolution = 1e-11 * high, score = normal_score(allowed);
         const double small = std::max(resolution, small_step * moments_.sd);
@@ -121,6 +122,7 @@ class BatchLaw : public BatchDetection<T> {
     TailAt tail_at(double force) {
         const double depth = force / stiffness_;
         TailAt sum{0, 0};
+        if (depth >= most_depth_) return sum;
         cuts_.clear();
         int passing = 0;  // in the panel before: few more or fewer pass here
         for (const Panel& panel : panels_) {
@@ -268,53 +270,43 @@ class BatchLaw : public BatchDetection<T> {
     }
 
     void find_moments() {
-        // About a value near the mean, so that a narrow law far from zero keeps its digits.
-        double about = 0, mass = 0;
-        most_force_ = 0;
-        auto each = [&](auto use) {
-            for (const Panel& panel : panels_) {
-                if (panel.mass == 0) continue;
-                for (int slot = 0; slot < panel.slots; ++slot)
-                    use(panel, &series_[panel.series_at + std::size_t(slot) * order],
-                        mass_[panel.mass_at + std::size_t(slot)], farthest_[std::size_t(panel.tick + slot)]);
+        double mass = 0, sum = 0;
+        most_depth_ = 0;
+        auto each = [&](const Panel& panel, auto use) {
+            for (int slot = 0; slot < panel.slots; ++slot) {
+                const double here = mass_[panel.mass_at + std::size_t(slot)];
+                if (here == 0) continue;
+                use(&series_[panel.series_at + std::size_t(slot) * order], here,
+                    farthest_[std::size_t(panel.tick + slot)]);
             }
         };
-        each([&](const Panel& panel, const double*, double here, double farthest) {
-            if (here == 0) return;
-            about += here * std::max(0.0, farthest - 0.5 * (panel.low + panel.high));
-            mass += here;
-            most_force_ = std::max(most_force_, stiffness_ * (farthest - panel.low));
-        });
+        for (const Panel& panel : panels_) {
+            const double middle = 0.5 * (panel.low + panel.high);
+            double most = panel.low;
+            each(panel, [&](const double*, double here, double farthest) {
+                sum += here * std::max(0.0, farthest - middle);
+                mass += here;
+                most = std::max(most, farthest);
+            });
+            most_depth_ = std::max(most_depth_, most - panel.low);
+        }
         for (const EarlyPanel& panel : early_panels_) {
             for (std::size_t i = panel.first; i < panel.after; ++i) mass += 2 * early_[i].chance * panel.series[0];
-            most_force_ = std::max(most_force_, stiffness_ * panel.most);
+            most_depth_ = std::max(most_depth_, panel.most);
         }
-        about = mass > 0 ? stiffness_ * about / mass : 0;
-        double sum1 = -harmless_ * about, sum2 = harmless_ * about * about;
-        auto add = [&](const double* series, double factor, double low, double high, double farthest) {
-            if (farthest > low && farthest < high) {
-                add_reached(series, factor, low, high, farthest, about, sum1, sum2);
-                return;
-            }
-            // Moments of the offset about the middle; x^2 is (2 P_2 + 1) / 3.
-            const double half = 0.5 * (high - low), zeroth = 2 * factor * series[0];
-            if (farthest <= low) {
-                sum1 -= zeroth * about;
-                sum2 += zeroth * about * about;
-                return;
-            }
-            const double middle = stiffness_ * (farthest - 0.5 * (low + high)) - about, slope = stiffness_ * half;
-            const double first = 2 * factor * series[1] * slope,
-                         second = factor * (4 * series[2] + 2 * series[0]) * (1.0 / 3) * slope * slope;
-            sum1 += middle * zeroth - first;
-            sum2 += middle * (middle * zeroth - 2 * first) + second;
-        };
-        each([&](const Panel& panel, const double* series, double here, double farthest) {
-            if (here != 0) add(series, 1.0, panel.low, panel.high, farthest);
-        });
-        for (const EarlyPanel& panel : early_panels_)
+        const double about = mass > 0 ? stiffness_ * sum / mass : 0;
+        PanelMoments<T, order> moments(stiffness_, about, node_, weight_);
+        for (const Panel& panel : panels_) {
+            moments.begin(panel.low, panel.high);
+            each(panel, [&](const double* series, double, double farthest) { moments.add(series, 1.0, farthest); });
+            moments.end();
+        }
+        for (const EarlyPanel& panel : early_panels_) {
+            moments.begin(panel.low, panel.high);
             for (std::size_t i = panel.first; i < panel.after; ++i)
-                add(panel.series, early_[i].chance, panel.low, panel.high, early_[i].farthest);
+                moments.add(panel.series, early_[i].chance, early_[i].farthest);
+            moments.end();
+        }
         if (undetected > 0) {
             const double end = path_->ticks > 0 ? path_->s[this->end_step()] : 0;
             for (std::size_t p = 0; p < panels_.size(); ++p) {
@@ -322,32 +314,14 @@ class BatchLaw : public BatchDetection<T> {
                 double series[order];
                 for (int r = 0; r < registers; ++r) row[r] = load<T>(&survived_[p * order + std::size_t(r) * lanes]);
                 this->find_series(row, series);
-                add(series, 1.0, panels_[p].low, panels_[p].high, end);
+                moments.begin(panels_[p].low, panels_[p].high);
+                moments.add(series, 1.0, end);
+                moments.end();
             }
         }
-        const double total = mass + harmless_ + undetected;
-        const double offset = sum1 / total;
-        moments_ = {about + offset, std::sqrt(std::max(0.0, sum2 / total - offset * offset))};
-    }
-
-    /// Adds the first two moments about `about` of `factor` times a panel that `farthest` is in: what lies beyond feels no
-    /// force, and the rule is that of the nearer part, where the force is straight.
-    void add_reached(const double* series, double factor, double low, double high, double farthest, double about,
-                     double& sum1, double& sum2) const {
-        double rest = 2 * factor * series[0];
-        const double share = (farthest - low) / (high - low);
-        for (int g = 0; g < order; ++g) {
-            const double part = 0.5 * (node_[g] + 1);  // of the way from `low` to `farthest`
-            const double here = share * weight_[g] * legendre_series(order, 2 * share * part - 1, [&](int l) {
-                                                         return factor * (2 * l + 1) * series[l];
-                                                     }).value;
-            const double force = stiffness_ * (farthest - low) * (1 - part) - about;
-            sum1 += here * force;
-            sum2 += here * force * force;
-            rest -= here;
-        }
-        sum1 -= rest * about;
-        sum2 += rest * about * about;
+        moments.add_nothing(harmless_);
+        const double total = mass + harmless_ + undetected, offset = moments.first() / total;
+        moments_ = {about + offset, std::sqrt(std::max(0.0, moments.second() / total - offset * offset))};
     }
 
     std::vector<double> farthest_, farthest_yet_;
@@ -356,7 +330,8 @@ class BatchLaw : public BatchDetection<T> {
     std::vector<EarlyAlarm> early_;
     std::vector<Cut> cuts_;
     KnownTails known_;
-    double harmless_ = 0, most_force_ = 0;
+    double harmless_ = 0;
+    double most_depth_ = 0;  ///< how deep any collision is pressed [m]
     Moments moments_{};
 };
 

@@ -66,11 +66,15 @@ class BatchPanels {
     OffsetLaw offset_;
     std::vector<double> edge_;  ///< panel of tick k: edge_[k]..edge_[k + 1]
     std::vector<Panel> panels_;
+    int felt_[max_joints] = {}, felt_count_ = 0;  ///< watched joints that a force moves
 
   private:
     static constexpr int longest_group = 64, most_parts = 16;
     static constexpr double widest_density = 0.5;  ///< panel, in standard deviations of the offset
     static constexpr double rare_alarm = 1e-5;     ///< at an idle tick, for a panel to hold several
+    /// A joint whose residual stays smaller than this, as that of a flange whose axis meets the contact point, is as good as
+    /// untouched [standard deviations].
+    static constexpr double unfelt_residual = 1e-6;
 
     void place_edges() {
         const int ticks = path_->ticks;
@@ -84,14 +88,19 @@ class BatchPanels {
     /// Where the arm moves slowly a panel holds several ticks, where it moves fast a tick's travel is cut into as many.
     bool place_panels() {
         const int ticks = path_->ticks;
-        double gain = 0;  // of the residual in standard deviations, per metre
+        double gain = 0, gain_of[max_joints] = {};  // of the residual in standard deviations, per metre
         torque_per_N_.resize(std::size_t(ticks) * max_joints);
         for (int k = 0; k < ticks; ++k) {
             double* own = &torque_per_N_[std::size_t(k) * max_joints];
             for (int w = 0; w < detector_.watched; ++w) {
                 own[w] = path_->torque_per_N[std::size_t(k) * path_->dof + detector_.joint[w]];
-                gain = std::max(gain, std::fabs(own[w]) * stiffness_ / detector_.sd[w]);
+                gain_of[w] = std::max(gain_of[w], std::fabs(own[w]) * stiffness_ / detector_.sd[w]);
             }
+        }
+        felt_count_ = 0;
+        for (int w = 0; w < detector_.watched; ++w) {
+            gain = std::max(gain, gain_of[w]);
+            if (gain_of[w] * edge_.back() > unfelt_residual) felt_[felt_count_++] = w;
         }
         double width = gain > 0 ? AlarmTable::widest / gain : std::numeric_limits<double>::infinity();
         if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);

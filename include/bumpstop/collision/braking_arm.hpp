@@ -15,10 +15,13 @@ inline constexpr int longest_braking_leap = 128;  ///< sub-steps
 /// the length of leaps, and instruction sets, which round differently, must still agree to 1e-12: with 1e-10 they differ by
 /// 2e-12 where the arm is fast.
 inline constexpr double braking_leap_tolerance = 1e-11;
-/// The same in batches, where 1e-9 m are enough: against ten times less, mean forces of 5900 random poses move by 2e-6 of
-/// themselves at most, 99 % of them by less than 6e-8. And where a reaction matters little, for nothing is gained by more.
-inline constexpr double loose_braking_leap_tolerance = 3e-6;
-inline constexpr double loosest_braking_leap_tolerance = 1e-4;
+/// The same in batches, and where a reaction matters little, for nothing is gained by more. `make validate` (batches) tells
+/// how right laws are with them.
+inline constexpr double loose_braking_leap_tolerance = 3e-5;
+inline constexpr double loosest_braking_leap_tolerance = 1e-3;
+
+/// Values that leaps go by, and that those judged loosely do: of these, one more costs more than it spares leaps.
+inline constexpr int braking_order = 7, loose_braking_order = 6;
 
 /// Of an arm that follows its line: while it lags behind, and while it has the rates asked for, relative to the largest.
 inline constexpr double tracing_leap_tolerance = 3e-7;
@@ -27,12 +30,14 @@ inline constexpr double following_leap_tolerance = 3e-8;
 /// Arms that change their rates as fast as they may: they brake, or lag behind a line. While the same joint limits the
 /// acceleration the changes of the rates are smooth, and many sub-steps are a leap; where they are not, the controller's
 /// sub-steps are taken. An arm that follows its line leaps by the rates themselves.
-template <class T>
+/// `order`: values a leap goes by.
+template <class T, int order>
 class BrakingArm {
   public:
     enum class Kind {
         stops,    ///< no velocity at all is asked for, so no rates need resolving; over once it stands
         follows,  ///< leaps with the rates reached, too
+        traces,   ///< likewise, and tells singularities
     };
 
     BrakingArm(const Chain& chain, const MotionSettings& motion, Kind kind)
@@ -47,11 +52,15 @@ class BrakingArm {
     Point3<T> target;  ///< velocity asked of the tool: the line's, or the reaction's [m/s]
 
     /// The lane's state and target have been set anew. Its next `advance` only looks where it is. Changes of the rates
-    /// may differ from those extrapolated by `leap_tolerance`, relative to the largest.
-    void begin(int lane, double leap_tolerance) {
+    /// may differ from those extrapolated by `leap_tolerance`, relative to the largest. `least_square`: as of Conditioning
+    /// where the lane is. If it is given, the manipulability tells how near a singularity is from here on, and rates are found
+    /// in a way that rounds otherwise; if not, the sines themselves are asked for at every look, which costs more than the rates.
+    void begin(int lane, double leap_tolerance, double least_square = 0) {
+        set_lane(judged_, lane, !(uses_screws_ && least_square > 0));
+        const double sine = kind_ == Kind::traces ? tracing_poor_sine : poor_sine;
+        set_lane(poor_share_, lane, sine * sine / std::max(least_square, 1e-300));
         set_lane(tolerance_, lane, leap_tolerance);
         set_lane(slack_, lane, 1.0);
-        set_lane(judged_, lane, true);
         begun_anew_ = true;
         history_.forget(lane);
         for (int f = 0; f < motion_.free_count; ++f) {
@@ -66,23 +75,20 @@ class BrakingArm {
     }
     /// From here on changes need to be known so many times less well.
     void loosen(const MaskOf<T>& lanes, double times) { slack_ = select(lanes, T(times), slack_); }
-    /// From here on nobody asks whether a singularity is near, which costs as much as the rates do that a lane asks for; they
-    /// are then found in another way, which rounds otherwise.
-    void stop_judging(const MaskOf<T>& lanes) { judged_ = judged_ & !lanes; }
     /// The rates asked for were reached in the last sub-step.
     MaskOf<T> reached() const { return reached_; }
     /// A singularity was near at an end of the last leap.
     MaskOf<T> poor() const { return poor_; }
-    /// Where the lane is, the rates asked for are at a singularity, or slowed by a velocity limit.
+    /// Where the lane is, the rates asked for are at a singularity (of arms that trace), or slowed by a velocity limit.
     bool singular(int lane) const { return lane_of(singular_, lane); }
     bool limited(int lane) const { return lane_of(limited_, lane); }
 
     /// Where a lane was, by free joint, `back` sub-steps before it got here: within its last leap.
     void before(int lane, const T& back, T* q, T* qd) const {
         const int n = motion_.free_count;
-        const UnevenHistory<T> own = history_.spread(lane, n);
+        const UnevenHistory<T, order> own = history_.spread(lane, n);
         const T count = -back;
-        const UnevenWeights<T> weights = own.template weights<true>(count);
+        const UnevenWeights<T, order> weights = own.template weights<true>(count);
         const bool followed = lane_of(reaches_, lane);
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
@@ -101,11 +107,11 @@ class BrakingArm {
     template <class Look, class Refused>
     T advance(const T& most, Look look, Refused refused) {
         const int n = motion_.free_count;
-        const bool follows = kind_ == Kind::follows;
+        const bool follows = kind_ != Kind::stops;
         const MaskOf<T> begun = known_ > T(0.0);
         const T known = known_, wish = follows ? wish_ : select(reaches_, T(1.0), wish_);
         const T count = select(begun, minimum(wish, most), T(0.0));
-        const UnevenWeights<T> weights =
+        const UnevenWeights<T, order> weights =
             follows ? history_.template weights<true>(count) : history_.template weights<false>(count);
         // Where the values known are the rates themselves, which the arm has.
         const MaskOf<T> has_rates = follows ? reaches_ : none();
@@ -164,7 +170,7 @@ class BrakingArm {
         const MaskOf<T> jumps = single & (error > T(1.0)) & (error > kink_jump * error_);
         const MaskOf<T> kinks = moved & (follows ? changes | jumps : (!changes) & jumps);
         error_ = select(moved, select(kinks, T(std::numeric_limits<double>::infinity()), error), error_);
-        known_ = select(moved, minimum(select(kinks, T(0.0), known_) + 1.0, T(double(braking_order))),
+        known_ = select(moved, minimum(select(kinks, T(0.0), known_) + 1.0, T(double(order))),
                         select(first, T(1.0), known_));
         // The angles stay those found before: what the corrections move it by is less than it need be known to.
         const T to_position = select(has_rates, weights.correct_sum, weights.correct_sum_of_sums) * motion_.substep();
@@ -217,7 +223,7 @@ class BrakingArm {
     }
 
     /// A lane's depend on that lane alone; those of lanes that are not `busy` may be anything.
-    void find_wanted(const MaskOf<T>& busy, Rates<T>& wanted) const {
+    void find_wanted(const MaskOf<T>& busy, Rates<T>& wanted) {
         if (kind_ == Kind::stops) {
             for (int f = 0; f < motion_.free_count; ++f) wanted.free[f] = 0.0;
             wanted.conditioning = {none(), none()};
@@ -229,14 +235,18 @@ class BrakingArm {
             wanted = judged_rates();
             return;
         }
-        const MaskOf<T> right = screws_.solve(state.angle, state.q, target, wanted.free) & !judged_;
-        wanted.conditioning = {none(), none()};
+        T manipulability;  // squared
+        MaskOf<T> right = screws_.solve(state.angle, state.q, target, wanted.free, manipulability) & !judged_;
+        if (kind_ == Kind::traces) right = right & (manipulability >= T(screws_.never_singular_from()));
+        // Near a singularity the least sine falls as the manipulability does, the others hardly change.
+        poor_below_ = select(known_ > T(0.0), poor_below_, manipulability * poor_share_);
+        wanted.conditioning = {none(), manipulability < poor_below_};
         slow_to_velocity_limits(motion_, wanted);
         if (!any(busy & !right)) return;
         const Rates<T> others = judged_rates();
         for (int f = 0; f < motion_.free_count; ++f) wanted.free[f] = select(right, wanted.free[f], others.free[f]);
         wanted.conditioning = {select(right, none(), others.conditioning.singular),
-                               select(right, none(), others.conditioning.poor)};
+                               select(right, wanted.conditioning.poor, others.conditioning.poor)};
         wanted.velocity_limited = select(right, wanted.velocity_limited, others.velocity_limited);
         wanted.velocity_load = select(right, wanted.velocity_load, others.velocity_load);
     }
@@ -283,6 +293,9 @@ class BrakingArm {
     /// The next leap is this much shorter than the last at most, or any product of some of the factors longer than that.
     static constexpr double shortest_ratio = 0.125,
                             ratio_factors[] = {8.0, 2.8284271247461903, 1.6817928305074290, 1.2968395546510096};
+    /// Near enough to a singularity for an arm that traces to ask at every step whether it is met. Farther off no leap gets
+    /// past it: the rates asked for would have grown by more than a leap may extrapolate.
+    static constexpr double tracing_poor_sine = 1e-3;
     static constexpr double kink_jump = 10;  ///< of the error of a single sub-step
 
     const Chain& chain_;
@@ -296,13 +309,15 @@ class BrakingArm {
     /// Positions are kept as those of the beginning and what was gained since, by free joint: so roundings of the former do
     /// not add up.
     T from_[max_joints], travelled_[max_joints];
-    UnevenHistory<T> history_;
+    UnevenHistory<T, order> history_;
     T load_[max_joints], velocity_load_ = 0.0;  ///< as of the last look that counted
-    T known_ = 0.0;                             ///< moments of the history, at most braking_order
+    T known_ = 0.0;                             ///< moments of the history, at most order
     T wish_ = 1.0;                              ///< length of the next leap
     T error_ = 0.0;                             ///< of the last leap that stood
-    MaskOf<T> judged_ = !none();                ///< lanes that may be asked about singularities
-    MaskOf<T> reaches_ = none();                ///< the next sub-step will reach the rates asked for
+    MaskOf<T> judged_ = !none();                ///< lanes whose sines are asked for at every look
+    /// Squared manipulability below which a singularity is near, and that as a share of the one where the lane began.
+    T poor_below_ = 0.0, poor_share_ = 0.0;
+    MaskOf<T> reaches_ = none();  ///< the next sub-step will reach the rates asked for
     MaskOf<T> reached_ = none(), poor_ = none(), poor_now_ = none(), singular_ = none(), limited_ = none();
 };
 

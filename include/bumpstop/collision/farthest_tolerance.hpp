@@ -13,14 +13,14 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 inline constexpr double farthest_tolerance = 5e-10;
 /// Where a law says how probable a detection at a tick is at most, this divided by that is enough, if it is more, and
 /// never more than `largest_farthest_tolerance` [m]. `make validate` (batches) tells how right laws are with it.
-inline constexpr double improbable_farthest_tolerance = 2e-12;
+inline constexpr double improbable_farthest_tolerance = 1e-10;
 inline constexpr double largest_farthest_tolerance = 1e-3;
 /// A tick less probable than this need not be simulated because a kink is near: refinement finds what matters of it.
 inline constexpr double kink_probability = 1e-5;
 
 /// An arm that reacts to a tick less probable than this is not followed home. A path has some 1000 ticks: what they could
-/// change of an exceedance is 1e-6 at most.
-inline constexpr double unfelt_probability = 1e-9;
+/// change of an exceedance is 1e-5 at most.
+inline constexpr double unfelt_probability = 1e-8;
 
 /// How well the overrun of every tick must be known. Without probabilities: all equally well.
 struct FarthestTolerance {

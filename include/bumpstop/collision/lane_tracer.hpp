@@ -41,6 +41,8 @@ struct LineLanes {
 /// one lane at a time.
 template <class T>
 class LaneTracer {
+    using Arm = BrakingArm<T, loose_braking_order>;
+
   public:
     LaneTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing,
                const ThresholdDetector& detector, double stiffness)
@@ -51,7 +53,7 @@ class LaneTracer {
           detector_(detector),
           stiffness_(stiffness),
           stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
-          arm_(chain, motion, BrakingArm<T>::Kind::follows) {}
+          arm_(chain, motion, Arm::Kind::traces) {}
 
     /// As of `LineTracer::trace`, for any number of lines.
     void trace(const LineJob* jobs, LinePath* paths, int count) {
@@ -104,14 +106,17 @@ class LaneTracer {
     /// Begins all paths, and keeps the rates they begin with.
     void begin(const LineJob* jobs, LinePath* paths, int count) {
         first_rate_.resize(std::size_t(count) * chain_.dof);
+        least_square_.resize(std::size_t(count));
         for (int first = 0; first < count; first += lanes) {
             const int here = std::min(lanes, count - first);
             const LineLanes<T> start(jobs + first, here, chain_.dof);
             const LineStart<T> line =
                 begin_line(chain_, motion_, contact_, timing_, start.q, start.velocity, paths + first, here);
-            for (int lane = 0; lane < here; ++lane)
+            for (int lane = 0; lane < here; ++lane) {
+                least_square_[std::size_t(first + lane)] = lane_of(line.rates.conditioning.least_square, lane);
                 for (int j = 0; j < chain_.dof; ++j)
                     first_rate_[std::size_t(first + lane) * chain_.dof + j] = lane_of(line.state.qd[j], lane);
+            }
         }
     }
 
@@ -124,7 +129,7 @@ class LaneTracer {
         set_lane(arm_.target.x, lane, path.velocity[0]);
         set_lane(arm_.target.y, lane, path.velocity[1]);
         set_lane(arm_.target.z, lane, path.velocity[2]);
-        arm_.begin(lane, tracing_leap_tolerance);
+        arm_.begin(lane, tracing_leap_tolerance, least_square_[std::size_t(i)]);
         Lane& at = lane_[lane];
         at = Lane{};
         at.path = &paths[i];
@@ -307,9 +312,10 @@ class LaneTracer {
     const ThresholdDetector& detector_;
     const double stiffness_;
     const int stride_;  ///< steps between the moments a path keeps: ticks, and beginnings of reactions
-    BrakingArm<T> arm_;
+    Arm arm_;
     Lane lane_[lanes];
-    std::vector<double> first_rate_;  ///< [line][dof]
+    std::vector<double> first_rate_;    ///< [line][dof]
+    std::vector<double> least_square_;  ///< [line]: as of Conditioning where it begins
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -39,11 +39,10 @@ void set_lane_of_point(Point3<T>& point, int lane, const Vector3& value, double 
     set_lane(point.z, lane, scale * value[2]);
 }
 
-/// Tells jobs whose last digits do not matter where they begin near a singularity. Others are asked on their way.
+/// Tells jobs how near to a singularity they begin.
 template <class T>
-void find_poor_starts(const Chain& chain, const MotionSettings& motion, ReactionJob* jobs, int count) {
+void find_least_squares(const Chain& chain, const MotionSettings& motion, ReactionJob* jobs, int count) {
     constexpr int lanes = Scalar<T>::lanes;
-    if (std::all_of(jobs, jobs + count, [](const ReactionJob& job) { return job.exact(); })) return;
     for (int first = 0; first < count; first += lanes) {
         T q[max_joints];
         Point3<T> velocity;
@@ -56,39 +55,34 @@ void find_poor_starts(const Chain& chain, const MotionSettings& motion, Reaction
         angle.set(chain, q);
         Posture<T> posture;
         forward_kinematics(chain, q, angle, posture);
-        const MaskOf<T> poor = resolved_rates(chain, motion, posture, velocity).conditioning.poor;
+        const T least = resolved_rates(chain, motion, posture, velocity).conditioning.least_square;
         for (int lane = 0; lane < lanes && first + lane < count; ++lane)
-            jobs[first + lane].poor_start = !jobs[first + lane].exact() && lane_of(poor, lane);
+            jobs[first + lane].least_square = lane_of(least, lane);
     }
 }
 
-}  // namespace detail
-
-/// Lets every lane take the next of the jobs as soon as it is done with one. What becomes of a job does not depend on
-/// the others.
-template <class T>
-void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail) {
+/// As of simulate_reactions, by leaps that go by so many values.
+template <int order, class T>
+void follow_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                      const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail) {
     constexpr int lanes = Scalar<T>::lanes;
     const bool stopping = kind == ReactionKind::stop;
     const ReactionRules rules{detail == ReactionDetail::only_peak, stopping, motion.substeps, motion.substep()};
-    using Arm = BrakingArm<T>;
+    using Arm = BrakingArm<T, order>;
     Arm arm(chain, motion, stopping ? Arm::Kind::stops : Arm::Kind::follows);
     Point3<T> normal, start;
     RunningReactions<T> running(rules);
-    if (count == 0) return;
-    if (!stopping) detail::find_poor_starts<T>(chain, motion, jobs, count);
     auto load = [&](int lane, ReactionJob& job, bool careful = false) {
         const LinePath& path = *job.path;
-        const double* rates = detail::load_start(chain, motion, job, lane, arm.state.q);
+        const double* rates = load_start(chain, motion, job, lane, arm.state.q);
         for (int j = 0; j < chain.dof; ++j) set_lane(arm.state.qd[j], lane, 0.0);
         for (int f = 0; f < motion.free_count; ++f) set_lane(arm.state.qd[motion.free_joint[f]], lane, rates[f]);
-        detail::set_lane_of_point(arm.target, lane, path.velocity, stopping ? 0 : -1);
-        detail::set_lane_of_point(normal, lane, path.normal);
-        detail::set_lane_of_point(start, lane, path.start);
-        arm.begin(lane, job.leap_tolerance);
+        set_lane_of_point(arm.target, lane, path.velocity, stopping ? 0 : -1);
+        set_lane_of_point(normal, lane, path.normal);
+        set_lane_of_point(start, lane, path.start);
+        arm.begin(lane, job.leap_tolerance, job.least_square);
         running.begin(lane, job, path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency],
-                      detail::longest_stop_time(motion, timing, path, job.tick), careful);
+                      longest_stop_time(motion, timing, path, job.tick), careful);
     };
     int next = std::min(count, lanes);
     for (int lane = 0; lane < lanes; ++lane) {
@@ -104,7 +98,6 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     };
     auto refused = [&](const MaskOf<T>& leaps, const T& over) { return running.refused(leaps, over, speed); };
     while (!running.all_done()) {
-        arm.stop_judging(running.careless());
         const T gone = arm.advance(running.longest_leaps(), look, refused);
         const ReactionFates<T> fates = running.take({gone, distance, speed, arm.poor(), arm.reached()});
         arm.loosen(fates.home, RunningReactions<T>::homing_slack);
@@ -118,6 +111,23 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                 running.stop(lane);
             }
         }
+    }
+}
+
+}  // namespace detail
+
+/// Lets every lane take the next of the jobs as soon as it is done with one. What becomes of a job does not depend on
+/// the others; all of them are exact, or none is.
+template <class T>
+void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail) {
+    if (count == 0) return;
+    if (jobs->exact()) {
+        detail::follow_reactions<braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
+    } else {
+        // Where last digits matter, arms are asked on their way.
+        if (kind != ReactionKind::stop) detail::find_least_squares<T>(chain, motion, jobs, count);
+        detail::follow_reactions<loose_braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
     }
 }
 

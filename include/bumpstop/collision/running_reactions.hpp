@@ -38,7 +38,7 @@ template <class T>
 class RunningReactions {
   public:
     /// An arm on its way home is followed so many times less exactly.
-    static constexpr double homing_slack = 1e3;
+    static constexpr double homing_slack = 1e4;
 
     explicit RunningReactions(const ReactionRules& rules) : rules_(rules) {}
 
@@ -60,25 +60,20 @@ class RunningReactions {
         for (T* count : {&gone_, &retreating_, &steps_, &into_step_, &speed_, &lowest_}) set_lane(*count, lane, 0.0);
         for (T* distance : {&here_, &peak_}) set_lane(*distance, lane, here);
         set_lane(top_, lane, std::numeric_limits<double>::infinity());
-        for (MaskOf<T>* yet : {&started_, &turned_, &over_, &homing_}) set_lane(*yet, lane, false);
+        for (MaskOf<T>* yet : {&started_, &astray_, &turned_, &over_, &homing_}) set_lane(*yet, lane, false);
         set_lane(busy_, lane, true);
         set_lane(careful_, lane, careful);
         set_lane(believed_, lane, !job.comes_back);
-        set_lane(exact_, lane, job.exact());
-        set_lane(astray_, lane, job.comes_back && job.poor_start);
     }
     /// A lane has no reaction any more.
     void stop(int lane) {
         job_[lane] = nullptr;
         set_lane(busy_, lane, false);
-        set_lane(exact_, lane, false);
         set_lane(believed_, lane, true);
     }
 
     ReactionJob& job(int lane) const { return *job_[lane]; }
     bool all_done() const { return !any(busy_); }
-    /// Where it makes no difference any more whether a singularity is near, and last digits do not matter.
-    MaskOf<T> careless() const { return (astray_ | believed_) & !exact_; }
 
     /// How far next leaps may go, in sub-steps. The steps about the farthest point are gone one by one.
     T longest_leaps() const {
@@ -203,7 +198,6 @@ class RunningReactions {
     MaskOf<T> started_ = none();   ///< the first look has been taken
     MaskOf<T> astray_ = none();    ///< a singularity was near, or the arm did not follow its line when it began
     MaskOf<T> believed_ = none();  ///< its first retreat is, whatever is near
-    MaskOf<T> exact_ = none();     ///< its last digits matter
     MaskOf<T> turned_ = none();    ///< it has retreated
     MaskOf<T> over_ = none();      ///< it ends with this step
     MaskOf<T> homing_ = none();    ///< well behind its peak: followed loosely, to see that it does not come back

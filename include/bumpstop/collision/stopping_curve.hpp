@@ -116,12 +116,14 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
             continue;
         }
         bool smooth = std::none_of(own, own + nodes, [](const ReactionJob& job) { return job.came_back; });
+        detail::Summit summits[nodes];
+        std::transform(own, own + nodes, summits, detail::summit);
         for (int i : {1, nodes / 2}) {  // near an end, and in the middle
-            const double difference =
-                detail::OverrunInterpolation(own, nodes, i).at(double(own[i].tick)) - detail::overrun(own[i].distance);
+            const double difference = detail::OverrunInterpolation(own, summits, nodes, i).at(double(own[i].tick)) -
+                                      detail::overrun(own[i].distance);
             smooth = smooth && std::fabs(difference) <= tolerance(stretch.curve).of(stretch.first, stretch.last);
         }
-        const detail::OverrunInterpolation overrun(own, nodes);
+        const detail::OverrunInterpolation overrun(own, summits, nodes);
         for (int first = stretch.first; smooth && first <= stretch.last; first += lanes) {
             T k;
             for (int lane = 0; lane < lanes; ++lane) set_lane(k, lane, double(first + lane));

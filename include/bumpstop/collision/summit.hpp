@@ -69,11 +69,11 @@ inline Summit summit(const ReactionJob& job) {
 /// is not smooth in the tick, as the steps fall differently about the summit; the summit is.
 class OverrunInterpolation {
   public:
-    /// Through the jobs but number `without`, if it is not below zero.
-    OverrunInterpolation(const ReactionJob* jobs, int count, int without = -1)
+    /// Through the jobs, whose summits are given, but number `without`, if it is not below zero.
+    OverrunInterpolation(const ReactionJob* jobs, const Summit* summits, int count, int without = -1)
         : interpolation_(ticks_of(jobs, count, without)) {
         for (int m = 0; m < count; ++m) {
-            if (m != without) summit_.push_back(summit(jobs[m]));
+            if (m != without) summit_.push_back(summits[m]);
         }
     }
     /// Negative where there is none.

@@ -47,9 +47,11 @@ struct RowOf {
 /// has no unit, so rotations and translations need no common scale.
 template <class T>
 struct Conditioning {
-    MaskOf<T> singular;  ///< some sine below 1e-6
-    MaskOf<T> poor;      ///< some sine below 1e-2
+    MaskOf<T> singular;    ///< some sine below 1e-6
+    MaskOf<T> poor;        ///< some sine below 1e-2
+    T least_square = 0.0;  ///< of the sines: the square of the least
 };
+inline constexpr double singular_sine = 1e-6, poor_sine = 1e-2;
 
 /// Solves row[c] . x = target[c], c < Rows, for the x of least norm; `Columns` is the number of columns, or 0
 /// to take it from `columns` at run time.
@@ -66,15 +68,18 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x) {
     T inverse[Rows], before[Rows];
     BUMPSTOP_UNROLL
     for (int c = 0; c < Rows; ++c) before[c] = Row::dot(row[c], row[c], columns);
-    T singular_margin = 1.0, poor_margin = 1.0;
+    T singular_margin = 1.0, poor_margin = 1.0, least = 1.0, least_before = 1.0;
     BUMPSTOP_UNROLL
     for (int c = 0; c < Rows; ++c) {
         const T* u = row[c];
         // A row that vanishes would divide by zero; its rate then stays finite and the caller sees the sine.
         const T square = c == 0 ? before[0] : Row::dot(u, u, columns);
         inverse[c] = 1.0 / maximum(square, T(1e-200));
-        singular_margin = minimum(singular_margin, square - 1e-12 * before[c]);
-        poor_margin = minimum(poor_margin, square - 1e-4 * before[c]);
+        singular_margin = minimum(singular_margin, square - singular_sine * singular_sine * before[c]);
+        poor_margin = minimum(poor_margin, square - poor_sine * poor_sine * before[c]);
+        const MaskOf<T> lesser = square * least_before < least * before[c];
+        least = select(lesser, square, least);
+        least_before = select(lesser, before[c], least_before);
         BUMPSTOP_UNROLL
         for (int d = c + 1; d < Rows; ++d) {
             const T shared = Row::dot(u, row[d], columns) * inverse[c];
@@ -86,7 +91,8 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x) {
     BUMPSTOP_UNROLL
     for (int c = Rows - 1; c >= 0; --c)
         Row::add(x, (target[c] - Row::dot(row[c], x, columns)) * inverse[c], row[c], columns);
-    return {singular_margin <= T(0.0), poor_margin <= T(0.0)};
+    const MaskOf<T> singular = singular_margin <= T(0.0);
+    return {singular, poor_margin <= T(0.0), select(singular, T(0.0), least / least_before)};
 }
 
 /// The damped least squares x = R' (R R' + damping^2 I)^-1 target is the same problem with `damping` times the

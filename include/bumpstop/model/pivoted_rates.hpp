@@ -20,12 +20,18 @@ class PivotedRates {
 
     /// Writes the rates by free joint [rad/s] of least norm that give `velocity` (base frame, m/s) and do not turn the tool.
     /// They are right, as far as that Jacobian allows, where the mask returned says so: in lanes in which no row of the
-    /// Jacobian at the tip is within 1e-12 of those before it (see Conditioning). `q`: joint positions, of which those of joints that slide are needed [m].
-    MaskOf<T> solve(const JointAngles<T>& angle, const T* q, const Point3<T>& velocity, T* x) const {
+    /// Jacobian J at the tip is within 1e-12 of those before it (see Conditioning). `q`: joint positions, of which those of
+    /// joints that slide are needed [m]. `squared_manipulability`: det(J J'), but for a factor that is the same at all poses
+    /// of the chain (T. Yoshikawa, "Manipulability of robotic mechanisms", 1985).
+    MaskOf<T> solve(const JointAngles<T>& angle, const T* q, const Point3<T>& velocity, T* x,
+                    T& squared_manipulability) const {
         Column column[max_joints];
         const Point3<T> v = columns_.find(angle, q, velocity, column);
-        return columns_.count() == 6 ? eliminate<4>(column, v, x) : eliminate<5>(column, v, x);
+        return columns_.count() == 6 ? eliminate<4>(column, v, x, squared_manipulability)
+                                     : eliminate<5>(column, v, x, squared_manipulability);
     }
+    /// Where the squared manipulability is at least this much, no row is within 1e-6 of those before it.
+    double never_singular_from() const { return columns_.least_determinant() * columns_.least_determinant(); }
 
   private:
     using Columns = ScrewColumns<T>;
@@ -86,7 +92,7 @@ class PivotedRates {
     };
 
     template <int Others>
-    MaskOf<T> eliminate(const Column* columns, const Point3<T>& v, T* x) const {
+    MaskOf<T> eliminate(const Column* columns, const Point3<T>& v, T* x, T& squared_manipulability) const {
         const Column* column[Others];
         Triangle<Others> triangle;
         for (int c = 0; c < Others; ++c) {
@@ -105,6 +111,7 @@ class PivotedRates {
         if constexpr (Others == 5) rate[4] = 0.0;
         triangle.put_back(rate);
         Columns::template middle_rates<Others>(column, rate, own, next);
+        squared_manipulability = determinant * determinant;
         if constexpr (Others == 5) {
             // What the rates may be moved along without moving the tool is taken off.
             T still[5], still_own, still_next, opposite[4];
@@ -120,6 +127,9 @@ class PivotedRates {
                 square += still[c] * still[c];
             }
             const T back_by = shared / square;
+            // The determinants of all six columns of seven are to each other as the rates that do not move the tool (Cauchy
+            // and Binet).
+            squared_manipulability = squared_manipulability * square;
             BUMPSTOP_UNROLL
             for (int c = 0; c < 5; ++c) rate[c] -= back_by * still[c];
             own -= back_by * still_own;

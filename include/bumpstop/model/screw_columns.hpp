@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "bumpstop/model/kinematics.hpp"
+#include "bumpstop/model/min_norm.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -110,7 +111,6 @@ class ScrewColumns {
 
   private:
     static constexpr int longest_side = 4;
-    static constexpr double singular_sine = 1e-6;  ///< as of Conditioning
 
     /// A frame stands on the joint's axis and turns with the link: it is reached from that before by a shift in x and y,
     /// a turn about x, then a shift along and a turn about z. y is needed where axes are nearly parallel alone.
