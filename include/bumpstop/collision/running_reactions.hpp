@@ -82,8 +82,7 @@ class RunningReactions {
         if (rules_.only_peak) {
             const T far = double(longest_braking_leap);
             // The last step that ends a whole step before the top.
-            const T landing =
-                (whole_part(whole_part(gone_ + minimum(top_, 2.0 * far)) / substeps()) - 1.0) * substeps() - gone_;
+            const T landing = (whole_steps(whole_part(gone_ + minimum(top_, 2.0 * far))) - 1.0) * substeps() - gone_;
             const T forward = select(top_ < 2.0 * far, maximum(landing, to_step), far);
             const T backward = select(retreating_ >= steps_past_peak * substeps(), far, to_step);
             longest = select(speed_ > T(0.0), forward, select(speed_ < T(0.0), backward, to_step));
@@ -157,10 +156,11 @@ class RunningReactions {
 
     static MaskOf<T> none() { return T(0.0) > T(1.0); }
     T substeps() const { return double(rules_.substeps); }
+    /// In so many sub-steps, a whole number.
+    T whole_steps(const T& count) const { return whole_part((count + 0.5) * (1.0 / rules_.substeps)); }
 
     void move(const MaskOf<T>& moves, const ReactionLook<T>& look) {
-        const T gone = select(moves, look.gone, T(0.0)), into = into_step_ + gone,
-                whole = whole_part(into / substeps());
+        const T gone = select(moves, look.gone, T(0.0)), into = into_step_ + gone, whole = whole_steps(into);
         gone_ += gone;
         steps_ += whole;
         into_step_ = into - whole * substeps();
