@@ -39,6 +39,7 @@ CASES = [
     *((ROOT / "tests/joint/joint_torque.cpp", build) for build in BUILDS),
     *((ROOT / "tests/joint/joint_bank.cpp", build) for build in BUILDS),
     *((ROOT / "tests/collision/line_controller.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/collision/panel_moments.cpp", build) for build in BUILDS),
     *((ROOT / "tests/detection/detector.cpp", build) for build in BUILDS),
     *((ROOT / "tests/detection/sample_guard.cpp", build) for build in BUILDS),
     *((ROOT / "tests/math/quadrature.cpp", build) for build in ("sanitized", "clang++-14")),

@@ -97,8 +97,15 @@ Reference reference(const Arm& arm, const Pose& pose) {
     made.least_square = conditioning.least_square;
     // The solve leaves the rows orthogonal.
     made.manipulability = 1;
-    for (int c = 0; c < 6; ++c)
-        made.manipulability *= std::sqrt(std::inner_product(row[c], row[c] + arm.free.size(), row[c], 0.0));
+    double least = 1;
+    for (int c = 0; c < 6; ++c) {
+        const double square = std::inner_product(row[c], row[c] + arm.free.size(), row[c], 0.0);
+        double before = 0;
+        for (std::size_t f = 0; f < arm.free.size(); ++f) before += made.column[f][c] * made.column[f][c];
+        made.manipulability *= std::sqrt(square);
+        least = std::min(least, square / before);
+    }
+    CHECK_NEAR(made.least_square, made.singular ? 0 : least, 1e-12 * least);
     made.far_from_singular = made.manipulability > 0.02;
     return made;
 }
@@ -268,6 +275,8 @@ void near_a_singularity() {
             for (std::size_t f = 0; f < 6; ++f) moves += (long double)wanted.column[f][c] * x[f];
             CHECK_NEAR(moves, target[c], 1e-14 * most);
         }
+        CHECK(!wanted.singular || square < pivoted.never_singular_from());
+        CHECK(square >= pivoted.never_singular_from() || pitch < 1e-3);
         // The nearer it is, the better the manipulability tells the least sine.
         if (pitch < 0.015 && pitch > 1e-5) {
             const double own = wanted.least_square / square;
