@@ -243,14 +243,6 @@ class BatchDetection : public BatchPanels {
         outcome_of_[std::size_t(p)] = outcome_.size();
         const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
         const int watched = detector_.watched;
-        IdleTick untouched;  // of the joints that no force moves
-        for (int w = 0, f = 0; w < watched; ++w) {
-            if (f < felt_count_ && felt_[f] == w) {
-                ++f;
-            } else {
-                untouched.add(w, {quiet_.idle().single[std::size_t(w)], 1 - quiet_.idle().single[std::size_t(w)]});
-            }
-        }
         T offset[registers], survival[registers], waited[registers], fired[max_joints][registers];
         for (int r = 0; r < registers; ++r) {
             offset[r] = mid + half * load<T>(node_ + r * lanes);
@@ -269,8 +261,8 @@ class BatchDetection : public BatchPanels {
             const double s = s_tick(k);
             T alarm[registers], silent[registers], force[registers], most = 0.0;
             for (int r = 0; r < registers; ++r) {
-                alarm[r] = untouched.alarm;
-                silent[r] = untouched.silent;
+                alarm[r] = untouched_.alarm;
+                silent[r] = untouched_.silent;
                 waited[r] += survival[r];
                 force[r] = maximum(s - offset[r], T(0.0)) * stiffness_;
             }
@@ -303,12 +295,11 @@ class BatchDetection : public BatchPanels {
         outcome_.resize(outcome_of_[std::size_t(p)] + std::size_t(panel.slots) * order);
         for (int r = 0; r < registers; ++r) {
             store(survival[r], &survived_[std::size_t(p) * order + std::size_t(r) * lanes]);
-            for (int w = 0, f = 0; w < watched; ++w) {
-                const bool felt = f < felt_count_ && felt_[f] == w;
-                const T own = felt ? fired[f][r] : T(waited[r] * quiet_.idle().single[std::size_t(w)]);
-                f += felt;
+            const auto keep = [&](int w, const T& own) {
                 store(own, &fired_[(std::size_t(p) * watched + w) * order + std::size_t(r) * lanes]);
-            }
+            };
+            for (int w = 0; w < watched; ++w) keep(w, waited[r] * untouched_.single[std::size_t(w)]);
+            for (int f = 0; f < felt_count_; ++f) keep(felt_[f], fired[f][r]);
         }
     }
 

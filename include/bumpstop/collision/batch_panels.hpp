@@ -67,6 +67,7 @@ class BatchPanels {
     std::vector<double> edge_;  ///< panel of tick k: edge_[k]..edge_[k + 1]
     std::vector<Panel> panels_;
     int felt_[max_joints] = {}, felt_count_ = 0;  ///< watched joints that a force moves
+    IdleTick untouched_;                          ///< of the others
 
   private:
     static constexpr int longest_group = 64, most_parts = 16;
@@ -98,9 +99,15 @@ class BatchPanels {
             }
         }
         felt_count_ = 0;
+        untouched_ = {};
         for (int w = 0; w < detector_.watched; ++w) {
             gain = std::max(gain, gain_of[w]);
-            if (gain_of[w] * edge_.back() > unfelt_residual) felt_[felt_count_++] = w;
+            const double idle = quiet_.idle().single[std::size_t(w)];
+            if (gain_of[w] * edge_.back() > unfelt_residual) {
+                felt_[felt_count_++] = w;
+            } else {
+                untouched_.add(w, {idle, 1 - idle});
+            }
         }
         double width = gain > 0 ? AlarmTable::widest / gain : std::numeric_limits<double>::infinity();
         if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
