@@ -37,7 +37,7 @@ FLAGS = {
 }
 COMMON = ["-std=c++20", "-O3", "-ffp-contract=fast"]
 TWIN_RUNS = 1000  # what the source drew for one distribution
-BATCH = 400
+BATCH = 4000
 
 
 def seconds(action: Callable[[], object], repeats: int) -> float:

@@ -99,12 +99,13 @@ class BatchLaw : public BatchDetection<T> {
         double low, high;
         double series[order];      ///< of the probability of the offset
         std::size_t first, after;  ///< its alarms
+        double chances;            ///< of all of them
         double most;               ///< the greatest of their depths
     };
-    /// A detection before contact whose stopping path still arrives. Those of a panel follow one another, the latest first.
+    /// A detection before contact whose stopping path still arrives. Those of a panel follow one another, the farthest first.
     struct EarlyAlarm {
         double farthest, chance;
-        double most;  ///< farthest minus low: the greatest of this and all that follow in its panel
+        double before;  ///< chances of those of its panel that come before it
     };
 
     /// Where a panel is cut: its series and what it is to be multiplied with, the place on [-1, 1], and 1 / half its width
@@ -137,14 +138,13 @@ class BatchLaw : public BatchDetection<T> {
         for (const EarlyPanel& panel : early_panels_) {
             if (panel.most <= depth) continue;
             const double mid = 0.5 * (panel.low + panel.high), inverse_half = 2 / (panel.high - panel.low);
-            for (std::size_t i = panel.first; i < panel.after && early_[i].most > depth; ++i) {
-                const double cut = early_[i].farthest - depth;
-                if (cut >= panel.high) {
-                    sum.probability += 2 * early_[i].chance * panel.series[0];
-                } else if (cut > panel.low) {
-                    cuts_.push_back({panel.series, early_[i].chance, (cut - mid) * inverse_half, inverse_half});
-                }
-            }
+            const EarlyAlarm *const first = early_.data() + panel.first, *const end = early_.data() + panel.after;
+            const EarlyAlarm* alarm = std::partition_point(
+                first, end, [&](const EarlyAlarm& one) { return one.farthest - depth >= panel.high; });
+            sum.probability += 2 * (alarm == end ? panel.chances : alarm->before) * panel.series[0];
+            for (; alarm != end && alarm->farthest - depth > panel.low; ++alarm)
+                cuts_.push_back(
+                    {panel.series, alarm->chance, (alarm->farthest - depth - mid) * inverse_half, inverse_half});
         }
         add_cuts(sum);
         sum.probability = std::max(0.0, sum.probability);
@@ -242,31 +242,40 @@ class BatchLaw : public BatchDetection<T> {
             for (const Panel& panel : panels_) {
                 EarlyPanel made;
                 made.first = early_.size();
-                made.most = 0;
-                double chances = 0;
                 for (int k = std::min(panel.tick, ticks) - 1; k >= 0; --k) {
-                    const double most = farthest_yet_[std::size_t(k)] - panel.low;
-                    if (!(most > 0)) break;
+                    if (!(farthest_yet_[std::size_t(k)] > panel.low)) break;
                     const double farthest = farthest_[std::size_t(k)];
                     if (!quiet_.armed(k) || !(farthest > panel.low)) continue;
-                    const double chance = quiet_.silence_before(k) * quiet_.idle().alarm;
-                    early_.push_back({farthest, chance, most});
-                    chances += chance;
-                    made.most = std::max(made.most, farthest - panel.low);
+                    early_.push_back({farthest, quiet_.silence_before(k) * quiet_.idle().alarm, 0});
                 }
                 if (early_.size() == made.first) continue;
                 made.after = early_.size();
+                made.chances = sort_early_alarms(made.first);
+                made.most = early_[made.first].farthest - panel.low;
                 made.low = panel.low;
                 made.high = panel.high;
                 T offset[registers];
                 this->weigh_offsets(panel, offset);
                 this->find_series(offset, made.series);
-                touching += 2 * made.series[0] * chances;
+                touching += 2 * made.series[0] * made.chances;
                 early_panels_.push_back(made);
             }
             panels_.resize(reached);
         }
         harmless_ = std::max(0.0, alarm_before_ - touching) + no_contact;
+    }
+
+    /// The alarms from `first` on are a panel's. Returns the sum of their chances.
+    double sort_early_alarms(std::size_t first) {
+        const auto begin = early_.begin() + std::ptrdiff_t(first);
+        const auto farther = [](const EarlyAlarm& a, const EarlyAlarm& b) { return a.farthest > b.farthest; };
+        if (!std::is_sorted(begin, early_.end(), farther)) std::sort(begin, early_.end(), farther);
+        double chances = 0;
+        for (auto alarm = begin; alarm != early_.end(); ++alarm) {
+            alarm->before = chances;
+            chances += alarm->chance;
+        }
+        return chances;
     }
 
     void find_moments() {
