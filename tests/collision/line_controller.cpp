@@ -1,39 +1,13 @@
 // A simulation step of the controller against its sub-steps as docs/collision.md writes them down.
 #include "bumpstop/collision/line_controller.hpp"
 
-#include <limits>
-
-#include "model/random_chain.hpp"
+#include "collision/random_arm.hpp"
 
 namespace {
 
 using namespace bumpstop;
+using random_arm::Arm;
 using L = Lanes<native_lanes>;
-
-struct Arm {
-    Chain chain;
-    MotionSettings motion;
-};
-
-Arm random_arm(int dof, const std::vector<int>& sliding, int held) {
-    std::vector<JointSpec> joints(static_cast<std::size_t>(dof));
-    for (JointSpec& joint : joints) {
-        for (double& d : joint.origin) d = checks::uniform(-0.5, 0.5);
-        joint.axis = random_chain::random_unit();
-    }
-    for (int j : sliding) joints[std::size_t(j)].prismatic = true;
-    Arm arm;
-    arm.chain = Chain(joints);
-    arm.motion.tip = link_point(arm.chain, dof - 1, {0.05, -0.02, 0.1});
-    for (int j = 0; j < dof; ++j) {
-        if (j != held) arm.motion.free_joint[std::size_t(arm.motion.free_count++)] = j;
-        arm.motion.acceleration_limit[std::size_t(j)] = checks::uniform(2, 8);
-        arm.motion.velocity_limit[std::size_t(j)] = j % 3 == 0 ? 1.0 : std::numeric_limits<double>::infinity();
-        arm.motion.lower[std::size_t(j)] = -4;
-        arm.motion.upper[std::size_t(j)] = 4;
-    }
-    return arm;
-}
 
 struct State {
     double q[max_joints], qd[max_joints];
@@ -75,7 +49,7 @@ bool plain_step(const Arm& arm, const Point3<double>& velocity, State& state) {
 void steps_agree(int dof, const std::vector<int>& sliding, int held = -1) {
     int compared = 0, reached = 0;
     for (int i = 0; i < 30; ++i) {
-        const Arm arm = random_arm(dof, sliding, held);
+        const Arm arm = random_arm::make(dof, sliding, held);
         LineController<L> controller(arm.chain, arm.motion);
         ArmState<L> state;
         State plain[native_lanes];

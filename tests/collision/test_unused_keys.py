@@ -24,7 +24,8 @@ SCENARIOS = {
     "without a body": Scenario.from_dict(
         {
             "robot": "sia5d",
-            "pose_deg": [0, 30, 0, -20, 0, -40, 0],
+            # In a plane it would not matter which of the joints that turn the arm out of it are held.
+            "pose_deg": [0, 30, 10, -20, 5, -40, 0],
             "motion": {"velocity_mm_s": [0, 0, -50], "held_joints": [7]},
             "contact": {"stiffness_N_m": 75000.0, "offset_law": "fixed", "offset_mm": 1.0},
             "detector": {"thresholds_Nm": [20, 10, 20, 20, 20, 20, 20], "noise_sd_Nm": 2.0},

@@ -38,6 +38,7 @@ CASES = [
     *((ROOT / "tests/signal/chain_derivative.cpp", build) for build in BUILDS),
     *((ROOT / "tests/joint/joint_torque.cpp", build) for build in BUILDS),
     *((ROOT / "tests/joint/joint_bank.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/collision/braking_arm.cpp", build) for build in BUILDS),
     *((ROOT / "tests/collision/line_controller.cpp", build) for build in BUILDS),
     *((ROOT / "tests/collision/panel_moments.cpp", build) for build in BUILDS),
     *((ROOT / "tests/detection/detector.cpp", build) for build in BUILDS),

@@ -96,22 +96,27 @@ std::vector<double> most_alarm(const ThresholdDetector& detector, const Timing& 
     return probability;
 }
 
-/// What a thread keeps from register to register.
+/// Poses whose reactions are simulated together: few for their laws to stay in a near cache, many for lanes to have a next
+/// one while others still follow their last.
+inline constexpr int longest_group = 16;
+/// Registers full of poses that are traced together at most: their paths stay near.
+inline constexpr int longest_round = 8;
+
+/// What a thread keeps from group to group.
 template <class L>
 struct BatchWorker {
     BatchWorker(const BatchProblem& problem, const AlarmTable& alarms, const QuietTable& quiet) {
-        for (int lane = 0; lane < Scalar<L>::lanes; ++lane)
-            law.emplace_back(*problem.detector, *problem.timing, alarms, quiet, problem.stiffness, problem.offset_kind);
+        for (int i = 0; i < longest_group; ++i)
+            law.emplace_back(*problem.detector, *problem.timing, alarms, quiet, problem.stiffness, problem.offset_kind,
+                             scratch);
     }
 
-    std::vector<BatchLaw<L>> law;  ///< by lane
+    DetectionScratch scratch;
+    std::vector<BatchLaw<L>> law;  ///< by place in the group
     std::vector<LinePath> path;    ///< of the poses that are traced together
-    StoppingCurve curve[Scalar<L>::lanes];
-    std::vector<double> probability[Scalar<L>::lanes];
+    StoppingCurve curve[longest_group];
+    std::vector<double> probability[longest_group];
 };
-
-/// Registers full of poses that are traced together at most: their paths stay near.
-inline constexpr int longest_round = 4;
 
 /// A pose whose path could not begin.
 inline void write_nothing(const BatchProblem& problem, std::size_t pose, const BatchResult& out) {
@@ -162,7 +167,9 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
     }
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
     if (quick) {
-        LaneTracer<L>(*problem.chain, *problem.motion, *problem.contact, timing, *problem.detector, problem.stiffness)
+        // Reactions begin where it says, and near singularities they enlarge what instruction sets round otherwise.
+        LaneTracer<Unfused<L>>(*problem.chain, *problem.motion, *problem.contact, timing, *problem.detector,
+                               problem.stiffness)
             .trace(jobs.data(), worker.path.data(), count);
         return;
     }
@@ -178,44 +185,43 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
 
 /// The laws of poses whose paths are traced.
 template <class L>
-void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick, const int* pose_of_lane,
-                 LinePath* path, int count, const BatchResult& out) {
-    constexpr int lanes = Scalar<L>::lanes;
+void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick, const int* poses, LinePath* path,
+                 int count, const BatchResult& out) {
     const int dof = problem.chain->dof;
     StoppingCurve* curve = worker.curve;
-    OffsetLaw offset[lanes];
-    bool collided[lanes];
-    for (int lane = 0; lane < count; ++lane) {
-        std::swap(curve[lane].path, path[lane]);  // both keep their memory for the next pose
-        const LinePath& traced = curve[lane].path;
-        offset[lane] = {problem.offset_kind, problem.offset_kind == OffsetKind::fixed
-                                                 ? problem.offset_size
-                                                 : problem.offset_size * traced.approach_speed};
-        collided[lane] = quick && traced.ticks > 0 && worker.law[lane].collide(traced, offset[lane]);
-        worker.probability[lane] = collided[lane]
-                                       ? worker.law[lane].detection()
-                                       : most_alarm<L>(*problem.detector, *problem.timing, traced, problem.stiffness);
+    OffsetLaw offset[longest_group];
+    bool collided[longest_group];
+    for (int i = 0; i < count; ++i) {
+        std::swap(curve[i].path, path[i]);  // both keep their memory for the next pose
+        const LinePath& traced = curve[i].path;
+        offset[i] = {problem.offset_kind, problem.offset_kind == OffsetKind::fixed
+                                              ? problem.offset_size
+                                              : problem.offset_size * traced.approach_speed};
+        collided[i] = quick && traced.ticks > 0 && worker.law[i].collide(traced, offset[i]);
+        worker.probability[i] = collided[i]
+                                    ? worker.law[i].detection()
+                                    : most_alarm<L>(*problem.detector, *problem.timing, traced, problem.stiffness);
     }
     complete_curves<L>(
         *problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction, curve, count,
-        [&](int c) { return problem.q + std::size_t(pose_of_lane[c]) * dof; },
+        [&](int c) { return problem.q + std::size_t(poses[c]) * dof; },
         [&](int c) { return FarthestTolerance{worker.probability[c].data()}; });
-    for (int lane = 0; lane < count; ++lane) {
-        const std::size_t pose = std::size_t(pose_of_lane[lane]);
-        const LinePath& done = curve[lane].path;
+    for (int i = 0; i < count; ++i) {
+        const std::size_t pose = std::size_t(poses[i]);
+        const LinePath& done = curve[i].path;
         out.end[pose] = done.singular_start ? batch_singular_start : std::uint8_t(done.end);
         if (done.singular_start) {
             write_nothing(problem, pose, out);
-        } else if (collided[lane]) {
-            BatchLaw<L>& law = worker.law[lane];
-            law.stop(curve[lane].farthest);
+        } else if (collided[i]) {
+            BatchLaw<L>& law = worker.law[i];
+            law.stop(curve[i].farthest);
             write_law(
                 problem, pose, done.end, law, law.detected(), law.peak_force(),
                 [&](double p) { return law.upper_quantile(p); }, [&](double force) { return law.tail(force); }, out);
         } else {
-            const LawSettings settings{problem.stiffness, offset[lane], 1, false};
+            const LawSettings settings{problem.stiffness, offset[i], 1, false};
             const ExactLaw law =
-                ExactLawBuilder<L>(curve[lane], *problem.timing, *problem.motion, *problem.detector, settings).build();
+                ExactLawBuilder<L>(curve[i], *problem.timing, *problem.motion, *problem.detector, settings).build();
             write_law(
                 problem, pose, done.end, law, law.detected, peak_force_moments<L>(law),
                 [&](double p) { return upper_quantile<L>(law.pieces, law.peak_force, p, law.undetected); },
@@ -246,9 +252,10 @@ void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult&
         for (int begin = round * next++; begin < problem.poses; begin = round * next++) {
             const int end = std::min(begin + round, problem.poses);
             detail::trace_poses(problem, worker, quick, &order[std::size_t(begin)], end - begin);
-            for (int first = begin; first < end; first += lanes)
+            for (int first = begin; first < end; first += detail::longest_group)
                 detail::batch_group<L>(problem, worker, quick, &order[std::size_t(first)],
-                                       &worker.path[std::size_t(first - begin)], std::min(lanes, end - first), out);
+                                       &worker.path[std::size_t(first - begin)],
+                                       std::min(detail::longest_group, end - first), out);
         }
     };
     std::vector<std::thread> crew;

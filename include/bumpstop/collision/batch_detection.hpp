@@ -7,6 +7,12 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
+/// What is needed only while a collision's detections are found. Laws that are worked out in turn share it: it stays in a
+/// near cache.
+struct DetectionScratch {
+    std::vector<double> outcome, fired;
+};
+
 /// Clamped contact at an offset that varies, seen by a direct residual with white noise, before anything is known about
 /// stopping paths. Every panel of offsets has eight nodes, which fill whole registers; alarm probabilities come from a
 /// table, one polynomial for a panel; panels along a smooth stretch of the path are interpolated from a few. The object
@@ -15,8 +21,11 @@ template <class T>
 class BatchDetection : public BatchPanels {
   public:
     BatchDetection(const ThresholdDetector& detector, const Timing& timing, const AlarmTable& alarms,
-                   const QuietTable& quiet, double stiffness, OffsetKind offset_kind)
-        : BatchPanels(detector, timing, quiet, stiffness, offset_kind), alarms_(alarms) {
+                   const QuietTable& quiet, double stiffness, OffsetKind offset_kind, DetectionScratch& scratch)
+        : BatchPanels(detector, timing, quiet, stiffness, offset_kind),
+          alarms_(alarms),
+          outcome_(scratch.outcome),
+          fired_(scratch.fired) {
         const GaussRule& rule = gauss_rule(order);
         for (int g = 0; g < order; ++g) {
             node_[g] = rule.node[g];
@@ -94,7 +103,7 @@ class BatchDetection : public BatchPanels {
     double alarm_before_ = 0;       ///< probability of an alarm before contact
 
   private:
-    static constexpr double least_survival = 1e-12;
+    static constexpr double least_survival = 1e-9;
     static constexpr int interpolated_from = 6;    ///< panels
     static constexpr std::size_t more_slots = 16;  ///< room is made for so many at a time
     static constexpr double agreement = 1e-6;      ///< of probabilities interpolated and worked out
@@ -391,8 +400,8 @@ class BatchDetection : public BatchPanels {
     double half_legendre_[order][order];  ///< half_legendre_[g]: P_l / 2 at node g, by degree
     std::vector<int> run_;
     std::vector<std::size_t> outcome_of_;  ///< by panel: where its outcomes begin
-    std::vector<double> outcome_;          ///< [slot][node], panel by panel: detected then, given contact
-    std::vector<double> fired_;            ///< [panel][watched joint][node]: over its threshold when detected
+    std::vector<double>& outcome_;         ///< [slot][node], panel by panel: detected then, given contact
+    std::vector<double>& fired_;           ///< [panel][watched joint][node]: over its threshold when detected
     std::vector<double> contact_from_, detection_, beyond_;
 };
 

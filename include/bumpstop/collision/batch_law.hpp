@@ -19,8 +19,8 @@ class BatchLaw : public BatchDetection<T> {
     using Detection::undetected;
 
     BatchLaw(const ThresholdDetector& detector, const Timing& timing, const AlarmTable& alarms, const QuietTable& quiet,
-             double stiffness, OffsetKind offset_kind)
-        : Detection(detector, timing, alarms, quiet, stiffness, offset_kind) {}
+             double stiffness, OffsetKind offset_kind, DetectionScratch& scratch)
+        : Detection(detector, timing, alarms, quiet, stiffness, offset_kind, scratch) {}
 
     /// Takes the farthest points of the stopping paths, by tick.
     void stop(const std::vector<double>& farthest) {

@@ -8,7 +8,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int longest_braking_leap = 128;  ///< sub-steps
+inline constexpr int longest_braking_leap = 256;  ///< sub-steps
 
 /// Changes extrapolated over a leap and those found at its end may differ by this much, relative to the largest change,
 /// for the leap to stand; the difference then corrects the leap, which is some thirty times better. Roundings decide about
@@ -75,6 +75,24 @@ class BrakingArm {
     }
     /// From here on changes need to be known so many times less well.
     void loosen(const MaskOf<T>& lanes, double times) { slack_ = select(lanes, T(times), slack_); }
+    /// These lanes go on from where another arm stands, on the way that they have gone since they began.
+    void take(const MaskOf<T>& lanes, const BrakingArm& other) {
+        const auto take = [&](auto& own, const auto& theirs) { own = select(lanes, theirs, own); };
+        for (int f = 0; f < motion_.free_count; ++f) {
+            const int j = motion_.free_joint[f];
+            take(state.q[j], other.state.q[j]);
+            take(state.qd[j], other.state.qd[j]);
+            take(travelled_[f], other.travelled_[f]);
+            take(load_[f], other.load_[f]);
+        }
+        history_.take(lanes, other.history_, motion_.free_count);
+        for (T BrakingArm::*value : {&BrakingArm::slack_, &BrakingArm::velocity_load_, &BrakingArm::known_,
+                                     &BrakingArm::wish_, &BrakingArm::error_})
+            take(this->*value, other.*value);
+        for (MaskOf<T> BrakingArm::*value : {&BrakingArm::reaches_, &BrakingArm::reached_, &BrakingArm::poor_,
+                                             &BrakingArm::poor_now_, &BrakingArm::singular_, &BrakingArm::limited_})
+            take(this->*value, other.*value);
+    }
     /// The rates asked for were reached in the last sub-step.
     MaskOf<T> reached() const { return reached_; }
     /// A singularity was near at an end of the last leap.

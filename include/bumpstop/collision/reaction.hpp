@@ -72,7 +72,7 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
     Arm arm(chain, motion, stopping ? Arm::Kind::stops : Arm::Kind::follows);
     Point3<T> normal, start;
     RunningReactions<T> running(rules);
-    auto load = [&](int lane, ReactionJob& job, bool careful = false) {
+    auto load = [&](int lane, ReactionJob& job) {
         const LinePath& path = *job.path;
         const double* rates = load_start(chain, motion, job, lane, arm.state.q);
         for (int j = 0; j < chain.dof; ++j) set_lane(arm.state.qd[j], lane, 0.0);
@@ -82,7 +82,7 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
         set_lane_of_point(start, lane, path.start);
         arm.begin(lane, job.leap_tolerance, job.least_square);
         running.begin(lane, job, path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency],
-                      longest_stop_time(motion, timing, path, job.tick), careful);
+                      longest_stop_time(motion, timing, path, job.tick));
     };
     int next = std::min(count, lanes);
     for (int lane = 0; lane < lanes; ++lane) {
@@ -96,14 +96,25 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
         speed = dot(point.velocity, normal);
         distance = dot(point.position - start, normal);
     };
+    // As they were where lanes turned home.
+    Arm arm_turned = arm;
+    RunningReactions<T> running_turned = running;
     auto refused = [&](const MaskOf<T>& leaps, const T& over) { return running.refused(leaps, over, speed); };
     while (!running.all_done()) {
         const T gone = arm.advance(running.longest_leaps(), look, refused);
         const ReactionFates<T> fates = running.take({gone, distance, speed, arm.poor(), arm.reached()});
-        arm.loosen(fates.home, RunningReactions<T>::homing_slack);
-        if (!any(fates.anew | fates.done)) continue;
+        if (any(fates.home)) {
+            arm_turned.take(fates.home, arm);
+            running_turned.take(fates.home, running);
+            arm.loosen(fates.home, RunningReactions<T>::homing_slack);
+        }
+        if (any(fates.again)) {
+            arm.take(fates.again, arm_turned);
+            running.take(fates.again, running_turned);
+            running.take_care(fates.again);
+        }
+        if (!any(fates.done)) continue;
         for (int lane = 0; lane < lanes; ++lane) {
-            if (lane_of(fates.anew, lane)) load(lane, running.job(lane), true);
             if (!lane_of(fates.done, lane)) continue;
             if (next < count) {
                 load(lane, jobs[next++]);
@@ -125,9 +136,11 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     if (jobs->exact()) {
         detail::follow_reactions<braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
     } else {
+        // Near singularities short leaps enlarge roundings less than long ones, which must not round otherwise elsewhere.
+        using U = Unfused<T>;
         // Where last digits matter, arms are asked on their way.
-        if (kind != ReactionKind::stop) detail::find_least_squares<T>(chain, motion, jobs, count);
-        detail::follow_reactions<loose_braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
+        if (kind != ReactionKind::stop) detail::find_least_squares<U>(chain, motion, jobs, count);
+        detail::follow_reactions<loose_braking_order, U>(chain, motion, contact, timing, kind, jobs, count, detail);
     }
 }
 

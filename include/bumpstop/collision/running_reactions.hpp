@@ -21,8 +21,8 @@ struct ReactionLook {
 /// What becomes of reactions after a look at them; the others go on.
 template <class T>
 struct ReactionFates {
-    MaskOf<T> home;  ///< from here on they may be followed loosely
-    MaskOf<T> anew;  ///< they must be followed once more from their beginning, with care
+    MaskOf<T> home;   ///< from here on they may be followed loosely
+    MaskOf<T> again;  ///< they must be followed once more from where they turned home, with care
     MaskOf<T> done;
 };
 
@@ -42,16 +42,15 @@ class RunningReactions {
 
     explicit RunningReactions(const ReactionRules& rules) : rules_(rules) {}
 
-    /// A lane takes a reaction. `here`: distance along the normal [m]; `stop_time`: what the slowest joint needs to stop [s];
-    /// `careful`: it has come back once, and is followed well all the way now.
-    void begin(int lane, ReactionJob& job, double here, double stop_time, bool careful) {
+    /// A lane takes a reaction. `here`: distance along the normal [m]; `stop_time`: what the slowest joint needs to stop [s].
+    void begin(int lane, ReactionJob& job, double here, double stop_time) {
         const double step = rules_.substeps * rules_.substep;
         const int longest = longest_reaction(stop_time, job.path->s.size(), step, rules_.substeps);
         const int patience = int(std::min((0.05 + 1.5 * stop_time) / step + 1e-9, longest - 1.0)) + 1;
         job_[lane] = &job;
         job.distance.assign(1, here);
         job.step.assign(1, 0);
-        job.came_back = careful;
+        job.came_back = false;
         set_lane(longest_, lane, double(longest) * rules_.substeps);
         set_lane(patience_, lane, double(patience) * rules_.substeps);
         set_lane(enough_, lane, job.enough);
@@ -60,9 +59,8 @@ class RunningReactions {
         for (T* count : {&gone_, &retreating_, &steps_, &into_step_, &speed_, &lowest_}) set_lane(*count, lane, 0.0);
         for (T* distance : {&here_, &peak_}) set_lane(*distance, lane, here);
         set_lane(top_, lane, std::numeric_limits<double>::infinity());
-        for (MaskOf<T>* yet : {&started_, &astray_, &turned_, &over_, &homing_}) set_lane(*yet, lane, false);
+        for (MaskOf<T>* yet : {&started_, &astray_, &turned_, &over_, &homing_, &careful_}) set_lane(*yet, lane, false);
         set_lane(busy_, lane, true);
-        set_lane(careful_, lane, careful);
         set_lane(believed_, lane, !job.comes_back);
     }
     /// A lane has no reaction any more.
@@ -72,7 +70,25 @@ class RunningReactions {
         set_lane(believed_, lane, true);
     }
 
-    ReactionJob& job(int lane) const { return *job_[lane]; }
+    /// These lanes become what they are in another object, which has the same jobs there.
+    void take(const MaskOf<T>& lanes, const RunningReactions& other) {
+        for (T RunningReactions::*value :
+             {&RunningReactions::gone_, &RunningReactions::retreating_, &RunningReactions::steps_,
+              &RunningReactions::into_step_, &RunningReactions::here_, &RunningReactions::speed_,
+              &RunningReactions::top_, &RunningReactions::peak_, &RunningReactions::lowest_})
+            this->*value = select(lanes, other.*value, this->*value);
+        for (MaskOf<T> RunningReactions::*value : {&RunningReactions::astray_, &RunningReactions::turned_,
+                                                   &RunningReactions::over_, &RunningReactions::homing_})
+            this->*value = select(lanes, other.*value, this->*value);
+    }
+    /// These lanes are followed well all the way now.
+    void take_care(const MaskOf<T>& again) {
+        careful_ = careful_ | again;
+        homing_ = homing_ & !again;
+        for (int lane = 0; lane < lanes; ++lane)
+            if (lane_of(again, lane)) job_[lane]->came_back = true;
+    }
+
     bool all_done() const { return !any(busy_); }
 
     /// How far next leaps may go, in sub-steps. The steps about the farthest point are gone one by one.
@@ -119,8 +135,8 @@ class RunningReactions {
         const MaskOf<T> nears_peak =
             here_ + maximum(went, T(0.0)) > peak_ - maximum(homing_share * (peak_ - lowest_), T(homing_distance));
         ReactionFates<T> fates;
-        fates.anew = moves & homing_ & nears_peak;
-        const MaskOf<T> goes = moves & !fates.anew, whole = goes & (into_step_ == T(0.0));
+        fates.again = moves & homing_ & nears_peak;
+        const MaskOf<T> goes = moves & !fates.again, whole = goes & (into_step_ == T(0.0));
         MaskOf<T> leaves = none();
         if (!rules_.only_peak && !rules_.stopping)
             leaves = whole & turned_ & (here_ > peak_) & ((!astray_) | (gone_ > patience_));

@@ -55,6 +55,13 @@ class UnevenHistory {
             for (T& change : change_[j]) change = select(lane, T(0.0), change);
         }
     }
+    /// These lanes become what they are in another history.
+    void take(const MaskOf<T>& lanes, const UnevenHistory& other, int free_count) {
+        for (int j = 0; j < order; ++j) {
+            age_[j] = select(lanes, other.age_[j], age_[j]);
+            for (int f = 0; f < free_count; ++f) change_[j][f] = select(lanes, other.change_[j][f], change_[j][f]);
+        }
+    }
     /// Of lanes that have just begun.
     void set_first(const MaskOf<T>& lane, const T* change, int free_count) {
         for (int f = 0; f < free_count; ++f) change_[0][f] = select(lane, change[f], change_[0][f]);
