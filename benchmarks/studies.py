@@ -27,6 +27,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 SOURCE_POSES = 61_000
 LINK_RADIUS_MM = 50.0
 WAYPOINTS = 1000
+COMMAND = (sys.executable, "-c", "from bumpstop.cli.main import main; main()", "study")
 
 
 def workspace_without_laws() -> float:
@@ -54,6 +55,27 @@ def workspace_without_laws() -> float:
     return time.process_time() - begin
 
 
+def workspace_command() -> tuple[float, float]:
+    """The source's study as a command on two threads: seconds to the table of its rows, and to the page."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        begin = time.time()
+        done = subprocess.run(
+            [
+                *COMMAND,
+                *("workspace", str(REPOSITORY / "examples/01_hand_downward.toml"), "--poses", str(SOURCE_POSES)),
+                *("--set", "motion.velocity_mm_s=[0,0,-10]", "--speed-sd", "2", "--directions", "polar"),
+                *("--threads", "2", "--out", str(out)),
+            ],
+            capture_output=True,
+            check=False,
+            env=_environment(),
+        )
+        if done.returncode not in (0, 3):
+            raise RuntimeError(done.stderr.decode())
+        return (out / "rows.parquet").stat().st_mtime - begin, time.time() - begin
+
+
 def foretold_case(poses: int = 4000) -> float:
     """Processor time of one foretold case of the source's control group [s], the best of three."""
     scenario = bs.load_scenario(REPOSITORY / "examples/01_hand_downward.toml")
@@ -74,14 +96,12 @@ def foretold_case(poses: int = 4000) -> float:
 def atlas_command() -> tuple[float, float]:
     """The whole command on a trajectory of 1000 waypoints, start of Python and page included: wall and processor time.
 
-    Each the best of three [s]. Python's compiled files are kept, as an installed package has them.
+    Each the best of three [s].
     """
     example = REPOSITORY / "examples/06_pick_and_place_trajectory.toml"
     trajectory = Problem.from_scenario(bs.load_scenario(example)).trajectory
     assert trajectory is not None
     t = np.linspace(0, trajectory.duration, WAYPOINTS)
-    command = [sys.executable, "-c", "from bumpstop.cli.main import main; main()", "study", "atlas"]
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     walls, processors = [], []
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
@@ -91,13 +111,18 @@ def atlas_command() -> tuple[float, float]:
         np.savetxt(home / "06_pick_and_place.csv", rows, delimiter=",", header=header, comments="", fmt="%.12g")
         for number in range(3):
             before, begin = _children_s(), time.perf_counter()
-            arguments = [str(home / "scenario.toml"), "--out", str(home / f"out{number}")]
-            done = subprocess.run([*command, *arguments], capture_output=True, check=False, env=environment)
+            arguments = ["atlas", str(home / "scenario.toml"), "--out", str(home / f"out{number}")]
+            done = subprocess.run([*COMMAND, *arguments], capture_output=True, check=False, env=_environment())
             if done.returncode not in (0, 3):
                 raise RuntimeError(done.stderr.decode())
             walls.append(time.perf_counter() - begin)
             processors.append(_children_s() - before)
     return min(walls), min(processors)
+
+
+def _environment() -> dict[str, str]:
+    """Python's compiled files are kept, as an installed package has them."""
+    return {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
 
 
 def _children_s() -> float:

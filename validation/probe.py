@@ -1,7 +1,8 @@
 """Figures of all examples, printed as JSON, for a comparison between processes with different kernels.
 
 ``BUMPSTOP_TARGET=baseline python -m validation.probe RUNS POSES`` prints exact figures of every example, the ticks of
-RUNS sampled runs, and digests of sampled runs and of POSES batch laws with one and with two threads.
+RUNS sampled runs, figures of POSES batch laws, and digests of sampled runs and of batch laws with one and with two
+threads.
 """
 
 from __future__ import annotations
@@ -78,8 +79,7 @@ def probe(runs: int, poses: int) -> dict[str, Any]:
     q = rng.uniform(robot.lower, robot.upper, size=(poses, robot.dof))
     velocity = rng.normal(0, 0.01, size=(poses, 3))
     batches = [
-        digest(vars(bs.evaluate_batch(scenario, q, velocity, limits_N=[50.0, 135.0], threads=threads)))
-        for threads in (1, 2)
+        vars(bs.evaluate_batch(scenario, q, velocity, limits_N=[50.0, 135.0], threads=threads)) for threads in (1, 2)
     ]
     return {
         "target": kernels.target,
@@ -87,7 +87,8 @@ def probe(runs: int, poses: int) -> dict[str, Any]:
         "tails": {name: tails(bs.evaluate(scenario)) for name, scenario in scenarios.items()},
         "ticks": ticks,
         "sampled": sampled,
-        "batch": batches,
+        "batch": [digest(laws) for laws in batches],
+        "batch_figures": {name: batches[0][name].ravel().tolist() for name in ("mean", "sd", "quantile", "exceedance")},
     }
 
 

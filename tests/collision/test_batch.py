@@ -35,7 +35,7 @@ def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
         assert one.mean[i] == pytest.approx(law.peak_force.mean, rel=1e-6)
         assert one.sd[i] == pytest.approx(law.peak_force.sd, rel=1e-6)
         for column, p in enumerate((0.5, 0.95, 0.99, 0.999)):
-            assert one.quantile[i, column] == pytest.approx(law.peak_force.quantile(p), rel=1e-7)
+            assert one.quantile[i, column] == pytest.approx(law.peak_force.quantile(p), rel=1e-6)
         for column, limit in enumerate(limits):
             assert one.exceedance[i, column] == pytest.approx(law.peak_force.exceedance(limit), abs=1e-6)
         np.testing.assert_allclose(one.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-8)
@@ -141,7 +141,7 @@ def test_a_batch_joins_ticks_without_changing_the_law() -> None:
         law = bs.evaluate(bs.Scenario.from_dict(settings))
         ours = [batch.mean[i], batch.exceedance[i, 0], batch.false_alarm_probability[i]]
         theirs = [law.peak_force.mean, law.peak_force.exceedance(60.0), law.false_alarm_probability]
-        np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
         # Improbable ticks, which a batch knows less well, weigh more here.
         assert batch.sd[i] == pytest.approx(law.peak_force.sd, rel=1e-4)
         np.testing.assert_allclose(batch.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-6)
@@ -304,5 +304,5 @@ def test_a_batch_goes_the_way_of_its_law_at_a_singularity() -> None:
     )
     farthest = law.curve.farthest
     assert farthest[4] > 30 * farthest[5]
-    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-6)
-    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-6)
+    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-5)
+    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-5)

@@ -330,6 +330,11 @@ class BatchDetection : public BatchPanels {
             series += std::size_t(panel.slots) * order;
             masses += std::size_t(panel.slots);
         }
+        T fired_sum[max_joints][registers], undetected_sum[registers];
+        for (int r = 0; r < registers; ++r) {
+            undetected_sum[r] = 0.0;
+            for (std::size_t w = 0; w < watched; ++w) fired_sum[w][r] = 0.0;
+        }
         series_.resize(series);
         mass_.assign(masses, 0.0);
         for (std::size_t p = 0; p < panels_.size(); ++p) {
@@ -355,16 +360,17 @@ class BatchDetection : public BatchPanels {
                 detection_[std::size_t(panel.tick + slot)] += mass;
                 panel.mass += mass;
             }
-            for (int r = 0; r < registers; ++r)
-                row[r] = weight[r] * load<T>(&survived_[p * order + std::size_t(r) * lanes]);
-            for (int r = 0; r < registers; ++r) store(row[r], &survived_[p * order + std::size_t(r) * lanes]);
-            undetected += sum(row);
-            for (std::size_t w = 0; w < watched; ++w) {
-                for (int r = 0; r < registers; ++r)
-                    row[r] = weight[r] * load<T>(&fired_[(p * watched + w) * order + std::size_t(r) * lanes]);
-                trigger[detector_.joint[w]] += sum(row);
+            for (int r = 0; r < registers; ++r) {
+                double* survived = &survived_[p * order + std::size_t(r) * lanes];
+                row[r] = weight[r] * load<T>(survived);
+                store(row[r], survived);
+                undetected_sum[r] += row[r];
+                for (std::size_t w = 0; w < watched; ++w)
+                    fired_sum[w][r] += weight[r] * load<T>(&fired_[(p * watched + w) * order + std::size_t(r) * lanes]);
             }
         }
+        undetected = sum(undetected_sum);
+        for (std::size_t w = 0; w < watched; ++w) trigger[detector_.joint[w]] = sum(fired_sum[w]);
         const double beyond = beyond_[std::size_t(ticks) + 1];
         alarm_before_ += beyond * quiet_.alarm_before(ticks);
         contact_from_.back() += beyond;

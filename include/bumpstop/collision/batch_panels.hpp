@@ -71,6 +71,9 @@ class BatchPanels {
 
   private:
     static constexpr int longest_group = 64, most_parts = 16;
+    /// Panel, in standard deviations of the residual, where a detection may be so improbable that who triggered it hangs on
+    /// far tails. Elsewhere they may be as wide as the table allows.
+    static constexpr double widest_uncertain = 1.5;
     static constexpr double widest_density = 0.5;  ///< panel, in standard deviations of the offset
     static constexpr double rare_alarm = 1e-5;     ///< at an idle tick, for a panel to hold several
     /// A joint whose residual stays smaller than this, as that of a flange whose axis meets the contact point, is as good as
@@ -89,27 +92,33 @@ class BatchPanels {
     /// Where the arm moves slowly a panel holds several ticks, where it moves fast a tick's travel is cut into as many.
     bool place_panels() {
         const int ticks = path_->ticks;
-        double gain = 0, gain_of[max_joints] = {};  // of the residual in standard deviations, per metre
+        using L = Lanes<native_lanes>;
+        static_assert(max_joints % native_lanes == 0);
+        alignas(64) double most_torque[max_joints] = {};  // by watched joint
         torque_per_N_.resize(std::size_t(ticks) * max_joints);
         for (int k = 0; k < ticks; ++k) {
             double* own = &torque_per_N_[std::size_t(k) * max_joints];
-            for (int w = 0; w < detector_.watched; ++w) {
+            for (int w = 0; w < detector_.watched; ++w)
                 own[w] = path_->torque_per_N[std::size_t(k) * path_->dof + detector_.joint[w]];
-                gain_of[w] = std::max(gain_of[w], std::fabs(own[w]) * stiffness_ / detector_.sd[w]);
-            }
+            for (int w = 0; w < detector_.watched; w += native_lanes)
+                store(maximum(load<L>(most_torque + w), absolute(load<L>(own + w))), most_torque + w);
         }
+        double gain = 0;
         felt_count_ = 0;
         untouched_ = {};
         for (int w = 0; w < detector_.watched; ++w) {
-            gain = std::max(gain, gain_of[w]);
+            // Of the residual, in standard deviations per metre.
+            const double own = most_torque[w] * stiffness_ / detector_.sd[w];
+            gain = std::max(gain, own);
             const double idle = quiet_.idle().single[std::size_t(w)];
-            if (gain_of[w] * edge_.back() > unfelt_residual) {
+            if (own * edge_.back() > unfelt_residual) {
                 felt_[felt_count_++] = w;
             } else {
                 untouched_.add(w, {idle, 1 - idle});
             }
         }
-        double width = gain > 0 ? AlarmTable::widest / gain : std::numeric_limits<double>::infinity();
+        const double widest = path_->end == PathEnd::certain_detection ? AlarmTable::widest : widest_uncertain;
+        double width = gain > 0 ? widest / gain : std::numeric_limits<double>::infinity();
         if (offset_kind_ == OffsetKind::half_normal) width = std::min(width, widest_density * offset_.size);
         const double largest = offset_.largest();
         const bool rare = !quiet_.armed(ticks - 1) || quiet_.idle().alarm < rare_alarm;

@@ -16,13 +16,13 @@ struct StoppingCurve {
 namespace detail {
 
 /// The joint that limits the deceleration at a tick: the one farthest from standstill in units of its own
-/// limit.
-inline int limiting_joint(const MotionSettings& motion, const LinePath& path, int k) {
+/// limit. `inverse_limit`: by free joint.
+inline int limiting_joint(const MotionSettings& motion, const double* inverse_limit, const LinePath& path, int k) {
     const double* qd = &path.reaction_state[(std::size_t(2) * k + 1) * motion.free_count];
     int limiting = 0;
     double most = -1;
     for (int f = 0; f < motion.free_count; ++f) {
-        const double share = std::fabs(qd[f]) / motion.acceleration_limit[motion.free_joint[f]];
+        const double share = std::fabs(qd[f]) * inverse_limit[f];
         if (share > most) {
             most = share;
             limiting = f;
@@ -36,10 +36,12 @@ inline int limiting_joint(const MotionSettings& motion, const LinePath& path, in
 /// themselves.
 inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, const LinePath& path, int curve, int known,
                          const FarthestTolerance& tolerance, std::vector<Stretch>& stretches) {
-    int first = 0;
+    const FullChangeInverse inverse(motion);
+    int first = 0, limiting = limiting_joint(motion, inverse.of.data(), path, 0);
     for (int k = 1; k < known; ++k) {
-        const int limiting = limiting_joint(motion, path, k);
-        if (limiting == limiting_joint(motion, path, k - 1)) continue;
+        const int before = limiting;
+        limiting = limiting_joint(motion, inverse.of.data(), path, k);
+        if (limiting == before) continue;
         const int j = motion.free_joint[limiting];
         const double qd = path.reaction_state[(std::size_t(2) * k + 1) * motion.free_count + limiting];
         const double stop_time = std::fabs(qd) / motion.acceleration_limit[j];
@@ -50,6 +52,7 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
         if (begin > first) stretches.push_back({curve, first, begin - 1});
         if (end >= begin) stretches.push_back({curve, begin, end, true});
         first = end + 1;
+        if (k != end) limiting = limiting_joint(motion, inverse.of.data(), path, end);
         k = end;
     }
     if (first < known) stretches.push_back({curve, first, known - 1});

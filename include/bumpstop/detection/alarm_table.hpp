@@ -10,12 +10,12 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// P(|r| > threshold) of every watched joint for forces that lie close together, as those on a panel of offsets do: all of
 /// them are served by one polynomial in |r + mean|, whose coefficients no lane has to gather. Chebyshev's nodes leave an
-/// error of 2 (reach / 2)^9 / 9! times the ninth derivative of the normal distribution, which is below 42: 7e-8. Of
+/// error of 2 (reach / 2)^11 / 11! times the eleventh derivative of the normal distribution, which is below 380: 5e-9. Of
 /// probabilities above 1e-6 it is less than 1e-3 of themselves.
 class AlarmTable {
   public:
     /// Residuals for which one polynomial is asked may lie so far apart [standard deviations of the noise].
-    static constexpr double widest = 1.5;
+    static constexpr double widest = 1.75;
 
     explicit AlarmTable(const ThresholdDetector& detector) {
         for (int w = 0; w < detector.watched; ++w) {
@@ -42,7 +42,8 @@ class AlarmTable {
     bool usable() const { return !sharp_; }
 
   private:
-    static constexpr int terms = 9;
+    /// Odd: one of the nodes is the centre, where a joint stays that no force moves, and whose alarms are rare.
+    static constexpr int terms = 11;
     static constexpr double pieces_per_sd = 8;
     /// Of a piece to either side of its centre [standard deviations].
     static constexpr double reach = 0.5 * (widest + 1 / pieces_per_sd);

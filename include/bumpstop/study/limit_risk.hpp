@@ -308,8 +308,12 @@ class LimitRiskFinder {
                 found.high - found.low <= risk_resolution * found.high)
                 return;
             jobs.clear();
-            for (; done < open.size() && jobs.size() < at_once; ++done)
-                jobs.push_back({&path, 0, open[done], {}, {}, tolerance.of_leaps(open[done]), largest});
+            for (; done < open.size() && jobs.size() < at_once; ++done) {
+                // Here a probability is all that is told: of an arm that hits hard, and much the same every time, it shows
+                // what a batch's figures do not.
+                const double leaps = 0.1 * tolerance.of_leaps(open[done]);
+                jobs.push_back({&path, 0, open[done], {}, {}, leaps, largest});
+            }
             simulate_reactions<T>(
                 chain_, motion_, contact_, timing_, kind_, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,
                 [&](const ReactionJob&) { return q_; },

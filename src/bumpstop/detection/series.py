@@ -15,14 +15,13 @@ from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics_fit import DynamicsFit
-from bumpstop.identification.torque_rows import STILL, near_gaps
 from bumpstop.kernels import core
 from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from bumpstop.identification.dynamics_fit import DynamicsFit
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -58,6 +57,10 @@ def detect(
         InputError: parts that do not belong together, or another rate than what they are made for; with fitted
             dynamics an observer, payloads, measured rates, a largest signal or a margin of limits.
     """
+    # Fits are a tenth of the time that laws take to start, and these need none.
+    from bumpstop.identification.dynamics_fit import DynamicsFit
+    from bumpstop.identification.torque_rows import near_gaps
+
     if not isinstance(model, DynamicsFit):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
     given = settings or DetectorSettings()
@@ -163,6 +166,8 @@ def residual_record(
         InputError: as :func:`detect`; fewer than 100 rows that are not blind; a feedback period that is no multiple of
             the recording's.
     """
+    from bumpstop.identification.torque_rows import STILL
+
     run = detect(recording, robot, model, np.full(robot.dof, math.inf), settings)
     seen = np.flatnonzero(~run.blind)
     if not seen.size:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,8 +36,6 @@ def run(
     Raises:
         InputError: the folder holds another study or cannot be written, or a shard cannot be worked out.
     """
-    import polars as pl
-
     if threads < 1:
         raise InputError("threads", f"{threads} is too few", "wanted at least 1")
     store = None if folder is None else StudyFolder(folder, study, command)
@@ -63,9 +61,7 @@ def run(
         count += len(numbers)
         report()
 
-    # Few enough for every thread to have several groups.
-    size = max(1, min(study.together, len(missing) // (4 * threads)))
-    groups = [missing[first : first + size] for first in range(0, len(missing), size)]
+    groups = list(_groups(missing, study.together, threads))
     report()
     try:
         if threads == 1:
@@ -87,8 +83,22 @@ def run(
         if store is not None:
             store.give_up()
         raise
-    rows = store.finish() if store is not None else pl.concat([kept[number] for number in range(study.shards)])
+    if store is None:
+        import polars as pl
+
+        rows = pl.concat([kept[number] for number in range(study.shards)])
+    else:
+        rows = store.finish()
     summary = study.summary(rows)
     if store is not None:
         store.write_summary(summary)
     return rows, summary
+
+
+def _groups(shards: list[int], most: int, threads: int) -> Iterator[list[int]]:
+    """Shards that are worked out in one go: many at first, ever fewer in the end, so that all threads end together."""
+    first = 0
+    while first < len(shards):
+        size = max(1, min(most, (len(shards) - first) // (3 * threads)))
+        yield shards[first : first + size]
+        first += size

@@ -56,7 +56,7 @@ class WorkspaceStudy(Study):
 
     name: ClassVar[str] = "workspace"
     title: ClassVar[str] = "workspace"
-    together: ClassVar[int] = 4  # lanes that are done find another pose longer
+    together: ClassVar[int] = 12  # lanes that are done find another pose longer
 
     poses: int = 0
     grid: int = 0
