@@ -303,7 +303,7 @@ class BatchLaw : public BatchDetection<T> {
             for (std::size_t i = panel.first; i < panel.after; ++i) mass += 2 * early_[i].chance * panel.series[0];
             most_depth_ = std::max(most_depth_, panel.most);
         }
-        const double about = mass > 0 ? stiffness_ * sum / mass : 0;
+        const double total = mass + harmless_ + undetected, about = stiffness_ * sum / total;
         PanelMoments<T, order> moments(stiffness_, about, node_, weight_);
         for (const Panel& panel : panels_) {
             moments.begin(panel.low, panel.high);
@@ -329,7 +329,7 @@ class BatchLaw : public BatchDetection<T> {
             }
         }
         moments.add_nothing(harmless_);
-        const double total = mass + harmless_ + undetected, offset = moments.first() / total;
+        const double offset = moments.first() / total;
         moments_ = {about + offset, std::sqrt(std::max(0.0, moments.second() / total - offset * offset))};
     }
 
