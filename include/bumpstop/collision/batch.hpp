@@ -110,6 +110,7 @@ struct BatchWorker {
             law.emplace_back(*problem.detector, *problem.timing, alarms, quiet, problem.stiffness, problem.offset_kind,
                              scratch);
     }
+    BatchWorker(const BatchWorker&) = delete;  // its laws know where its scratch is
 
     DetectionScratch scratch;
     std::vector<BatchLaw<L>> law;  ///< by place in the group

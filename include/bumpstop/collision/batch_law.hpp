@@ -1,5 +1,5 @@
 /// @file
-/// The law of one pose among many: the exact law's integrals to some 1e-8, at a fraction of its price.
+/// The law of one pose among many: the exact law's integrals to some 1e-6, at a fraction of its price.
 #pragma once
 
 #include "bumpstop/collision/batch_detection.hpp"

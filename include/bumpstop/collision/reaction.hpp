@@ -136,7 +136,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     if (jobs->exact()) {
         detail::follow_reactions<braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
     } else {
-        // Near singularities short leaps enlarge roundings less than long ones, which must not round otherwise elsewhere.
+        // Near singularities their long leaps enlarge roundings, which must be the same on every instruction set.
         using U = Unfused<T>;
         // Where last digits matter, arms are asked on their way.
         if (kind != ReactionKind::stop) detail::find_least_squares<U>(chain, motion, jobs, count);

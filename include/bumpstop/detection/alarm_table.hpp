@@ -11,7 +11,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// P(|r| > threshold) of every watched joint for forces that lie close together, as those on a panel of offsets do: all of
 /// them are served by one polynomial in |r + mean|, whose coefficients no lane has to gather. Chebyshev's nodes leave an
 /// error of 2 (reach / 2)^11 / 11! times the eleventh derivative of the normal distribution, which is below 380: 5e-9. Of
-/// probabilities above 1e-6 it is less than 1e-3 of themselves.
+/// probabilities above 1e-6 it is less than 1e-4 of themselves.
 class AlarmTable {
   public:
     /// Residuals for which one polynomial is asked may lie so far apart [standard deviations of the noise].
