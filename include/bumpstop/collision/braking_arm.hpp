@@ -8,7 +8,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int longest_braking_leap = 256;  ///< sub-steps
+inline constexpr int longest_braking_leap = 128;  ///< sub-steps
 
 /// Changes extrapolated over a leap and those found at its end may differ by this much, relative to the largest change,
 /// for the leap to stand; the difference then corrects the leap, which is some thirty times better. Roundings decide about

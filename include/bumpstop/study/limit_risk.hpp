@@ -311,7 +311,7 @@ class LimitRiskFinder {
             for (; done < open.size() && jobs.size() < at_once; ++done) {
                 // Here a probability is all that is told: of an arm that hits hard, and much the same every time, it shows
                 // what a batch's figures do not.
-                const double leaps = 0.1 * tolerance.of_leaps(open[done]);
+                const double leaps = 0.01 * tolerance.of_leaps(open[done]);
                 jobs.push_back({&path, 0, open[done], {}, {}, leaps, largest});
             }
             simulate_reactions<T>(
