@@ -9,7 +9,7 @@ INSTRUCTION_SETS ?= runnable
 EXTRA = $(BIN)/python -c 'import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])'
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find include bindings cmake src -type f -not -name '*.pyc')
 
-.PHONY: build run test validate bench lint format clean
+.PHONY: build run test lower-bounds validate bench lint format clean
 
 build: $(VENV)/.built
 
@@ -20,7 +20,15 @@ $(VENV)/.created:
 	touch $@
 
 $(VENV)/.built: $(VENV)/.created $(SOURCES)
-	$(BIN)/pip install --quiet --config-settings=cmake.define.BUMPSTOP_INSTRUCTION_SETS=$(INSTRUCTION_SETS) .
+	@echo "Compiling the kernels ($(INSTRUCTION_SETS) instruction sets): two to four minutes on two cores."
+	@rm -rf build/wheels && mkdir -p build/wheels
+	@{ $(BIN)/pip wheel --verbose --no-deps --wheel-dir build/wheels \
+	    --config-settings=cmake.define.BUMPSTOP_INSTRUCTION_SETS=$(INSTRUCTION_SETS) . 2>&1 || touch build/failed; } \
+	    | tee build/build.log | awk '/^ *\[ *[0-9]+[%\/]/ { print; fflush() }'
+	@if [ -e build/failed ]; then rm build/failed; tail -n 40 build/build.log; echo "The whole log: build/build.log"; exit 1; fi
+	@echo "Installing bumpstop and what it needs into $(VENV)."
+	$(BIN)/pip install --quiet --force-reinstall --no-deps build/wheels/bumpstop-*.whl
+	$(BIN)/pip install --quiet build/wheels/bumpstop-*.whl
 	touch $@
 
 # The verdict may be "not acceptable" (exit status 3): the job is done all the same.
@@ -34,6 +42,18 @@ $(VENV)/.tested: $(VENV)/.built
 # A process for each core; more threads for matrices in each of them would only wait for one another.
 test: $(VENV)/.tested
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+
+# The lowest versions that pyproject.toml allows, in an environment of their own.
+$(VENV)/lowest/.made: $(VENV)/.built pyproject.toml
+	rm -rf $(VENV)/lowest
+	$(PYTHON) -m venv $(VENV)/lowest
+	$(BIN)/python tools/lower_bounds.py > $(VENV)/lowest/constraints.txt
+	$(VENV)/lowest/bin/pip install --quiet --constraint $(VENV)/lowest/constraints.txt build/wheels/bumpstop-*.whl $$($(EXTRA) test)
+	touch $@
+
+lower-bounds: $(VENV)/lowest/.made
+	OPENBLAS_NUM_THREADS=1 $(VENV)/lowest/bin/python -m pytest -n auto --dist loadfile -W default tests/cli tests/contact \
+	tests/recording tests/report/test_other_limits.py tests/plant/test_plant.py
 
 validate: $(VENV)/.tested
 	$(BIN)/python -m validation --out out/validation

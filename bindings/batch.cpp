@@ -2,6 +2,7 @@
 #include "bumpstop/collision/batch.hpp"
 
 #include "bumpstop/collision/sampled_law.hpp"
+#include "interrupt.hpp"
 #include "setup.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -18,7 +19,7 @@ nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const ThresholdDet
     NewArray<double> false_alarm({n}), undetected({n}), no_contact({n});
     NewArray<std::uint8_t> end({n});
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         const BatchProblem problem{&setup.chain,       &setup.motion,
                                    &setup.contact,     &setup.timing,
                                    setup.reaction,     &detector,

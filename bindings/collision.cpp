@@ -1,6 +1,5 @@
 // Arm and motion of a collision, stopping curves, and what is made of them.
 #include <atomic>
-#include <thread>
 
 #include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
@@ -96,7 +95,7 @@ nb::dict start_of(const Setup& setup, Vector q, Vector velocity) {
 
 Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector* detector, double stiffness,
             double largest_offset, double body_mass) {
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
     PathIsOver is_over = NeverFinished{};
     if (detector != nullptr && body_mass > 0) {
@@ -127,7 +126,7 @@ nb::list reaction_paths(const Curve& self, const std::vector<int>& ticks, const 
         if (ticks[i] < known) jobs.push_back({&self.curve.path, int(i), ticks[i], {}, {}});
     }
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         simulate_reactions<L>(
             self.setup.chain, self.setup.motion, self.setup.contact, self.setup.timing, self.setup.reaction,
             jobs.data(), int(jobs.size()), ReactionDetail::every_step,
@@ -137,9 +136,15 @@ nb::list reaction_paths(const Curve& self, const std::vector<int>& ticks, const 
     nb::list out;
     std::size_t next = 0;
     for (int tick : ticks) {
-        // A reaction that never began leaves the arm where the motion ended.
-        std::vector<double> distance =
-            tick < known ? std::move(jobs[next++].distance) : std::vector<double>{self.curve.path.s.back()};
+        // An arm whose reaction never began is where it brakes at the end of its line.
+        std::vector<double> distance;
+        if (tick < known) {
+            distance = std::move(jobs[next++].distance);
+        } else {
+            distance.assign(1, self.curve.path.s.back());
+            const std::vector<double>& braking = self.curve.path.braking;
+            distance.insert(distance.end(), braking.begin(), braking.end());
+        }
         const std::size_t n = distance.size();
         out.append(array_of(distance, {n}));
     }
@@ -156,9 +161,8 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
     NewArray<std::uint32_t> triggers({n});
     const std::size_t free_runs = body_mass > 0 ? n : 0;
     NewArray<double> peak_force({free_runs}), duration({free_runs}), force_at_detection({free_runs});
-    std::atomic<bool> stopped{false};
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         const FreePaths free = body_mass > 0 ? curve.free_paths({stiffness, body_mass}) : FreePaths{};
         ResidualRecord record;
         if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
@@ -168,8 +172,8 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
         // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.
         constexpr std::int64_t block = 1 << 16;
         std::atomic<std::int64_t> next{0};
-        auto work = [&](bool asks) {
-            for (std::int64_t begin = block * next++; begin < runs && !stopped; begin = block * next++) {
+        work_in_threads(threads, [&] {
+            for (std::int64_t begin = block * next++; begin < runs; begin = block * next++) {
                 SampledRuns out{offset.data.get() + begin, tick.data.get() + begin, triggers.data.get() + begin};
                 if (with_noise) {
                     out.noise = noise.data.get() + begin * std::int64_t(dof);
@@ -181,15 +185,9 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
                     out.force_at_detection = force_at_detection.data.get() + begin;
                 }
                 sampler.run(first_run + begin, std::min(block, runs - begin), out);
-                if (asks && interrupted()) stopped = true;
             }
-        };
-        std::vector<std::thread> crew;
-        for (int i = 1; i < threads; ++i) crew.emplace_back(work, false);
-        work(true);
-        for (std::thread& worker : crew) worker.join();
+        });
     }
-    if (stopped) throw nb::python_error();
     nb::dict out;
     out["offset"] = offset.release();
     out["tick"] = tick.release();
@@ -270,13 +268,18 @@ void bind_collision(nb::module_& module) {
         .def_prop_ro("approach_speed", [](const Curve& self) { return self.curve.path.approach_speed; })
         .def_prop_ro("end", [](const Curve& self) { return end_name(self.curve.path.end); })
         .def_prop_ro("end_joint", [](const Curve& self) { return self.curve.path.end_joint; })
+        .def_prop_ro("cut_step", [](const Curve& self) { return self.curve.path.cut_step; })
+        .def_prop_ro(
+            "braking",
+            [](const Curve& self) { return array_of(self.curve.path.braking, {self.curve.path.braking.size()}); },
+            owned)
         .def_prop_ro("velocity_limited", [](const Curve& self) { return self.curve.path.velocity_limited; })
         .def("reaction_paths", &reaction_paths, nb::arg("ticks"), nb::arg("return_to"))
         .def(
             "exact_law",
             [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
                double offset_size, int refinement, double body_mass) {
-                nb::gil_scoped_release unlocked;
+                const Unlocked unlocked;
                 LawSettings settings{stiffness, offset_law(offset_kind, offset_size), refinement};
                 const FreePaths free = body_mass > 0 ? self.free_paths({stiffness, body_mass}) : FreePaths{};
                 if (body_mass > 0) {
@@ -294,7 +297,7 @@ void bind_collision(nb::module_& module) {
             "tail_directly",
             [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
                double offset_size, double force) {
-                nb::gil_scoped_release unlocked;
+                const Unlocked unlocked;
                 const LawSettings settings{stiffness, offset_law(offset_kind, offset_size)};
                 return ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings)
                     .tail_directly(force);

@@ -58,9 +58,13 @@ nb::tuple run(Detector& detector, Vector t, Matrix q, Matrix signal, std::option
                 sample.signal[j] = signal(i, j);
                 if (qd) sample.qd[j] = (*qd)(i, j);
             }
-            const bool before = detector.alarmed();
+            const long before = detector.events();
             const DetectorOutput& out = detector.update(sample);
-            if (!before && detector.alarmed()) events.push_back(detector.event());
+            if (detector.events() != before) {
+                events.push_back(detector.event());
+            } else if ((out.over | out.over_fast) != 0 && !events.empty()) {
+                events.back().span = detector.event().span;
+            }
             store_row(out.residual, residual, i);
             store_row(out.fast, fast, i);
             store_row(out.threshold, threshold, i);
@@ -84,6 +88,7 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
     NewArray<std::uint8_t> state({rows}), unseen({rows});
     std::vector<std::size_t> events;
     std::vector<std::uint32_t> over, over_fast;
+    std::vector<EventSpan> spans;
     {
         nb::gil_scoped_release unlocked;
         Decision decision(settings, int(width));
@@ -104,6 +109,9 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
                 events.push_back(i);
                 over.push_back(decision.over());
                 over_fast.push_back(decision.over_fast());
+                spans.emplace_back().start(t(i), r.data(), decision.threshold(), int(width));
+            } else if (decision.loud()) {
+                spans.back().extend(t(i), r.data(), decision.threshold(), int(width));
             }
             std::copy(decision.fast(), decision.fast() + width, &fast.data[i * width]);
             std::copy(decision.threshold(), decision.threshold() + width, &threshold.data[i * width]);
@@ -115,16 +123,17 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
         }
     }
     return nb::make_tuple(fast.release(), threshold.release(), state.release(), unseen.release(), events, over,
-                          over_fast);
+                          over_fast, spans);
 }
 
-ContactEstimate contact_of(const Chain& chain, Vector q, Vector residual, Vector sd, int link, Vector point,
-                           Vector direction) {
-    JointAngles<double> angle;
+ContactEstimate contact_of(const Chain& chain, Vector q, Vector residual, Vector sd, Vector hidden, int link,
+                           Vector point, Vector direction) {
+    JointAngles<double> angle{};
     angle.set(chain, q.data());
-    Posture<double> posture;
+    Posture<double> posture{};
     forward_kinematics(chain, q.data(), angle, posture);
-    return estimate_contact(chain, posture, residual.data(), sd.data(),
+    const auto noise = contact_noise(chain.dof, residual.data(), sd.data(), hidden.data());
+    return estimate_contact(chain, posture, residual.data(), noise.data(),
                             link_point(chain, link, {point(0), point(1), point(2)}),
                             {direction(0), direction(1), direction(2)});
 }
@@ -156,7 +165,10 @@ void bind_settings(nb::module_& module) {
         .def_rw("upper", &SampleLimits::upper)
         .def_rw("velocity", &SampleLimits::velocity)
         .def_rw("signal", &SampleLimits::signal)
-        .def_rw("measured_rates", &SampleLimits::measured_rates);
+        .def_rw("measured_rates", &SampleLimits::measured_rates)
+        .def_rw("frozen_time", &SampleLimits::frozen_time)
+        .def_rw("unwatched", &SampleLimits::unwatched)
+        .def_rw("endless", &SampleLimits::endless);
     nb::class_<ThresholdLaw>(module, "ThresholdLaw", "Thresholds, constant or growing with motion.")
         .def(nb::init<>())
         .def_rw("constant", &ThresholdLaw::constant)
@@ -172,7 +184,8 @@ void bind_settings(nb::module_& module) {
         .def_rw("arming_delay", &DecisionSettings::arming_delay)
         .def_rw("rest_time", &DecisionSettings::rest_time)
         .def_rw("low_hz", &DecisionSettings::low_hz)
-        .def_rw("high_hz", &DecisionSettings::high_hz);
+        .def_rw("high_hz", &DecisionSettings::high_hz)
+        .def_rw("event_pause", &DecisionSettings::event_pause);
     nb::class_<Payload>(module, "Payload", "A point mass on the last link.")
         .def(nb::init<>())
         .def_rw("mass", &Payload::mass)
@@ -197,6 +210,7 @@ void bind_settings(nb::module_& module) {
         .def_rw("grace", &DetectorSettings::grace)
         .def_rw("unknown", &DetectorSettings::unknown)
         .def_rw("noise_sd", &DetectorSettings::noise_sd)
+        .def_rw("dead_zone", &DetectorSettings::dead_zone)
         .def_rw("direction", &DetectorSettings::direction)
         .def_rw("payload", &DetectorSettings::payload)
         .def_rw("payload_watch", &DetectorSettings::payload_watch)
@@ -231,15 +245,24 @@ void bind_detection(nb::module_& module) {
         .value("gap", SampleFault::gap)
         .value("outside_limits", SampleFault::outside_limits)
         .value("impossible_jump", SampleFault::impossible_jump)
-        .value("impossible_signal", SampleFault::impossible_signal);
+        .value("impossible_signal", SampleFault::impossible_signal)
+        .value("frozen", SampleFault::frozen);
     bind_settings(module);
     nb::class_<ContactEstimate>(module, "ContactEstimate", "What a residual says of a contact.")
         .def_ro("link", &ContactEstimate::link)
         .def_ro("possible", &ContactEstimate::possible)
         .def_ro("force_along", &ContactEstimate::force_along)
+        .def_ro("force_along_sd", &ContactEstimate::force_along_sd)
         .def_ro("force", &ContactEstimate::force)
         .def_ro("leftover", &ContactEstimate::leftover)
         .def_ro("misfit", &ContactEstimate::misfit);
+    nb::class_<EventSpan>(module, "EventSpan", "How long an event lasts, and how large its residuals get.")
+        .def_ro("begin", &EventSpan::begin)
+        .def_ro("end", &EventSpan::end)
+        .def_ro("largest", &EventSpan::largest)
+        .def_ro("largest_share", &EventSpan::largest_share)
+        .def_ro("largest_time", &EventSpan::largest_time)
+        .def_ro("largest_joint", &EventSpan::largest_joint);
     nb::class_<DetectorEvent>(module, "DetectorEvent", "An alarm.")
         .def_ro("t", &DetectorEvent::t)
         .def_ro("over", &DetectorEvent::over)
@@ -247,6 +270,8 @@ void bind_detection(nb::module_& module) {
         .def_ro("residual", &DetectorEvent::residual)
         .def_ro("threshold", &DetectorEvent::threshold)
         .def_ro("q", &DetectorEvent::q)
+        .def_ro("span", &DetectorEvent::span)
+        .def_ro("hidden", &DetectorEvent::hidden)
         .def_ro("contact", &DetectorEvent::contact)
         .def_ro("payload_changed", &DetectorEvent::payload_changed)
         .def_ro("payload_change", &DetectorEvent::payload_change);
@@ -300,9 +325,10 @@ void bind_detection(nb::module_& module) {
     module.attr("detector_states") = detector_states;
     module.def("judge", &judge, nb::arg("settings"), nb::arg("t"), nb::arg("residual"), nb::arg("qd"), nb::arg("qdd"),
                nb::arg("anew"), nb::arg("rearm"),
-               "Fast channel and thresholds (N, n), state and unseen (N,), rows of events, joints.");
+               "Fast channel and thresholds (N, n), state and unseen (N,), rows of events, joints, spans.");
     module.def("estimate_contact", &contact_of, nb::arg("chain"), nb::arg("q"), nb::arg("residual"), nb::arg("sd"),
-               nb::arg("link"), nb::arg("point"), nb::arg("direction"), "What a residual says of a contact.");
+               nb::arg("hidden"), nb::arg("link"), nb::arg("point"), nb::arg("direction"),
+               "What a residual says of a contact.");
     module.def("dead_zone", &dead_zone, nb::arg("joint"), nb::arg("current"), "Torque hidden at standstill [Nm].");
 }
 

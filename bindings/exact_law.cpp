@@ -1,4 +1,5 @@
 // Exact laws.
+#include "interrupt.hpp"
 #include "law.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -6,6 +7,12 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 namespace {
 
 using L = NativeLanes;
+
+template <class Work>
+auto unlocked(Work work) {
+    const Unlocked here;
+    return work();
+}
 
 }  // namespace
 
@@ -16,6 +23,9 @@ void bind_exact_law(nb::module_& module) {
         .def_prop_ro("false_alarm", [](const Law& self) { return self.law.false_alarm; })
         .def_prop_ro("harmless", [](const Law& self) { return self.law.harmless; })
         .def_prop_ro("undetected", [](const Law& self) { return self.law.undetected; })
+        .def_prop_ro(
+            "rests", [](const Law& self) { return self.law.rests; },
+            "The arm comes to rest where its path ends: collisions never detected have a force, and count with it.")
         .def_prop_ro("no_contact", [](const Law& self) { return self.law.no_contact; })
         .def_prop_ro("several", [](const Law& self) { return self.law.several; })
         .def_prop_ro("interpolated", [](const Law& self) { return self.law.interpolated; })
@@ -32,8 +42,10 @@ void bind_exact_law(nb::module_& module) {
         .def(
             "moments",
             [](const Law& self, const std::string& name) {
-                const Moments m = name == "peak_force" ? peak_force_moments<L>(self.law)
-                                                       : moments<L>(self.law.pieces, self.quantity(name), 0);
+                const Moments m = unlocked([&] {
+                    return name == "peak_force" ? peak_force_moments<L>(self.law)
+                                                : moments<L>(self.law.pieces, self.quantity(name), 0);
+                });
                 return nb::make_tuple(m.mean, m.sd);
             },
             nb::arg("quantity"), "Mean and sd; of the peak force over all collisions.")
@@ -41,18 +53,21 @@ void bind_exact_law(nb::module_& module) {
             "tail",
             [](const Law& self, const std::string& name, Vector y) {
                 NewArray<double> out({y.shape(0), 2});
-                for (std::size_t i = 0; i < y.shape(0); ++i) {
-                    const TailAt at = tail<L>(self.law.pieces, self.quantity(name), y(i));
-                    out.data[2 * i] = at.probability;
-                    out.data[2 * i + 1] = at.density;
-                }
+                unlocked([&] {
+                    for (std::size_t i = 0; i < y.shape(0); ++i) {
+                        const TailAt at = tail<L>(self.law.pieces, self.quantity(name), y(i));
+                        out.data[2 * i] = at.probability;
+                        out.data[2 * i + 1] = at.density;
+                    }
+                });
                 return out.release();
             },
             nb::arg("quantity"), nb::arg("y"), "P(quantity > y) and its density at each y >= 0.")
         .def(
             "upper_quantile",
             [](const Law& self, const std::string& name, double allowed, double never) {
-                return upper_quantile<L>(self.law.pieces, self.quantity(name), allowed, never);
+                return unlocked(
+                    [&] { return upper_quantile<L>(self.law.pieces, self.quantity(name), allowed, never); });
             },
             nb::arg("quantity"), nb::arg("allowed"), nb::arg("never"))
         .def(

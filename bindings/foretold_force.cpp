@@ -1,6 +1,7 @@
 // Peak forces foretold from the pose.
 #include "bumpstop/study/foretold_force.hpp"
 
+#include "interrupt.hpp"
 #include "setup.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -33,7 +34,7 @@ nb::dict foretell(const ForetoldScenario& scenario, Matrix q, Matrix velocity) {
     NewArray<std::int64_t> trigger({n});
     NewArray<bool> trusted({n});
     if (n > 0) {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         constexpr double infinite = std::numeric_limits<double>::infinity();
         const auto force = [](double x) { return x < unbounded_force || std::isnan(x) ? x : infinite; };
         foretell_forces<L>(scenario, int(n), q.data(), velocity.data(), [&](int i, const Foretold<double>& found) {

@@ -3,13 +3,47 @@
 
 #include <nanobind/nanobind.h>
 
+#include <chrono>
+
+#include "bumpstop/math/interruption.hpp"
+
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-// Whether somebody wants to stop. To be asked in the thread that Python called, which has released the lock; the answer is
-// an error in it, to be thrown as nanobind's python_error once all threads have joined.
-inline bool interrupted() {
-    const nanobind::gil_scoped_acquire locked;
-    return PyErr_CheckSignals() != 0;
+// Work that has released the lock, and stops when somebody wants it to: it throws Interrupted then, which becomes the error
+// that Python has set. Only the thread in which signals are heard is ever stopped.
+class Unlocked {
+  public:
+    Unlocked() : interruption_([last = Clock::now()]() mutable { return interrupted(last); }) {}
+
+  private:
+    using Clock = std::chrono::steady_clock;
+    // The lock may have to be waited for, so it is not asked for more often than a person would notice.
+    static constexpr std::chrono::milliseconds patience{50};
+
+    static bool interrupted(Clock::time_point& last) {
+        if (Clock::now() - last < patience) return false;
+        bool wanted = false;
+        {
+            const nanobind::gil_scoped_acquire locked;
+            wanted = PyErr_CheckSignals() != 0;
+        }
+        last = Clock::now();
+        return wanted;
+    }
+
+    nanobind::gil_scoped_release unlocked_;
+    MayBeInterrupted interruption_;
+};
+
+// Python has set its error where the interruption was heard.
+inline void translate_interruptions() {
+    nanobind::register_exception_translator([](const std::exception_ptr& thrown, void*) {
+        try {
+            std::rethrow_exception(thrown);
+        } catch (const Interrupted&) {
+            if (!PyErr_Occurred()) PyErr_SetNone(PyExc_KeyboardInterrupt);
+        }
+    });
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

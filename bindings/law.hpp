@@ -15,6 +15,7 @@ struct Law {
     const LawQuantity& quantity(const std::string& name) const {
         if (name == "force_at_detection") return law.force_at_detection;
         if (name == "detection_delay") return law.detection_delay;
+        if (name == "end_force") return law.end_force;
         return law.peak_force;
     }
 };

@@ -2,6 +2,7 @@
 #include "bumpstop/study/limit_risk.hpp"
 
 #include "bumpstop/collision/lane_tracer.hpp"
+#include "interrupt.hpp"
 #include "setup.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -26,7 +27,7 @@ nb::dict limit_risk(const Setup& setup, Vector q, Vector velocity, const Thresho
     LimitRisk found;
     KnownPath none;
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         const LimitQuestion question{stiffness, offset_law(offset_kind, offset_size), force, accepted,
                                      crossing_decides};
         KnownPath& path_known = known == nullptr ? none : *known;

@@ -58,6 +58,8 @@ NewArray<double>::Array zero_phase_lowpass(Matrix x, int order, double cutoff, d
 void bind_signal(nb::module_& module) {
     module.attr("max_fit_degree") = max_fit_degree;
     module.attr("max_causal_window") = CausalDerivative<double>::max_window;
+    module.def("window_samples", &window_samples, nb::arg("time"), nb::arg("period"), nb::arg("degree"),
+               "Samples of a window in a control loop.");
     module.def("causal_derivatives", &causal_derivatives, nb::arg("t"), nb::arg("q"), nb::arg("window"),
                nb::arg("degree"), "Rates and accelerations (N, n) from the samples up to each row.");
     module.def("local_polynomial", &local_polynomial, nb::arg("t"), nb::arg("q"), nb::arg("window"), nb::arg("degree"),

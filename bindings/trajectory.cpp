@@ -2,7 +2,6 @@
 #include "bumpstop/collision/trajectory.hpp"
 
 #include <atomic>
-#include <thread>
 
 #include "common.hpp"
 #include "interrupt.hpp"
@@ -30,7 +29,7 @@ ArmTrajectory make_trajectory(const Chain& chain, Vector time, Tensor coefficien
     settings.period = period;
     settings.latency = latency;
     settings.reaction = reverse ? ReactionKind::reverse : ReactionKind::stop;
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     return ArmTrajectory(chain, std::move(spline), settings);
 }
 
@@ -55,7 +54,7 @@ nb::dict laws(const ArmTrajectory& self, const ThresholdDetector& detector, doub
     std::vector<ContactLaw::Detection> detection;
     std::vector<std::size_t> owner;
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         const QuietTicks quiet(detector, self.timing(), self.step(), self.ticks());
         for (std::size_t i = 0; i < n; ++i) {
             const ContactLaw law =
@@ -116,9 +115,8 @@ nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& det
     NewArray<double> peak({n}), duration({n}), force({n});
     NewArray<std::int32_t> tick({n});
     NewArray<std::uint32_t> triggers({n});
-    std::atomic<bool> stopped{false};
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         constexpr std::size_t block = 256;
         std::atomic<std::size_t> next{0};
         ResidualRecord record;
@@ -155,18 +153,12 @@ nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& det
             peak.data[i] = outcome.peak;
             duration.data[i] = outcome.duration;
         };
-        auto work = [&](bool asks) {
-            for (std::size_t first = block * next++; first < n && !stopped; first = block * next++) {
+        work_in_threads(threads, [&] {
+            for (std::size_t first = block * next++; first < n; first = block * next++) {
                 for (std::size_t i = first; i < std::min(n, first + block); ++i) one(i);
-                if (asks && interrupted()) stopped = true;
             }
-        };
-        std::vector<std::thread> crew;
-        for (int i = 1; i < threads; ++i) crew.emplace_back(work, false);
-        work(true);
-        for (std::thread& worker : crew) worker.join();
+        });
     }
-    if (stopped) throw nb::python_error();
     nb::dict out;
     out["tick"] = tick.release();
     out["triggers"] = triggers.release();

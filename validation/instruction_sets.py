@@ -20,6 +20,8 @@ TITLE = "Instruction sets and threads"
 # Difference between two sets of kernels: of forces and times relative, of probabilities as it stands.
 # Positions of a metre are rounded to 1e-16 m, which a stiff body feels as 1e-11 N: sds of forces come close to this.
 ALLOWED = 1e-12
+# Leaps of batches are judged loosely, and arms near singularities enlarge roundings.
+ALLOWED_IN_BATCHES = 1e-6
 # Probabilities below this are rounding of sums that come to one.
 NEGLIGIBLE = 1e-15
 
@@ -90,8 +92,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
             rows.append([name, pair, *astuple(apart)])
         batches = _batches_apart(found[first]["batch_figures"], found[other]["batch_figures"])
         findings.check(
-            f"{first}, {other}: {poses} batch laws agree to {ALLOWED:g}",
-            max(batches.values()) <= ALLOWED,
+            f"{first}, {other}: {poses} batch laws agree to {ALLOWED_IN_BATCHES:g}",
+            max(batches.values()) <= ALLOWED_IN_BATCHES,
             ", ".join(f"{name} {apart:.1e}" for name, apart in batches.items()),
         )
     findings.table(

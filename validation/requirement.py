@@ -14,7 +14,7 @@ from validation.findings import Cell, Findings
 
 TITLE = "Requirements against trying every value"
 SEED = 99
-AGREES, STEP, BEYOND, LONGEST_S = 0.005, 0.002, 1.02, 0.05
+AGREES, STEP, BEYOND, LONGEST_S = 0.005, 0.002, 1.02, 0.2
 # How far to either side of the answer every value is tried, and every how many from the mild end.
 _NEAR, _FAR_STEP = 1.1, 0.03
 _MOST_TRIES = 2000
@@ -101,7 +101,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.check("Two percent more does not", slack == 0, f"{slack} of {edges} do")
     late = sum(took > LONGEST_S for _, took in seconds)
     findings.check(
-        "Under 50 ms each",
+        "Under 200 ms each",
         late == 0,
         f"{late} of {len(seconds)} take longer; median {np.median([took for _, took in seconds]) * 1e3:.0f} ms, "
         f"longest {max(took for _, took in seconds) * 1e3:.0f} ms",

@@ -49,7 +49,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def beside(fit: DynamicsFit) -> list[tuple[str, float, float, float, float, float]]:
     """Of every published combination that is one of ours: name, ours and sd, theirs and sd, difference in sds."""
     assert fit.covariance is not None
-    names = column_names(fit.robot, fit.couplings, bent=fit.top_speed is not None)
+    names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
     base = np.zeros((len(fit.columns), len(names)))
     for row, name in enumerate(fit.names):
         base[row] = _combination(name, names)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import reprlib
 import sys
 from typing import Any
 
@@ -46,6 +47,22 @@ def as_float_array(value: Any, field: str, shape: tuple[int | None, ...], *, fin
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
         raise InputError(f"{field}{list(index)}", f"is {result[index]}", "wanted a finite number")
     return result
+
+
+def as_name(value: Any, field: str, valid: str = "") -> str:
+    """Let a name pass; of an array in its place comparisons would make arrays, or numpy's own refusals.
+
+    Args:
+        value: a text.
+        field: name used in the error.
+        valid: what would be a name.
+
+    Raises:
+        InputError: it is no text.
+    """
+    if not isinstance(value, str):
+        raise InputError(field, f"{reprlib.repr(value)} is no name", valid or "wanted text")
+    return value
 
 
 def as_number(value: Any, field: str, *, finite: bool = True) -> float:

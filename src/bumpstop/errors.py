@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
 # A list longer than this helps nobody.
 _MOST_LISTED = 40
+# Of a longer key or word only the ends are shown. Paths, which may be long, have separators.
+_MOST_LETTERS = 100
+_SHOWN_OF_EACH_END = 40
 
 
 class BumpstopError(Exception):
@@ -26,11 +30,23 @@ class InputError(BumpstopError, ValueError):
         self.field = field
         self.problem = problem
         self.valid = valid
-        super().__init__(f"{field}: {problem}" + (f"; {valid}" if valid else ""))
+        super().__init__(_readable(f"{field}: {problem}" + (f"; {valid}" if valid else "")))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         """Pickled by its parts: a pool of processes that cannot read a refusal breaks down."""
         return type(self), (self.field, self.problem, self.valid)
+
+
+def _readable(message: str) -> str:
+    """A message whose words a person can read: what was written may be a key of a million letters."""
+    if len(message) <= _MOST_LETTERS:
+        return message
+
+    def cut(word: re.Match[str]) -> str:
+        text = word[0]
+        return f"{text[:_SHOWN_OF_EACH_END]}...{text[-_SHOWN_OF_EACH_END:]} ({len(text)} letters)"
+
+    return re.sub(rf"[^\s/\\]{{{_MOST_LETTERS + 1},}}", cut, message)
 
 
 def near_matches(name: str, known: Iterable[str]) -> str:
@@ -43,6 +59,7 @@ def near_matches(name: str, known: Iterable[str]) -> str:
     Returns:
         ``"did you mean 'a' or 'b'?"``, or ``"valid: a, b, c"``; a very long list is cut.
     """
+    name = str(name)[: 4 * _MOST_LETTERS]
     names = list(dict.fromkeys(known))  # a link may be the tip as well
     spelling = {known_name.casefold(): known_name for known_name in names}
     wanted = name.casefold()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numbers
 import os
-from collections.abc import Mapping
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,19 @@ MOST_BYTES = 10_000_000
 def is_path(robot: str) -> bool:
     """Whether a robot is given by the path of its URDF, and not by the name of a built-in one."""
     return bool(Path(robot).suffix) or "/" in robot
+
+
+def as_path(value: Any, field: str) -> Path:
+    """Turn ``value`` into a path.
+
+    Raises:
+        InputError: it is neither text nor a path.
+    """
+    try:
+        return Path(value)
+    except TypeError:
+        problem = f"a value of type {type(value).__name__} is no path"
+        raise InputError(field, problem, "wanted text or a pathlib.Path") from None
 
 
 def read_text(
@@ -32,9 +47,10 @@ def read_text(
     Raises:
         InputError: the file cannot be read, is too long, or is not UTF-8.
     """
+    path = as_path(path, field or "path")
     name, quoted = (str(path), "") if field is None else (field, f"{str(path)!r} ")
     try:
-        with Path(path).open("rb") as file:
+        with path.open("rb") as file:
             content = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
         why = error.strerror if isinstance(error, OSError) else str(error)
@@ -68,14 +84,43 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     Raises:
         InputError: it cannot be written, or the text holds what is no text, as the name of a file may.
     """
+    path = as_path(path, "path")
     try:
-        Path(path).write_bytes(text.encode("utf-8"))
+        path.write_bytes(text.encode("utf-8"))
     except UnicodeEncodeError as error:
         problem = f"cannot be written: {text[max(0, error.start - 20) : error.end]!r} is no text"
         raise InputError(str(path), problem, "wanted names of files in UTF-8") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(str(path), f"cannot be written ({why})") from None
+
+
+def running_command() -> str:
+    """The ``bumpstop`` command that runs, as a shell takes it; empty in any other program."""
+    return shell_command(["bumpstop", *sys.argv[1:]]) if Path(sys.argv[0]).name == "bumpstop" else ""
+
+
+def shell_command(words: Sequence[str]) -> str:
+    """A command on one line, quoted so that a shell takes it as it was given.
+
+    A word with what cannot be printed, such as a newline or bytes that are no UTF-8, is written between ``$'`` and
+    ``'`` with escapes, as bash reads it.
+    """
+
+    def quoted(word: str) -> str:
+        if word.isprintable():
+            return shlex.quote(word)
+        known = {"\n": "\\n", "\t": "\\t", "\r": "\\r", "'": "\\'", "\\": "\\\\"}
+        return (
+            "$'"
+            + "".join(
+                known.get(c) or (c if c.isprintable() else "".join(f"\\x{byte:02x}" for byte in os.fsencode(c)))
+                for c in word
+            )
+            + "'"
+        )
+
+    return " ".join(quoted(word) for word in words)
 
 
 def to_toml(data: Mapping[str, Any]) -> str:
@@ -109,3 +154,11 @@ def toml_value(value: Any) -> str:
 
 def _is_table(value: Any) -> bool:
     return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))
+
+
+def list_items(text: str) -> list[str]:
+    """The items of a list that a person writes on the command line: ``1,2,3``, with or without brackets and spaces."""
+    inside = text.strip()
+    if inside.startswith("[") and inside.endswith("]"):
+        inside = inside[1:-1]
+    return [item.strip() for item in inside.split(",")]

@@ -159,7 +159,7 @@ def test_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("bumpstop.collision.evaluate", interrupt)
-    assert run("evaluate", EXAMPLE) == (1, "", "error: interrupted\n")
+    assert run("evaluate", EXAMPLE) == (130, "", "error: interrupted\n")
 
 
 @pytest.mark.parametrize("options", [(), ("--sampled", 1000)])

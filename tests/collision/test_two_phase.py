@@ -113,7 +113,7 @@ def test_an_arm_that_swings_forward_again_is_judged_by_that(offset_mm: float, ti
 
 
 def test_an_arm_whose_motion_ends_within_the_latency_stays_in_contact() -> None:
-    """It stands at its joint limit and never goes back, though it was to reverse."""
+    """It brakes at its joint limit and never goes back, though it was to reverse."""
     scenario = control_group(
         pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30], contact__limits="ts15066",
         contact__offset_law="fixed", contact__offset_mm=0.5, contact__stiffness_N_m=5000.0,
@@ -121,7 +121,7 @@ def test_an_arm_whose_motion_ends_within_the_latency_stays_in_contact() -> None:
         detector__arming_delay_s=0.041,
     )  # fmt: skip
     law = bs.evaluate(scenario)
-    stands = 5000.0 * (float(bs.stopping_curve(law.problem, whole=True).distance[-1]) - 0.5e-3)
+    stands = 5000.0 * (float(bs.stopping_curve(law.problem, whole=True).kernel.braking[-1]) - 0.5e-3)
     assert deepest(law) == pytest.approx((stands, stands), rel=1e-9)
 
 

@@ -21,7 +21,7 @@ def test_force_of_the_sources_example() -> None:
 
 
 def test_pressure_of_the_sources_example() -> None:
-    # Section 6.1.3: 140 N on 5 cm2 make 28 N/cm2.
+    # Section 6.1.3: 140 N on 5 cm² make 28 N/cm².
     assert pressure_N_cm2(140.0, 5.0) == 28.0
     assert pressure_N_cm2(140.0, 5.0, 1.5) == 42.0
 

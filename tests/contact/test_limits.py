@@ -17,7 +17,7 @@ from contact.table_cases import REGION, area, load
 BGIA = LimitTable.load("bgia2011")
 TS = LimitTable.load("ts15066")
 
-# region: clamping [N], impact [N], stress [N/cm2], compression constant [N/mm]
+# region: clamping [N], impact [N], stress [N/cm²], compression constant [N/mm]
 BGIA_ROWS = {
     "cranium_forehead": (130, 175, 30, 150),
     "face": (65, 90, 20, 75),
@@ -52,7 +52,7 @@ TS_ROWS = {
     "lower_leg": (130, 260, 60, 75),
 }
 
-# number, label, region, quasi-static pressure [N/cm2], transient pressure (None: not permitted), status
+# number, label, region, quasi-static pressure [N/cm²], transient pressure (None: not permitted), status
 TS_AREAS = [
     (1, "middle of forehead", "skull_forehead", 130, None, "multi"),
     (2, "temple", "skull_forehead", 110, None, "multi"),
@@ -155,7 +155,7 @@ def test_mistake_1_quasi_static_and_transient_are_neither_swapped_nor_halved() -
 
 
 def test_mistake_2_newtons_and_newtons_per_cm2_are_not_swapped() -> None:
-    # 140 N and 120 N/cm2 on the chest are close enough to be mistaken for each other unnoticed.
+    # 140 N and 120 N/cm² on the chest are close enough to be mistaken for each other unnoticed.
     chest = TS.contact_limits("chest", "clamped")
     assert (chest.force_N, chest.pressure_N_cm2) == (140, 120)
     assert chest.allowed_force_N(0.5) == 60
@@ -207,7 +207,7 @@ def test_mistake_4_only_the_head_is_barred_from_transient_contact() -> None:
 
 
 def test_mistake_5_a_regions_force_is_not_the_limit_of_one_small_area() -> None:
-    # 140 N is for the whole hand; a 0.25 cm2 edge on the back of the hand may push with 190 N/cm2 x 0.25 cm2.
+    # 140 N is for the whole hand; a 0.25 cm² edge on the back of the hand may push with 190 N/cm² x 0.25 cm².
     hand = TS.contact_limits("hand_finger", "clamped")
     assert hand.allowed_force_N(0.25) == 47.5
     assert hand.governing(0.25) == "pressure"

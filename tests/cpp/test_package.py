@@ -145,7 +145,7 @@ def test_the_loop_at_1_khz(built: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda text: text.replace("bumpstop-detector 1", "bumpstop-detector 2"), "not a detector of version 1"),
+        (lambda text: text.replace("bumpstop-detector 2", "bumpstop-detector 1"), "not a detector of version 2"),
         (lambda text: text[: text.rindex("end")], "ends without 'end'"),
         (lambda text: text.replace("arming_delay", "arming"), "unknown keyword 'arming'"),
         (lambda text: text.replace("constant 20.0", "constant nan"), "'constant' wants 7 numbers in its range, once"),

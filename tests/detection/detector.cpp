@@ -60,6 +60,7 @@ struct Arm {
             law.fast[j] = j % 2 ? 5 : inf;
             law.rest_speed[j] = 0.01;
         }
+        settings.window = 0.007;  // 8 samples
         settings.samples.period = 0.001;
         settings.samples.shortest_interval = 1e-4;
         settings.samples.late_interval = 0.0015;
@@ -230,6 +231,95 @@ void a_lost_sample_makes_no_spike() {
     CHECK(late == 1 && worst < 0.5);
 }
 
+// What a rotor of 2 kg m2 adds to the residual of an arm in motion: minus 2 kg m2 times its acceleration, by either way.
+void rotors_count_alike_in_observer_and_direct_residual() {
+    for (int trial = 0; trial < 8; ++trial) {
+        Arm arm(1 + trial / 2);
+        DetectorSettings& s = arm.settings;
+        const int n = arm.made.chain.dof;
+        s.samples.measured_rates = true;
+        s.samples.period = 2e-4;
+        s.samples.longest_interval = 1e-3;
+        s.samples.late_interval = 3e-4;
+        s.window = 2e-3;
+        s.observer_gain = 1000;
+        std::vector<Detector> made;
+        for (const double rotor : {0.0, 2.0}) {
+            for (int j = 0; j < n; ++j) {
+                arm.joints[std::size_t(j)].inertia = trial % 2 ? rotor : 0;
+                arm.links[std::size_t(j)].rotor = trial % 2 ? 0 : rotor;
+            }
+            for (const ResidualKind kind : {ResidualKind::direct, ResidualKind::observer}) {
+                s.residual = kind;
+                made.push_back(arm.detector());
+            }
+        }
+        long judged = 0;
+        for (int i = 0; i < 3000; ++i) {
+            DetectorSample sample;
+            sample.t = 2e-4 * i;
+            for (int j = 0; j < n; ++j) {
+                sample.q[j] = 0.5 * std::sin(4 * sample.t + j);
+                sample.qd[j] = 2 * std::cos(4 * sample.t + j);
+                sample.signal[j] = 1;
+            }
+            for (Detector& detector : made) detector.update(sample);
+            if (i < 500 || made[3].output().state == DetectorState::blind) continue;
+            ++judged;
+            for (int j = 0; j < n; ++j) {
+                const double torque = -2 * -8 * std::sin(4 * sample.t + j);
+                const auto added = [&](int kind) {
+                    return made[std::size_t(2 + kind)].output().residual[j] -
+                           made[std::size_t(kind)].output().residual[j];
+                };
+                // 1 ms of delay at 4 rad/s, of up to 16 Nm, and half a window for the direct residual.
+                CHECK_NEAR(added(0), torque, 0.2);
+                CHECK_NEAR(added(1), torque, 0.2);
+            }
+        }
+        CHECK(judged > 2000);
+    }
+}
+
+// While an alarm stands, what passes its threshold after a pause is another event, whichever way it goes.
+void an_event_ends_and_another_begins() {
+    for (const double sign : {1.0, -1.0}) {
+        Arm arm(3);
+        DetectorSettings& s = arm.settings;
+        s.source = TorqueSource::torque;
+        s.decision.event_pause = 0.05;
+        for (int j = 0; j < 3; ++j) s.decision.thresholds.fast[j] = inf;
+        arm.errors.clear();
+        arm.joints.clear();
+        Detector detector = arm.detector();
+        // The torque that holds the arm is what the residual lacks without any.
+        DetectorSample sample;
+        for (int j = 0; j < 3; ++j) s.decision.thresholds.constant[j] = inf;
+        Detector blank = arm.detector();
+        for (int i = 0; i < 10; ++i) {
+            sample.t = 0.001 * i;
+            sample.signal[0] = 1e-9 * i;
+            blank.update(sample);
+        }
+        const std::array<double, max_joints> held = blank.output().residual;
+        for (int i = 0; i < 400; ++i) {
+            sample.t = 0.001 * i;
+            for (int j = 0; j < 3; ++j) sample.signal[j] = -held[j] + 1e-9 * (i % 2);
+            if (i == 100 || (i >= 140 && i < 150) || i >= 250) sample.signal[1] += sign * (i == 300 ? 60 : 20);
+            const DetectorOutput& out = detector.update(sample);
+            CHECK(out.stop == (i < 7 || i >= 100));
+            CHECK(detector.events() == (i < 100 ? 0 : i < 250 ? 1 : 2));
+        }
+        const DetectorEvent& event = detector.event();
+        CHECK_NEAR(event.t, 0.25, 1e-12);
+        CHECK_NEAR(event.span.end, 0.399, 1e-12);
+        CHECK_NEAR(event.residual[1], sign * 20, 1e-6);
+        CHECK_NEAR(event.span.largest[1], sign * 60, 1e-6);
+        CHECK_NEAR(event.span.largest_time, 0.3, 1e-12);
+        CHECK(event.span.largest_joint == 1 && event.over == 2);
+    }
+}
+
 // Whatever came before, be it an alarm: nothing of it is left, not even its time.
 void a_detector_that_is_reset_is_as_new() {
     const auto same = [](double a, double b) {
@@ -284,7 +374,10 @@ void no_sequence_breaks_it(long sequences) {
         s.samples.measured_rates = k % 4 == 3;
         s.decision.arming_delay = k % 5 == 0 ? 0.003 : 0;
         s.decision.thresholds.model_errors = k % 3;
-        s.window = 3 + k % 6;
+        s.window = 0.001 * (2 + k % 6);
+        s.samples.unwatched = k % 3 == 1 ? 2 : 0;
+        s.samples.endless = k % 4 == 2 ? 1 : 0;
+        s.samples.frozen_time = k % 5 == 3 ? inf : 0.004;
         s.payload_watch.least_mass = k % 2;
         s.payload_watch.interval = 0;
         // Without limits everything finite is possible, and only the arithmetic is left to refuse.
@@ -302,7 +395,7 @@ void no_sequence_breaks_it(long sequences) {
         if (u < 0.94) return x;
         return u < 0.97 ? odd[int(checks::uniform(0, 10))] : x + checks::normal();
     };
-    long alarms = 0, blind = 0, seen = 0;
+    long alarms = 0, blind = 0, seen = 0, frozen = 0;
     const long before = allocations;
     for (long sequence = 0; sequence < sequences; ++sequence) {
         const std::size_t k = std::size_t(sequence) % detectors.size();
@@ -310,7 +403,8 @@ void no_sequence_breaks_it(long sequences) {
         const int n = detector.joints();
         detector.reset();
         double t = checks::uniform(-1, 1);
-        const bool wild = sequence % 3 == 0;
+        const bool wild = sequence % 3 == 0, repeats = sequence % 5 == 0;
+        DetectorSample last;
         for (int i = 0; i < 24; ++i) {
             DetectorSample sample;
             const double u = checks::uniform(0, 1);
@@ -325,6 +419,11 @@ void no_sequence_breaks_it(long sequences) {
                 sample.signal[j] = spoil(sample.signal[j]);
                 sample.qd[j] = spoil(sample.qd[j]);
             }
+            if (repeats && i > 0 && checks::uniform(0, 1) < 0.6) {
+                sample = last;
+                sample.t = t;
+            }
+            last = sample;
             const bool alarmed = detector.alarmed();
             const DetectorOutput& out = detector.update(sample);
             if (out.state == DetectorState::blind) {
@@ -338,6 +437,10 @@ void no_sequence_breaks_it(long sequences) {
             }
             CHECK(!alarmed || detector.alarmed());
             CHECK(!detector.alarmed() || out.stop);
+            frozen += out.fault == SampleFault::frozen;
+            const DetectorEvent& event = detector.event();
+            if (detector.alarmed() && (out.over | out.over_fast) != 0)
+                CHECK(event.span.begin == event.t && event.span.end >= event.t && event.span.largest_share >= 0);
             if (detector.alarmed() && !alarmed) {
                 ++alarms;
                 CHECK((detector.event().over | detector.event().over_fast) != 0);
@@ -348,7 +451,7 @@ void no_sequence_breaks_it(long sequences) {
         CHECK(detector.overdue(nan_) && detector.overdue(inf));
     }
     CHECK(allocations == before);
-    CHECK(alarms > sequences / 100 && blind > 0 && seen > blind / 10);
+    CHECK(alarms > sequences / 100 && blind > 0 && seen > blind / 10 && frozen > 0);
 }
 
 }  // namespace
@@ -359,6 +462,8 @@ int main(int count, char** arguments) {
     a_contact_is_where_it_was();
     a_changed_payload_is_recognised();
     a_lost_sample_makes_no_spike();
+    rotors_count_alike_in_observer_and_direct_residual();
+    an_event_ends_and_another_begins();
     a_detector_that_is_reset_is_as_new();
     no_sequence_breaks_it(count > 1 ? std::atol(arguments[1]) : 600);
     return checks::result();

@@ -9,6 +9,8 @@ from bumpstop.model import Robot, inverse_dynamics
 
 UR5E = Robot.load("ur5e")
 DT = 0.002
+# Rows until the window of 70 ms is full.
+FILLING = 35
 
 
 def moving(robot: Robot, rows: int = 1000, dt: float = DT, seed: int = 1, pace: float = 1) -> tuple[FloatArray, ...]:
@@ -27,3 +29,8 @@ def parabola(robot: Robot, rows: int = 500, dt: float = DT) -> tuple[FloatArray,
     qdd = np.ones((rows, 1)) * np.linspace(0.1, 0.4, robot.dof)
     q, qd = 0.2 + qdd * t[:, None] ** 2 / 2, qdd * t[:, None]
     return t, q, qd, qdd, inverse_dynamics(robot, q, qd, qdd)
+
+
+def live(rows: FloatArray, seed: int = 7) -> FloatArray:
+    """The rows of a sensor that is alive: no value is the one before to the last bit."""
+    return rows + 1e-13 * np.random.default_rng(seed).normal(size=rows.shape) * (1 + np.abs(rows))

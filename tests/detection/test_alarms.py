@@ -13,7 +13,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings, Thresholds
 from bumpstop.detection.events import STATES
 from bumpstop.model import inverse_dynamics
-from detection.moving_arms import DT, UR5E, parabola
+from detection.moving_arms import DT, FILLING, UR5E, live, parabola
 
 
 def pressed(
@@ -79,14 +79,14 @@ def test_a_slow_clamp_and_a_blow_are_both_noticed() -> None:
 def test_arming_costs_what_it_says() -> None:
     t, q, tau = pressed(1.0)
     late = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=0.5)).run_rows(t, q, tau)
-    # The window is full after 7 rows; the motion begins there for the detector.
-    assert late.events[0].t == pytest.approx(0.5 + 7 * DT, abs=1.5 * DT)
+    # The motion begins for the detector where its window is full.
+    assert late.events[0].t == pytest.approx(0.5 + FILLING * DT, abs=1.5 * DT)
     assert late.unseen.sum() == pytest.approx((late.events[0].t - 0.4) / DT, abs=1)
     assert late.arming_s == pytest.approx(0.5, abs=2 * DT)
     # At rest there is nothing to arm for.
     q[:] = q[0]
     tau = inverse_dynamics(UR5E, q, 0 * q, 0 * q) + np.where(t >= 0.4, 20.0, 0.0)[:, None]
-    held = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=0.5)).run_rows(t, q, tau)
+    held = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=0.5)).run_rows(t, q, live(tau))
     assert held.events[0].t == pytest.approx(0.4)
 
 
@@ -100,7 +100,7 @@ def test_an_alarm_stays_and_ends_after_quiet() -> None:
     latched = detector.run_rows(t, q, tau, rearm_s=math.inf)
     assert len(latched.events) == 1
     assert latched.stop[200:].all()
-    assert not latched.stop[7:200].any()
+    assert not latched.stop[FILLING:200].any()
 
 
 @pytest.mark.parametrize("time", [math.nan, -math.inf, math.inf, 0.0, -5.0])
@@ -121,10 +121,10 @@ def test_thresholds_grow_with_motion() -> None:
     run = Detector(UR5E, None, thresholds).run_rows(t, q, tau)
     fast = np.abs(qd) > 0.02
     wanted = 5 + 10 * np.abs(qd) + 2 * np.abs(qdd)
-    np.testing.assert_allclose(run.threshold[7:][fast[7:]], wanted[7:][fast[7:]], rtol=1e-6)
+    np.testing.assert_allclose(run.threshold[FILLING:][fast[FILLING:]], wanted[FILLING:][fast[FILLING:]], rtol=1e-6)
     t, q = DT * np.arange(50), np.full((50, 6), 0.2)
     resting = Detector(UR5E, None, thresholds).run_rows(t, q, 0 * q)
-    np.testing.assert_allclose(resting.threshold[7:], 8.0, atol=1e-6)
+    np.testing.assert_allclose(resting.threshold[FILLING:], 8.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("grows", [{}, {"speed": np.full(6, 10.0)}, {"acceleration": np.ones(6), "rest": np.ones(6)}])
@@ -154,7 +154,7 @@ def test_what_standstill_adds_fades_between_one_and_two_rest_speeds() -> None:
         for way in (-1, 1):
             q = 0.2 + way * times * rest * t[:, None] * np.ones(6)
             run = Detector(UR5E, None, thresholds, DetectorSettings(rest_speed=rest)).run_rows(t, q, np.zeros_like(q))
-            np.testing.assert_allclose(run.threshold[8:], 5 + 3 * share, atol=1e-6)
+            np.testing.assert_allclose(run.threshold[FILLING:], 5 + 3 * share, atol=1e-6)
 
 
 @pytest.mark.parametrize(("pause_s", "arms_anew"), [(0.05, False), (0.2, True)])
@@ -166,6 +166,6 @@ def test_a_motion_begins_anew_after_a_rest_and_not_after_a_short_stop(pause_s: f
     q = 0.2 + 0.1 * moved[:, None] * np.ones(6)
     tau = inverse_dynamics(UR5E, q, 0 * q, 0 * q) + np.where(t >= goes_on + 0.04, 300.0, 0.0)[:, None]
     # What a sudden start and stop looks like to a filter is less than a third of the push.
-    settings = DetectorSettings(arming_delay_s=0.4)
-    (event,) = Detector(UR5E, None, [100.0] * 6, settings).run_rows(t, q, tau).events
+    settings = DetectorSettings(arming_delay_s=0.4, window_s=7 * DT)
+    (event,) = Detector(UR5E, None, [100.0] * 6, settings).run_rows(t, q, live(tau)).events
     assert event.t == pytest.approx(goes_on + (0.4 if arms_anew else 0.04), abs=3 * DT)

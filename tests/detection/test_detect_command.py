@@ -50,15 +50,25 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert event["t"] == pytest.approx(0.8)
     assert event["residual_Nm"][1] == pytest.approx(30, abs=1e-6)
     assert event["threshold_Nm"][5] is None
+    # The first and the last row that was pushed, and by how much.
+    assert (event["begin_s"], event["end_s"]) == (pytest.approx(0.8), pytest.approx(0.996))
+    assert event["largest_residual_Nm"][1] == pytest.approx(30, abs=1e-6)
+    assert event["largest_joint"] == 2
+    assert 0.8 - 1e-9 <= event["largest_s"] <= 0.996 + 1e-9
     assert found["rows"] == 400
-    assert found["blind_rows"] == {"filling": 7}
+    assert found["blind_rows"] == {"filling": 17}  # 70 ms
     assert json.loads((out / "events.json").read_text(encoding="utf-8")) == found
     assert {path.name for path in out.iterdir()} == {
         "events.json",
+        "report.html",
         "residuals.svg",
         "residuals.png",
         "residuals.parquet",
     }
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for text in ("1 alarm in 1.596 s, 400 rows", "30 Nm at joint 2", "ur5e", "window_samples", "log.parquet"):
+        assert text in page
+    assert page.index("1 alarm in") < page.index("<table") < page.index("window_samples")
     # Only the joint that is not watched has no threshold to be drawn, and none is drawn where there was none yet.
     drawn = (out / "residuals.svg").read_text(encoding="utf-8")
     assert re.findall(r">(\w+): not watched<", drawn) == ["wrist_3_joint"]
@@ -231,7 +241,14 @@ def test_files_of_a_run_that_was_blind_all_the_time(
     short = tmp_path / "short.parquet"
     Recording.load(pushed).between(0.0, 0.02).save(short)
     status, text, _ = run(capsys, "detect", short, *given)
-    assert status == 0
+    assert status == 3
+    assert text.startswith("INACTIVE all the time (filling 6 rows): nothing could be noticed. 0 alarms in 0.02 s")
     assert "no residuals.parquet: the detector was blind all the time" in text
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"events.json", "residuals.svg", "residuals.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "events.json",
+        "report.html",
+        "residuals.svg",
+        "residuals.png",
+    }
+    assert "INACTIVE all the time" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert json.loads((tmp_path / "out" / "events.json").read_text(encoding="utf-8"))["rows"] == 6

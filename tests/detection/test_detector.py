@@ -13,10 +13,30 @@ import pytest
 import bumpstop as bs
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record
 from bumpstop.detection.events import FAULTS
+from bumpstop.detection.residuals import ResidualRecord, write_residuals
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording
-from detection.moving_arms import DT, UR5E, moving, parabola
+from detection.moving_arms import DT, FILLING, UR5E, live, moving, parabola
+
+
+def joint_model(names: list[str], drives: list[dict[str, float]]) -> JointTorqueModel:
+    """A model of joints whose torque is the slope B times the current, and what turns with the motor."""
+    from bumpstop.joint import JointParameters, Parameter
+
+    joints = tuple(
+        JointParameters(
+            name=name,
+            map="odd",
+            friction="power",
+            parameters={"inertia": None}
+            | {key: Parameter(value) for key, value in ({"D": 0.0, "F": 1.0, "hysteresis": 0.0} | drive).items()},
+            rest_speed=0.01,
+        )
+        for name, drive in zip(names, drives, strict=True)
+    )
+    return replace(JointTorqueModel.load("sia5d"), robot="ur5e", joints=joints)
+
 
 # --- Residuals --------------------------------------------------------------------------------------------------------
 
@@ -49,11 +69,55 @@ def test_observer_answers_a_step_in_closed_form() -> None:
     q = np.full((300, 6), 0.3)
     tau = np.repeat(inverse_dynamics(UR5E, q[:1], 0 * q[:1], 0 * q[:1]), 300, axis=0)
     tau[100:, 2] += 7.0
+    tau = live(tau)
     given_settings = DetectorSettings(residual="observer", observer_gain_1_s=40.0)
     run = Detector(UR5E, None, [1e3] * 6, given_settings).run(Recording(t=t, q=q, tau=tau))
     a, k = math.exp(-40 * DT), np.arange(200)
     np.testing.assert_allclose(run.residual[100:, 2], 7 * (1 - a**k * (1 + a) / 2), rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(run.residual[100:, [0, 1, 3, 4, 5]], 0, atol=1e-11)
+
+
+@pytest.mark.parametrize("of", ["robot", "joint model"])
+@pytest.mark.parametrize("residual", ["direct", "observer"])
+def test_rotors_that_are_accelerated_are_no_contact(residual: str, of: str) -> None:
+    """Of the robot, or in their place of the joint model: 2 kg m2 at 10 rad/s2 are 20 Nm, with either sign 40."""
+    t, q, qd, qdd, _ = moving(UR5E, 1500, 0.001)
+    rotor, slope = 2.0, 5.0
+    drives = [{"inertia": rotor, "A": 0.0, "B": slope}] * 6
+    robot = UR5E
+    if of == "robot":
+        robot = replace(UR5E, joints=tuple(replace(joint, rotor_inertia=rotor) for joint in UR5E.joints))
+        drives = [{"A": 0.0, "B": slope}] * 6
+    bare = replace(UR5E, joints=tuple(replace(joint, rotor_inertia=0.0) for joint in UR5E.joints))
+    tau = inverse_dynamics(bare, q, qd, qdd) + rotor * qdd
+    model = joint_model([joint.name for joint in UR5E.joints], drives)
+    settings = DetectorSettings(residual=residual, measured_rates=True, window_s=0.004)  # type: ignore[arg-type]
+    run = Detector(robot, model, [1e3] * 6, settings).run_rows(t, q, tau / slope, qd=qd)
+    largest = np.abs(rotor * qdd).max()
+    assert largest > 5
+    # The observer has forgotten how it began after 0.2 s.
+    assert np.nanmax(np.abs(run.residual[300:])) < 0.05 * largest
+
+
+@pytest.mark.parametrize("kind", ["direct", "observer"])
+@pytest.mark.parametrize("channel", ["constant", "fast"])
+def test_residuals_of_either_sign_alarm_alike(kind: str, channel: str) -> None:
+    t, q, _, _, tau = parabola(UR5E, 400)
+    found = []
+    for sign in (1, -1):
+        pushed = tau.copy()
+        pushed[200:, 2] += sign * 20.0
+        limits = {"constant": np.full(6, 12.0 if channel == "constant" else np.inf)}
+        limits["fast"] = np.full(6, 9.0 if channel == "fast" else np.inf)
+        made = Detector(UR5E, None, Thresholds(**limits), DetectorSettings(residual=kind))  # type: ignore[arg-type]
+        (event, *_) = made.run_rows(t, q, pushed).events
+        assert (event.joints or event.fast_joints) == (2,)
+        assert np.sign(event.residual[2]) == sign
+        found.append((event.t, abs(event.residual[2])))
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
+    # The first row that has the push, or as soon as a filter shows half of it.
+    at_once = kind == "direct" and channel == "constant"
+    assert found[0][0] == pytest.approx(t[200], abs=1e-9 if at_once else 0.03)
 
 
 @pytest.mark.parametrize("residual", ["direct", "observer"])
@@ -67,7 +131,7 @@ def test_sign_of_a_push(residual: str) -> None:
     tau = np.where(np.arange(rows)[:, None] < 100, free, held)
     given_settings = DetectorSettings(residual=residual)  # type: ignore[arg-type]
     run = Detector(UR5E, None, [5.0] * 6, given_settings).run(
-        Recording(t=DT * np.arange(rows), q=np.tile(q, (rows, 1)), tau=tau)
+        Recording(t=DT * np.arange(rows), q=np.tile(q, (rows, 1)), tau=live(tau))
     )
     wanted = UR5E.jacobian(q)[:3].T @ normal * force
     (event,) = run.events
@@ -105,13 +169,36 @@ def test_residual_record_goes_into_a_scenario(tmp_path: Path) -> None:
     t, q, _, _, tau = moving(UR5E, 2000)
     noise = np.random.default_rng(3).normal(size=tau.shape)
     record = residual_record(Recording(t=t, q=q, tau=tau + noise), UR5E, None, feedback_period_s=0.004)
-    assert record.rows.shape == (997, 6)
+    assert record.rows.shape == ((2000 - FILLING + 1) // 2, 6)
     path = tmp_path / "free.parquet"
     record.save(path)
     again = type(record).load(path, 6, 0.004)
     np.testing.assert_array_equal(again.rows, record.rows)
     with pytest.raises(bs.InputError, match="no multiple of the rows' period"):
         residual_record(Recording(t=t, q=q, tau=tau), UR5E, None, feedback_period_s=0.003)
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.991, True), (1.009, True), (0.989, False), (1.011, False)])
+def test_recorded_residuals_have_the_feedback_period_to_a_hundredth(share: float, fits: bool, tmp_path: Path) -> None:
+    path = tmp_path / "free.parquet"
+    rows = np.random.default_rng(1).normal(size=(500, 6))
+    write_residuals(path, 0.004 * share * np.arange(500), rows)
+    if fits:
+        np.testing.assert_array_equal(ResidualRecord.load(path, 6, 0.004).rows, rows)
+        return
+    with pytest.raises(bs.InputError, match=r"has a row every 0\.00\d+ s; wanted the feedback period"):
+        ResidualRecord.load(path, 6, 0.004)
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.91, True), (1.09, True), (0.89, False), (1.11, False)])
+def test_rows_have_the_period_of_the_thresholds_to_a_tenth(share: float, fits: bool) -> None:
+    t, q, _, _, tau = moving(UR5E, 200, DT * share)
+    made = Detector(UR5E, None, Thresholds(np.full(6, 1e3), period_s=DT))
+    if fits:
+        assert made.run_rows(t, q, tau).t.size == 200
+        return
+    with pytest.raises(bs.InputError, match=r"the detector is made for thresholds period_s = 0.002"):
+        made.run_rows(t, q, tau)
 
 
 # --- Noise ------------------------------------------------------------------------------------------------------------
@@ -180,9 +267,9 @@ def test_a_joint_of_unknown_gain_is_not_watched_and_blinds_nothing() -> None:
     detector = Detector(SIA5D, model, limits)
     run, wanted = detector.run(log), Detector(SIA5D, whole, limits).run(log)
     others = [0, 1, 2, 4, 5, 6]
-    assert not run.blind[10:].any()
+    assert not run.blind[FILLING:].any()
     np.testing.assert_array_equal(run.residual[:, others], wanted.residual[:, others])
-    assert not run.residual[10:, 3].any()
+    assert not run.residual[FILLING:, 3].any()
     assert "joint_u: the joint model does not know its gain B, not watched." in detector.notes
     assert "joint_t: without a joint model, not watched." in detector.notes
     assert np.isfinite(detector.dead_zone).all()
@@ -242,14 +329,14 @@ def test_a_bad_sample_is_told_and_makes_no_spike(fault: str, spoil: object) -> N
     assert run.blind[100]
     assert run.stop[100]
     assert np.isnan(run.residual[100]).all()
-    lost = 7 if fault == "gap" else 1
-    assert run.blind[8:].sum() == lost
+    lost = FILLING if fault == "gap" else 1
+    assert run.blind[FILLING:].sum() == lost
     assert not run.blind[100 + lost :].any()
     # One sample less in the window: off by what a sample of delay makes of the motion.
-    worst = np.nanmax(np.abs(run.residual[120:] - clean.residual[120:]))
+    worst = np.nanmax(np.abs(run.residual[100 + FILLING + 1 :] - clean.residual[100 + FILLING + 1 :]))
     assert worst < 1e-6
     assert run.events == ()
-    assert np.nanmax(np.abs(run.residual[101:120] - clean.residual[101:120]), initial=0) < 3
+    assert np.nanmax(np.abs(run.residual[101 : 101 + FILLING] - clean.residual[101 : 101 + FILLING]), initial=0) < 3
 
 
 @pytest.mark.parametrize("first", [0, 150])
@@ -290,7 +377,7 @@ def test_grace_delays_the_request_to_stop() -> None:
     assert run.blind[100:110].all()
     assert not run.stop[100:103].any()
     assert run.stop[103:110].all()
-    assert not run.stop[118:].any()
+    assert not run.stop[110 + FILLING :].any()
 
 
 # --- What does not belong together ------------------------------------------------------------------------------------
@@ -331,9 +418,9 @@ def test_parts_of_different_arms_are_refused() -> None:
         Thresholds.parse("-3,2", [joint.name for joint in UR5E.joints])
     with pytest.raises(bs.InputError, match="'direkt' is no kind of residual; did you mean 'direct'"):
         DetectorSettings(residual="direkt")  # type: ignore[arg-type]
-    for window in (math.nan, math.inf, 7.5, "8", True):
-        with pytest.raises(bs.InputError, match=r"^window: "):
-            DetectorSettings(window=window)  # type: ignore[arg-type]
+    for window in (math.nan, math.inf, 0.0, -0.07, 11.0, "0.07", True):
+        with pytest.raises(bs.InputError, match=r"^window_s: "):
+            DetectorSettings(window_s=window)  # type: ignore[arg-type]
     for period in (-0.004, math.nan, math.inf):
         with pytest.raises(bs.InputError, match=r"^period_s: is "):
             Detector(UR5E, None, [10.0] * 6).kernel(period)

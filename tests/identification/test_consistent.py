@@ -51,6 +51,23 @@ def test_what_the_motion_cannot_show_stays_as_it_was() -> None:
     assert found.mass == pytest.approx(own.mass, rel=0.05)
 
 
+def test_rotors_are_not_paid_for_in_kilograms() -> None:
+    """Planted rotors of some kg m2, which the robot does not know of: links keep about the masses they have."""
+    robot = bs.Robot.load("ur10e")
+    log = planted(robot, 5, noise=2.0, seconds=15.0)
+    assert log.qd is not None
+    assert log.tau is not None
+    rotors = np.array([4.0, 4.0, 2.0, 0.6, 0.6, 0.6])
+    qdd = np.gradient(log.qd, log.t, axis=0)
+    log = replace(log, tau=log.tau + rotors * qdd)
+    found = consistent_inertias(log, identify_dynamics(log, robot, cutoff_hz=8.0))
+    for own, joint in zip(robot.joints, found.robot.joints, strict=True):
+        assert own.inertia is not None
+        assert joint.inertia is not None
+        assert joint.inertia.mass == pytest.approx(own.inertia.mass, rel=0.3)
+    assert np.all(found.rmse < 1.1 * found.rmse_free)
+
+
 def test_parameters_turn_as_their_derivative_says() -> None:
     rng = np.random.default_rng(5)
     for _ in range(5):

@@ -203,7 +203,10 @@ def test_friction_bends_where_it_does() -> None:
 
     fit = identify_dynamics(with_root(log), robot, cutoff_hz=6.0)
     assert fit.top_speed is not None
-    for j, top in enumerate(fit.top_speed):
+    bent = np.flatnonzero(np.isfinite(fit.top_speed))
+    assert bent.size >= 3  # joints whose motion shows it beyond chance
+    for j in bent:
+        top = fit.top_speed[j]
         value, error = parameter(fit, f"bend_{j + 1}")
         assert abs(value - 8.0 * np.sqrt(top) / (1 + j)) < 4 * error, j
     assert min(score.r2 for score in fit.score(with_root(other))) > 0.995

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.collision.trajectory import Trajectory
 from bumpstop.identification.excitation import Excitation, ExcitationSettings, base_columns, plan_excitation
 from bumpstop.identification.regressor import inertial_regressor
+from bumpstop.study.retiming import retime
 
 GRAVITY = (0.0, 0.0, -9.80665)
 SETTINGS = ExcitationSettings(rounds=120, seed=3, speed_share=0.5, acceleration=3.0)
@@ -100,3 +102,13 @@ def test_no_room_is_said() -> None:
         plan_excitation(bs.Robot.load("ur5e"), ExcitationSettings(floor=3.0))
     with pytest.raises(bs.InputError, match="harmonics"):
         ExcitationSettings(harmonics=1)
+
+
+def test_the_written_motion_rests_at_both_ends_and_can_be_slowed(found: Excitation) -> None:
+    path = found.path(50.0)
+    assert not path.qd[[0, -1]].any()
+    assert not path.qdd[[0, -1]].any()
+    half = np.full(len(path.t), 0.5)
+    slow = retime(Trajectory(path.t, path.q, path.qd), half, found.robot.velocity, np.full(found.robot.dof, 4.5))
+    # At half the pace throughout, but for the time to gather it.
+    assert 2 * path.duration <= slow.time[-1] < 2.1 * path.duration + 2

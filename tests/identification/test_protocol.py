@@ -19,6 +19,7 @@ from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, p
 from bumpstop.identification.plan_file import save_plan
 from bumpstop.identification.protocol import ProtocolFit, ProtocolJoint, identify_protocol
 from bumpstop.identification.protocol_steps import joint_torque
+from bumpstop.identification.protocol_verdict import judge_protocol
 from bumpstop.identification.simulated import SensorNoise, currents, simulated_recording
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.model import JointParameters, Parameter
@@ -261,6 +262,110 @@ def test_recordings_of_something_else_are_refused(plan: IdentificationPlan, reco
     slower = Recording(t=1.3 * log.t, q=log.q, current=log.current)
     with pytest.raises(bs.InputError, match="strokes at a planned speed"):
         identify_protocol(plan, [slower])
+
+
+def test_a_protocol_with_one_speed_is_refused_by_name(plan: IdentificationPlan) -> None:
+    """A law of friction through one speed had D = 3e22, and the command ended well."""
+    one = plan.experiments[0]
+    slow = replace(plan, settings=replace(plan.settings, speed_shares=(0.2,)), experiments=(
+        replace(one, speeds=one.speeds[1:2], accelerations=()),
+    ))  # fmt: skip
+    log = simulated_recording(
+        slow.loaded, planted(), slow.path(slow.experiments[0]), rate_hz=125.0, noise=NOISE, seed=1
+    )
+    with pytest.raises(bs.InputError, match=rf"{one.name}: all its strokes run at one speed, .* deg/s, which shows no"):
+        identify_protocol(slow, [log])
+    # Of two speeds that are nearly one, too.
+    near = replace(slow, experiments=(replace(slow.experiments[0], speeds=(one.speeds[1], 1.05 * one.speeds[1])),))
+    log = simulated_recording(
+        near.loaded, planted(), near.path(near.experiments[0]), rate_hz=125.0, noise=NOISE, seed=1
+    )
+    with pytest.raises(bs.InputError, match="all its strokes run at one speed"):
+        identify_protocol(near, [log])
+
+
+def test_holds_in_several_poses_are_refused_by_name(plan: IdentificationPlan) -> None:
+    """Each joint stands in its planned pose and elsewhere, and all move between the holds at once."""
+    t = np.arange(0, 60, 0.008)
+    rng = np.random.default_rng(2)
+    poses = [plan.home, *(one.at(position) for one in plan.experiments for position in (one.low, one.high))]
+    share = np.clip((np.mod(t, 6.0) - 4.0) / 2.0, 0, 1)[:, None]
+    number = (t // 6).astype(int)
+    places = np.array([poses[k % len(poses)] for k in range(12)])
+    q = (1 - share) * places[number] + share * places[number + 1] + 2e-5 * rng.normal(size=(t.size, 6))
+    log = Recording(t=t, q=q, current=1.0 + 0.1 * rng.normal(size=q.shape))
+    with pytest.raises(bs.InputError, match="no joint of the plan can be identified") as refused:
+        identify_protocol(plan, [log])
+    for one in plan.experiments:
+        assert one.name in str(refused.value)
+
+
+def test_a_plan_that_misses_the_recording_says_by_how_much(
+    plan: IdentificationPlan, recordings: list[Recording]
+) -> None:
+    one = next(one for one in plan.experiments if one.joint == 1)
+    pose = one.pose.copy()
+    pose[3] += np.radians(20)
+    missed = replace(plan, experiments=(replace(one, pose=pose),))
+    with pytest.raises(bs.InputError, match=r"the other joints come no nearer to it than \S+ deg, wanted 3"):
+        identify_protocol(missed, recordings)
+
+
+def test_strokes_without_gravity_are_refused_by_name(plan: IdentificationPlan) -> None:
+    """A hand-written plan for a vertical axis: no torque changes along its strokes."""
+    one = replace(plan.experiments[0], joint=0, name="shoulder_pan_joint", pose=plan.home.copy(), low=-1.0, high=1.0,
+                  hold_joint=None, route=np.empty((0, 6)))  # fmt: skip
+    turning = replace(plan, experiments=(one,))
+    log = simulated_recording(turning.loaded, planted(), turning.path(one), rate_hz=125.0, noise=NOISE, seed=1)
+    with pytest.raises(bs.InputError, match=r"shoulder_pan_joint: gravity's torque changes by .* Nm along its strokes"):
+        identify_protocol(turning, [log])
+
+
+def loaded_friction() -> JointTorqueModel:
+    """Drives whose gears lose a share of the current: Coulomb, viscous and load friction."""
+    joints = []
+    for joint in planted().joints:
+        own = {name: joint.parameters[name] for name in ("A", "B", "hysteresis", "inertia")}
+        own |= {"coulomb": Parameter(0.8), "viscous": Parameter(0.5), "load": Parameter(0.15)}
+        joints.append(JointParameters(name=joint.name, map="odd", friction="load_dependent", parameters=own))
+    return JointTorqueModel(robot="ur10e", created_from="planted", unit="A", joints=tuple(joints))
+
+
+def test_the_law_of_friction_is_chosen_by_strokes_it_was_not_fitted_to(
+    plan: IdentificationPlan, fit: ProtocolFit
+) -> None:
+    """Planted laws are taken, and the three figures of the loaded one recovered."""
+    assert [joint.friction.law for joint in fit.joints] == ["power", "power"]
+    one = next(one for one in plan.experiments if one.joint == 1)
+    log = simulated_recording(plan.loaded, loaded_friction(), plan.path(one), rate_hz=125.0, noise=NOISE, seed=3)
+    found = identify_protocol(plan, [log])
+    (joint,) = found.joints
+    assert joint.friction.law == "load_dependent"
+    assert joint.friction_held_out["load_dependent"] < 0.8 * joint.friction_held_out["power"]
+    truth = {"coulomb": 0.8, "viscous": 0.5, "load": 0.15, "B": 12.0, "inertia": 4.0}
+    for name, value in truth.items():
+        parameter = joint.parameters[name]
+        assert parameter is not None
+        assert parameter.standard_error is not None
+        assert parameter.value == pytest.approx(value, rel=0.15), name
+        assert abs(parameter.value - value) < 5 * parameter.standard_error, name
+    model = found.model()
+    assert model.joints[0].friction == "load_dependent"
+    assert "load" in protocol_json(found, GeneralBeside((), np.nan, 0, ""), [log])["joints"][1]["parameters"]
+
+
+def test_a_protocol_is_judged(fit: ProtocolFit, beside: GeneralBeside, recordings: list[Recording]) -> None:
+    verdict = judge_protocol(fit, beside, recordings)
+    # Two joints of four were recorded.
+    assert [warning.split()[0] for warning in verdict.warnings] == ["wrist_1_joint", "wrist_2_joint"]
+    assert verdict.usable
+    assert verdict.condition is not None
+    assert 1 <= verdict.condition < 30
+    assert verdict.held_out is not None
+    assert verdict.held_out < 0.05
+    steep = replace(fit.joints[0], parameters={**fit.joints[0].parameters, "F": Parameter(3.0, 0.1)})
+    faults = judge_protocol(replace(fit, joints=(steep, fit.joints[1])), beside, recordings).faults
+    assert any("grows as fast as the law allows" in fault for fault in faults)
 
 
 def test_command(

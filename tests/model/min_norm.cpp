@@ -302,6 +302,21 @@ void signs_of_bad_conditioning() {
         CHECK(flags.poor[lane] == (lane == 1 || lane == 2));
         CHECK_NEAR(std::sqrt(lane_of(flags.least_square, lane)), lane == 1 ? 0 : sines[lane], 1e-13);
     }
+    // Rows that count as long: the sine of one that is short beside that is its length over it, and one that vanishes but
+    // for rounding is flagged, whatever direction rounding gave it. The rates are the same.
+    for (const double length : {1.0, 1e-3, 1.01e-6, 0.99e-6, 1e-17, 0.0}) {
+        Problem<double> problem = two_rows(1, 1);
+        for (int j = 0; j < 4; ++j) problem.row[1][j] = length * (j == 1 ? 0.6 : j == 3 ? 0.8 : 0.0);
+        const Solution<double> plain = solve<3>(problem);
+        Problem<double> work = problem;
+        const double least_length[] = {1, 1, 1};
+        double x[max_columns];
+        const Conditioning<double> scaled = damped_min_norm<3>(work.row, 4, work.target, 0.0, x, least_length);
+        CHECK(scaled.singular == (length < 1e-6) && scaled.poor == (length < 1e-2));
+        CHECK(plain.conditioning.singular == (length == 0));
+        CHECK_NEAR(std::sqrt(scaled.least_square), length < 1e-6 ? 0 : length, 1e-15);
+        for (int j = 0; j < 4; ++j) CHECK(x[j] == plain.x[j]);
+    }
     // Rows that vanish or repeat, and fewer columns than rows: flagged, and the rates stay finite.
     for (const int kind : {0, 1, 2}) {
         Problem<double> problem = plant(6, 7, 10).problem;

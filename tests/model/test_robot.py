@@ -80,7 +80,7 @@ def test_robots_that_cannot_be() -> None:
         robot((joint(),), tip_origin=(0.0, 0.0))
     with pytest.raises(InputError, match=r"^tip_rotation: is not a rotation matrix$"):
         robot((joint(),), tip_rotation=np.zeros((3, 3)))
-    with pytest.raises(InputError, match=r"^inertia_status: 'guessed' is none; valid: published, assumed, unknown$"):
+    with pytest.raises(InputError, match=r"^inertia_status: 'guessed' is none; valid: published, unverified"):
         robot((joint(),), inertia_status="guessed")
     with pytest.raises(InputError, match=r"^joint 'elbow' inertia: is missing, and inertia_status is \"published\"; "):
         robot((joint(),), inertia_status="published")

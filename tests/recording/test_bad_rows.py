@@ -27,7 +27,9 @@ from recording.cases import COLUMNS, lines, recording, written
         ("0.50,nan,0.2,ok", "not a number"),
         ("0.50,inf,0.2,ok", "not finite"),
         ("0.50,0.1,1e306,ok", "impossible value"),
+        ("0.50,0.1,-1e306,ok", "impossible value"),
         ("1e306,0.1,0.2,ok", "impossible value"),
+        ("-1e306,0.1,0.2,ok", "impossible value"),
         ("0.49,0.1,0.2,ok", "doubled time"),
         ("0.30001,0.1,0.2,ok", "time runs backwards"),
         ("1.50001,0.1,0.2,ok", "time runs backwards"),
@@ -207,13 +209,14 @@ def test_a_name_that_stands_twice_is_refused(tmp_path: Path) -> None:
     ]
 
 
-def test_robot_tells_what_is_impossible(tmp_path: Path) -> None:
+@pytest.mark.parametrize("value", [40.0, -40.0])
+def test_robot_tells_what_is_impossible(value: float, tmp_path: Path) -> None:
     q = np.zeros((300, 7))
-    q[7, 2] = 40.0
+    q[7, 2] = value
     Recording(t=np.arange(300.0), q=q).save(tmp_path / "run.parquet")
     assert Recording.load(tmp_path / "run.parquet").report.rows_dropped == 0
     report = Recording.load(tmp_path / "run.parquet", robot=Robot.load("panda")).report
-    assert report.dropped == ((8, "impossible value: q_3 = 40"),)
+    assert report.dropped == ((8, f"impossible value: q_3 = {value:g}"),)
 
 
 @settings(max_examples=200, deadline=None)

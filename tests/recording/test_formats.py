@@ -282,7 +282,7 @@ def test_damaged_files(name: str, tmp_path: Path) -> None:
 
 
 def test_text_without_names_asks_for_a_column_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no header; say with --columns"):
+    with pytest.raises(InputError, match="no header, and 4 columns; say with --columns"):
         Recording.load(written(tmp_path, lines()))
     (tmp_path / "x.abc").touch()
     with pytest.raises(InputError, match="no known ending"):
@@ -298,7 +298,7 @@ def test_names_of_an_excel_file_are_found_out(tmp_path: Path) -> None:
     assert Recording.load(path, columns=columns).t.tolist() == [row[0] for row in rows]
     # Names all the same, if the column file says so.
     assert Recording.load(path, columns=columns | {"header": True}).t.size == 59
-    with pytest.raises(InputError, match="has no header; say with --columns"):
+    with pytest.raises(InputError, match="has no header, and 3 columns; say with --columns"):
         Recording.load(path)
     workbook(path, [["t", "q_1", "q_2"], *rows])
     assert Recording.load(path).t.tolist() == [row[0] for row in rows]

@@ -120,3 +120,38 @@ def test_units_and_coupling(tmp_path: Path) -> None:
     # Power is the same on both sides, but for the sign that was asked for.
     power = np.sum(found.tau * [1, -1] * np.linalg.solve(ratio, motor.T).T, axis=1)
     np.testing.assert_allclose(power, np.sum(torque * motor, axis=1))
+
+
+@pytest.mark.parametrize("coupled", [False, True])
+@pytest.mark.parametrize("name", ["velocity", "current", "torque"])
+@pytest.mark.parametrize("width", [1, 3])
+def test_a_quantity_has_one_column_for_each_joint(name: str, width: int, coupled: bool, tmp_path: Path) -> None:
+    """One column of two joints was copied to both, with the signs of a coupling; three were a fault of ours."""
+    path = written(tmp_path, [f"{0.01 * i},{0.1 * i},{-0.2 * i},{0.3 * i},1,2" for i in range(50)])
+    columns: dict[str, Any] = {
+        "time": {"column": 1},
+        "position": {"columns": [2, 3]},
+        name: {"columns": list(range(4, 4 + width))},
+    }
+    if coupled:
+        columns["coupling"] = {"ratio": [[2.0, 0.0], [0.0, 3.0]], "sign": [1, -1]}
+    with pytest.raises(InputError, match=f"^columns.{name}: {width} columns, positions have 2; wanted 2"):
+        Recording.load(path, columns=columns)
+
+
+@pytest.mark.parametrize("name", ["current", "torque"])
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_the_sign_of_a_coupling_turns_currents_and_torques(name: str, side: str, tmp_path: Path) -> None:
+    """Of either side, and of a current, of which there is one side alone."""
+    path = written(tmp_path, [f"{0.01 * i},{0.1 * i},{-0.2 * i},{1.0 + i},{2.0 + i}" for i in range(50)])
+    columns: dict[str, Any] = {
+        "time": {"column": 1},
+        "position": {"columns": [2, 3]},
+        name: {"columns": [4, 5]} | ({"side": side} if name == "torque" else {}),
+        "coupling": {"ratio": [[2.0, 0.0], [0.0, 4.0]], "sign": [1, -1]},
+    }
+    found = Recording.load(path, columns=columns)
+    value = found.current if name == "current" else found.tau
+    assert value is not None
+    ratio = np.array([2.0, 4.0]) if name == "torque" and side == "motor" else np.ones(2)
+    np.testing.assert_allclose(value[3], ratio * [4.0, -5.0])

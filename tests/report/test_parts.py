@@ -47,7 +47,7 @@ def test_the_drawn_arm_is_the_arm(law):
 
 def test_area_section_states_the_crossing(law):
     text = " ".join(AreaSection(law).content())
-    assert "from 2.25 cm2 on" in text
+    assert "from 2.25 cm² on" in text
     assert "120 N are allowed" in text
 
 
@@ -178,7 +178,15 @@ def test_parameters_have_their_standard_error_where_there_is_one(value, text):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(math.inf, "no bound"), (math.nan, "none"), (0.0, "0"), (95.0295, "95.03"), (18490.3, "18490"), (1e-7, "1e-07")],
+    [
+        (math.inf, "no bound"),
+        (math.nan, "none"),
+        (0.0, "0"),
+        (95.0295, "95.03"),
+        (18490.3, "18490"),
+        (1e-7, "0"),
+        (2e-6, "2e-06"),
+    ],
 )
 def test_numbers(value, text):
     assert number(value) == text

@@ -108,7 +108,7 @@ def test_every_figure_is_the_laws(written, law):
     page = written[1]
     rows = {
         "peak force [N]": (law.peak_force, 1),
-        "peak pressure [N/cm2]": (law.pressure, 1),
+        "peak pressure [N/cm²]": (law.pressure, 1),
         "compression [mm]": (law.compression, 1),
         "force at detection [N]": (law.force_at_detection, 1),
         "detection delay [ms]": (law.detection_delay, 1e3),
@@ -118,8 +118,9 @@ def test_every_figure_is_the_laws(written, law):
         figures = " ".join(f"{factor * value:.4g}" for value in quantity.to_json().values())
         assert f"{name} {figures}" in page.text
     limits = law.problem.limits
-    assert f"(p99) {law.peak_force.quantile(0.99):.4g} N {limits.force_N:g} N below" in page.text
-    assert f"(p99) {law.pressure.quantile(0.99):.4g} N/cm2 {limits.pressure_N_cm2:g} N/cm2 below" in page.text
+    # The quantile of the accepted probability.
+    assert f"(p99.9) {law.peak_force.quantile(0.999):.4g} N {limits.force_N:g} N below" in page.text
+    assert f"(p99.9) {law.pressure.quantile(0.999):.4g} N/cm² {limits.pressure_N_cm2:g} N/cm² below" in page.text
 
 
 def test_sources_settings_and_assumptions_are_stated(written, law):
@@ -168,7 +169,7 @@ def test_not_acceptable():
     assert f"Not acceptable {law.verdict.reason}" in page.text
     over = percent(law.verdict.p_over_pressure)
     assert f"Probability of exceeding the pressure limit {over} at most 0.1 % too high" in page.text
-    assert "50 N/cm2 above" in page.text
+    assert "50 N/cm² above" in page.text
 
 
 def test_no_body_no_limits():
@@ -200,8 +201,8 @@ def test_undetected_share_leaves_a_bounded_median():
     assert law.peak_force.quantile(0.99) == math.inf
     page = Page(law)
     text = Outline(page.html()).text
-    assert "(p99) no bound 135 N above" in text
-    assert "are never detected and count as beyond every force" in text
+    assert "(p99.9) no bound 135 N above" in text
+    assert "are not detected within 0.12 s (motion.duration_s) and count as beyond every force" in text
     assert f"In {percent(law.no_contact_probability)} of cases the arm does not press" in text
     assert "peak_force" in [figure.picture.name for figure in page.figures]
 

@@ -148,3 +148,21 @@ def test_single_runs_in_the_report_end_when_the_body_has_got_away(name: str) -> 
         if pressed.size:
             assert rollout.touch == 0
             assert pressed[-1] == pytest.approx(lasts, abs=1.1e-3)
+
+
+def test_an_undetected_run_stands_for_a_quantile_where_the_arm_comes_to_rest():
+    """Joint 2 has 0.3 degrees left, the body is a millimetre away, and nobody notices."""
+    law = evaluate(
+        {
+            "pose_deg": [0, 109.7, 0, -20, 0, -40, 0],
+            "motion.velocity_mm_s": [0, 0, -30],
+            "detector.thresholds_Nm": [600.0] * 7,
+            "contact.offset_law": "uniform",
+            "contact.offset_sd_s": None,
+            "detector.feedback_period_s": 0.04,
+        }
+    )
+    assert law.curve.end == "joint_limit"
+    bad = Rollouts(law).nearest(0.999)
+    assert bad.detection is None
+    assert bad.peak_force == pytest.approx(law.peak_force.quantile(0.999), rel=2e-3)

@@ -28,9 +28,9 @@ def _ask(problem: Problem, force: float, accepted: float, known: object = None) 
 
 
 def _over(law: bs.ForceLaw, force: float) -> float:
-    """Never detected counts as over."""
+    """Never detected counts as over, unless the arm comes to rest: then its force is among the others."""
     tail = law.kernel.tail("peak_force", np.array([force]))[0, 0]
-    return float(tail) + law.undetected_probability
+    return float(tail) + (0.0 if law.kernel.rests else law.undetected_probability)
 
 
 # An arm that starts from rest does not follow its line evenly, and reactions are simulated one by one.
@@ -65,7 +65,7 @@ def test_the_risk_is_that_of_the_whole_law(name: str) -> None:
         assert found["low"] - allowed <= over <= found["high"] + allowed
         assert found["high"] - found["low"] <= RESOLUTION * found["high"]
         assert found["false_alarm"] == pytest.approx(law.false_alarm_probability, abs=1e-9)
-        assert found["undetected"] == pytest.approx(law.undetected_probability, abs=1e-9)
+        assert found["undetected"] == pytest.approx(law.undetected_over(force), abs=1e-9)
         # Far from what is accepted the bounds are wide, and bounds all the same.
         for accepted in (1e-3 * over, min(1.0, 1e3 * over)):
             wide = _ask(problem, force, accepted)
@@ -91,7 +91,8 @@ def test_the_risk_is_that_of_the_whole_law_wherever_an_arm_stands(number: int) -
     found = _ask(problem, force, over)
     allowed = (RESOLUTION + ROUNDING) * over
     assert found["low"] - allowed <= over <= found["high"] + allowed
-    assert found["follows"] or found["reactions"] <= law.curve.ticks
+    # With a latency all reactions are simulated, those between ticks as well.
+    assert found["follows"] or problem.latency_steps or found["reactions"] <= law.curve.ticks
 
 
 def test_a_known_path_serves_other_thresholds_and_stiffnesses() -> None:
@@ -129,7 +130,11 @@ def test_an_arm_that_passes_a_singularity_may_as_well_stop_there(name: str) -> N
         side = np.linalg.slogdet(robot.jacobian(along)[:, :, moving])[0]
         beyond = np.flatnonzero(side[1:] != side[0])
         if found["follows"] or not beyond.size:
-            assert found["at_crossing"] == pytest.approx(found["undetected"] * (not found["follows"]), abs=1e-12)
+            unnoticed = found["undetected"]
+            if curve.end == "singularity":
+                # An arm that stands at a singularity may as well get across.
+                unnoticed = exact_law(problem, curve).undetected_probability
+            assert found["at_crossing"] == pytest.approx(unnoticed * (not found["follows"]), abs=1e-9)
             continue
         passed += 1
         # Detections from that tick on, counted in the whole law.

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
@@ -157,30 +158,87 @@ def test_values_that_fall_from_both_sides_meet_in_a_corner() -> None:
     [("ur10e", [0, -80, -100, -90, 0, 0], 4), ("iiwa14", [10, 40, 20, 0, 30, 60, 0], 3)],
 )
 @pytest.mark.parametrize(("passes", "end"), [(True, 0.5), (False, -0.1)])
-def test_no_speed_is_safe_where_a_trajectory_passes_a_singularity(
+def test_a_trajectory_that_passes_a_singularity_goes_by_its_own_law_there(
     robot: str, pose_deg: list[float], joint: int, passes: bool, end: float, tmp_path: Path
 ) -> None:
     q = np.radians(np.tile(pose_deg, (2, 1)))
     q[:, joint] = [-0.7, end]
     q[:, 0] += [0, 0.1]
-    dof = q.shape[1]
-    rows = np.column_stack([[0.0, 2.0], q, np.zeros((2, dof))])
-    names = ["t", *(f"{kind}_{j + 1}" for kind in ("q", "qd") for j in range(dof))]
-    np.savetxt(tmp_path / "t.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
-    study = TrajectoryAtlas(
-        bs.Scenario.from_dict(
-            {
-                "robot": robot,
-                "motion": {"kind": "trajectory", "file": str(tmp_path / "t.csv")},
-                "contact": {"body": "hand_finger", "area_cm2": 2.0},
-                "detector": {"thresholds_Nm": [8.0] * dof, "noise_sd_Nm": [0.5] * dof},
-                "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 10.0},
-            }
-        )
-    )
-    found, _ = run(study)
+    study = joint_motion(robot, [0.0, 2.0], q, np.zeros_like(q), tmp_path / "t.csv")
+    found, summary = run(study)
     singular = np.flatnonzero(found["by"] == "singularity")
     angle = found[f"q_{joint + 1}"].to_numpy()
     last_before = int((angle < 0).sum()) - 1
     assert singular.tolist() == ([last_before, last_before + 1] if passes else [])
-    assert (found["limit_mm_s"].to_numpy()[singular] == 0).all()
+    assert summary["singular"] == singular.size
+    for row in found[singular.tolist()].iter_rows(named=True):
+        if row["limit_mm_s"] > 0:
+            assert row["risk"] <= study.scenario.verdict.risk
+
+
+def joint_motion(robot: str, t: Any, q: Any, qd: Any, path: Path, **changes: Any) -> TrajectoryAtlas:
+    """The atlas of a motion of an arm's joints against a finger."""
+    dof = q.shape[1]
+    rows = np.column_stack([t, q] if qd is None else [t, q, qd])
+    names = ["t", *(f"{kind}_{j + 1}" for kind in ("q", "qd")[: 1 if qd is None else 2] for j in range(dof))]
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    scenario = bs.Scenario.from_dict(
+        {
+            "robot": robot,
+            "motion": {"kind": "trajectory", "file": str(path)},
+            "contact": {"body": "hand_finger", "area_cm2": 2.0},
+            "detector": {"thresholds_Nm": [8.0] * dof, "noise_sd_Nm": [0.5] * dof},
+            "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 10.0},
+        }
+    )
+    return TrajectoryAtlas(scenario.with_values(changes))
+
+
+def test_an_arm_that_is_singular_all_the_way_has_limits_that_say_so(tmp_path: Path) -> None:
+    """A UR that turns about its base with a straight wrist: no straight line of the tool can be followed anywhere."""
+    t = np.linspace(0, 2, 21)
+    share = (1 - np.cos(np.pi * t / 2)) / 2
+    q = np.radians([0, -90, 60, 0, 0, 0]) + share[:, None] * np.radians([50, 0, 0, 0, 0, 0])
+    changes = {"detector.thresholds_Nm": [15.0] * 6, "contact.body": "lower_arm_wrist"}
+    study = joint_motion("ur10e", t, q, None, tmp_path / "t.csv", **changes)
+    rows = pl.concat([study.shard(number) for number in range(study.shards)])
+    assert set(rows["by"]) == {"singularity"}
+    assert (rows["limit_mm_s"] > 0).all()
+    scenario, moments = slowed(study, study.pace(rows), tmp_path)
+    assert 2 < moments[-1] < 10
+    # By the law of the slowed motion at single moments of it.
+    assert worst_risk(scenario, moments[40:-200:60]) <= scenario.verdict.risk
+
+
+@pytest.mark.parametrize(("ramp", "period", "with_rates"), [(0.02, 0.01, True), (0.02, 0.01, False), (0.1, 0.05, True)])
+def test_a_motion_that_begins_and_pauses_at_rest_is_slowed_by_no_more_than_its_limits(
+    ramp: float, period: float, with_rates: bool, tmp_path: Path
+) -> None:
+    """A standing arm has next to no speed to take a share of: its share once became a limit for all behind it."""
+    move, pause = 1.5, 1.0
+    t = np.arange(0, 2 * move + pause + period / 2, period)
+    rate = 1 / (move - ramp)
+
+    def along(s: Any) -> tuple[Any, Any]:
+        s = np.clip(s, 0, move)
+        up, down = 0.5 * rate / ramp * s**2, 1 - 0.5 * rate / ramp * (move - s) ** 2
+        way = np.where(s < ramp, up, np.where(s < move - ramp, rate * (s - ramp / 2), down))
+        return way, rate * np.clip(np.minimum(s, move - s) / ramp, 0, 1)
+
+    (there, out), (back, home) = along(t), along(t - move - pause)
+    turn = np.array([0.5, 0.1, 0, 0.2, 0, 0, 0])
+    q = begin() + (there - back)[:, None] * turn
+    study = few_rows(tmp_path / "t.csv", t, q, (out - home)[:, None] * turn if with_rates else None)
+    study = TrajectoryAtlas(study.scenario.with_values({"contact.body": "hand_finger"}))
+    rows = pl.concat([study.shard(number) for number in range(study.shards)])
+    pace = study.pace(rows)
+    slow = retime(study.trajectory, pace, study.problem.robot.velocity, study.problem.joint_acceleration)
+    # As long as at the lowest pace that its limits ask for where it moves, and what the ramps take at 4.5 rad/s2.
+    moves = rows["speed_mm_s"].to_numpy() > 5
+    slowest = float((rows["limit_mm_s"].to_numpy()[moves] / rows["speed_mm_s"].to_numpy()[moves]).min())
+    assert slow.time[-1] < 2 * move / (0.8 * min(1.0, slowest)) + pause + 1
+    # The pause itself is no longer than before, but for its ends.
+    still = (t > move + 0.1 * pause) & (t < move + 0.9 * pause)
+    first, last = np.searchsorted(study.trajectory.time, t[still][[0, -1]])
+    taken = slow.time[slow.waypoint][last] - slow.time[slow.waypoint][first]
+    assert taken == pytest.approx(np.ptp(t[still]), rel=0.25)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.cli.main import main
 from bumpstop.errors import InputError
-from bumpstop.study.requirement import HIGHER_IS_HARSHER, require, require_curve
+from bumpstop.study.requirement import HIGHER_IS_HARSHER, _Answer, require, require_curve
+from bumpstop.study.risk import Risk
+from bumpstop.study.risk_search import RiskSearch
 from bumpstop.study.variable import Range, Variable
 from collision.cases import control_group, ur10e
 
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples/02_lower_arm_downward.toml"
 # Two figures of the issue: half a percent, and twice as far the requirement is no longer met.
 AGREES, BEYOND = 0.005, 1.02
 
@@ -218,8 +223,12 @@ def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
     assert found.binding == "singularity"
     assert found.erratic
     # Beside the mildest value the arm gets across at some, and at others it does not.
-    tried = [over(case, found.variable, value) <= found.risk for value in np.linspace(0.98, 1.0, 60) * found.high]
-    assert 0 < sum(tried) < len(tried)
+    ends = {
+        bs.evaluate(Variable(found.variable).apply(case, value)).curve.end
+        for value in np.linspace(0.98, 1.0, 60) * found.high
+    }
+    assert "singularity" in ends
+    assert len(ends) > 1
     # What does not change the path does not change on which side of the singularity it ends.
     assert require(case, "contact.padding").binding != "singularity"
 
@@ -363,3 +372,53 @@ def test_values_close_below_a_crossing_are_met_where_the_risk_jumps(high: float)
     assert found.erratic
     for step in np.linspace(0, 0.03, 7):
         assert over(case, "contact.padding", found.value * math.exp(-step)) <= found.risk
+
+
+class Step:
+    """A risk that passes what is accepted at one value, and none beside it."""
+
+    def __init__(self, search: RiskSearch, last: float) -> None:
+        self.evaluations, self._last, self._upward = 0, last, search.upward
+        self.problem, self.force_limit, self.unnoticed = search.risks.problem, 1.0, 0.0
+
+    def at(self, value: float, *, closely: bool = False) -> Risk:
+        met = value <= self._last if self._upward else value >= self._last
+        return Risk(1e-9 if met else 0.5, 0.0, 0.0, "force", met)
+
+
+def stepped(vary: str, last: float, ends: tuple[float, float]) -> tuple[RiskSearch, Any]:
+    """A search whose values are met up to ``last`` in the harsher direction, and its answer."""
+    variable, upward = Variable(vary), HIGHER_IS_HARSHER[vary]
+    search = RiskSearch(scenario(), variable, ends, 1e-3, upward=upward)
+    search.risks = Step(search, last)  # type: ignore[assignment]
+    return search, _Answer(search, ends).requirement()
+
+
+@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("vary", ["motion.speed", "reaction.joint_acceleration_rad_s2"])
+def test_four_digits_are_kept_on_the_safe_side(vary: str, seed: int) -> None:
+    last = float(10 ** np.random.default_rng(seed).uniform(0.5, 2.5))
+    search, found = stepped(vary, last, (1.0, 1000.0))
+    assert found.value is not None
+    assert found.value == float(f"{found.value:.4g}")
+    assert found.value <= last if search.upward else found.value >= last
+    assert abs(found.value / last - 1) < 1.2e-3
+    assert found.reason.startswith("Above " if search.upward else "Below ")
+    assert f" {found.value:g} " in found.reason
+
+
+@pytest.mark.parametrize("last", [0.004, 0.0041, 0.0045, 0.0049, 0.004999])
+def test_whole_steps_are_taken_on_the_safe_side(last: float) -> None:
+    """The nearest step to 4.9 ms is one that fails."""
+    assert stepped("detector.feedback_period_s", last, (0.001, 0.05))[1].value == 0.004
+    assert stepped("detector.feedback_period_s", 0.05, (0.001, 0.05))[1].binding == "range"
+
+
+def test_the_terminal_says_at_most_or_at_least(capsys: pytest.CaptureFixture[str]) -> None:
+    for vary, words in (("motion.speed", "at most"), ("reaction.joint_acceleration_rad_s2", "at least")):
+        with pytest.raises(SystemExit):
+            main(["require", str(EXAMPLE), "--vary", vary])
+        printed = capsys.readouterr().out
+        assert f"{vary}: {words} " in printed
+        assert ("Above " in printed) == (words == "at most")
+        assert ("Below " in printed) == (words == "at least")

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import os
+import subprocess
+import time
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +17,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.study import Study, run
+from bumpstop.study.study import code_digest
+from bumpstop.text_files import shell_command
 from collision.cases import control_group
 
 
@@ -100,13 +105,24 @@ class Grouped(Squares):
 def test_shards_worked_out_together_are_kept_one_by_one(tmp_path: Path, threads: int) -> None:
     study, alone = Grouped(control_group(), seed=3), Squares(control_group(), seed=3, count=24)
     done: list[int] = []
+
+    def progress(at: int, total: int) -> None:
+        # Groups end in any order, and the later ones are smaller: which sums come along is for the threads to say.
+        done.append(at)
+        if at >= 6:
+            raise BrokenError
+
     with pytest.raises(BrokenError):
-        run(study, tmp_path, threads=threads, progress=lambda at, _: (done.append(at), breaking(6)(at, 24)))
-    assert done == [0, 3, 6]
-    next((tmp_path / "shards").glob("*.arrow")).unlink()
+        run(study, tmp_path, threads=threads, progress=progress)
+    assert done[0] == 0
+    assert all(1 <= more <= 3 for more in np.diff(done))
+    assert threads > 1 or done == [0, 3, 6]
+    kept = list((tmp_path / "shards").glob("*.arrow"))
+    assert len(kept) >= done[-1]
+    kept[0].unlink()
     again: list[int] = []
     rows, _ = run(study, tmp_path, threads=threads, progress=lambda at, _: again.append(at))
-    assert again[0] >= 5
+    assert again[0] == len(kept) - 1
     assert again[-1] == 24
     assert rows.equals(run(alone)[0])
 
@@ -158,6 +174,21 @@ def test_settings_are_a_scenario_and_say_what_made_the_rows(tmp_path: Path) -> N
     assert (made_by["study"], made_by["seed"], made_by["command"]) == ("squares", 9, "bumpstop study squares")
     assert made_by["factors"] == [1.0, 2.0]
     assert {"bumpstop", "numpy", "python", "instruction_set"} <= set(made_by)
+
+
+@pytest.mark.parametrize("word", ["two\nlines", 'a = "b"', "\x1b[31m", "\udcff", "it's", "plain word", "\x00"])
+def test_settings_hold_whatever_stands_in_the_command(word: str, tmp_path: Path) -> None:
+    command = shell_command(["bumpstop", "study", word])
+    run(Squares(control_group()), tmp_path, command=command)
+    text = (tmp_path / "settings.toml").read_bytes().decode("utf-8")
+    assert bs.load_scenario(tmp_path / "settings.toml").to_dict() == control_group().to_dict()
+    assert text.splitlines()[0] == f"# A scenario. Made by: {command}"
+    assert tomllib.loads(text)["made_by"]["command"] == command
+    if "\x00" not in word:
+        said = subprocess.run(["bash", "-c", f"printf %s {command.split(' ', 2)[2]}"], capture_output=True, check=True)
+        assert said.stdout == os.fsencode(word)
+    # The same study goes on there.
+    run(Squares(control_group()), tmp_path, command=command)
 
 
 def test_a_file_that_a_scenario_names_belongs_to_the_study(tmp_path: Path) -> None:
@@ -255,3 +286,79 @@ def test_files_that_are_no_shards_are_left_alone(tmp_path: Path) -> None:
     for name in ("2.arrow", "\u00b2.arrow", "000099.arrow"):
         (shards / name).write_bytes((shards / "000000.arrow").read_bytes())
     assert run(study, tmp_path)[0].equals(run(study)[0])
+
+
+@dataclass(frozen=True)
+class Unordered(Grouped):
+    """Its first groups end last, as on a busy machine."""
+
+    def several(self, numbers: Any) -> list[pl.DataFrame]:
+        time.sleep(0.05 if 0 in numbers else 0.0)
+        return super().several(numbers)
+
+
+def test_groups_that_end_in_another_order_make_the_same_rows(tmp_path: Path) -> None:
+    study = Unordered(control_group(), seed=3)
+    seen: list[int] = []
+    rows, _ = run(study, tmp_path, threads=3, progress=lambda at, _: seen.append(at))
+    assert rows.equals(run(Squares(control_group(), seed=3, count=24))[0])
+    assert seen == sorted(seen)
+    assert seen[-1] == 24
+
+
+@pytest.mark.parametrize("name", ["settings.toml", "shards/000002.arrow", "rows.parquet", "summary.json"])
+def test_a_file_whose_writing_breaks_off_is_not_there(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A crash in the middle of a write leaves no half file under the name that is looked for."""
+    whole = tmp_path / "whole"
+    rows, _ = run(Squares(control_group()), whole)
+    folder, wanted = tmp_path / "cut", Path(name).name
+    write_bytes, write_parquet = Path.write_bytes, pl.DataFrame.write_parquet
+
+    def cut(self: Path, data: bytes) -> int:
+        broken = wanted in self.name
+        write_bytes(self, data[: len(data) // 2] if broken else data)
+        if broken:
+            raise BrokenError
+        return len(data)
+
+    def cut_parquet(self: pl.DataFrame, file: Any, **settings: Any) -> None:
+        if wanted not in Path(file).name:
+            return write_parquet(self, file, **settings)
+        write_bytes(Path(file), b"half")
+        raise BrokenError
+
+    monkeypatch.setattr(Path, "write_bytes", cut)
+    monkeypatch.setattr(pl.DataFrame, "write_parquet", cut_parquet)
+    with pytest.raises(BrokenError):
+        run(Squares(control_group()), folder)
+    assert not (folder / name).exists()
+    monkeypatch.setattr(Path, "write_bytes", write_bytes)
+    monkeypatch.setattr(pl.DataFrame, "write_parquet", write_parquet)
+    assert run(Squares(control_group()), folder)[0].equals(rows)
+
+
+def test_a_line_of_code_is_a_part_of_the_fingerprint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows of two builds are not mixed, whichever file of the package differs."""
+    package = tmp_path / "bumpstop"
+    for name in ("study/study.py", "collision/law.py", "collision/data/table.toml", "errors.py", "kernel.so"):
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text("x = 1\n")
+    monkeypatch.setattr("bumpstop.study.study.__file__", str(package / "study/study.py"))
+    monkeypatch.setattr("bumpstop.kernels.core.__file__", str(package / "kernel.so"))
+
+    def fingerprint() -> str:
+        code_digest.cache_clear()
+        return Squares(control_group()).fingerprint()
+
+    try:
+        first = fingerprint()
+        assert fingerprint() == first
+        seen = {first}
+        for file in sorted(package.rglob("*.*")):
+            file.write_text("x = 2\n")
+            seen.add(fingerprint())
+        assert len(seen) == 6
+    finally:
+        code_digest.cache_clear()

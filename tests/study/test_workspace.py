@@ -13,6 +13,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.detection import blind_force_along
 from bumpstop.kernels import core
+from bumpstop.report.study_workspace import pages_of
 from bumpstop.study import foretold as foretelling
 from bumpstop.study import run
 from bumpstop.study import workspace as workspace_module
@@ -165,7 +166,8 @@ def test_shares_are_those_of_the_rows(study: WorkspaceStudy, rows: pl.DataFrame)
     summary = study.summary(rows)
     assert summary["p_over_force"]["mean"] == pytest.approx(rows["p_over_force"].mean())
     assert summary["distribution"]["edges_N"][-1] == 300
-    assert sum(summary["distribution"]["collisions"]) == pytest.approx(summary["laws"])
+    touches = summary["laws"] * (1 - summary["no_contact"]["mean"])
+    assert sum(summary["distribution"]["collisions"]) == pytest.approx(touches)
     tails = np.array(rows["p_over_edges"].to_list())
     assert (np.diff(tails, axis=1) <= 1e-12).all()
 
@@ -310,3 +312,25 @@ def test_a_study_that_makes_no_sense_is_refused_by_name(scenario: bs.Scenario, o
     with pytest.raises(bs.InputError) as refused:
         WorkspaceStudy(scenario, **options)
     assert refused.value.field == field
+
+
+def test_motions_that_never_touch_are_counted_apart() -> None:
+    """A body half a metre away, and poses beside joint limits: some motions end long before it."""
+    study = WorkspaceStudy(
+        control_group(contact__offset_law="fixed", contact__offset_mm=200.0, motion__velocity_mm_s=[0, 0, -200]),
+        poses=40,
+    )
+    rows, summary = run(study)
+    known = rows.filter(rows["end"] != "singular_start")
+    never = known.filter(known["no_contact"] > 0.999999)
+    assert 0 < never.height < known.height
+    assert summary["never_touch"] == never.height
+    touching = known.filter(known["no_contact"] <= 0.999999)
+    assert summary["p_over_force_of_touching"]["mean"] == pytest.approx(touching["p_over_force"].mean())
+    assert summary["p_over_force_of_touching"]["mean"] > summary["p_over_force"]["mean"]
+    # None of them is a soft collision of the histogram.
+    assert sum(summary["distribution"]["poses_by_median"]) == (known["no_contact"] <= 0.5).sum()
+    _, parts, _ = pages_of(study, rows, summary)
+    assert parts[0].pictures()
+    words = "".join(str(html) for part in parts for html in part.content())
+    assert "never touch" in words

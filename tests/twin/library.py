@@ -55,6 +55,8 @@ class Problem(ctypes.Structure):
         ("damping", Real),
         ("max_speed", _RealPerJoint),
         ("max_acceleration", _RealPerJoint),
+        ("min_position", _RealPerJoint),
+        ("max_position", _RealPerJoint),
         ("contact_at_tip", Int),
         ("contact_link", Int),
         ("contact_point", Real * 3),

@@ -41,6 +41,8 @@ struct Problem {
     double damping;                // lambda of the damped pseudo-inverse; 0 is exact
     double max_speed[kMaxJoints];  // infinity: no limit
     double max_acceleration[kMaxJoints];
+    double min_position[kMaxJoints];  // a line that would leave this range is given up: the arm brakes
+    double max_position[kMaxJoints];
 
     // The contact.
     std::int32_t contact_at_tip;  // 1: contact_link and contact_point are the tip

@@ -47,6 +47,8 @@ class TwinSettings:
     singular_tolerance: float = 1e-7  # singular values below this share of the largest are dropped
     damping: float = 0.0  # lambda of the damped pseudo-inverse (then nothing is dropped); 0 is exact
     max_speed: float | Sequence[float] = math.inf
+    min_position: float | Sequence[float] = -math.inf  # a line that would leave this range is given up: the arm brakes
+    max_position: float | Sequence[float] = math.inf
 
     # Contact
     stiffness_N_m: float = 75_000.0

@@ -12,7 +12,7 @@ from twin.cases import sia5d
 
 # Straight down, 10 000 runs a row of another transcription of the source's simulator. Speed (mm/s); peak
 # force (N): mean, sd, median, 95 %, 99 %; mean force at detection (N); shares of runs over the three limits.
-HAND = (75_000.0, (135.0, 60.0, 120.0))  # N/m; N: force limit, pressure limit on 1 cm2, on 2 cm2
+HAND = (75_000.0, (135.0, 60.0, 120.0))  # N/m; N: force limit, pressure limit on 1 cm², on 2 cm²
 LOWER_ARM = (40_000.0, (160.0, 50.0, 100.0))
 REFERENCE_ROWS = [
     (HAND, 10, 25.28, 3.48, 25.48, 30.71, 32.53, 23.30, (0.0000, 0.0000, 0.0000)),

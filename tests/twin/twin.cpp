@@ -73,6 +73,13 @@ Status prepare(const Problem& problem, Start& start) {
     return kOk;
 }
 
+bool outside(const Problem& problem, const State& state) {
+    for (int j = 0; j < problem.joint_count; ++j) {
+        if (state.position[j] < problem.min_position[j] || state.position[j] > problem.max_position[j]) return true;
+    }
+    return false;
+}
+
 std::int64_t steps_without_detection(const Problem& problem) { return std::llround(problem.duration / problem.step); }
 
 // `noise_at(tick, out)` fills in the noise of every joint at a tick and says whether there is any; it is
@@ -106,6 +113,7 @@ std::int64_t simulate_run(const Problem& problem, const Start& start, const doub
     double depth_before = touch(start.point).depth;
     if (depth_before > 0) run.contact_start_time = 0;
 
+    bool given_up = false;  // the line, at the limit of a joint
     std::int64_t detection_step = -1;
     std::int64_t last_step = steps_without_detection(problem) - 1;
     std::int64_t last_release_step = last_step;
@@ -120,9 +128,16 @@ std::int64_t simulate_run(const Problem& problem, const Start& start, const doub
 
         // Move. The step in which a collision is noticed is over by then, so the reaction can begin in the
         // next.
-        const bool reacting = run.detected && i > detection_step + problem.latency_steps;
+        const bool reacting = run.detected && i > detection_step + problem.latency_steps && !given_up;
+        const State before = state;
         for (int sub = 0; sub < problem.substeps; ++sub) {
-            controller_substep(problem, reacting ? after_reaction : motion, h, state);
+            controller_substep(problem, given_up ? Vec3{0, 0, 0} : reacting ? after_reaction : motion, h, state);
+        }
+        if (!reacting && !given_up && outside(problem, state)) {
+            // This step is not made. The arm brakes instead, and a reaction that has not begun never will.
+            given_up = true;
+            state = before;
+            for (int sub = 0; sub < problem.substeps; ++sub) controller_substep(problem, {0, 0, 0}, h, state);
         }
         const double time = (i + 1) * problem.step;
 

@@ -213,6 +213,8 @@ def _problem(settings: TwinSettings) -> Problem:
     p.damping = s.damping
     p.max_speed[:joints] = _per_joint("max_speed", s.max_speed, joints)
     p.max_acceleration[:joints] = _per_joint("max_acceleration", s.max_acceleration, joints)
+    p.min_position[:joints] = _per_joint("min_position", s.min_position, joints)
+    p.max_position[:joints] = _per_joint("max_position", s.max_position, joints)
     if min(p.max_speed[:joints]) <= 0 or min(p.max_acceleration[:joints]) <= 0:
         raise ValueError("max_speed and max_acceleration should be positive")
 

@@ -26,6 +26,7 @@ NEEDS = {
     "chapter6": ["dissertation"],
     "workspace": ["dissertation"],
     "plant": ["dissertation"],
+    "rich_gears": ["dissertation"],
 }
 
 

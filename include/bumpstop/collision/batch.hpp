@@ -3,7 +3,6 @@
 #pragma once
 
 #include <atomic>
-#include <thread>
 
 #include "bumpstop/collision/batch_law.hpp"
 #include "bumpstop/collision/exact_law.hpp"
@@ -16,8 +15,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 struct BatchResult {
     double* mean;        ///< peak force [N]
     double* sd;          ///< [N]
-    double* quantile;    ///< [pose][probability]; infinite in the undetected share
-    double* exceedance;  ///< [pose][limit]: P(peak force > limit), undetected counts as over
+    double* quantile;    ///< [pose][probability]; infinite in the share that is never detected and has no bound
+    double* exceedance;  ///< [pose][limit]: P(peak force > limit); that share counts as over
     double* trigger;     ///< [pose][dof], given detection
     double* false_alarm;
     double* undetected;
@@ -129,8 +128,8 @@ inline void write_nothing(const BatchProblem& problem, std::size_t pose, const B
     std::fill_n(out.trigger + pose * dof, dof, nan);
 }
 
-/// A law of either kind: `upper_quantile(p)` is the force passed with a probability of p, `exceedance(force)` leaves out
-/// what is never detected. `detected` is the probability of a detection, summed and not what the others leave of one: of
+/// A law of either kind: `upper_quantile(p)` is the force passed with a probability of p, `exceedance(force)` counts what
+/// is never detected and has no bound. `detected` is the probability of a detection, summed and not what the others leave of one: of
 /// that little, rounding would be a large share.
 template <class Law, class Quantile, class Exceedance>
 void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const Law& law, double detected,
@@ -140,8 +139,7 @@ void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const
     out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : m.mean;
     out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : m.sd;
     // A law remembers the forces it was asked for, which helps to find the quantiles.
-    for (int i = 0; i < problem.limits; ++i)
-        out.exceedance[pose * problem.limits + i] = exceedance(problem.limit[i]) + law.undetected;
+    for (int i = 0; i < problem.limits; ++i) out.exceedance[pose * problem.limits + i] = exceedance(problem.limit[i]);
     for (int i = 0; i < problem.probabilities; ++i)
         out.quantile[pose * problem.probabilities + i] = upper_quantile(1 - problem.probability[i]);
     const double given = detected > 0 ? detected : std::numeric_limits<double>::quiet_NaN();
@@ -153,7 +151,7 @@ void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const
 
 /// The paths of `count` poses into worker.path.
 template <class L>
-void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, bool quick, const int* poses, int count) {
+void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int* poses, int count) {
     constexpr int lanes = Scalar<L>::lanes;
     const Timing& timing = *problem.timing;
     std::vector<LineJob> jobs;
@@ -167,11 +165,24 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
                         OffsetLaw{problem.offset_kind, size}.largest()});
     }
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
-    if (quick) {
-        // Reactions begin where it says, and near singularities they enlarge what instruction sets round otherwise.
+    if (!problem.detector->remembers()) {
+        // Reactions begin where it says. Their loose leaps enlarge what instruction sets round otherwise, and what lanes that
+        // leap together do to each other.
         LaneTracer<Unfused<L>>(*problem.chain, *problem.motion, *problem.contact, timing, *problem.detector,
                                problem.stiffness)
             .trace(jobs.data(), worker.path.data(), count);
+        // Near a singularity what a leap leaves out decides where the arm goes, and whether it meets the singularity: there a
+        // batch traces as a single law does. Each line by itself, with the same roundings on every instruction set.
+        using One = Unfused<Lanes<2>>;
+        for (int i = 0; i < count; ++i) {
+            LinePath& path = worker.path[std::size_t(i)];
+            if (!path.met_singularity || path.singular_start) continue;
+            const LineLanes<One> start(&jobs[std::size_t(i)], 1, problem.chain->dof);
+            CertainDetection<One> finished(*problem.detector, timing, problem.motion->step, problem.stiffness,
+                                           start.largest_offset);
+            LineTracer<One, CertainDetection<One>>(*problem.chain, *problem.motion, *problem.contact, timing, finished)
+                .trace(start.q, start.velocity, &path, 1);
+        }
         return;
     }
     for (int first = 0; first < count; first += lanes) {
@@ -218,15 +229,16 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
             law.stop(curve[i].farthest);
             write_law(
                 problem, pose, done.end, law, law.detected(), law.peak_force(),
-                [&](double p) { return law.upper_quantile(p); }, [&](double force) { return law.tail(force); }, out);
+                [&](double p) { return law.upper_quantile(p); }, [&](double force) { return law.exceedance(force); },
+                out);
         } else {
             const LawSettings settings{problem.stiffness, offset[i], 1, false};
             const ExactLaw law =
                 ExactLawBuilder<L>(curve[i], *problem.timing, *problem.motion, *problem.detector, settings).build();
             write_law(
                 problem, pose, done.end, law, law.detected, peak_force_moments<L>(law),
-                [&](double p) { return upper_quantile<L>(law.pieces, law.peak_force, p, law.undetected); },
-                [&](double force) { return tail<L>(law.pieces, law.peak_force, force).probability; }, out);
+                [&](double p) { return upper_quantile<L>(law.pieces, law.peak_force, p, law.unbounded()); },
+                [&](double force) { return peak_force_over<L>(law, force); }, out);
         }
     }
 }
@@ -248,21 +260,17 @@ void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult&
     const int share = problem.poses / (8 * threads * lanes);
     const int round = lanes * std::clamp(share, 1, detail::longest_round);
     std::atomic<int> next{0};
-    auto work = [&] {
+    work_in_threads(threads, [&] {
         detail::BatchWorker<L> worker(problem, alarms, quiet);
         for (int begin = round * next++; begin < problem.poses; begin = round * next++) {
             const int end = std::min(begin + round, problem.poses);
-            detail::trace_poses(problem, worker, quick, &order[std::size_t(begin)], end - begin);
+            detail::trace_poses(problem, worker, &order[std::size_t(begin)], end - begin);
             for (int first = begin; first < end; first += detail::longest_group)
                 detail::batch_group<L>(problem, worker, quick, &order[std::size_t(first)],
                                        &worker.path[std::size_t(first - begin)],
                                        std::min(detail::longest_group, end - first), out);
         }
-    };
-    std::vector<std::thread> crew;
-    for (int i = 1; i < threads; ++i) crew.emplace_back(work);
-    work();
-    for (std::thread& worker : crew) worker.join();
+    });
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

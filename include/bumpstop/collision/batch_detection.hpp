@@ -248,6 +248,7 @@ class BatchDetection : public BatchPanels {
     void find(int p) {
         Panel& panel = panels_[std::size_t(p)];
         if (panel.known) return;
+        allow_interruption();
         panel.known = true;
         outcome_of_[std::size_t(p)] = outcome_.size();
         const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);

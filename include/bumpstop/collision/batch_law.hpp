@@ -40,12 +40,12 @@ class BatchLaw : public BatchDetection<T> {
     /// Mean and standard deviation of the peak force, counting the force at the end where nothing was detected.
     Moments peak_force() const { return moments_; }
 
-    /// P(peak force > force) of detected collisions.
-    double tail(double force) { return ask(force).probability - undetected; }
+    /// P(peak force > force), collisions never detected and without a bound included.
+    double exceedance(double force) { return ask(force).probability; }
 
-    /// The smallest force with P(peak force > force) + undetected <= allowed; infinite where there is none.
+    /// The smallest force with P(peak force > force) <= allowed; infinite where there is none.
     double upper_quantile(double allowed) {
-        if (undetected > allowed) return std::numeric_limits<double>::infinity();
+        if (unbounded() > allowed) return std::numeric_limits<double>::infinity();
         // Every quantile is bracketed from below by the tail at no force.
         if (known_.knows_none()) ask(0.0);
         if (known_.at_none() <= allowed) return 0;
@@ -102,7 +102,7 @@ class BatchLaw : public BatchDetection<T> {
         double chances;            ///< of all of them
         double most;               ///< the greatest of their depths
     };
-    /// A detection before contact whose stopping path still arrives. Those of a panel follow one another, the farthest first.
+    /// A detection before contact whose stopping path still arrives, or none at all and an arm that brakes. Those of a panel follow one another, the farthest first.
     struct EarlyAlarm {
         double farthest, chance;
         double before;  ///< chances of those of its panel that come before it
@@ -115,9 +115,12 @@ class BatchLaw : public BatchDetection<T> {
         double factor, place, inverse_half;
     };
 
+    /// Probability of collisions never detected whose force has no bound.
+    double unbounded() const { return path_->rests() ? 0 : undetected; }
+
     KnownTails::At ask(double force) {
         const TailAt at = tail_at(force);
-        return known_.add(force, at.probability + undetected, at.density);
+        return known_.add(force, at.probability + unbounded(), at.density);
     }
 
     TailAt tail_at(double force) {
@@ -132,6 +135,18 @@ class BatchLaw : public BatchDetection<T> {
                 passing = add_sorted(panel, depth, passing, sum);
             } else {
                 add_any(panel, depth, sum);
+            }
+        }
+        // Those never detected of an arm that comes to rest: their series stand where those panels do.
+        for (std::size_t p = 0; p < end_series_.size() / order; ++p) {
+            const Panel& panel = panels_[p];
+            const double* series = &end_series_[p * order];
+            if (end_ - depth >= panel.high) {
+                sum.probability += 2 * series[0];
+            } else if (end_ - depth > panel.low) {
+                const double inverse_half = 2 / (panel.high - panel.low);
+                cuts_.push_back(
+                    {series, 1.0, (end_ - depth - 0.5 * (panel.low + panel.high)) * inverse_half, inverse_half});
             }
         }
         // What begins to stop before contact does not press hard.
@@ -231,17 +246,22 @@ class BatchLaw : public BatchDetection<T> {
         double touching = 0;
         early_.clear();
         early_panels_.clear();
-        if (quiet_.alarm_before(ticks) > 0) {
+        // At the end of its line the arm may brake into a body that it did not reach before: one that nothing alarmed of.
+        const double braking = path_->farthest_braking();
+        if (quiet_.alarm_before(ticks) > 0 || path_->brakes()) {
             // By tick: the farthest any stopping path gets that begins there or earlier.
             farthest_yet_.assign(farthest_.begin(), farthest_.begin() + ticks);
             for (int k = 1; k < ticks; ++k)
                 farthest_yet_[std::size_t(k)] =
                     std::max(farthest_yet_[std::size_t(k)], farthest_yet_[std::size_t(k) - 1]);
             const std::size_t reached = panels_.size();
-            this->add_end_panels(edge_.back(), farthest_yet_.back(), ticks + 1);
+            const double alarmed = ticks > 0 ? farthest_yet_.back() : 0;
+            this->add_end_panels(edge_.back(), std::max(alarmed, braking), ticks + 1);
             for (const Panel& panel : panels_) {
                 EarlyPanel made;
                 made.first = early_.size();
+                if (panel.tick > ticks && braking > panel.low)
+                    early_.push_back({braking, quiet_.silence_before(ticks), 0});
                 for (int k = std::min(panel.tick, ticks) - 1; k >= 0; --k) {
                     if (!(farthest_yet_[std::size_t(k)] > panel.low)) break;
                     const double farthest = farthest_[std::size_t(k)];
@@ -262,7 +282,7 @@ class BatchLaw : public BatchDetection<T> {
             }
             panels_.resize(reached);
         }
-        harmless_ = std::max(0.0, alarm_before_ - touching) + no_contact;
+        harmless_ = std::max(0.0, alarm_before_ + no_contact - touching);
     }
 
     /// The alarms from `first` on are a panel's. Returns the sum of their chances.
@@ -278,9 +298,24 @@ class BatchLaw : public BatchDetection<T> {
         return chances;
     }
 
+    /// What is never detected, panel by panel.
+    void find_end() {
+        end_series_.clear();
+        end_ = path_->greatest(this->end_step());
+        if (!(undetected > 0)) return;
+        end_series_.resize(panels_.size() * order);
+        for (std::size_t p = 0; p < panels_.size(); ++p) {
+            T row[registers];
+            for (int r = 0; r < registers; ++r) row[r] = load<T>(&survived_[p * order + std::size_t(r) * lanes]);
+            this->find_series(row, &end_series_[p * order]);
+            if (path_->rests()) most_depth_ = std::max(most_depth_, end_ - panels_[p].low);
+        }
+    }
+
     void find_moments() {
         double mass = 0, sum = 0;
         most_depth_ = 0;
+        find_end();
         auto each = [&](const Panel& panel, auto use) {
             for (int slot = 0; slot < panel.slots; ++slot) {
                 const double here = mass_[panel.mass_at + std::size_t(slot)];
@@ -316,18 +351,12 @@ class BatchLaw : public BatchDetection<T> {
                 moments.add(panel.series, early_[i].chance, early_[i].farthest);
             moments.end();
         }
-        if (undetected > 0) {
-            const double end = path_->ticks > 0 ? path_->s[this->end_step()] : 0;
-            for (std::size_t p = 0; p < panels_.size(); ++p) {
-                T row[registers];
-                double series[order];
-                for (int r = 0; r < registers; ++r) row[r] = load<T>(&survived_[p * order + std::size_t(r) * lanes]);
-                this->find_series(row, series);
-                moments.begin(panels_[p].low, panels_[p].high);
-                moments.add(series, 1.0, end);
-                moments.end();
-            }
+        for (std::size_t p = 0; p < end_series_.size() / order; ++p) {
+            moments.begin(panels_[p].low, panels_[p].high);
+            moments.add(&end_series_[p * order], 1.0, end_);
+            moments.end();
         }
+        if (!path_->rests()) end_series_.clear();  // no tail counts what has no bound
         moments.add_nothing(harmless_);
         const double offset = moments.first() / total;
         moments_ = {about + offset, std::sqrt(std::max(0.0, moments.second() / total - offset * offset))};
@@ -340,7 +369,9 @@ class BatchLaw : public BatchDetection<T> {
     std::vector<Cut> cuts_;
     KnownTails known_;
     double harmless_ = 0;
-    double most_depth_ = 0;  ///< how deep any collision is pressed [m]
+    double most_depth_ = 0;           ///< how deep any collision is pressed [m]
+    double end_ = 0;                  ///< the farthest that the undisturbed motion gets [m]
+    std::vector<double> end_series_;  ///< of panels: of collisions never detected, for as long as they are needed
     Moments moments_{};
 };
 

@@ -42,7 +42,7 @@ class BatchPanels {
         return place_panels();
     }
 
-    std::size_t end_step() const { return std::min(path_->s.size() - 1, std::size_t(timing_.steps)); }
+    std::size_t end_step() const { return path_->end_step(timing_); }
     double s_tick(int k) const { return path_->at_tick(k, timing_.period); }
     /// By watched joint, readable up to max_joints.
     const double* torque_per_N(int k) const { return &torque_per_N_[std::size_t(k) * max_joints]; }

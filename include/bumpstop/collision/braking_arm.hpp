@@ -20,6 +20,9 @@ inline constexpr double braking_leap_tolerance = 1e-11;
 inline constexpr double loose_braking_leap_tolerance = 1e-4;
 inline constexpr double loosest_braking_leap_tolerance = 1e-3;
 
+/// Of reactions that met a singularity, which would enlarge the error of a looser leap.
+inline constexpr double singular_leap_tolerance = 1e-8;
+
 /// Values that leaps go by, and that those judged loosely do: of these, one more costs more than it spares leaps.
 inline constexpr int braking_order = 7, loose_braking_order = 6;
 
@@ -173,7 +176,8 @@ class BrakingArm {
         const MaskOf<T> goes = count > T(0.0), leaps = count > T(1.0), single = !leaps,
                         limited = wanted.velocity_limited;
         // Where one regime ends and another begins is found by single sub-steps.
-        const MaskOf<T> changes = follows ? differ(reaches, reaches_) | differ(limited, limited_) : reaches;
+        const MaskOf<T> met = differ(reaches, reaches_), capped = differ(limited, limited_);
+        const MaskOf<T> changes = follows ? met | capped : reaches;
         const MaskOf<T> good = single | ((error <= T(1.0)) & !changes);
         const MaskOf<T> stood = (goes | !begun) & good & !refused(leaps & good, count), moved = stood & goes,
                         first = stood & !goes;
@@ -218,10 +222,18 @@ class BrakingArm {
             next = select(roughness * history_.error_growth(longer, known) <= T(wished_error), longer, next);
         }
         const T kink = count * share_before_kink(load, wanted.velocity_load);
-        // A leap undone may have failed for another reason than the kink foretold, so it is halved at least.
-        next = select(stood, minimum(next, kink - count), select(kink < count, minimum(kink, 0.5 * count), next));
+        // A leap undone may have failed for another reason than the kink foretold, so it is halved at least. It is where a
+        // kink lies on its very end, too, or beyond, as roundings may have it: what is undone must be shorter next time, down
+        // to a single sub-step, which always stands.
+        const T shorter = select(changes, 0.5 * count, count - 1.0);
+        next = select(stood, minimum(next, kink - count),
+                      minimum(select(kink < count, minimum(kink, 0.5 * count), next), shorter));
         for (int f = 0; f < n; ++f) load_[f] = select(stood, load[f], load_[f]);
         velocity_load_ = select(stood, wanted.velocity_load, velocity_load_);
+        // A point that goes round with the joints may pass a top and a bottom inside one leap, which its ends do not tell.
+        T turning = 0.0;
+        for (int f = 0; f < n; ++f) turning += absolute(state.qd[motion_.free_joint[f]]);
+        next = minimum(next, (longest_turn / motion_.substep()) / maximum(turning, T(1e-200)));
         const T longer = select(known_ < T(3.0), T(1.0), maximum(whole_part(next), T(1.0)));
         wish_ = select(goes, longer, wish_);
         return select(moved, count, T(0.0));
@@ -315,6 +327,8 @@ class BrakingArm {
     /// Near enough to a singularity for an arm that traces to ask at every step whether it is met. Farther off no leap gets
     /// past it: the rates asked for would have grown by more than a leap may extrapolate.
     static constexpr double tracing_poor_sine = 1e-3;
+    /// Sum of what the joints turn, or go, in a leap at most [rad or m].
+    static constexpr double longest_turn = 0.5;
     static constexpr double kink_jump = 10;  ///< of the error of a single sub-step
 
     const Chain& chain_;

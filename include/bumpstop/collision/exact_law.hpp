@@ -13,10 +13,12 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct ExactLaw {
     LawPieces pieces;
-    LawQuantity peak_force, force_at_detection, detection_delay;  ///< of detected collisions [N, N, s]
-    LawQuantity end_force;                                        ///< of collisions never detected, at the end [N]
-    double detected = 0;                                          ///< before contact or after, of clamped contact
-    double false_alarm = 0;                                       ///< detection before contact
+    LawQuantity peak_force;  ///< of detected collisions, and where the arm comes to rest of the others, too [N]
+    LawQuantity force_at_detection, detection_delay;  ///< of detected collisions [N, s]
+    LawQuantity end_force;                            ///< of collisions never detected, greatest by the end [N]
+    bool rests = false;               ///< the arm comes to rest where its path ends, so that `end_force` has a bound
+    double detected = 0;              ///< before contact or after, of clamped contact
+    double false_alarm = 0;           ///< detection before contact
     double harmless = 0;              ///< of those, and of motions that end before contact: no force at all
     double undetected = 0;            ///< contact, and no detection by the end of the motion
     double no_contact = 0;            ///< the motion ends before contact, no alarm
@@ -25,12 +27,22 @@ struct ExactLaw {
     FreeNodes free;                   ///< of free contact, instead of the forces above
     FreeAlarms free_alarms;           ///< of free contact: detections before it
     bool interpolated = false;        ///< detection probabilities come from a few panels
+
+    /// Probability of collisions never detected whose force has no bound: they count as over every limit.
+    double unbounded() const { return rests ? 0 : undetected; }
 };
 
-/// Mean and standard deviation of the peak force, counting the force at the end where nothing was detected.
+/// P(peak force > force), collisions never detected and without a bound included.
+template <class T>
+double peak_force_over(const ExactLaw& law, double force) {
+    return tail<T>(law.pieces, law.peak_force, force).probability + law.unbounded();
+}
+
+/// Mean and standard deviation of the peak force, counting the force by the end where nothing was detected.
 template <class T>
 Moments peak_force_moments(const ExactLaw& law) {
     const Moments detected = moments<T>(law.pieces, law.peak_force, law.harmless);
+    if (law.rests) return detected;  // the others are among them
     const double weight = law.end_force.total / (law.end_force.total + law.peak_force.total + law.harmless);
     if (!(weight > 0)) return detected;
     const Moments end = moments<T>(law.pieces, law.end_force, 0);
@@ -84,21 +96,25 @@ class ExactLawBuilder {
         return std::move(law_);
     }
 
-    /// P(peak force > force) of detected collisions by itself: nothing is interpolated and only positive terms
-    /// are added, so a probability of 1e-30 has as many digits as one of 0.3.
+    /// P(peak force > force) of collisions whose force has a bound, by itself: nothing is interpolated and only positive
+    /// terms are added, so a probability of 1e-30 has as many digits as one of 0.3.
     double tail_directly(double force) {
         const int ticks = curve_.path.ticks;
+        const bool rests = curve_.path.rests();
+        const double end = curve_.path.greatest(cutter_.end_step());
         const bool fixed = settings_.offset.kind == OffsetKind::fixed;
         const double depth = force / settings_.stiffness;
         // Detection at tick k passes the force where the offset is below farthest - depth: cut every panel
         // there.
         std::vector<Panel> panels;
         for (const Panel& panel : cutter_.plain()) {
+            allow_interruption();
             std::vector<double> cuts{panel.high};
-            for (int k = 0; k < ticks; ++k) {
-                const double cut = curve_.farthest[k] - depth;
+            for (int k = 0; k < end_of_ways(panel.tick); ++k) {
+                const double cut = farthest(k) - depth;
                 if (cut > panel.low && cut < panel.high) cuts.push_back(cut);
             }
+            if (rests && end - depth > panel.low && end - depth < panel.high) cuts.push_back(end - depth);
             std::sort(cuts.begin(), cuts.end());
             double low = panel.low;
             for (double high : cuts) {
@@ -111,16 +127,26 @@ class ExactLawBuilder {
         const Outcomes outcomes = find(panels).outcomes;
         double total = 0;
         for (std::size_t p = 0; p < panels.size(); ++p) {
+            allow_interruption();
             const Panel& panel = panels[p];
             const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
-            for (int k = 0; k < ticks; ++k) {
-                if (!(curve_.farthest[k] - depth >= (fixed ? mid * (1 + 1e-15) : panel.high))) continue;
+            const double place = fixed ? mid * (1 + 1e-15) : panel.high;
+            if (rests && panel.tick <= ticks && end - depth >= place) {
+                for (int g = 0; g < order_; ++g) {
+                    const double density = fixed ? 0.5 : settings_.offset.density(mid + half * rule.node[g]) * half;
+                    total += rule.weight[g] * density * quiet_.silence_before(panel.tick) *
+                             outcomes.survived[std::size_t(g) * outcomes.panels + p];
+                }
+            }
+            for (int k = 0; k < end_of_ways(panel.tick); ++k) {
+                if (!(farthest(k) - depth >= place)) continue;
                 const int slot = k - panel.tick;
-                if (slot >= int(outcomes.detected.size()) || (slot < 0 && !quiet_.armed(k))) continue;
+                const bool braking = k == ticks;
+                if (slot >= int(outcomes.detected.size()) || (slot < 0 && !braking && !quiet_.armed(k))) continue;
                 for (int g = 0; g < order_; ++g) {
                     const double density = fixed ? 0.5 : settings_.offset.density(mid + half * rule.node[g]) * half;
                     const double chance =
-                        slot < 0 ? quiet_.silence_before(k) * quiet_.idle(k).alarm
+                        slot < 0 ? quiet_.silence_before(k) * (braking ? 1 : quiet_.idle(k).alarm)
                                  : quiet_.silence_before(panel.tick) *
                                        outcomes.detected[std::size_t(slot)][std::size_t(g) * outcomes.panels + p];
                     total += rule.weight[g] * density * chance;
@@ -140,6 +166,16 @@ class ExactLawBuilder {
         FreeNodes nodes = contact.values(outcomes);
         return {std::move(outcomes), std::move(nodes)};
     }
+
+    /// Whether the arm brakes into clamped bodies at the end of its line. One that it reaches only then, which nothing before
+    /// has alarmed of, counts one tick after the last: with the force that is left when the arm stands.
+    bool brakes() const { return curve_.path.brakes() && !reactions_; }
+    /// The farthest that the arm gets after tick k, the one after the last included.
+    double farthest(int k) const {
+        return k < curve_.path.ticks ? curve_.farthest[std::size_t(k)] : curve_.path.farthest_braking();
+    }
+    /// One past the last tick that there is a way from to bodies first touched at `tick`.
+    int end_of_ways(int tick) const { return curve_.path.ticks + (brakes() && tick > curve_.path.ticks ? 1 : 0); }
 
     static int padded(int n) { return (n + lanes - 1) / lanes * lanes; }
 
@@ -189,6 +225,7 @@ class ExactLawBuilder {
             farthest_yet[k] = std::max(farthest_yet[k], farthest_yet[k - 1]);
         contact_from_.assign(std::size_t(path.ticks) + 1, 0.0);
         for (int p = 0; p < real; ++p) {
+            allow_interruption();
             const Panel& panel = panels[p];
             pieces.first_tick[p] = panel.tick;
             const double silence = quiet_.silence_before(panel.tick);
@@ -211,6 +248,7 @@ class ExactLawBuilder {
         }
         // What false alarms do to a free body is worked out tick by tick.
         if (!(quiet_.alarm_before(path.ticks) > 0) || reactions_) before = 0;
+        if (brakes()) before = std::max(before, 1);
         const double beyond = fixed ? 0 : settings_.offset.probability_beyond(cutter_.overrun_end());
         alarm_before_ += beyond * quiet_.alarm_before(path.ticks);
         contact_from_.back() += beyond;
@@ -219,9 +257,17 @@ class ExactLawBuilder {
 
         pieces.slots_before = before;
         pieces.slots = before + int(outcomes.detected.size()) + 1;
-        pieces.coefficient.assign(std::size_t(pieces.slots) * order_ * n, 0.0);
+        // Gigabytes, where ticks are fine: clearing them is interrupted as well.
+        const std::size_t coefficients = std::size_t(pieces.slots) * order_ * n, portion = 1 << 18;
+        pieces.coefficient.clear();
+        pieces.coefficient.reserve(coefficients);
+        while (pieces.coefficient.size() < coefficients) {
+            allow_interruption();
+            pieces.coefficient.resize(std::min(coefficients, pieces.coefficient.size() + portion));
+        }
         std::vector<double> value(std::size_t(order_) * n, 0.0);
         auto transform_slot = [&](const std::vector<double>& outcome, int slot) {
+            allow_interruption();
             for (int g = 0; g < order_; ++g)
                 known.spread(&outcome[std::size_t(g) * outcomes.panels], real, &value[std::size_t(g) * n]);
             legendre_coefficients<T>(rule, value.data(), weight.data(), n, pieces.series(slot, 0));
@@ -238,11 +284,14 @@ class ExactLawBuilder {
             legendre_coefficients<T>(rule, value.data(), offset.data(), n, place.data());
         }
         for (int slot = 0; slot < before; ++slot) {
+            allow_interruption();
             std::vector<double> chance(std::size_t(n), 0.0);
             for (int p = 0; p < real; ++p) {
                 const int k = panels[p].tick + slot - before;
-                if (k < 0 || k >= path.ticks || !quiet_.armed(k)) continue;
-                chance[std::size_t(p)] = quiet_.silence_before(k) * quiet_.idle(k).alarm;
+                if (k < 0 || k >= end_of_ways(panels[p].tick)) continue;
+                const bool braking = k == path.ticks;
+                if (!braking && !quiet_.armed(k)) continue;
+                chance[std::size_t(p)] = quiet_.silence_before(k) * (braking ? 1 : quiet_.idle(k).alarm);
                 touching += 2 * place[std::size_t(p)] * chance[std::size_t(p)];
             }
             double* series = pieces.series(slot, 0);
@@ -253,7 +302,7 @@ class ExactLawBuilder {
                 }
             }
         }
-        law_.harmless = std::max(0.0, alarm_before_ - touching) + law_.no_contact;
+        law_.harmless = std::max(0.0, alarm_before_ + law_.no_contact - touching);
         for (int p = 0; p < real; ++p) law_.undetected += 2 * *pieces.series(pieces.slots - 1, p);
         triggers(rule, known, weight, real, n);
     }
@@ -303,16 +352,19 @@ class ExactLawBuilder {
             quantity.centre.assign(std::size_t(end_slot - first_slot) * n, 0.0);
             quantity.spread.assign(n, 0.0);
         };
-        prepare(law_.peak_force, 0, last);
+        law_.rests = path.rests();
+        prepare(law_.peak_force, 0, law_.rests ? pieces.slots : last);
         prepare(law_.end_force, last, pieces.slots);
         prepare(law_.force_at_detection, before, last);
         prepare(law_.detection_delay, before, last);
-        const double end = path.ticks > 0 ? path.s[cutter_.end_step()] : 0;
+        const double end = path.greatest(cutter_.end_step());
         for (int p = 0; p < n; ++p) {
+            allow_interruption();
             const int tick = pieces.first_tick[p];
             law_.peak_force.spread[p] = law_.force_at_detection.spread[p] = K * pieces.half[p];
             law_.end_force.spread[p] = K * pieces.half[p];
             law_.end_force.centre[p] = K * (end - pieces.mid[p]);
+            if (law_.rests) law_.peak_force.centre[std::size_t(last) * n + p] = law_.end_force.centre[p];
             // False alarms whose stopping path arrives are possible even where contact comes after the last
             // tick. Time of contact at the panel's ends; between them the path is straight in time.
             const double early = contact_time(pieces.mid[p] - pieces.half[p], tick);
@@ -320,8 +372,8 @@ class ExactLawBuilder {
             law_.detection_delay.spread[p] = 0.5 * (late - early);
             for (int slot = 0; slot < last; ++slot) {
                 const int k = tick + slot - before;
-                if (k < 0 || k >= path.ticks) continue;
-                law_.peak_force.centre[std::size_t(slot) * n + p] = K * (curve_.farthest[k] - pieces.mid[p]);
+                if (k < 0 || k >= end_of_ways(tick)) continue;
+                law_.peak_force.centre[std::size_t(slot) * n + p] = K * (farthest(k) - pieces.mid[p]);
                 if (slot < before) continue;
                 const std::size_t at = std::size_t(slot - before) * n + p;
                 law_.force_at_detection.centre[at] = K * (cutter_.s_tick(k) - pieces.mid[p]);

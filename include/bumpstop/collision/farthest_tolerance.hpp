@@ -22,6 +22,10 @@ inline constexpr double kink_probability = 1e-5;
 /// change of an exceedance is 1e-5 at most.
 inline constexpr double unfelt_probability = 1e-8;
 
+/// Near a singularity what a leap leaves out grows by orders of magnitude, and a loose leap may miss that the arm swings
+/// forward again: so reactions to ticks more probable than this are followed closely there.
+inline constexpr double singular_probability = 1e-5;
+
 /// How well the overrun of every tick must be known. Without probabilities: all equally well.
 struct FarthestTolerance {
     const double* probability = nullptr;  ///< by tick, at most, of a detection there
@@ -39,6 +43,10 @@ struct FarthestTolerance {
     }
     /// Whether an arm that may swing forward again near a singularity is followed until it cannot.
     bool follows(int tick) const { return probability == nullptr || probability[tick] > unfelt_probability; }
+    /// Whether a reaction that met a singularity is followed once more, closely. Ticks before the first always are.
+    bool follows_closely(int tick) const {
+        return probability == nullptr || tick < 0 || probability[tick] > singular_probability;
+    }
     /// To either side of a tick without a summit, how far others may lie on straight lines.
     int longest_straight() const { return probability == nullptr ? 0 : 8; }
     bool matters(int first, int last) const {

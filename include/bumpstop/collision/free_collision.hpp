@@ -53,6 +53,7 @@ class FreeReactions {
         T from = place(path, 0);
         // Left behind at constant speed, a body parts within half an oscillation.
         for (int i = 0; i < longest + swing_; ++i) {
+            allow_interruption();
             if (i >= longest) {
                 for (int lane = 0; lane < lanes; ++lane)
                     if (!path[lane].retreats()) impact_.rest(state, lane);
@@ -129,6 +130,7 @@ class FreeCollision {
         for (int lane = 0; lane < lanes; ++lane) ended[lane] = first_[lane] >= paths.end_step;
         T from = undisturbed(-earlier_), active = 0.0;
         for (int r = 1 - earlier_;; ++r) {
+            allow_interruption();
             bool over = true;
             for (int lane = 0; lane < lanes; ++lane) {
                 const int step = first_[lane] + r;

@@ -50,9 +50,8 @@ class FreeCuts {
     };
 
     Probe probe(double offset) const {
-        const auto& s = paths_.path->s;
         int i = 0;
-        while (i < paths_.last_step() && !(s[std::size_t(i) + 1] > offset)) ++i;
+        while (i < paths_.last_step() && !(paths_.undisturbed(i + 1) > offset)) ++i;
         Probe made;
         made.offset = offset;
         made.first = i < 1 ? 0 : (i - 1) / paths_.period + 1;
@@ -61,6 +60,7 @@ class FreeCuts {
         const double rise = paths_.undisturbed(i + 1) - paths_.undisturbed(i);
         const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
         for (; i < paths_.last_step() && !(state.parted > 0.5); ++i) {
+            allow_interruption();
             impact_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset, 1.0);
             if (narrow_ != nullptr && i % paths_.period == 0)
                 feel(made, i / paths_.period, state.compression * body_.stiffness);

@@ -15,10 +15,14 @@ struct FreePaths {
     std::vector<double> farthest;               ///< by tick: the greatest distance from the tick on [m]
     std::vector<double> reached;                ///< by step: the greatest distance of the undisturbed motion so far [m]
 
-    /// The step after which nothing is known of the undisturbed motion: it goes on for a latency, for the reactions.
-    int last_step() const { return int(path->s.size()) - 1; }
+    /// The step after which nothing is known of the undisturbed motion: it goes on for a latency, for the reactions, or until
+    /// an arm that cannot follow its line has come to rest.
+    int last_step() const { return int(path->s.size() + path->braking.size()) - 1; }
     /// Distance after a step of the undisturbed motion. Before the start, and after its end, the arm stands.
-    double undisturbed(int i) const { return path->s[std::size_t(std::clamp(i, 0, last_step()))]; }
+    double undisturbed(int i) const {
+        const std::size_t at = std::size_t(std::clamp(i, 0, last_step())), line = path->s.size();
+        return at < line ? path->s[at] : path->braking[at - line];
+    }
     int tick_step(int k) const { return k * period + 1; }
     int reaction_step(int k) const { return tick_step(k) + latency; }
 
@@ -30,10 +34,12 @@ struct FreePaths {
     void find_farthest() {
         farthest.clear();
         reached = path->s;
+        reached.insert(reached.end(), path->braking.begin(), path->braking.end());
         for (std::size_t i = 1; i < reached.size(); ++i) reached[i] = std::max(reached[i], reached[i - 1]);
         for (std::size_t k = 0; k < reaction.size(); ++k) {
             double most = -HUGE_VAL;
-            for (int i = tick_step(int(k)); i <= reaction_step(int(k)); ++i) most = std::max(most, undisturbed(i));
+            const int to = reaction[k].empty() ? std::max(last_step(), tick_step(int(k))) : reaction_step(int(k));
+            for (int i = tick_step(int(k)); i <= to; ++i) most = std::max(most, undisturbed(i));
             for (double s : reaction[k]) most = std::max(most, s);
             farthest.push_back(most);
         }
@@ -41,7 +47,7 @@ struct FreePaths {
 };
 
 /// Where the arm is after a tick `tick`, whose reaction begins a latency later. An arm whose reaction has no path of its
-/// own stands where the motion ends; one that has let its path of return behind it goes on as fast as it last was.
+/// own goes on to the end of the motion and stands there; one that has let its path of return behind it goes on as fast as it last was.
 class PathAfter {
   public:
     PathAfter() = default;
@@ -61,7 +67,10 @@ class PathAfter {
         return here <= last ? (*own_)[std::size_t(here)] : own_->back() + (here - last) * retreat_;
     }
     /// Steps until the path is a straight one: the arm stands, or goes back for good.
-    int length() const { return lead_ + std::max(1, int(own_->size()) - 1); }
+    int length() const {
+        return own_->empty() ? std::max(lead_ + 1, paths_->last_step() - from_)
+                             : lead_ + std::max(1, int(own_->size()) - 1);
+    }
     bool retreats() const { return retreat_ < 0; }
 
   private:
@@ -87,8 +96,10 @@ inline std::vector<double> least_touched(const FreePaths& paths, const FreeBody&
         reached = offset;
         ImpactState<double> state;
         int i = first;
-        for (; i < last && !(state.parted > 0.5); ++i)
+        for (; i < last && !(state.parted > 0.5); ++i) {
+            allow_interruption();
             impact.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset, 1.0);
+        }
         // Bodies nearer than this one were struck after the tick before.
         for (int k = std::max(0, j - 1 - paths.latency / paths.period); k < ticks && paths.reaction_step(k) <= i; ++k)
             least[std::size_t(k)] = std::min(least[std::size_t(k)], before);
@@ -135,6 +146,7 @@ class ReactionFamily {
             interpolation.weights(k, weight);
             // Distances from where the reaction begins.
             const double begin = paths.undisturbed(paths.reaction_step(k));
+            allow_interruption();
             std::vector<double> path(longest, begin);
             for (std::size_t m = 0; m < nodes; ++m) {
                 const double from = at_node[m].at(0);
@@ -172,7 +184,7 @@ FreePaths free_paths(const Chain& chain, const MotionSettings& motion, const Con
     FreePaths paths{&path,
                     timing.period,
                     timing.latency,
-                    int(std::min(path.s.size() - 1, std::size_t(timing.steps))),
+                    int(path.brakes() ? path.s.size() + path.braking.size() - 1 : path.end_step(timing)),
                     motion.step,
                     {},
                     {},

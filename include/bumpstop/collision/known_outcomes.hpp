@@ -98,6 +98,7 @@ class KnownOutcomes {
         for (int c = 0; c < check_count; ++c) {
             interpolation.weights(check[c], weight);
             for (int part = 0; part < parts_; ++part) {
+                allow_interruption();
                 for (int g = 0; g < order_; ++g) {
                     const std::size_t row = std::size_t(g) * known.panels + std::size_t(part) * stride_;
                     auto error = [&](const double* value) {

@@ -5,7 +5,7 @@
 #include <numeric>
 
 #include "bumpstop/collision/braking_arm.hpp"
-#include "bumpstop/collision/line_path.hpp"
+#include "bumpstop/collision/line_end.hpp"
 #include "bumpstop/collision/outcomes.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -68,6 +68,7 @@ class LaneTracer {
         auto look = [&] { margin = detail::least_margin(motion_, arm_.state.q); };
         auto refused = [](const auto&, const T&) { return T(0.0) > T(1.0); };
         while (busy > 0) {
+            allow_interruption();
             for (int lane = 0; lane < lanes; ++lane) set_lane(most, lane, double(longest(lane)));
             const T gone = arm_.advance(most, look, refused);
             for (int lane = 0; lane < lanes; ++lane) {
@@ -96,10 +97,11 @@ class LaneTracer {
         double largest_offset = 0;
         double survival = 1;  ///< of the farthest body
         Point3<T> start, normal;
-        double q[max_joints];  ///< where held joints stay
-        int next_step = 0;     ///< none before it is still to be kept
-        int waiting = 0;       ///< moments that wait to be written, until they fill a register
-        int step[lanes];       ///< of those
+        double q[max_joints];                            ///< where held joints stay
+        double last_q[max_joints], last_qd[max_joints];  ///< of the free joints at the last step written
+        int next_step = 0;                               ///< none before it is still to be kept
+        int waiting = 0;  ///< moments that wait to be written, until they fill a register
+        int step[lanes];  ///< of those
         T waiting_q[max_joints], waiting_qd[max_joints];  ///< of the free joints then
     };
 
@@ -162,6 +164,7 @@ class LaneTracer {
         LinePath& path = *at.path;
         at.gone += gone;
         path.velocity_limited = path.velocity_limited || arm_.limited(lane);
+        path.met_singularity = path.met_singularity || lane_of(arm_.poor(), lane);
         const bool singular = at.gone % motion_.substeps == 0 && arm_.singular(lane);
         const int last = at.gone / motion_.substeps;
         // Where it will end is found step by step, and so that no step lies far behind, from well before on.
@@ -185,7 +188,7 @@ class LaneTracer {
         const bool enough = 2 * at.waiting >= lanes || singular || last >= at.last_step;
         if (enough && !write_waiting(lane)) return false;
         if (singular) {
-            if (path.end != PathEnd::certain_detection) path.end = PathEnd::singularity;
+            cut(lane, PathEnd::singularity, last);
             at.path = nullptr;
         }
         return at.path != nullptr;
@@ -248,9 +251,8 @@ class LaneTracer {
         const T silent = silence(lane, s, torque);
         for (int i = 0; i < count; ++i) {
             if (lane_of(margin, i) < 0) {
-                if (at.path->end != PathEnd::certain_detection)
-                    detail::end_at_limit(
-                        motion_, [&](int j) { return lane_of(q[j], i); }, *at.path);
+                at.path->end_joint = detail::joint_at_limit(motion_, [&](int j) { return lane_of(q[j], i); });
+                cut(lane, PathEnd::joint_limit, at.step[i]);
                 at.path = nullptr;
                 return false;
             }
@@ -260,6 +262,20 @@ class LaneTracer {
             return false;
         }
         return true;
+    }
+
+    /// From the last step written on the arm of a lane brakes.
+    void cut(int lane, PathEnd why, int met_step) {
+        const Lane& at = lane_[lane];
+        double q[max_joints], qd[max_joints] = {};
+        std::copy_n(at.q, chain_.dof, q);
+        for (int f = 0; f < motion_.free_count; ++f) {
+            q[motion_.free_joint[f]] = at.last_q[f];
+            qd[motion_.free_joint[f]] = at.last_qd[f];
+        }
+        detail::cut_line(
+            chain_, motion_, contact_, timing_, why, met_step, [&](int j) { return q[j]; },
+            [&](int j) { return qd[j]; }, *at.path);
     }
 
     /// Probability that a body at the largest offset goes unnoticed at each of a lane's moments.
@@ -277,6 +293,10 @@ class LaneTracer {
         const int n = motion_.free_count;
         if (int(path.s.size()) < step) detail::fill_stride(path.s, stride_, lane_of(s, i));
         path.s.push_back(lane_of(s, i));
+        for (int f = 0; f < n; ++f) {
+            at.last_q[f] = lane_of(q[f], i);
+            at.last_qd[f] = lane_of(qd[f], i);
+        }
         const int after_first = step - 1;
         const bool tick = after_first >= 0 && after_first % timing_.period == 0 && after_first < timing_.steps;
         if (tick && path.end != PathEnd::certain_detection) {
@@ -291,9 +311,9 @@ class LaneTracer {
             }
         }
         const int after_latency = after_first - timing_.latency;
-        if (after_latency >= 0 && after_latency % timing_.period == 0 &&
-            int(path.reaction_state.size()) < 2 * n * path.ticks) {
-            double* to = added(path.reaction_state, 2 * n);
+        const bool due = after_first == 0 || (after_first > 0 && after_latency % timing_.period == 0);
+        if (due && (after_latency < 0 || int(path.reaction_state.size()) < 2 * n * path.ticks)) {
+            double* to = added(after_latency < 0 ? path.early_state : path.reaction_state, 2 * n);
             for (int f = 0; f < n; ++f) to[f] = lane_of(q[f], i);
             for (int f = 0; f < n; ++f) to[n + f] = lane_of(qd[f], i);
         }

@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "bumpstop/math/interruption.hpp"
 #include "bumpstop/math/quadrature.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -50,6 +51,7 @@ inline void summarise(const LawPieces& pieces, LawQuantity& quantity) {
     quantity.mass.assign(count, 0.0);
     quantity.total = 0;
     for (int slot = quantity.first_slot; slot < quantity.end_slot; ++slot) {
+        allow_interruption();
         const int i = slot - quantity.first_slot;
         double mass = 0;
         for (int p = 0; p < pieces.panels; ++p) {
@@ -81,6 +83,7 @@ TailAt tail(const LawPieces& pieces, const LawQuantity& quantity, double y) {
             result.probability += quantity.mass[i];
             continue;
         }
+        allow_interruption();
         const double* centre = &quantity.centre[std::size_t(i) * pieces.panels];
         T probability = 0.0, density = 0.0;
         for (int p = 0; p < pieces.panels; p += Scalar<T>::lanes) {
@@ -147,6 +150,7 @@ Moments moments(const LawPieces& pieces, const LawQuantity& quantity, double ext
         second = extra * about * about;
         for (int slot = quantity.first_slot; slot < quantity.end_slot; ++slot) {
             if (quantity.mass[slot - quantity.first_slot] == 0) continue;
+            allow_interruption();
             const double* series = pieces.series(slot, 0);
             const double* centres = &quantity.centre[std::size_t(slot - quantity.first_slot) * pieces.panels];
             T sum1 = 0.0, sum2 = 0.0;

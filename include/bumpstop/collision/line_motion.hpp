@@ -2,6 +2,7 @@
 /// The resolved-rate controller of an industrial arm that moves a tool along a straight line.
 #pragma once
 
+#include "bumpstop/math/interruption.hpp"
 #include "bumpstop/model/kinematics.hpp"
 #include "bumpstop/model/min_norm.hpp"
 
@@ -83,6 +84,9 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
     Rates<T> rates;
     const Point3<T> tip = posture.position(motion.tip);
     const int n = motion.free_count;
+    // Rows count as no shorter than those of their kind are in the quadratic mean: where all joints move the tip in a plane,
+    // or turn it about axes in one, rounding alone says which way the row across it points.
+    T turning = 0.0, moving = 0.0;
     if (motion.task_rows == 6) {
         T row[6][max_columns];
         for (int f = 0; f < n; ++f) {
@@ -95,9 +99,12 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
             row[3][f] = linear.x;
             row[4][f] = linear.y;
             row[5][f] = linear.z;
+            turning += turns ? 1.0 / 3 : 0.0;
+            moving += dot(linear, linear) * (1.0 / 3);
         }
         T target[6] = {T(0.0), T(0.0), T(0.0), velocity.x, velocity.y, velocity.z};
-        rates.conditioning = damped_min_norm<6>(row, n, target, motion.damping, rates.free);
+        const T least_length[6] = {turning, turning, turning, moving, moving, moving};
+        rates.conditioning = damped_min_norm<6>(row, n, target, motion.damping, rates.free, least_length);
     } else {
         T row[3][max_columns];
         for (int f = 0; f < n; ++f) {
@@ -105,10 +112,14 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
             row[0][f] = linear.x;
             row[1][f] = linear.y;
             row[2][f] = linear.z;
+            moving += dot(linear, linear) * (1.0 / 3);
         }
         T target[3] = {velocity.x, velocity.y, velocity.z};
-        rates.conditioning = damped_min_norm<3>(row, n, target, motion.damping, rates.free);
+        const T least_length[3] = {moving, moving, moving};
+        rates.conditioning = damped_min_norm<3>(row, n, target, motion.damping, rates.free, least_length);
     }
+    // Damping bounds the rates, however small it is.
+    if (motion.damping > 0) rates.conditioning.singular = T(0.0) > T(1.0);
     slow_to_velocity_limits(motion, rates);
     return rates;
 }

@@ -2,6 +2,7 @@
 /// The undisturbed path of the contact point along the line.
 #pragma once
 
+#include <algorithm>
 #include <limits>
 #include <vector>
 
@@ -24,26 +25,60 @@ struct Timing {
     bool from_rest = false;
 };
 
-/// The arm stops following the line when ...
+/// The arm stops following the line when ... At a joint limit and a singularity it brakes.
 enum class PathEnd { horizon, joint_limit, singularity, certain_detection };
 
 /// One pose's path, all that the force law needs of it.
 struct LinePath {
+    /// Ticks before the first, from -1 down, whose reactions would begin after it; that of the earliest begins in step 1.
+    static int early_ticks(const Timing& timing) { return (timing.latency + timing.period - 1) / timing.period; }
+    /// The step in which the reaction to a tick begins.
+    static int reaction_step(int tick, const Timing& timing) {
+        return std::max(1, tick * timing.period + 1 + timing.latency);
+    }
+
     int dof = 0, free_count = 0;
     int ticks = 0;
     std::vector<double> s;               ///< distance along the normal after step i; s[0] = 0 [m]
     std::vector<double> torque_per_N;    ///< [tick][dof]: J_v' n at the tick
     std::vector<double> reaction_state;  ///< [tick][free]: q then qd at the step in which the reaction would begin
+    std::vector<double> early_state;     ///< the same, of ticks before the first, with one that begins in step 1
     Vector3 start{}, normal{};  ///< of the contact point [m]; unit vector into the body; both in the base frame
     Vector3 velocity{};         ///< asked of the tip, base frame [m/s]
     double approach_speed = 0;  ///< of the point along the normal when the motion has its full speed [m/s]
     PathEnd end = PathEnd::horizon;
-    int end_joint = -1;             ///< the joint beyond its limit, from 0; -1: none is
+    int end_joint = -1;             ///< the joint that would pass its limit, from 0; -1: none would
+    int cut_step = -1;              ///< the step after which the arm brakes, as it cannot follow the line; -1: it can
+    std::vector<double> braking;    ///< distance after each step since then, until the arm stands [m]
     bool velocity_limited = false;  ///< a joint-velocity limit slowed the motion somewhere
+    bool met_singularity = false;   ///< of a path traced loosely: one was near somewhere on its way
     bool singular_start = false;    ///< the rates of the start mean nothing, and so does the path
 
+    /// The arm has come to rest where the path ends: what nobody noticed presses no harder after that.
+    bool rests() const { return end == PathEnd::joint_limit || end == PathEnd::singularity; }
+    /// The farthest that the undisturbed motion gets by step `last`, or by its end, braking included [m].
+    double greatest(std::size_t last) const {
+        if (ticks == 0) return 0;
+        return std::max(*std::max_element(s.begin(), s.begin() + std::ptrdiff_t(std::min(last, s.size() - 1)) + 1),
+                        farthest_braking());
+    }
     /// Distance at tick k, of which there is one every `period` steps [m].
     double at_tick(int k, int period) const { return s[std::size_t(k) * period + 1]; }
+    /// Positions, then rates, of the free joints where the reaction to a tick begins; ticks before the first count from -1 down.
+    const double* state_at(int tick, const Timing& timing) const {
+        const std::size_t n = 2 * std::size_t(free_count);
+        return tick >= 0 ? &reaction_state[std::size_t(tick) * n]
+                         : &early_state[std::size_t(early_ticks(timing) + tick) * n];
+    }
+    /// The step in which a motion ends in which nothing is detected: the line goes on for a latency beyond the horizon, for
+    /// the reactions. At a joint limit or a singularity the arm then brakes.
+    std::size_t end_step(const Timing& timing) const { return std::min(s.size() - 1, std::size_t(timing.steps)); }
+    /// Whether that motion ends with the arm braking.
+    bool brakes() const { return !braking.empty() && (end == PathEnd::joint_limit || end == PathEnd::singularity); }
+    /// The farthest it gets while it brakes [m]; where it does not, below every distance.
+    double farthest_braking() const {
+        return brakes() ? *std::max_element(braking.begin(), braking.end()) : -std::numeric_limits<double>::infinity();
+    }
 };
 
 /// Tells the tracer when nothing more can happen in a lane. `finished(s, torque_per_N)` is called at every
@@ -103,12 +138,16 @@ LineStart<T> begin_line(const Chain& chain, const MotionSettings& motion, const 
         path.s.clear();
         path.torque_per_N.clear();
         path.reaction_state.clear();
+        path.early_state.clear();
         path.start = {lane_of(line.point.x, lane), lane_of(line.point.y, lane), lane_of(line.point.z, lane)};
         path.normal = {lane_of(line.normal.x, lane), lane_of(line.normal.y, lane), lane_of(line.normal.z, lane)};
         path.velocity = {lane_of(velocity.x, lane), lane_of(velocity.y, lane), lane_of(velocity.z, lane)};
         path.approach_speed = lane_of(approach, lane);
         path.end = PathEnd::horizon;
         path.end_joint = -1;
+        path.cut_step = -1;
+        path.braking.clear();
+        path.met_singularity = false;
         path.velocity_limited = lane_of(line.rates.velocity_limited, lane);
         path.singular_start = lane_of(line.rates.conditioning.singular, lane);
     }
@@ -128,14 +167,15 @@ T least_margin(const MotionSettings& motion, const T* q) {
     return margin;
 }
 
-/// The path ends because a joint is beyond its limit; `q(joint)` says where they are.
+/// The joint beyond its limit; `q(joint)` says where they are.
 template <class Q>
-void end_at_limit(const MotionSettings& motion, Q q, LinePath& path) {
-    path.end = PathEnd::joint_limit;
+int joint_at_limit(const MotionSettings& motion, Q q) {
+    int at_limit = -1;
     for (int f = 0; f < motion.free_count; ++f) {
         const int j = motion.free_joint[f];
-        if (q(j) < motion.lower[j] || q(j) > motion.upper[j]) path.end_joint = j;
+        if (q(j) < motion.lower[j] || q(j) > motion.upper[j]) at_limit = j;
     }
+    return at_limit;
 }
 
 /// The distances between the last one and that a stride after it, by the cubic through the last three strides and

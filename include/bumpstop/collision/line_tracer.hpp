@@ -7,6 +7,7 @@
 
 #include "bumpstop/collision/leap.hpp"
 #include "bumpstop/collision/line_controller.hpp"
+#include "bumpstop/collision/line_end.hpp"
 #include "bumpstop/collision/line_path.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -33,6 +34,7 @@ class LineTracer {
         begin(q, velocity, paths, count);
         step_ = 0;
         while (record()) {
+            allow_interruption();
             const bool on_stride = step_ >= 1 && (step_ - 1) % stride_ == 0;
             if (on_stride) remember();
             if (on_stride && history_.leaps()) {
@@ -207,6 +209,7 @@ class LineTracer {
         }
         const int after_first = i - 1 - timing_.latency;
         const bool reaction = after_first >= 0 && after_first % timing_.period == 0;
+        const bool early = i >= 1 && after_first < 0 && (i == 1 || after_first % timing_.period == 0);
         bool running = false;
         for (int lane = 0; lane < lanes; ++lane) {
             if (!alive_[lane]) continue;
@@ -214,16 +217,12 @@ class LineTracer {
             const bool certain = path.end == PathEnd::certain_detection;
             if (lane_of(margin, lane) < 0) {
                 alive_[lane] = false;
-                if (!certain)
-                    detail::end_at_limit(
-                        motion_, [&](int j) { return lane_of(state_.q[j], lane); }, path);
+                path.end_joint = detail::joint_at_limit(motion_, [&](int j) { return lane_of(state_.q[j], lane); });
+                cut(lane, PathEnd::joint_limit, last_q_, last_qd_);
                 continue;
             }
             path.s.push_back(lane_of(s, lane));
-            if (lane_of(rates_.conditioning.singular, lane)) {
-                alive_[lane] = false;
-                if (!certain) path.end = PathEnd::singularity;
-            }
+            const bool singular = lane_of(rates_.conditioning.singular, lane);
             if (lane_of(rates_.velocity_limited, lane)) path.velocity_limited = true;
             if (tick && !certain) {
                 ++path.ticks;
@@ -233,16 +232,25 @@ class LineTracer {
                     last_step_[lane] = i + timing_.latency;
                 }
             }
-            if (reaction && int(path.reaction_state.size()) < 2 * n * path.ticks) {
-                for (int f = 0; f < n; ++f)
-                    path.reaction_state.push_back(lane_of(state_.q[motion_.free_joint[f]], lane));
-                for (int f = 0; f < n; ++f)
-                    path.reaction_state.push_back(lane_of(state_.qd[motion_.free_joint[f]], lane));
+            if (early || (reaction && int(path.reaction_state.size()) < 2 * n * path.ticks)) {
+                std::vector<double>& to = early ? path.early_state : path.reaction_state;
+                for (int f = 0; f < n; ++f) to.push_back(lane_of(state_.q[motion_.free_joint[f]], lane));
+                for (int f = 0; f < n; ++f) to.push_back(lane_of(state_.qd[motion_.free_joint[f]], lane));
             }
-            if (i >= last_step_[lane]) alive_[lane] = false;
+            if (i >= last_step_[lane] || singular) alive_[lane] = false;
+            if (singular) cut(lane, PathEnd::singularity, state_.q, state_.qd);
             running = running || alive_[lane];
         }
+        std::copy_n(state_.q, chain_.dof, last_q_);
+        std::copy_n(state_.qd, chain_.dof, last_qd_);
         return running;
+    }
+
+    /// From the last step written, where the joints are at `q` and move at `qd`, the arm of a lane brakes.
+    void cut(int lane, PathEnd why, const T* q, const T* qd) {
+        detail::cut_line(
+            chain_, motion_, contact_, timing_, why, step_, [&](int j) { return lane_of(q[j], lane); },
+            [&](int j) { return lane_of(qd[j], lane); }, paths_[lane]);
     }
 
     const Chain& chain_;
@@ -258,6 +266,7 @@ class LineTracer {
     LinePath* paths_ = nullptr;
     Point3<T> velocity_, start_, normal_;
     ArmState<T> state_;
+    T last_q_[max_joints], last_qd_[max_joints];  ///< where the last step was written
     Posture<T> posture_;
     Rates<T> rates_;
     RateHistory<T> history_;

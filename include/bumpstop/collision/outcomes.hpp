@@ -158,6 +158,7 @@ class OutcomeFinder {
         Tick idle;
         for (int w = 0; w < detector_.watched; ++w) idle.add(w, joint_alarm(detector_, w, T(0.0)));
         for (int i = 0; i < at.most_left; ++i) {
+            allow_interruption();
             const Slot here = slot(at, i);
             std::vector<double>& row = detected(out, i);
             T most_survival = 0.0;
@@ -194,6 +195,7 @@ class OutcomeFinder {
                 if (quiet_.has_memory(w)) begin(at, w, density[std::size_t(w)]);
             }
             for (int i = 0; i < at.most_left; ++i) {
+                allow_interruption();
                 const Slot here = slot(at, i);
                 const T force = collision.force(here.s, i);
                 const T felt = here.watch * collision.felt(i);

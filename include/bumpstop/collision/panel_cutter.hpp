@@ -41,8 +41,13 @@ class PanelCutter {
     int regular() const { return regular_; }
 
     double s_tick(int k) const { return curve_.path.at_tick(k, timing_.period); }
-    /// The step in which the undetected motion ends.
-    std::size_t end_step() const { return std::min(curve_.path.s.size() - 1, std::size_t(timing_.steps)); }
+    /// The step in which the undetected motion ends; a free body is followed until an arm that brakes has come to rest.
+    std::size_t end_step() const {
+        return settings_.free != nullptr ? std::size_t(settings_.free->end_step) : curve_.path.end_step(timing_);
+    }
+    double undisturbed(std::size_t i) const {
+        return settings_.free != nullptr ? settings_.free->undisturbed(int(i)) : curve_.path.s[i];
+    }
 
     std::vector<Panel> cut() {
         if (settings_.offset.kind == OffsetKind::fixed) return fixed_panel();
@@ -68,11 +73,11 @@ class PanelCutter {
         edge_[0] = 0;
         for (int k = 0; k < ticks; ++k) edge_[k + 1] = std::max(edge_[k], s_tick(k));
         // Contact between the last tick and the end of the motion is contact all the same.
-        const auto& s = curve_.path.s;
-        const auto end = s.begin() + std::ptrdiff_t(end_step()) + 1;
-        edge_[ticks + 1] = std::max(edge_[ticks], *std::max_element(s.begin(), end));
+        edge_[ticks + 1] = edge_[ticks];
+        for (std::size_t i = 0; i <= end_step(); ++i) edge_[ticks + 1] = std::max(edge_[ticks + 1], undisturbed(i));
         overrun_end_ = edge_.back();
         for (double farthest : curve_.farthest) overrun_end_ = std::max(overrun_end_, farthest);
+        overrun_end_ = std::max(overrun_end_, curve_.path.farthest_braking());
     }
 
     /// Sensor noise sets the scale on which probabilities change: sharpness is the residual's growth over one
@@ -145,7 +150,7 @@ class PanelCutter {
         const double end = std::min(edge_.back(), largest);
         const std::size_t first = ticks > 0 ? std::size_t(ticks - 1) * timing_.period + 1 : 0;
         for (std::size_t i = first + 1; settings_.free != nullptr && i < end_step(); ++i) {
-            const double to = std::min(curve_.path.s[i], end);
+            const double to = std::min(undisturbed(i), end);
             add(from, to, ticks);
             from = std::max(from, to);
         }
@@ -280,6 +285,7 @@ class PanelCutter {
     void cut_one(int k, int end, double largest, bool bent, std::vector<Panel>& panels) const {
         const double low = edge_[k], high = std::min(edge_[end], largest);
         if (!(high > low)) return;
+        allow_interruption();
         std::vector<double> cuts{low, high};
         if (bent) {
             for (int i = 1; i < timing_.period; ++i) {

@@ -88,6 +88,7 @@ class QuietTicks {
         idle_.resize(std::size_t(ticks) + 1);
         bool settled = false;
         for (int k = 0; k < ticks; ++k) {
+            allow_interruption();
             IdleTick& idle = idle_[std::size_t(k)];
             if (settled) {
                 idle = idle_[std::size_t(k) - 1];

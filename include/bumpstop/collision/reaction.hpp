@@ -14,8 +14,8 @@ inline double longest_stop_time(const MotionSettings& motion, const Timing& timi
     const int n = motion.free_count;
     double longest = 0;
     const int before = (timing.latency + timing.period - 1) / timing.period;
-    for (int k = std::max(0, tick - before); k <= tick; ++k) {
-        const double* rates = &path.reaction_state[(std::size_t(k) * 2 + 1) * n];
+    for (int k = std::max(std::min(tick, 0), tick - before); k <= tick; ++k) {
+        const double* rates = path.state_at(k, timing) + n;
         for (int f = 0; f < n; ++f)
             longest = std::max(longest, std::fabs(rates[f]) / motion.acceleration_limit[motion.free_joint[f]]);
     }
@@ -24,9 +24,10 @@ inline double longest_stop_time(const MotionSettings& motion, const Timing& timi
 
 /// Rates of the free joints where a job begins [rad/s or m/s]; its positions of all joints go into a lane of `q`.
 template <class T>
-const double* load_start(const Chain& chain, const MotionSettings& motion, const ReactionJob& job, int lane, T* q) {
+const double* load_start(const Chain& chain, const MotionSettings& motion, const Timing& timing, const ReactionJob& job,
+                         int lane, T* q) {
     const int n = motion.free_count;
-    const double* positions = &job.path->reaction_state[std::size_t(job.tick) * 2 * n];
+    const double* positions = job.path->state_at(job.tick, timing);
     for (int j = 0; j < chain.dof; ++j) set_lane(q[j], lane, job.q[j]);
     for (int f = 0; f < n; ++f) set_lane(q[motion.free_joint[f]], lane, positions[f]);
     return positions + n;
@@ -41,14 +42,15 @@ void set_lane_of_point(Point3<T>& point, int lane, const Vector3& value, double 
 
 /// Tells jobs how near to a singularity they begin.
 template <class T>
-void find_least_squares(const Chain& chain, const MotionSettings& motion, ReactionJob* jobs, int count) {
+void find_least_squares(const Chain& chain, const MotionSettings& motion, const Timing& timing, ReactionJob* jobs,
+                        int count) {
     constexpr int lanes = Scalar<T>::lanes;
     for (int first = 0; first < count; first += lanes) {
         T q[max_joints];
         Point3<T> velocity;
         for (int lane = 0; lane < lanes; ++lane) {
             const ReactionJob& job = jobs[std::min(first + lane, count - 1)];
-            load_start(chain, motion, job, lane, q);
+            load_start(chain, motion, timing, job, lane, q);
             set_lane_of_point(velocity, lane, job.path->velocity);
         }
         JointAngles<T> angle;
@@ -74,14 +76,14 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
     RunningReactions<T> running(rules);
     auto load = [&](int lane, ReactionJob& job) {
         const LinePath& path = *job.path;
-        const double* rates = load_start(chain, motion, job, lane, arm.state.q);
+        const double* rates = load_start(chain, motion, timing, job, lane, arm.state.q);
         for (int j = 0; j < chain.dof; ++j) set_lane(arm.state.qd[j], lane, 0.0);
         for (int f = 0; f < motion.free_count; ++f) set_lane(arm.state.qd[motion.free_joint[f]], lane, rates[f]);
         set_lane_of_point(arm.target, lane, path.velocity, stopping ? 0 : -1);
         set_lane_of_point(normal, lane, path.normal);
         set_lane_of_point(start, lane, path.start);
         arm.begin(lane, job.leap_tolerance, job.least_square);
-        running.begin(lane, job, path.s[std::size_t(job.tick) * timing.period + 1 + timing.latency],
+        running.begin(lane, job, path.s[std::size_t(LinePath::reaction_step(job.tick, timing))],
                       longest_stop_time(motion, timing, path, job.tick));
     };
     int next = std::min(count, lanes);
@@ -101,6 +103,7 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
     RunningReactions<T> running_turned = running;
     auto refused = [&](const MaskOf<T>& leaps, const T& over) { return running.refused(leaps, over, speed); };
     while (!running.all_done()) {
+        allow_interruption();
         const T gone = arm.advance(running.longest_leaps(), look, refused);
         const ReactionFates<T> fates = running.take({gone, distance, speed, arm.poor(), arm.reached()});
         if (any(fates.home)) {
@@ -139,7 +142,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         // Near singularities their long leaps enlarge roundings, which must be the same on every instruction set.
         using U = Unfused<T>;
         // Where last digits matter, arms are asked on their way.
-        if (kind != ReactionKind::stop) detail::find_least_squares<U>(chain, motion, jobs, count);
+        if (kind != ReactionKind::stop) detail::find_least_squares<U>(chain, motion, timing, jobs, count);
         detail::follow_reactions<loose_braking_order, U>(chain, motion, contact, timing, kind, jobs, count, detail);
     }
 }
@@ -154,6 +157,27 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
         job->return_to = return_to(*job);
     }
     simulate_reactions<T>(chain, motion, contact, timing, kind, jobs, count, detail);
+}
+
+/// Follows once more, closely, those of the loose jobs that met a singularity and are `wanted(job)`.
+template <class T, class Wanted>
+void follow_closely_at_singularities(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                                     const Timing& timing, ReactionKind kind, std::vector<ReactionJob>& jobs,
+                                     ReactionDetail what, Wanted wanted) {
+    std::vector<ReactionJob> again;
+    std::vector<std::size_t> of;
+    for (std::size_t i = 0; i < jobs.size(); ++i) {
+        if (jobs[i].leap_tolerance <= singular_leap_tolerance || !jobs[i].met_singularity || !wanted(jobs[i])) continue;
+        of.push_back(i);
+        again.push_back(jobs[i]);
+        again.back().leap_tolerance = singular_leap_tolerance;
+        again.back().least_square = 0;  // the sines themselves tell how near the arm is
+    }
+    if (again.empty()) return;
+    // Singularities enlarge roundings, which must be the same on every instruction set.
+    detail::follow_reactions<loose_braking_order, Unfused<T>>(chain, motion, contact, timing, kind, again.data(),
+                                                              int(again.size()), what);
+    for (std::size_t i = 0; i < of.size(); ++i) jobs[of[i]] = std::move(again[i]);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -17,16 +17,17 @@ enum class ReactionKind { stop, reverse };
 struct ReactionJob {
     const LinePath* path;
     int curve;                                                ///< number of the curve that the path belongs to
-    int tick;                                                 ///< that it reacts to
+    int tick;                                                 ///< that it reacts to; below 0: one before the first
     std::vector<double> distance;                             ///< result [m]
     std::vector<int> step;                                    ///< result
     double leap_tolerance = braking_leap_tolerance;           ///< as of BrakingArm::begin
     double enough = std::numeric_limits<double>::infinity();  ///< nothing is asked beyond this distance [m]
-    const double* q = nullptr;  ///< joint positions the path started in: held joints keep theirs
-    double return_to = 0;       ///< distance [m] behind which a point that reverses is back
-    bool comes_back = true;     ///< else the first retreat is believed, whatever is near
-    double least_square = 0;    ///< as of Conditioning where it begins; 0 where the last digits matter
-    bool came_back = false;     ///< result: on its way home the point came near its farthest again
+    const double* q = nullptr;     ///< joint positions the path started in: held joints keep theirs
+    double return_to = 0;          ///< distance [m] behind which a point that reverses is back
+    bool comes_back = true;        ///< else the first retreat is believed, whatever is near
+    double least_square = 0;       ///< as of Conditioning where it begins; 0 where the last digits matter
+    bool came_back = false;        ///< result: on its way home the point came near its farthest again
+    bool met_singularity = false;  ///< result: a singularity was near somewhere on its way
 
     /// Its last digits matter.
     bool exact() const { return leap_tolerance <= braking_leap_tolerance; }

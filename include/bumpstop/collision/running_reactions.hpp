@@ -50,7 +50,7 @@ class RunningReactions {
         job_[lane] = &job;
         job.distance.assign(1, here);
         job.step.assign(1, 0);
-        job.came_back = false;
+        job.came_back = job.met_singularity = false;
         set_lane(longest_, lane, double(longest) * rules_.substeps);
         set_lane(patience_, lane, double(patience) * rules_.substeps);
         set_lane(enough_, lane, job.enough);
@@ -105,6 +105,8 @@ class RunningReactions {
             longest = select(homing_, T(double(longest_homing_leap)), longest);
             longest = select(over_ | (speed_ == T(0.0)), to_step, longest);
         }
+        // One that never turns back is where its last step ends.
+        longest = minimum(longest, longest_ - gone_);
         // The time of an arm that has turned ends with a look.
         longest = select(turned_ & (gone_ < patience_), minimum(longest, patience_ - gone_), longest);
         return select(busy_, longest, T(0.0));
@@ -143,6 +145,7 @@ class RunningReactions {
         peak_ = maximum(peak_, here_);
         write(whole & !(homing_ | leaves));
         astray_ = astray_ | (goes & look.poor & !believed_);
+        note_singularities(busy_ & look.poor & !believed_);
         const MaskOf<T> retreats = retreating_ >= steps_past_peak * substeps();
         turned_ = turned_ | (goes & retreats);
         if (rules_.stopping) {
@@ -186,6 +189,12 @@ class RunningReactions {
         speed_ = select(moves, look.speed, speed_);
         retreating_ = select(moves, select(look.distance < here_, retreating_ + gone, T(0.0)), retreating_);
         here_ = select(moves, look.distance, here_);
+    }
+
+    void note_singularities(const MaskOf<T>& where) {
+        if (!any(where)) return;
+        for (int lane = 0; lane < lanes; ++lane)
+            if (lane_of(where, lane)) job_[lane]->met_singularity = true;
     }
 
     void write(const MaskOf<T>& where) {

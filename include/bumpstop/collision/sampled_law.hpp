@@ -118,6 +118,7 @@ class Sampler {
             order.resize(std::size_t(end - begin));
             for (std::int64_t i = begin; i < end; ++i) order[std::size_t(start[bin(i)]++)] = i;
             for (std::size_t i = 0; i < order.size(); i += lanes) {
+                allow_interruption();
                 std::int64_t index[lanes];
                 const int used = int(std::min<std::size_t>(lanes, order.size() - i));
                 for (int lane = 0; lane < lanes; ++lane) index[lane] = order[i + std::min(lane, used - 1)];
@@ -128,6 +129,7 @@ class Sampler {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
+    static constexpr int many_ticks = 1024;            ///< which take a moment
     static constexpr double beyond_four_sd = 3.17e-5;  ///< a little more than P(Z > 4) = 3.167e-5
 
     void simulate(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
@@ -158,6 +160,7 @@ class Sampler {
         int remaining = used;
         const int dof = curve_.path.dof;
         for (int k = first_armed_; k < curve_.path.ticks && remaining > 0; ++k) {
+            if (k % many_ticks == 0) allow_interruption();
             const T force = maximum(s_[k] - offset, T(0.0)) * stiffness_;
             const bool contact = any(force > T(0.0));
             auto fired = T(0.0) > T(1.0);
@@ -248,6 +251,7 @@ class Sampler {
         for (int j = 0; j < dof; ++j) contact[j] = 0.0;
         int remaining = used;
         for (int k = 0; k < curve_.path.ticks && remaining > 0; ++k) {
+            if (k % many_ticks == 0) allow_interruption();
             T force = maximum(s_[k] - offset, T(0.0)) * stiffness_;
             for (int lane = 0; collision != nullptr && lane < lanes; ++lane) {
                 const int i = k - touch[lane];

@@ -31,6 +31,57 @@ inline int limiting_joint(const MotionSettings& motion, const double* inverse_li
     return limiting;
 }
 
+/// The farthest that an arm gets which goes on from a step of its line to where it brakes, and brakes.
+inline double farthest_on_line(const LinePath& path, std::vector<double>::const_iterator from) {
+    const double line = *std::max_element(from, path.s.end());
+    return path.braking.empty() ? line : std::max(line, *std::max_element(path.braking.begin(), path.braking.end()));
+}
+
+/// Reactions before that to the first tick that are looked at, of those a latency leaves room for.
+inline constexpr int most_early_reactions = 16;
+
+/// The ticks before the first, from -1 down, whose reactions are looked at: a few evenly spaced, the earliest among them.
+inline std::vector<int> early_ticks(const MotionSettings& motion, const Timing& timing, const LinePath& path) {
+    const int lead = LinePath::early_ticks(timing);
+    const int known = int(path.early_state.size() / (2 * std::size_t(motion.free_count)));
+    const int spacing = std::max(1, (known + most_early_reactions - 1) / most_early_reactions);
+    std::vector<int> ticks;
+    for (int i = 0; i < known; i += spacing) ticks.push_back(i - lead);
+    if (known > 0 && ticks.back() != known - 1 - lead) ticks.push_back(known - 1 - lead);
+    return ticks;
+}
+
+/// A latency is the longest that an arm takes to react: it may begin at any time up to then, and what takes it farthest
+/// counts. Near a singularity that may be to react sooner. So more latency makes no collision milder. Where the line ends
+/// before the reaction is due, the arm brakes as it does without one. `reach`: farthest points of reactions to ticks below
+/// 0, by the step they begin in.
+inline void widen_by_latency(const MotionSettings& motion, const Timing& timing,
+                             std::vector<std::pair<int, double>> reach, StoppingCurve& curve) {
+    if (timing.latency == 0) return;
+    const LinePath& path = curve.path;
+    const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
+    for (int k = 0; k < known; ++k)
+        reach.emplace_back(LinePath::reaction_step(k, timing), curve.farthest[std::size_t(k)]);
+    std::size_t first = 0;  // of those that begin at the tick or later
+    for (int k = 0; k < path.ticks; ++k) {
+        const int step = k * timing.period + 1;
+        double& most = curve.farthest[std::size_t(k)];
+        if (k >= known) most = farthest_on_line(path, path.s.begin() + step);
+        while (first < reach.size() && reach[first].first < step) ++first;
+        for (std::size_t i = first; i < reach.size() && reach[i].first <= step + timing.latency; ++i)
+            most = std::max(most, reach[i].second);
+        if (first == 0) continue;
+        if (first == reach.size()) {  // between the last of them and the end of the line
+            most = std::max(most, reach.back().second);
+            continue;
+        }
+        // The reaction at once, between two.
+        const auto &before = reach[first - 1], &after = reach[first];
+        const double share = double(step - before.first) / (after.first - before.first);
+        most = std::max(most, before.second + share * (after.second - before.second));
+    }
+}
+
 /// Where another joint takes over as the limiting one, the overrun has a kink. Reactions that begin up to an
 /// overrun before it cross it on their way. So the ticks are cut there, and those crossing it stand by
 /// themselves.
@@ -77,11 +128,6 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         curve.farthest.assign(path.ticks, 0.0);
         curve.reactions_simulated = 0;
         const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
-        // A path that ends before the reaction begins ends for both: the arm stands still there.
-        for (int k = known; k < path.ticks; ++k) {
-            const auto from = path.s.begin() + std::ptrdiff_t(k) * timing.period + 1;
-            curve.farthest[k] = *std::max_element(from, path.s.end());
-        }
         if (known > 0) detail::cut_at_kinks(motion, timing, path, c, known, tolerance(c), pending);
     }
     std::vector<ReactionJob> jobs;
@@ -94,7 +140,10 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         simulate_reactions<T>(
             chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,
             [&](const ReactionJob& job) { return pose(job.curve); },
-            [&](const ReactionJob& job) { return job.path->at_tick(job.tick, timing.period); });
+            [&](const ReactionJob& job) { return job.path->at_tick(std::max(job.tick, 0), timing.period); });
+        follow_closely_at_singularities<T>(
+            chain, motion, contact, timing, kind, jobs, ReactionDetail::only_peak,
+            [&](const ReactionJob& job) { return tolerance(job.curve).follows_closely(job.tick); });
         for (const ReactionJob& job : jobs) ++curves[job.curve].reactions_simulated;
     };
     auto place = [&](int curve, int k, double travelled) {
@@ -156,6 +205,30 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         refinement.finish();
         for (std::size_t i = 0; i < refinement.overruns().size(); ++i)
             place(refinement.curve, refinement.first() + int(i), std::max(0.0, refinement.overruns()[i]));
+    }
+    jobs.clear();
+    for (int c = 0; c < count; ++c) {
+        if (curves[c].path.ticks == 0) continue;
+        // Known as well as the tick among those they may be to that matters most.
+        const int last = std::min(LinePath::early_ticks(timing), curves[c].path.ticks - 1);
+        int matters = 0;
+        for (int k = 1; k <= last; ++k)
+            if (tolerance(c).of(k, k) < tolerance(c).of(matters, matters)) matters = k;
+        for (int k : detail::early_ticks(motion, timing, curves[c].path)) {
+            add(c, matters);
+            jobs.back().tick = k;
+        }
+    }
+    simulate();
+    std::size_t next = 0;
+    for (int c = 0; c < count; ++c) {
+        std::vector<std::pair<int, double>> reach;
+        for (; next < jobs.size() && jobs[next].curve == c; ++next) {
+            const std::vector<double>& distance = jobs[next].distance;
+            reach.emplace_back(LinePath::reaction_step(jobs[next].tick, timing),
+                               *std::max_element(distance.begin(), distance.end()));
+        }
+        detail::widen_by_latency(motion, timing, std::move(reach), curves[c]);
     }
 }
 

@@ -96,6 +96,7 @@ class ArmTrajectory {
         Posture<double> posture;
         double q[max_joints], first[max_joints], second[max_joints], stop_time = 0;
         for (int i = 0; i <= steps_; ++i) {
+            allow_interruption();
             pose(i * step(), posture);
             spline_.at(i * step(), q, first, second);
             for (int j = 0; j < chain_.dof; ++j)
@@ -158,6 +159,7 @@ class ArmTrajectory {
             if (touched) greatest = std::max(greatest, s);
             if (free && touched && i > 0) impact.step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0, 1.0);
             if (i < 1 || (i - 1) % settings_.period != 0) continue;
+            allow_interruption();
             const int k = path.ticks++;
             for (std::size_t j = 0; j < n; ++j) torque[j] = touched ? dot(lever_[std::size_t(k) * n + j], normal) : 0.0;
             path.torque_per_N.insert(path.torque_per_N.end(), torque.begin(), torque.end());
@@ -177,6 +179,7 @@ class ArmTrajectory {
         const Point3<double> origin = point_at(begin);
         std::vector<double> distance;
         auto visit = [&](double u) {
+            allow_interruption();
             const double s = dot(point_at(u) - origin, normal);
             distance.push_back(u > begin ? s : std::min(s, not_yet));
         };
@@ -277,6 +280,7 @@ class ArmTrajectory {
         double u = std::min((first_step(tick) + settings_.latency) * step(), end), v = 1;
         bool forward = true;
         for (int i = 0;; ++i) {
+            allow_interruption();
             reaction.u.push_back(u);
             reaction.reach = std::max(reaction.reach, u);
             spline_.at(u, state.q, state.qd, second);

@@ -23,6 +23,9 @@ struct DecisionSettings {
     double arming_delay = 0;            ///< after a motion begins [s]
     double rest_time = 0.1;             ///< all joints slower than their rest_speed for this long: the arm rests [s]
     double low_hz = 0.5, high_hz = 30;  ///< of the fast channel
+    /// While an alarm stands, a residual that passes its threshold after so long below is another event [s]; infinite:
+    /// it never is.
+    double event_pause = 0.1;
 };
 
 /// Judges residuals tick by tick. Nothing is allocated.
@@ -42,7 +45,8 @@ class Decision {
     }
 
     /// A tick at time t [s], `dt` after the last: residuals, rates, accelerations and the standard errors of the torque
-    /// (or none), by joint and finite, in arrays of max_joints numbers. True: the alarm begins with this tick.
+    /// (or none), by joint and finite, in arrays of max_joints numbers. True: an event begins with this tick, which raises
+    /// the alarm, or comes while it stands.
     bool judge(double t, double dt, const double* residual, const double* qd, const double* qdd,
                const double* sd) noexcept {
         const ThresholdLaw& law = settings_.thresholds;
@@ -80,11 +84,21 @@ class Decision {
         const bool armed = resting_ || t - begun_ >= settings_.arming_delay;
         const bool over = (over_ | over_fast_) != 0;
         unseen_ = !armed && over;
-        if (state_ == DetectorState::alarm) return false;
-        state_ = armed ? DetectorState::watching : DetectorState::arming;
-        if (!armed || !over) return false;
+        const bool stands = state_ == DetectorState::alarm;
+        loud_ = armed && over;
+        if (!stands) state_ = armed ? DetectorState::watching : DetectorState::arming;
+        // Ticks without a residual are no quiet ones: behind them quiet counts anew.
+        if (!judged_) quiet_from_ = t;
+        judged_ = true;
+        if (!loud_) {
+            event_over_ = event_over_ || t - quiet_from_ >= settings_.event_pause;
+            return false;
+        }
+        const bool begins = !stands || event_over_;
         state_ = DetectorState::alarm;
-        return true;
+        quiet_from_ = t;
+        event_over_ = false;
+        return begins;
     }
 
     /// The alarm is over.
@@ -92,7 +106,12 @@ class Decision {
         if (state_ == DetectorState::alarm) state_ = DetectorState::watching;
     }
     /// After a time without residuals the filter begins anew.
-    void interrupt() noexcept { band_.reset(); }
+    void interrupt() noexcept {
+        band_.reset();
+        skip();
+    }
+    /// A tick without a residual: nothing is known to be quiet in it.
+    void skip() noexcept { judged_ = false; }
     void reset() noexcept {
         interrupt();
         resting_ = true;
@@ -105,6 +124,8 @@ class Decision {
     /// Joints over their thresholds in the last tick, joint j as bit j: of the residual, and of the fast channel.
     std::uint32_t over() const noexcept { return over_; }
     std::uint32_t over_fast() const noexcept { return over_fast_; }
+    /// Over some threshold in the last tick, and armed: what an event goes on with.
+    bool loud() const noexcept { return loud_; }
     /// The last tick would have been an alarm, had the detector been armed.
     bool unseen() const noexcept { return unseen_; }
     const double* threshold() const noexcept { return threshold_.data(); }
@@ -124,7 +145,9 @@ class Decision {
     int joints_;
     BandPass band_;
     DetectorState state_ = DetectorState::watching;
-    bool any_fast_ = false, resting_ = true, unseen_ = false;
+    bool any_fast_ = false, resting_ = true, unseen_ = false, judged_ = false, loud_ = false;
+    bool event_over_ = false;  // all was quiet for the pause
+    double quiet_from_ = 0;    // since when nothing was over a threshold [s]
     double begun_ = 0, moved_ = -std::numeric_limits<double>::infinity();
     std::uint32_t over_ = 0, over_fast_ = 0;
     std::array<double, max_joints> threshold_{}, fast_{}, inverse_rest_speed_{};

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "bumpstop/detection/decision.hpp"
+#include "bumpstop/detection/event_span.hpp"
 #include "bumpstop/detection/isolation.hpp"
 #include "bumpstop/detection/payload.hpp"
 #include "bumpstop/detection/sample_guard.hpp"
@@ -27,16 +28,18 @@ struct DetectorSettings {
     ResidualKind residual = ResidualKind::direct;
     TorqueSource source = TorqueSource::current;
     double observer_gain = 50;        ///< K [1/s]
-    int window = 8, degree = 2;       ///< of the derivatives, see CausalDerivative
+    double window = 0.07;             ///< of the derivatives, from its oldest to its newest sample [s]
+    int degree = 2;                   ///< of the derivatives, see CausalDerivative
     Vector3 gravity{0, 0, -9.80665};  ///< base frame [m/s2]
     SampleLimits samples;
     DecisionSettings decision;
     double grace = 0;                           ///< blind for longer asks for a stop [s]; 0: at once
     std::uint32_t unknown = 0;                  ///< joint j as bit j: its torque is not known, and its residual is zero
     std::array<double, max_joints> noise_sd{};  ///< of the residual, to be given: above 0; infinite: not watched
-    LinkPoint contact;                          ///< where the force of an event is given
-    Vector3 direction{0, 0, -1};                ///< unit vector the force is given along, base frame
-    Payload payload;                            ///< declared
+    std::array<double, max_joints> dead_zone{};  ///< torque that friction can hide at standstill [Nm or N]
+    LinkPoint contact;                           ///< where the force of an event is given
+    Vector3 direction{0, 0, -1};                 ///< unit vector the force is given along, base frame
+    Payload payload;                             ///< declared
     PayloadWatchSettings payload_watch;
 };
 
@@ -56,11 +59,14 @@ struct DetectorOutput {
     std::array<double, max_joints> qd{}, qdd{};  ///< as the detector sees them
 };
 
-/// The alarm that stays until it is acknowledged: the tick that raised it, in the units of DetectorOutput.
+/// An event: the tick that raised the alarm, or that passed a threshold again, after a pause, while the alarm stood. In
+/// the units of DetectorOutput.
 struct DetectorEvent {
     double t = 0;  ///< s
     std::uint32_t over = 0, over_fast = 0;
     std::array<double, max_joints> residual{}, threshold{}, q{};
+    EventSpan span;                           ///< up to the last tick
+    std::array<double, max_joints> hidden{};  ///< torque that friction may have hidden, as the joint was slow [Nm or N]
     ContactEstimate contact;
     bool payload_changed = false;  ///< a changed payload explains the residuals up to here
     double payload_change = 0;     ///< kg
@@ -74,7 +80,8 @@ class Detector {
         : chain_(chain),
           settings_(settings),
           bank_(joints, errors),
-          derivative_(settings.window, settings.degree, chain.dof),
+          derivative_(window_samples(settings.window, settings.samples.period, settings.degree), settings.degree,
+                      chain.dof),
           guard_(settings.samples, chain.dof),
           observer_(settings.observer_gain, chain.dof),
           decision_(settings.decision, chain.dof),
@@ -93,12 +100,14 @@ class Detector {
         out_.t = sample.t;
         out_.unseen = false;
         out_.over = out_.over_fast = 0;
-        const SampleFault fault = guard_.check(sample);
+        const bool moves = derivative_.full();
+        const SampleFault fault =
+            guard_.check(sample, {moves ? out_.qd.data() : nullptr, moves ? derivative_.span() : 0.0});
         out_.late = guard_.late();
         if (fault == SampleFault::gap) forget();
         if (fault != SampleFault::none && fault != SampleFault::gap) return blind(fault, sample.t);
         const bool full = settings_.samples.measured_rates ? derivative_.update(sample.t, sample.qd.data())
-                                                           : derivative_.update(sample.t, sample.q.data());
+                                                           : derivative_.update(sample.t, guard_.position());
         // A gap is told once, by the sample after it.
         if (!full) return blind(fault == SampleFault::gap && begun_ ? fault : SampleFault::filling, sample.t);
         if (settings_.samples.measured_rates) out_.qd = sample.qd;
@@ -112,8 +121,8 @@ class Detector {
         if (in_lanes_) frames_.set(inertias_.lanes, angle, qd);
         bool finite = false;
         if (settings_.residual == ResidualKind::direct) {
-            finite = direct_residual(sample, angle, qd, qdd);
-        } else if (observe(sample, angle, qd)) {
+            finite = direct_residual(angle, qd, qdd);
+        } else if (observe(angle, qd)) {
             finite = observed_residual(qdd);
         } else {
             return blind(SampleFault::filling, sample.t);
@@ -141,7 +150,7 @@ class Detector {
         derivative_.reset();
         observer_.reset();
         begun_ = false;
-        blind_ticks_ = 0;
+        blind_ticks_ = events_ = 0;
         seen_ = -std::numeric_limits<double>::infinity();
         out_ = {};
     }
@@ -161,7 +170,9 @@ class Detector {
     }
 
     const DetectorOutput& output() const noexcept { return out_; }
-    /// The last alarm.
+    /// Events so far; in a tick that begins one it grows.
+    long events() const noexcept { return events_; }
+    /// The last event.
     const DetectorEvent& event() const noexcept { return event_; }
     /// What the residuals of the last seconds say of the payload.
     const PayloadWatch& payload() const noexcept { return watch_; }
@@ -192,24 +203,23 @@ class Detector {
     }
 
     /// Torque that the drives give, or, for the observer, give but for reflected inertia.
-    void estimate(const DetectorSample& sample, const double* qd, const double* qdd, double* tau) noexcept {
+    void estimate(const double* qd, const double* qdd, double* tau) noexcept {
         errors_ = settings_.decision.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
         if (settings_.source == TorqueSource::current) {
-            bank_.map(sample.signal.data(), qd, qdd, tau, errors_ ? sd_.data() : nullptr);
+            bank_.map(guard_.signal(), qd, qdd, tau, errors_ ? sd_.data() : nullptr);
         } else {
             for (int first = 0; first < chain_.dof; first += native_lanes)
-                store(load<L>(&sample.signal[first]), tau + first);
+                store(load<L>(guard_.signal() + first), tau + first);
         }
     }
     /// Fills out_.residual; false where it is not finite, or an acceleration is not.
-    bool direct_residual(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
-                         const double* qdd) noexcept {
+    bool direct_residual(const JointAngles<double>& angle, const double* qd, const double* qdd) noexcept {
         alignas(64) double tau[max_joints], predicted[max_joints];
-        estimate(sample, qd, qdd, tau);
+        estimate(qd, qdd, tau);
         if (in_lanes_) {
             newton_euler_in_lanes(inertias_.lanes, frames_, qd, qdd, free_fall_, predicted);
         } else {
-            link_by_link(sample, angle, qd, qdd, predicted);
+            link_by_link(angle, qd, qdd, predicted);
         }
         MaskOf<L> finite = L(0.0) <= L(0.0);
         for (int first = 0; first < chain_.dof; first += native_lanes)
@@ -222,20 +232,19 @@ class Detector {
             finite = finite & taken(first, -load<L>(observer_.estimate() + first), qdd);
         return all(finite);
     }
-    [[gnu::noinline, gnu::flatten]] void link_by_link(const DetectorSample& sample, const JointAngles<double>& angle,
-                                                      const double* qd, const double* qdd, double* predicted) noexcept {
+    [[gnu::noinline, gnu::flatten]] void link_by_link(const JointAngles<double>& angle, const double* qd,
+                                                      const double* qdd, double* predicted) noexcept {
         store(L(0.0), predicted + (chain_.dof - 1) / native_lanes * native_lanes);
-        inverse_dynamics(chain_, inertias_, sample.q.data(), angle, qd, qdd, settings_.gravity, predicted);
+        inverse_dynamics(chain_, inertias_, guard_.position(), angle, qd, qdd, settings_.gravity, predicted);
     }
     /// The observer's next estimate; false while it begins.
-    [[gnu::noinline, gnu::flatten]] bool observe(const DetectorSample& sample, const JointAngles<double>& angle,
-                                                 const double* qd) noexcept {
+    [[gnu::noinline, gnu::flatten]] bool observe(const JointAngles<double>& angle, const double* qd) noexcept {
         const int n = chain_.dof;
         static constexpr double nothing[max_joints] = {};
         alignas(64) double tau[max_joints];
-        estimate(sample, qd, nothing, tau);
+        estimate(qd, nothing, tau);
         MomentumTerms<double> terms;
-        momentum_terms(chain_, inertias_, sample.q.data(), angle, qd, settings_.gravity, terms);
+        momentum_terms(chain_, inertias_, guard_.position(), angle, qd, settings_.gravity, terms);
         for (int j = 0; j < n; ++j) {
             terms.momentum[j] += reflected_[j] * qd[j];
             tau[j] += terms.velocity_force[j] - terms.gravity[j];
@@ -245,7 +254,7 @@ class Detector {
 
     const DetectorOutput& judged(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
                                  const double* qdd) noexcept {
-        const bool alarm =
+        const bool begins =
             decision_.judge(sample.t, guard_.interval(), out_.residual.data(), qd, qdd, errors_ ? sd_.data() : nullptr);
         out_.state = decision_.state();
         out_.fault = SampleFault::none;
@@ -262,7 +271,11 @@ class Detector {
         }
         if (watch_.due(sample.t)) weigh(sample, angle);
         out_.payload_changed = watch_.recognised();
-        if (alarm) record(sample, angle);
+        if (begins) {
+            record(sample, angle);
+        } else if (decision_.loud()) {
+            event_.span.extend(sample.t, out_.residual.data(), out_.threshold.data(), chain_.dof);
+        }
         out_.stop = out_.state == DetectorState::alarm;
         return out_;
     }
@@ -289,16 +302,24 @@ class Detector {
         event_.residual = out_.residual;
         event_.threshold = out_.threshold;
         event_.q = sample.q;
-        event_.contact = estimate_contact(chain_, posture, out_.residual.data(), settings_.noise_sd.data(),
-                                          settings_.contact, settings_.direction);
+        for (int j = 0; j < chain_.dof; ++j)
+            event_.hidden[j] =
+                hidden_torque(settings_.dead_zone[j], out_.qd[j], settings_.decision.thresholds.rest_speed[j]);
+        const auto noise =
+            contact_noise(chain_.dof, out_.residual.data(), settings_.noise_sd.data(), event_.hidden.data());
+        event_.contact = estimate_contact(chain_, posture, out_.residual.data(), noise.data(), settings_.contact,
+                                          settings_.direction);
         event_.payload_changed = out_.payload_changed;
         event_.payload_change = watch_.change();
+        event_.span.start(sample.t, out_.residual.data(), out_.threshold.data(), chain_.dof);
+        ++events_;
     }
 
     [[gnu::noinline, gnu::cold]] const DetectorOutput& blind(SampleFault fault, double t) noexcept {
         // An alarm that stands is not hidden by a bad sample, but the bad sample is told.
         out_.state = DetectorState::blind;
         out_.fault = fault;
+        decision_.skip();
         // Times may stand still or run backwards; ticks do not.
         ++blind_ticks_;
         const bool patient = t - seen_ <= settings_.grace && blind_ticks_ * settings_.samples.period <= settings_.grace;
@@ -327,7 +348,7 @@ class Detector {
     LinkPoint payload_point_;
     JointAngles<double> angle_{};
     bool begun_ = false, errors_ = false;
-    long blind_ticks_ = 0;
+    long blind_ticks_ = 0, events_ = 0;
     double seen_ = -std::numeric_limits<double>::infinity();  // when a tick was last judged
     std::array<double, max_joints> sd_{};
     DetectorOutput out_;

@@ -86,7 +86,7 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     ThresholdLaw& law = decision.thresholds;
     PayloadWatchSettings& watch = s.payload_watch;
     constexpr double inf = std::numeric_limits<double>::infinity(), large = std::numeric_limits<double>::max();
-    double window = 0, degree = 0, measured_rates = 0, unknown = 0, contact[4] = {}, payload[4] = {};
+    double degree = 0, measured_rates = 0, unknown = 0, unwatched = 0, endless = 0, contact[4] = {}, payload[4] = {};
     detail::DetectorKey keys[] = {
         {"period", &samples.period, 1, 1e-9, large},
         {"shortest_interval", &samples.shortest_interval, 1, 0, large},
@@ -98,13 +98,17 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"velocity", samples.velocity.data(), -1, 0, inf},
         {"signal", samples.signal.data(), -1, 0, inf},
         {"measured_rates", &measured_rates, 1, 0, 1},
+        {"frozen_time", &samples.frozen_time, 1, 0, inf},
+        {"unwatched", &unwatched, 1, 0, double((1 << max_joints) - 1)},
+        {"endless", &endless, 1, 0, double((1 << max_joints) - 1)},
         {"observer_gain", &s.observer_gain, 1, 1e-9, large},
-        {"window", &window, 1, 3, double(ChainDerivative<max_joints>::max_window)},
+        {"window", &s.window, 1, 1e-9, large},
         {"degree", &degree, 1, 2, double(max_fit_degree)},
         {"gravity", s.gravity.data(), 3, -large, large},
         {"grace", &s.grace, 1, 0, large},
         {"unknown", &unknown, 1, 0, double((1 << max_joints) - 1)},
         {"noise_sd", s.noise_sd.data(), -1, 1e-300, inf},
+        {"dead_zone", s.dead_zone.data(), -1, 0, large},
         {"contact", contact, 4, -large, large},
         {"direction", s.direction.data(), 3, -1, 1},
         {"payload", payload, 4, -large, large},
@@ -124,6 +128,7 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"rest_time", &decision.rest_time, 1, 0, large},
         {"low_hz", &decision.low_hz, 1, 1e-9, large},
         {"high_hz", &decision.high_hz, 1, 1e-9, large},
+        {"event_pause", &decision.event_pause, 1, 1e-9, inf},
     };
     const char* const in_range = " numbers in its range, once";
     bool begun = false, ended = false;
@@ -134,8 +139,8 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         const std::string& key = here.keyword;
         std::string word;
         if (!begun) {
-            if (key != "bumpstop-detector" || !here.word(word) || word != "1")
-                return wrong("not a detector of version 1");
+            if (key != "bumpstop-detector" || !here.word(word) || word != "2")
+                return wrong("not a detector of version 2");
             begun = true;
         } else if (key == "end") {
             ended = true;
@@ -177,16 +182,16 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     const std::size_t wanted = s.source == TorqueSource::current ? std::size_t(n) : 0;
     if (out.joints.size() != wanted || out.errors.size() != wanted)
         return wrong("wanted " + std::to_string(wanted) + " lines 'joint_torque' and 'joint_errors'");
-    if (window <= degree) return wrong("'window' is not above 'degree'");
     if (!(decision.low_hz < decision.high_hz)) return wrong("'low_hz' is not below 'high_hz'");
-    for (const double whole : {window, degree, measured_rates, unknown, contact[0]})
+    for (const double whole : {degree, measured_rates, unknown, unwatched, endless, contact[0]})
         if (whole != std::floor(whole)) return wrong("a number that counts is not whole");
     if (!(contact[0] >= 0 && contact[0] < n)) return wrong("'contact' names no link");
     if (!detail::is_unit_vector(s.direction)) return wrong("'direction' wants a unit vector");
     if (!(payload[0] >= 0)) return wrong("'payload' has a negative mass");
-    s.window = int(window);
     s.degree = int(degree);
     samples.measured_rates = measured_rates != 0;
+    samples.unwatched = std::uint32_t(unwatched);
+    samples.endless = std::uint32_t(endless);
     s.unknown = std::uint32_t(unknown);
     s.contact = link_point(robot->chain(), int(contact[0]), {contact[1], contact[2], contact[3]});
     s.payload = {payload[0], {payload[1], payload[2], payload[3]}};

@@ -11,9 +11,11 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// What a residual says of a contact. Residuals are minus the contact's torques, so forces here are those of the arm on
 /// the body: along +n where the arm pushes.
 struct ContactEstimate {
-    int link = -1;                            ///< likeliest, from 0; -1: no joint is watched
-    std::uint32_t possible = 0;               ///< link i as bit i: a contact there could explain the residual
-    double force_along = 0;                   ///< least squares, along the direction asked for [N]
+    int link = -1;               ///< likeliest, from 0; -1: no joint is watched
+    std::uint32_t possible = 0;  ///< link i as bit i: a contact there could explain the residual
+    double force_along = 0;      ///< least squares, along the direction asked for [N]
+    /// Standard deviation of force_along; infinite where no joint that says something feels the direction [N].
+    double force_along_sd = std::numeric_limits<double>::infinity();
     Vector3 force{};                          ///< least squares at the point, shortest [N, base frame]
     double leftover = 0;                      ///< of that force: largest |r_j - fit_j| / sd_j over watched joints
     std::array<double, max_joints> misfit{};  ///< by link: sum ((r_j - fit_j) / sd_j)^2 of the best wrench there
@@ -85,6 +87,32 @@ inline int take_out(double (&column)[6][max_joints], int columns, int rows, doub
 
 }  // namespace detail
 
+/// The part of a joint's dead zone that its friction can hide at a speed: all of it up to rest_speed, nothing from twice
+/// that on, as ThresholdLaw has it [Nm or N].
+inline double hidden_torque(double dead_zone, double qd, double rest_speed) noexcept {
+    return dead_zone * std::max(0.0, std::min(1.0, 2 - std::fabs(qd) / rest_speed));
+}
+
+/// The noise that a contact's estimate takes. A joint that stands still shows of a contact only what its friction does
+/// not hold. Where it shows nothing, and friction hides more than its noise, it says nothing: infinite. Else its
+/// residual is known to within what is hidden.
+///
+/// `sd`: noise of the residual by joint; `hidden`: torque that friction may hide by joint.
+inline std::array<double, max_joints> contact_noise(int joints, const double* residual, const double* sd,
+                                                    const double* hidden) noexcept {
+    std::array<double, max_joints> out{};
+    bool heard = false;
+    for (int j = 0; j < joints; ++j) {
+        const bool silent = hidden[j] > sd[j] && std::fabs(residual[j]) <= 3 * sd[j];
+        out[j] = silent ? std::numeric_limits<double>::infinity() : std::hypot(sd[j], hidden[j]);
+        heard = heard || std::isfinite(out[j]);
+    }
+    // Where every joint is silent the little that they show is all there is.
+    if (!heard)
+        for (int j = 0; j < joints; ++j) out[j] = std::hypot(sd[j], hidden[j]);
+    return out;
+}
+
 /// `sd`: noise of the residual by joint, above 0; infinite: the joint is not watched and says nothing. `point` and the
 /// unit vector `direction` (base frame) are where and how a contact is asked for.
 ///
@@ -116,6 +144,7 @@ inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double
         }
     }
     out.force_along = along_square > 0 ? along / along_square : 0;
+    if (along_square > 0) out.force_along_sd = 1 / std::sqrt(along_square);
     out.force = detail::shortest_solution(normal, right);
     for (int j = 0; j < n; ++j) {
         double fit = 0;

@@ -44,7 +44,8 @@ struct RowOf {
 };
 
 /// How far the rows are from dependent, by the sine of the angle between a row and those before it. The sine
-/// has no unit, so rotations and translations need no common scale.
+/// has no unit, so rotations and translations need no common scale. Of a row that all but vanishes, only its direction
+/// would be looked at, which rounding may have chosen: it must be told how long rows of its kind are.
 template <class T>
 struct Conditioning {
     MaskOf<T> singular;    ///< some sine below 1e-6
@@ -61,19 +62,26 @@ inline constexpr double singular_sine = 1e-6, poor_sine = 1e-2;
 /// correction by what it already contains, which makes the method backward stable: A. Bjorck, "Numerical
 /// methods for least squares problems", 1996, section 2.4.4.
 ///
+/// `least_length`: by row, the square of the length that a row counts as having at least when sines are taken, so that the
+/// sine of a row that vanishes beside it is zero. Null: rows are as long as they are.
 /// `row` and `target` are overwritten.
 template <int Rows, int Columns, class T>
-Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x) {
+Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, const T* least_length = nullptr) {
     using Row = RowOf<Columns, T>;
-    T inverse[Rows], before[Rows];
+    T inverse[Rows], before[Rows], first;
     BUMPSTOP_UNROLL
     for (int c = 0; c < Rows; ++c) before[c] = Row::dot(row[c], row[c], columns);
+    first = before[0];
+    if (least_length != nullptr) {
+        BUMPSTOP_UNROLL
+        for (int c = 0; c < Rows; ++c) before[c] = maximum(before[c], least_length[c]);
+    }
     T singular_margin = 1.0, poor_margin = 1.0, least = 1.0, least_before = 1.0;
     BUMPSTOP_UNROLL
     for (int c = 0; c < Rows; ++c) {
         const T* u = row[c];
         // A row that vanishes would divide by zero; its rate then stays finite and the caller sees the sine.
-        const T square = c == 0 ? before[0] : Row::dot(u, u, columns);
+        const T square = c == 0 ? first : Row::dot(u, u, columns);
         inverse[c] = 1.0 / maximum(square, T(1e-200));
         singular_margin = minimum(singular_margin, square - singular_sine * singular_sine * before[c]);
         poor_margin = minimum(poor_margin, square - poor_sine * poor_sine * before[c]);
@@ -98,17 +106,18 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x) {
 /// The damped least squares x = R' (R R' + damping^2 I)^-1 target is the same problem with `damping` times the
 /// unit matrix appended to the rows. `damping` 0 is exact. x must hold columns + Rows entries.
 template <int Rows, class T>
-Conditioning<T> damped_min_norm(T (*row)[max_columns], int columns, T* target, double damping, T* x) {
+Conditioning<T> damped_min_norm(T (*row)[max_columns], int columns, T* target, double damping, T* x,
+                                const T* least_length = nullptr) {
     if (damping > 0) {
         BUMPSTOP_UNROLL
         for (int c = 0; c < Rows; ++c)
             for (int i = 0; i < Rows; ++i) row[c][columns + i] = i == c ? damping : 0.0;
-        return min_norm<Rows, 0>(row, columns + Rows, target, x);
+        return min_norm<Rows, 0>(row, columns + Rows, target, x, least_length);
     }
     // Arms have six or seven joints; for those the loops unroll.
-    if (columns == 6) return min_norm<Rows, 6>(row, columns, target, x);
-    if (columns == 7) return min_norm<Rows, 7>(row, columns, target, x);
-    return min_norm<Rows, 0>(row, columns, target, x);
+    if (columns == 6) return min_norm<Rows, 6>(row, columns, target, x, least_length);
+    if (columns == 7) return min_norm<Rows, 7>(row, columns, target, x, least_length);
+    return min_norm<Rows, 0>(row, columns, target, x, least_length);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -147,7 +147,9 @@ class ScrewColumns {
 
     /// |det J| of six columns is the product of the distances of each row from those before it, and each of these is at
     /// most as long as the row. Squares of rotations add up to one in a column, those of translations to no more than the
-    /// square of how far the tip can be from the joint.
+    /// square of how far the tip can be from the joint. The row that is near the others counts as long as three of its kind
+    /// are in the quadratic mean, or longer: with two rows as long as may be beside it that makes 1.5 times the product of
+    /// three alike.
     void set_least_determinant(const LinkPoint& tip, const double* travel) {
         const auto length = [](const Vector3& v) { return std::hypot(v[0], v[1], v[2]); };
         double squares = 0;
@@ -158,7 +160,7 @@ class ScrewColumns {
             squares += chain_.joint[free_joint_[f]].prismatic ? 1.0 : far * far;
         }
         const double longest_rows = std::pow(count_ / 3.0 * squares / 3.0, 1.5);
-        least_determinant_ = singular_sine * longest_rows * std::fabs(inverse_sine_);
+        least_determinant_ = singular_sine * 1.5 * longest_rows * std::fabs(inverse_sine_);
         reach_ = std::sqrt(squares / count_);
     }
 

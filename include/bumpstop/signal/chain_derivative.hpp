@@ -15,7 +15,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 template <int Columns>
 class ChainDerivative {
   public:
-    static constexpr int max_window = 64;
+    static constexpr int max_window = max_window_samples;
 
     /// `window`: samples, more than `degree`, at most max_window. `degree`: 2 to max_fit_degree.
     ChainDerivative(int window, int degree, int columns) noexcept
@@ -51,6 +51,10 @@ class ChainDerivative {
     }
 
     int samples() const noexcept { return samples_; }
+    /// The window is full.
+    bool full() const noexcept { return samples_ == window_; }
+    /// From the oldest to the newest sample of a full window [s].
+    double span() const noexcept { return newest_ - time_[slot_]; }
     /// At the newest sample, by column; of use once update() has said so.
     const double* rate() const noexcept { return rate_.data(); }
     const double* acceleration() const noexcept { return acceleration_.data(); }

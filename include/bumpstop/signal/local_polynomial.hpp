@@ -12,6 +12,18 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 inline constexpr int max_fit_degree = 5;
+/// Of the fits in a control loop.
+inline constexpr int max_window_samples = 512;
+
+/// Samples in a window of `time` seconds, one every `period` seconds, from the oldest to the newest: at least one more
+/// than `degree`, which a fit needs, and at most max_window_samples.
+inline int window_samples(double time, double period, int degree) noexcept {
+    // Halves go down, and what is near them: 70 ms at 250 Hz are 17 intervals, whatever a clock makes of 4 ms.
+    const double intervals = time / period + 0.45;
+    // Written so that what is no number gives the least.
+    if (!(intervals > degree)) return degree + 1;
+    return intervals >= max_window_samples ? max_window_samples : int(intervals) + 1;
+}
 
 /// Sum of the lanes.
 template <class T>

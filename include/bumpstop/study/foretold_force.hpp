@@ -315,6 +315,7 @@ void foretell_forces(const ForetoldScenario& scenario, int n, const double* q, c
                                 lane_of(all.approach, lane), lane_of(all.trusted, lane), lane_of(all.turned, lane)};
     };
     for (int i = 0; i < n; i += lanes) {
+        allow_interruption();
         int row[lanes];
         for (int lane = 0; lane < lanes; ++lane) row[lane] = std::min(i + lane, n - 1);
         const Foretold<T> found = detail::foretell<T, detail::few_steps, true>(scenario, load_start(row), nullptr);

@@ -21,14 +21,16 @@ struct LimitQuestion {
     bool crossing_decides = false;
 };
 
-/// The answer: the probability of passing the limit lies between `low` and `high`. Never detected counts as passing it.
+/// The answer: the probability of passing the limit lies between `low` and `high`. Never detected counts as passing it,
+/// unless the arm comes to rest at a lower force.
 struct LimitRisk {
     double low = 0, high = 1;
-    double undetected = 0;
+    double undetected = 0;   ///< the part of it that is never detected
     double false_alarm = 0;  ///< detection before contact
-    double at_crossing = 0;  ///< undetected if the arm did not get across the first singularity it passes
-    bool follows = true;     ///< the tool has the same travel from tick to tick
-    int reactions = 0;       ///< simulated
+    /// Not noticed before the first singularity that the arm passes or stands at; `undetected` where there is none.
+    double at_crossing = 0;
+    bool follows = true;  ///< the tool has the same travel from tick to tick
+    int reactions = 0;    ///< simulated
 };
 
 /// Travel in a tick that differs by more than this share is not that of a line at constant speed.
@@ -57,7 +59,12 @@ struct KnownPath {
             to.ticks = k + 1;
             to.end = PathEnd::certain_detection;
             to.end_joint = -1;
-            to.s.resize(std::min(path.s.size(), std::size_t(k) * timing.period + 2 + timing.latency));
+            const std::size_t length = std::size_t(k) * timing.period + 2 + timing.latency;
+            if (length <= path.s.size()) {  // the arm reacts before it would have to brake
+                to.s.resize(length);
+                to.cut_step = -1;
+                to.braking.clear();
+            }
             to.torque_per_N.resize(std::size_t(to.ticks) * path.dof);
             to.reaction_state.resize(std::min(path.reaction_state.size(), to.ticks * free));
             return true;
@@ -194,35 +201,51 @@ class LimitRiskFinder {
         curve.path = std::move(path);
         const int ticks = curve.path.ticks;
         found.follows = detail::follows_its_line(curve.path, timing_);
-        if (found.follows) {
-            // Every tick matters, but none needs more than a batch does.
+        // With a latency a reaction may begin sooner, and take the arm farther: all of them are looked at.
+        if (found.follows || timing_.latency > 0) {
+            // An arm that follows its line needs no more than a batch does. One that does not may hit hard and much the same
+            // every time: a probability then shows what a batch's figures do not, and its reactions are a single law's.
             const std::vector<double> probability(std::size_t(ticks), 1.0);
+            const FarthestTolerance tolerance{found.follows ? probability.data() : nullptr};
             complete_curves<T>(
                 chain_, motion_, contact_, timing_, kind_, &curve, 1, [&](int) { return q_; },
-                [&](int) { return FarthestTolerance{probability.data()}; });
+                [&](int) { return tolerance; });
             const LawSettings settings{question_.stiffness, question_.offset, 1, false};
             const ExactLaw law = ExactLawBuilder<T>(curve, timing_, motion_, detector_, settings).build();
-            found.undetected = law.undetected;
+            found.undetected = undetected_over(law);
             found.false_alarm = law.false_alarm;
-            found.low = found.high = tail<T>(law.pieces, law.peak_force, question_.force).probability + law.undetected;
+            found.low = found.high = peak_force_over<T>(law, question_.force);
             found.reactions = curve.reactions_simulated;
+            if (!found.follows) find_crossing(curve.path, law, found);
             return found;
         }
         // Without reactions the law says who is noticed when.
         for (int k = 0; k < ticks; ++k) curve.farthest.push_back(curve.path.at_tick(k, timing_.period));
         const LawSettings settings{question_.stiffness, question_.offset, 1, false};
         const ExactLaw law = ExactLawBuilder<T>(curve, timing_, motion_, detector_, settings).build();
-        found.undetected = std::max(0.0, law.undetected);
+        found.undetected = undetected_over(law);
         found.false_alarm = law.false_alarm;
-        weigh(curve.path, law);
-        const int crossing = detail::first_crossing(chain_, motion_, curve.path, q_);
-        found.at_crossing = found.undetected;
-        for (int k = crossing; k < ticks; ++k) found.at_crossing += felt_[std::size_t(k)];
+        find_crossing(curve.path, law, found);
         decide(curve.path, law, found);
         return found;
     }
 
   private:
+    /// Weighs the ticks, and tells what hangs on whether the arm gets across a singularity.
+    void find_crossing(const LinePath& path, const ExactLaw& law, LimitRisk& found) {
+        weigh(path, law);
+        const int crossing = detail::first_crossing(chain_, motion_, path, q_);
+        // Whether the arm stands there or gets across, and hits harder, is chance: neither is to be relied on.
+        const bool may_cross = crossing < path.ticks || path.end == PathEnd::singularity;
+        found.at_crossing = may_cross ? std::max(0.0, law.undetected) : found.undetected;
+        for (int k = crossing; k < path.ticks; ++k) found.at_crossing += felt_[std::size_t(k)];
+        found.at_crossing += braking_;
+    }
+    /// Probability of passing the force without being noticed.
+    double undetected_over(const ExactLaw& law) const {
+        if (!law.rests) return std::max(0.0, law.undetected);
+        return tail<T>(law.pieces, law.end_force, question_.force).probability;
+    }
     /// Probability of a detection at every tick: after contact, and before it.
     void weigh(const LinePath& path, const ExactLaw& law) {
         const QuietTicks quiet(detector_, timing_, motion_.step, path.ticks);
@@ -242,6 +265,13 @@ class LimitRiskFinder {
             edge_[std::size_t(k)] = edge;
             if (quiet.armed(k)) early_[std::size_t(k)] = quiet.silence_before(k) * quiet.idle(k).alarm;
         }
+        // Bodies beyond the line that the arm still reaches while it brakes, where nothing has alarmed before.
+        braking_ = 0;
+        if (!path.brakes() || path.ticks == 0) return;
+        const auto end = path.s.begin() + std::ptrdiff_t(path.end_step(timing_)) + 1;
+        const double line = std::max(edge, *std::max_element(path.s.begin(), end));
+        const double deepest = path.farthest_braking() - question_.force / question_.stiffness;
+        braking_ = quiet.silence_before(path.ticks) * std::max(0.0, beyond(line) - beyond(deepest));
     }
 
     double beyond(double offset) const {
@@ -278,10 +308,11 @@ class LimitRiskFinder {
         const double largest = question_.offset.largest() + question_.force / question_.stiffness;
         std::vector<int> open;
         for (int k = 0; k < ticks; ++k) {
-            // The arm goes on for the latency, and to the end of a path that ends before.
+            // The arm goes on for the latency, or brakes where it cannot follow its line as far.
             const auto from = path.s.begin() + std::ptrdiff_t(k) * timing_.period + 1;
-            const auto to = k < known ? from + timing_.latency + 1 : path.s.end();
-            least[std::size_t(k)] = passing(law, k, *std::max_element(from, to));
+            least[std::size_t(k)] = passing(
+                law, k,
+                k < known ? *std::max_element(from, from + timing_.latency + 1) : detail::farthest_on_line(path, from));
             greatest[std::size_t(k)] = k < known ? most(k) : least[std::size_t(k)];
             if (known_.knows(k, largest))
                 least[std::size_t(k)] = greatest[std::size_t(k)] =
@@ -297,7 +328,7 @@ class LimitRiskFinder {
         std::vector<ReactionJob> jobs;
         // Few at first, for a rough answer may do; then more, for registers that are full.
         for (std::size_t at_once = 2 * std::size_t(Scalar<T>::lanes);; at_once *= 2) {
-            found.low = found.high = found.undetected;
+            found.low = found.high = found.undetected + braking_;
             for (int k = 0; k < ticks; ++k) {
                 found.low += least[std::size_t(k)];
                 found.high += greatest[std::size_t(k)];
@@ -341,6 +372,7 @@ class LimitRiskFinder {
     KnownPath& known_;
     std::vector<double> felt_, early_;  ///< by tick: probability of a detection after contact; of an alarm before it
     std::vector<double> edge_;          ///< by tick: bodies nearer than this have been touched [m]
+    double braking_ = 0;  ///< probability of a body that only the braking arm reaches, and presses too hard
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

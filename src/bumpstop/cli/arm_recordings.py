@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
-from bumpstop.text_files import is_path
+from bumpstop.text_files import is_path, list_items
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from bumpstop.identification import Payload
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
+
+_FREE_FALL = (9.7, 9.9)  # on this planet, at any height that robots stand at [m/s2]
 
 
 def built_in_or_path(robot: str) -> str:
@@ -38,9 +41,14 @@ def is_dynamics(model: str | Path) -> bool:
         return False  # whoever reads it as a joint model says what is wrong
 
 
-def span_of(begin: float | None, until: float | None, length: float) -> tuple[float, float]:
-    """What ``--from`` and ``--until`` leave of a recording of ``length`` seconds, counted from its beginning [s]."""
+def span_of(begin: float | None, until: float | None, length: float, start: float = 0.0) -> tuple[float, float]:
+    """What ``--from`` and ``--until`` leave of a recording of ``length`` seconds, counted from its beginning [s].
+
+    ``start`` is the time of the beginning as the recording counts it.
+    """
     valid = f"valid: 0 to {length:.6g} s"
+    if start != 0:
+        valid += f", counted from its beginning, which is {start:.6g} s of its own time"
     for option, value in (("--from", begin), ("--until", until)):
         if value is not None and not value >= 0:
             raise InputError(option, f"is {value:g}", valid)
@@ -71,20 +79,23 @@ def part_of(
     until: float | None = None,
     topic: str | None = None,
     max_bad: float = 0.01,
+    rate_hz: float | None = None,
 ) -> Recording:
     """A recording, or what lies between two times of it, counted from its beginning [s]."""
     from bumpstop.recording import Recording
 
     try:
-        log = Recording.load(path, columns=columns, robot=arm, topic=topic, max_bad=max_bad)
+        log = Recording.load(path, columns=columns, robot=arm, topic=topic, max_bad=max_bad, rate_hz=rate_hz)
     except InputError as error:
-        if error.field in ("topic", "max_bad", "columns"):
-            raise InputError(f"--{error.field.replace('_', '-')}", error.problem, error.valid) from None
+        if error.field in ("topic", "max_bad", "columns", "rate_hz"):
+            raise InputError(
+                f"--{error.field.removesuffix('_hz').replace('_', '-')}", error.problem, error.valid
+            ) from None
         raise
     start, end = float(log.t[0]), float(log.t[-1])
     if begin is None and until is None:
         return log
-    low, high = span_of(begin, until, end - start)
+    low, high = span_of(begin, until, end - start, start)
     return log.between(start + low, end if high == end - start else start + high)
 
 
@@ -103,7 +114,7 @@ def carried_of(given: Sequence[str] | None, recordings: int) -> list[Payload | N
         number, colon, figures = text.rpartition(":")
         try:
             which = range(recordings) if not colon else [int(number) - 1]
-            mass, *center = (float(figure) for figure in figures.split(","))
+            mass, *center = (float(figure) for figure in list_items(figures))
             usable = len(center) in (0, 3) and all(0 <= place < recordings for place in which)
         except ValueError:
             usable = False
@@ -113,6 +124,24 @@ def carried_of(given: Sequence[str] | None, recordings: int) -> list[Payload | N
         for place in which:
             found[place] = Payload(mass, vector3(center or (0.0, 0.0, 0.0)))
     return found
+
+
+def gravity_of(given: str | None) -> tuple[float, float, float] | None:
+    """Acceleration of free fall in the base frame from ``X,Y,Z`` [m/s2]; None: an upright base."""
+    from bumpstop.model.inertia import vector3
+
+    if given is None:
+        return None
+    try:
+        found = [float(figure) for figure in list_items(given)]
+    except ValueError:
+        found = []
+    low, high = _FREE_FALL
+    if len(found) != 3 or not low <= math.hypot(*found) <= high:
+        size = f"is {math.hypot(*found):.4g} m/s2 in all" if len(found) == 3 else f"{given!r} cannot be used"
+        valid = f"wanted X,Y,Z of {low:g} to {high:g} in all, as 0,0,9.80665 on a ceiling or -9.80665,0,0 on a wall"
+        raise InputError("--gravity", size, valid)
+    return vector3(found)
 
 
 def payloads_of(given: Sequence[str] | None, arm: Robot, recordings: int) -> list[Robot]:

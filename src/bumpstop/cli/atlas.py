@@ -96,59 +96,88 @@ def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: 
             raise InputError("--null-space", "has no place for its suggestions", "give --out as well")
         check_redundant(study.problem)
 
+    files: list[str] = []
+
     def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
         from bumpstop.report.study_atlas import SuggestionPart, TrajectoryAtlasPart
 
         assert out is not None
-        retimed, speed = _slowed(study, rows)
+        retimed = study.slowed(rows).retimed
         if retimed is not None:
             from bumpstop.study.trajectory_writing import write_csv, write_ros
 
             write_csv(out / "retimed.csv", retimed)
             write_ros(out / "retimed.json", retimed, study.problem.robot)
-            summary = summary | {"retimed_duration_s": float(retimed.time[-1])}
+            files.extend(("retimed.csv", "retimed.json"))
+        else:
+            # Left from another run they would be taken for this trajectory's.
+            for name in ("retimed.csv", "retimed.json"):
+                (out / name).unlink(missing_ok=True)
         rows.select("waypoint", "t_s", "limit_mm_s").write_csv(out / "speed_limit.csv")
-        parts: list[Any] = [TrajectoryAtlasPart(rows, summary, speed)]
+        files.append("speed_limit.csv")
+        parts: list[Any] = [TrajectoryAtlasPart(rows, summary, _speeds(study, retimed, rows))]
         if null_space:
             waypoints = rows.filter(~rows["between"])
             suggestions = _suggest(study, waypoints)
             suggestions.write_parquet(out / "suggestions.parquet")
+            files.append("suggestions.parquet")
             parts.append(SuggestionPart(waypoints, suggestions))
         return "Safe speed along a trajectory", parts, _NOTES
 
-    def lines(summary: dict[str, Any]) -> list[str]:
-        none, places = summary["none_safe"], summary["waypoints"] + summary["moments_between"]
-        unsafe = [f"at {none} of {places} places no speed is safe, so there is no slower trajectory"] if none else []
-        over, moments = summary["over_between"], summary["moments_between"]
-        between = [f"between them the arm is faster than is safe at {over} of {moments} moments"] if moments else []
-        return [
-            f"{summary['over']} of {summary['waypoints']} waypoints are passed faster than is safe",
-            *between,
-            *unsafe,
-            f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
-            f"({summary['lowest_at_s']:.4g} s)",
-        ]
-
-    summary = execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=lines)
+    summary = execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_trajectory_lines)
+    if files and not as_json:
+        typer.echo(f"files: {', '.join(str(out / name) for name in files if out is not None)}")
     return 0 if summary["acceptable"] else NOT_ACCEPTABLE
 
 
-def _slowed(study: TrajectoryAtlas, rows: pl.DataFrame) -> tuple[Retimed | None, Any]:
-    """The re-timed trajectory and its speed at the rows [mm/s]; None where one of them has no safe speed."""
+def _trajectory_lines(summary: dict[str, Any]) -> list[str]:
+    none, places = summary["none_safe"], summary["waypoints"] + summary["moments_between"]
+    over, moments, singular = summary["over_between"], summary["moments_between"], summary["singular"]
+    lines = [
+        f"as given, {summary['duration_s']:.4g} s: {verdict_words(summary['verdict'])}",
+        f"{summary['over']} of {summary['waypoints']} waypoints are passed faster than is safe there",
+    ]
+    if moments:
+        lines.append(f"between them the arm is faster than is safe at {over} of {moments} moments")
+    if singular:
+        lines.append(
+            f"at {singular} of {places} places, at or near a singularity, no straight line can be followed: their "
+            "limits are by the trajectory's own law"
+        )
+    if none:
+        lines.append(f"at {none} of {places} places no speed is safe")
+    lines.append(
+        f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
+        f"({summary['lowest_at_s']:.4g} s)"
+    )
+    lines.append(f"directions: {summary['directions']}")
+    if summary["retimed_duration_s"] is None:
+        lines.append(f"there is no slower trajectory: {summary['not_retimed_because']}")
+    else:
+        lines.append(
+            f"slowed down, {summary['retimed_duration_s']:.4g} s instead of {summary['duration_s']:.4g} s: "
+            f"{verdict_words(summary['retimed_verdict'])}"
+        )
+    return lines
+
+
+def verdict_words(verdict: dict[str, Any]) -> str:
+    """A verdict of the summary in a sentence."""
+    word = {True: "ACCEPTABLE", False: "NOT ACCEPTABLE", None: "NO VERDICT"}[verdict["acceptable"]]
+    return f"{word}. {verdict['reason']}"
+
+
+def _speeds(study: TrajectoryAtlas, retimed: Retimed | None, rows: pl.DataFrame) -> Any:
+    """Speed of the slowed tip at the rows [mm/s]; None where there is no slower trajectory."""
     import numpy as np
 
-    from bumpstop.study.retiming import retime
-
-    speed = rows["speed_mm_s"].to_numpy()
-    if (rows["limit_mm_s"] == 0).any():
-        return None, None
-    limits = study.problem.robot.velocity, study.problem.joint_acceleration
-    retimed = retime(study.trajectory, study.pace(rows), *limits)
+    if retimed is None:
+        return None
     rate = study.trajectory.at(study.trajectory.time, 1)
     new = np.linalg.norm(retimed.velocity[retimed.waypoint], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.nan_to_num(new / np.linalg.norm(rate, axis=1))
-    return retimed, share * speed
+    return share * rows["speed_mm_s"].to_numpy()
 
 
 def _suggest(study: TrajectoryAtlas, rows: pl.DataFrame) -> pl.DataFrame:
@@ -167,4 +196,5 @@ def _workspace_lines(summary: dict[str, Any]) -> list[str]:
         f"in {summary['none_safe']} of {summary['poses']} poses no speed is safe",
         f"half of all poses are safe up to {summary['limit_p50_mm_s']:.4g} mm/s, one in twenty up to "
         f"{summary['limit_p95_mm_s']:.4g} mm/s",
+        f"directions: {summary['directions']}",
     ]

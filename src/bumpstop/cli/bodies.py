@@ -28,7 +28,7 @@ def bodies(
             field = "--limits" if error.field == "contact.limits" else error.field
             raise InputError(field, error.problem, error.valid) from None
         rows = Table(box=None, pad_edge=False, title=f"{table.name}: {table.title}", title_justify="left")
-        for heading in ("body", "clamped N", "N/cm2", "free N", "N/cm2", "N/mm", "kg", "status"):
+        for heading in ("body", "clamped N", "N/cm²", "free N", "N/cm²", "N/mm", "kg", "status"):
             rows.add_column(heading, justify="left" if heading in ("body", "status") else "right")
         for region in table.regions:
             clamped = table.contact_limits(region.name, "clamped")

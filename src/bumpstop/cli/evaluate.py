@@ -12,8 +12,11 @@ from typing import Annotated, Any
 import typer
 
 from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
 
+_MAX_LIST = 10_000  # characters
 NOT_ACCEPTABLE = 3
+INCONCLUSIVE = 4
 MOST_SAMPLES = 100_000_000
 MOST_THREADS = 256
 
@@ -35,7 +38,8 @@ def command(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Write report.html, figures, law.parquet and settings.toml there.")
+        Path | None,
+        typer.Option("--out", "-o", help="Write report.html, figures, law.parquet and settings.toml there."),
     ] = None,
     sampled: Annotated[
         int | None,
@@ -59,13 +63,15 @@ def command(
 ) -> int:
     """Work out the force law of a scenario and judge it.
 
-    Exit status: 0 acceptable, 3 not acceptable, 2 bad input.
+    Exit status: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input.
     """
+    from bumpstop.cli.progress import progress
     from bumpstop.collision import evaluate, load_scenario
 
     checked = load_scenario(scenario, dict(change(text) for text in changes or []))
     try:
-        law = evaluate(checked, samples=sampled, seed=seed, threads=threads)
+        with progress("drawing" if sampled else "evaluating") as share:
+            law = evaluate(checked, samples=sampled, seed=seed, threads=threads, progress=share)
     except MemoryError:
         if sampled is None:
             problem = "is not given, and the exact law of so many feedback ticks needs more memory than there is"
@@ -82,11 +88,12 @@ def command(
         from bumpstop.cli.summary import print_summary
 
         print_summary(law, report)
-    return NOT_ACCEPTABLE if law.verdict.acceptable is False else 0
+    # Without a body region there is nothing to judge, and no verdict that could fail.
+    return {"not_acceptable": NOT_ACCEPTABLE, "inconclusive": INCONCLUSIVE}.get(law.verdict.conclusion, 0)
 
 
 def change(text: str) -> tuple[str, Any]:
-    """``key=value`` with a TOML value, else a bare string."""
+    """``key=value`` with a TOML value or numbers with commas between them, else a bare string."""
     key, equals, value = text.partition("=")
     key = re.sub(r"\s*\.\s*", ".", key.strip())
     if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
@@ -94,6 +101,15 @@ def change(text: str) -> tuple[str, Any]:
     try:
         parsed = tomllib.loads(f"value = {value}")
     except (ValueError, RecursionError):  # bad TOML, a number of thousands of digits, thousands of brackets
-        return key, value.strip()
+        return key, _numbers(value) or value.strip()
     # More than one line may hold more than one value.
     return key, parsed["value"] if len(parsed) == 1 else value.strip()
+
+
+def _numbers(text: str) -> list[float] | None:
+    """Of a list without brackets, as other options take it; None where it is none."""
+    items = list_items(text)
+    try:
+        return [float(item) for item in items] if len(items) > 1 and len(text) < _MAX_LIST else None
+    except ValueError:
+        return None

@@ -11,6 +11,7 @@ import typer
 from bumpstop.cli.folders import check_folder
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
 
 # Fields of an experiment by the name that a person gave them here.
 _OPTIONS = {field: f"--{field}" for field in ("runs", "seed", "at", "stiffness", "residual", "loss")} | {
@@ -94,7 +95,7 @@ def _speeds(text: str | None) -> list[float]:
     if text is None:
         return []
     try:
-        speeds = [float(part) for part in text.split(",")]
+        speeds = [float(part) for part in list_items(text)]
     except ValueError:
         raise InputError("--speeds", f"is {text!r}", "wanted numbers like 25,50") from None
     for speed in speeds:

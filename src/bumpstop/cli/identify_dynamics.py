@@ -11,6 +11,7 @@ import typer
 
 from bumpstop.cli.arm_recordings import carried_of, known_of
 from bumpstop.cli.bodies_found import bodies_json, print_bodies
+from bumpstop.cli.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.model_report import dynamics_report
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.shares import or_null, share_text
@@ -33,25 +34,30 @@ def identify_dynamics_of(
     carried: Sequence[Payload | None],
     known: Sequence[str] | None,
     cutoff_hz: float | None,
+    gravity: tuple[float, float, float] | None,
     consistent: bool,
     out: Path | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Fit dynamics, with the gains of the drives where only currents were recorded; write and print what was found."""
-    from bumpstop.identification import consistent_inertias, identify_dynamics, identify_gains, save_fit
+    from bumpstop.identification import consistent_inertias, identify_dynamics, identify_gains, judge_dynamics, save_fit
+    from bumpstop.identification.motion import GRAVITY
     from bumpstop.model import write_urdf
+
+    falls = GRAVITY if gravity is None else gravity
 
     if any(log.tau is None for log in logs) and all(log.current is not None for log in logs):
         if groups:
             raise InputError("--shared-motor", "is for torques", "currents are taken joint by joint")
-        fit = identify_gains(logs, arm, payloads=carried, known=_known_gains(known), cutoff_hz=cutoff_hz)
+        fit = identify_gains(logs, arm, payloads=carried, known=_known_gains(known), cutoff_hz=cutoff_hz, gravity=falls)
     else:
         if known:
             raise InputError("--known", "is for drives, and torques were recorded", "leave it out")
         with as_options({"couplings": "--shared-motor"}):
-            fit = identify_dynamics(logs, arm, cutoff_hz=cutoff_hz, couplings=groups, payloads=carried)
+            fit = identify_dynamics(logs, arm, cutoff_hz=cutoff_hz, couplings=groups, payloads=carried, gravity=falls)
     bodies = consistent_inertias(logs, fit, payloads=carried) if consistent else None
     scores = fit.score(logs if fit.fitted is None else None, payloads=carried)
+    verdict = judge_dynamics(fit, logs)
     model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
     urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
     if model_file is not None and out is not None:
@@ -65,14 +71,17 @@ def identify_dynamics_of(
                 contact_joint=None,
                 bodies=bodies,
                 payloads=carried,
+                verdict=verdict,
             )
         if urdf is not None and bodies is not None:
             write_urdf(bodies.robot, urdf)
-        save_fit(fit, model_file, robot=named, created_from=[log.source for log in logs])
+        save_fit(fit, model_file, robot=named, created_from=[log.source for log in logs], verdict=verdict.status)
     if as_json:
-        found = _identified(fit, scores, logs) | ({} if bodies is None else {"consistent": bodies_json(bodies)})
+        found = {"verdict": verdict.to_json()} | _identified(fit, scores, logs)
+        found |= {} if bodies is None else {"consistent": bodies_json(bodies)}
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
-        return
+        return exit_status(verdict)
+    print_verdict(verdict)
     _print_scores(fit, scores, fit.cutoff_hz, "on the rows of the fit")
     _print_gains(fit)
     if fit.held_out:
@@ -82,23 +91,21 @@ def identify_dynamics_of(
     typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows{whole}")
     _print_left(fit.rows_left, fit.rows_beside_gaps, fit.cutoff_hz)
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
-        if abs(value) < 2 * error:
-            continue
-        typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}")
+        weak = "" if abs(value) >= 2 * error else "  (not told from zero)"
+        typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}{weak}")
+    _print_laws(fit)
     if fit.unseen:
         typer.echo(f"not visible in this motion: {', '.join(fit.unseen)}")
-    for name in fit.still:
-        typer.echo(f"warning: {name} hardly moves: its friction, its rotor and what only its motion shows are noise")
     if bodies is not None:
         print_bodies(bodies)
-    for note in (note for log in logs for note in log.report.notes):
-        typer.echo(f"note: {note}")
+    print_reading(logs)
     if model_file is not None:
         typer.echo(f"model: {model_file}")
         if urdf is not None:
             typer.echo(f"inertias: {urdf}")
         if model_file != out:
             typer.echo(f"report: {model_file.parent / 'report.html'}")
+    return exit_status(verdict)
 
 
 def validate_dynamics(
@@ -110,35 +117,46 @@ def validate_dynamics(
     filter_hz: float | None,
     out: Path | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Compare predicted with recorded torques.
 
     ``load`` reads the recordings of the model's robot.
     """
-    from bumpstop.identification import load_fit
+    from bumpstop.identification import judge_predictions, load_fit
 
     fit = load_fit(model)
     logs = load(fit.robot)
     carried = carried_of(payload, len(logs))
     rows = fit.rows(logs, payloads=carried)
     scores = fit.score_rows(rows, filter_hz=filter_hz)
+    verdict = judge_predictions(fit, rows, scores, filter_hz or fit.cutoff_hz, logs)
     where = f"on {logs[0].source}" if len(logs) == 1 else f"on {len(logs)} recordings"
     contact = ""
     if out is not None:
         contact = dynamics_report(
-            fit, logs, out, where=where, filter_hz=filter_hz, contact_joint=contact_joint, payloads=carried
+            fit,
+            logs,
+            out,
+            where=where,
+            filter_hz=filter_hz,
+            contact_joint=contact_joint,
+            payloads=carried,
+            verdict=verdict,
         )
     if as_json:
         joints = [_score_json(fit, j, score) for j, score in enumerate(scores)]
-        found = {"joints": joints, "rows_left": rows.rows_left, "rows_beside_gaps": rows.rows_beside_gaps}
-        typer.echo(json.dumps(found, allow_nan=False, indent=2))
-        return
+        left = {"rows_left": rows.rows_left, "rows_beside_gaps": rows.rows_beside_gaps}
+        typer.echo(json.dumps({"verdict": verdict.to_json(), "joints": joints} | left, allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
     _print_scores(fit, scores, filter_hz or fit.cutoff_hz, where)
     _print_left(rows.rows_left, rows.rows_beside_gaps, fit.cutoff_hz)
     if contact:
         typer.echo(contact)
+    print_reading(logs)
     if out is not None:
         typer.echo(f"report: {out / 'report.html'}")
+    return exit_status(verdict)
 
 
 def _print_left(rows_left: int, beside_gaps: int, cutoff_hz: float) -> None:
@@ -146,6 +164,19 @@ def _print_left(rows_left: int, beside_gaps: int, cutoff_hz: float) -> None:
         typer.echo(f"note: {rows_left} rows lie in stretches between gaps too short to use")
     if beside_gaps:
         typer.echo(f"note: {beside_gaps} rows within {1 / cutoff_hz:.2g} s of gaps are left away")
+
+
+def _print_laws(fit: DynamicsFit) -> None:
+    """Joints whose friction is more than Coulomb's and viscous, and what was left out of the fit."""
+    bent = [] if fit.top_speed is None else np.flatnonzero(np.isfinite(fit.top_speed[: fit.robot.dof])).tolist()
+    for what, joints in (("bends with the speed", bent), ("grows with the load", list(fit.loaded))):
+        if joints:
+            typer.echo(f"friction {what}: {', '.join(fit.robot.joints[j].name for j in joints)}")
+    if fit.rows_at_ends:
+        typer.echo(f"note: {fit.rows_at_ends} rows at the ends of recordings are left away")
+    for joint, rows in zip(fit.robot.joints, () if fit.rows_at_rest is None else fit.rows_at_rest, strict=False):
+        if rows:
+            typer.echo(f"note: {joint.name} rests in {rows} of the {fit.rows_used} rows; they stay out of its fit")
 
 
 def _units(fit: DynamicsFit) -> list[str]:
@@ -191,6 +222,8 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
         "rows_whole": fit.rows_whole,
         "rows_left": fit.rows_left,
         "rows_beside_gaps": fit.rows_beside_gaps,
+        "rows_at_ends": fit.rows_at_ends,
+        "rows_at_rest": [] if fit.rows_at_rest is None else [int(rows) for rows in fit.rows_at_rest],
         "rows_dropped": sum(log.report.rows_dropped for log in logs),
     }
 

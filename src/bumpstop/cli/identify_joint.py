@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bumpstop.cli.arm_recordings import known_of
+from bumpstop.cli.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.folders import writing
 from bumpstop.cli.model_report import joint_model_report
 from bumpstop.cli.progress import progress
@@ -32,40 +33,44 @@ def identify_joint(
     robot: str,
     known: Sequence[str] | None,
     cutoff_hz: float | None,
+    gravity: tuple[float, float, float] | None,
     out: Path | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Fit a joint torque model, write it, and print what was found."""
-    from bumpstop.identification import compare_currents, identify_joint_model
+    from bumpstop.identification import compare_currents, identify_joint_model, judge_joint_model
+    from bumpstop.identification.motion import GRAVITY
 
+    falls = GRAVITY if gravity is None else gravity
     with progress("fitting") as report:
         try:
-            fit = identify_joint_model(logs, arms, cutoff_hz=cutoff_hz, known=known_of(known), progress=report)
+            fit = identify_joint_model(
+                logs, arms, cutoff_hz=cutoff_hz, known=known_of(known), gravity=falls, progress=report
+            )
         except InputError as error:
             if error.field.startswith("known.") or error.field == "cutoff_hz":
                 field = "--known " + error.field[6:] if error.field != "cutoff_hz" else "--cutoff"
                 raise InputError(field, error.problem, error.valid) from None
             raise
+    verdict = judge_joint_model(fit, logs)
     model = replace(fit.model, robot=robot)
     model_file = out if out is None or out.suffix == ".toml" else out / "joint_model.toml"
     if model_file is not None:
         with writing(None if model_file == out else out):
             model.save(model_file)
         if out is not None and model_file != out:
-            found = compare_currents(model, logs, arms, cutoff_hz=fit.cutoff_hz)
-            joint_model_report(found, arms[0], out, where="on the recordings of the fit", fit=fit)
+            found = compare_currents(model, logs, arms, cutoff_hz=fit.cutoff_hz, gravity=falls)
+            joint_model_report(found, arms[0], out, where="on the recordings of the fit", verdict=verdict, fit=fit)
     if as_json:
-        typer.echo(json.dumps(_identified(fit, logs), allow_nan=False, indent=2))
-        return
+        typer.echo(json.dumps({"verdict": verdict.to_json()} | _identified(fit, logs), allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
     _print_fit(fit)
     _print_left(fit.rows)
-    for log in logs:
-        if log.report.rows_dropped:
-            typer.echo(f"bad rows: {log.report.rows_dropped} of {log.report.rows_read} dropped from {log.source}")
-        for note in log.report.notes:
-            typer.echo(f"note: {log.source}: {note}")
+    print_reading(logs)
     if model_file is not None:
         typer.echo(f"model: {model_file}")
+    return exit_status(verdict)
 
 
 def validate_joint(
@@ -74,20 +79,27 @@ def validate_joint(
     arms: Sequence[Robot],
     *,
     filter_hz: float | None,
+    gravity: tuple[float, float, float] | None,
     out: Path | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Print how well a joint model predicts currents, and torques from them; write a page on the torques."""
-    from bumpstop.identification import compare_currents
+    from bumpstop.identification import compare_currents, judge_currents
+    from bumpstop.identification.motion import GRAVITY
 
     with progress("comparing"):
-        found = compare_currents(model, logs, arms, filter_hz=filter_hz)
+        falls = GRAVITY if gravity is None else gravity
+        found = compare_currents(model, logs, arms, filter_hz=filter_hz, gravity=falls)
         currents, torques = found.current_scores(), found.torque_scores()
+        verdict = judge_currents(found, logs)
     if out is not None:
-        joint_model_report(found, arms[0], out, where="on " + ", ".join(Path(log.source).name for log in logs))
+        on = "on " + ", ".join(Path(log.source).name for log in logs)
+        joint_model_report(found, arms[0], out, where=on, verdict=verdict)
     if as_json:
-        typer.echo(json.dumps(_validated(found, arms[0], currents, torques), allow_nan=False, indent=2))
-        return
+        compared = _validated(found, arms[0], currents, torques)
+        typer.echo(json.dumps({"verdict": verdict.to_json()} | compared, allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
     where = ", ".join(log.source for log in logs)
     at = f"at {found.filter_hz:g} Hz, errors unfiltered"
     _print_scores(found, currents, f"predicted current [{model.unit}] on {where}, compared {at}")
@@ -95,8 +107,10 @@ def validate_joint(
     _print_left(found.rows)
     for note in found.notes:
         typer.echo(f"note: {note}")
+    print_reading(logs)
     if out is not None:
         typer.echo(f"report: {out / 'report.html'}")
+    return exit_status(verdict)
 
 
 def _print_left(rows: DriveRows) -> None:

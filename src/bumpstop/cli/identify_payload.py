@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from bumpstop.cli.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.folders import writing
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.text_files import toml_value, write_text
 
@@ -28,13 +30,16 @@ def identify_what_is_carried(
     arm: Robot,
     *,
     joint_model: str | None,
+    dynamics: Path | None,
+    mass: float | None,
     inertia: bool,
     cutoff_hz: float | None,
+    gravity: tuple[float, float, float] | None,
     out: Path | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Fit a payload, write it and its page, and print what was found."""
-    from bumpstop.identification import identify_payload
+    from bumpstop.identification import identify_payload, judge_payload, load_fit
     from bumpstop.joint import JointTorqueModel
 
     if len(logs) != 1:
@@ -47,11 +52,16 @@ def identify_what_is_carried(
         if [joint.name for joint in drives.joints] != names:
             given = ", ".join(joint.name for joint in drives.joints)
             raise InputError("--joint-model", f"is of joints {given}", f"wanted {', '.join(names)}")
-    elif log.tau is None:
+    elif log.tau is None and dynamics is None:
         raise InputError("--joint-model", "is missing", "currents become torques by a joint model that identify wrote")
     if cutoff_hz is not None and not 0 < cutoff_hz < 0.4 * log.rate_hz:
         raise InputError("--cutoff", f"is {cutoff_hz:g}", f"wanted above 0 and below {0.4 * log.rate_hz:g} Hz")
-    found = identify_payload(log, arm, model=drives, inertia=inertia, cutoff_hz=cutoff_hz)
+    fit = None if dynamics is None else load_fit(dynamics)
+    with as_options({"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model"}):
+        found = identify_payload(
+            log, arm, model=drives, dynamics=fit, mass=mass, inertia=inertia, cutoff_hz=cutoff_hz, gravity=gravity
+        )
+    verdict = judge_payload(found, log, arm)
     model_file = out if out is None or out.suffix == ".toml" else out / "payload.toml"
     if model_file is not None and out is not None:
         with writing(None if model_file == out else out):
@@ -59,17 +69,18 @@ def identify_what_is_carried(
         if model_file != out:
             from bumpstop.report.payload import write_payload_report
 
-            write_payload_report(found, arm, out, source=Path(log.source).name)
+            write_payload_report(found, arm, out, source=Path(log.source).name, verdict=verdict)
     if as_json:
-        typer.echo(json.dumps(_payload_json(found, log), allow_nan=False, indent=2))
-        return
+        typer.echo(json.dumps({"verdict": verdict.to_json()} | _payload_json(found, log), allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
     _print(found, arm)
-    for note in log.report.notes:
-        typer.echo(f"note: {note}")
+    print_reading([log])
     if model_file is not None:
         typer.echo(f"payload: {model_file}")
         if model_file != out:
             typer.echo(f"report: {model_file.parent / 'report.html'}")
+    return exit_status(verdict)
 
 
 def _pair(value: float | None, error: float | None) -> dict[str, float | None]:
@@ -128,7 +139,9 @@ def _print(found: PayloadFit, arm: Robot) -> None:
     for name, value in found.values.items():
         unit = _UNITS.get(name, "kg m2")
         error = found.standard_errors[name]
-        shown = "not visible in this motion" if value is None else f"{value:.4g} +- {error:.2g} {unit}"
+        shown = "not visible in this motion"
+        if value is not None and error is not None:
+            shown = f"{value:.4g} {'(given)' if error == 0 else f'+- {error:.2g}'} {unit}"
         typer.echo(f"  {name:<4}{shown}")
     if found.center is not None and found.center_errors is not None:
         at = ", ".join(f"{x:.4g} +- {e:.2g}" for x, e in zip(found.center, found.center_errors, strict=True))

@@ -29,9 +29,11 @@ from bumpstop.cli import (
     study,
     tune,
 )
+from bumpstop.cli.command_group import CommandGroup
 from bumpstop.errors import BumpstopError, InputError
 
 app = typer.Typer(
+    cls=CommandGroup,
     name="bumpstop",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -55,12 +57,13 @@ app.command("detect")(detect.detect)
 app.command("experiment")(experiment.command)
 app.command("detector")(detect.detector)
 
-# Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 2 bad input, 1 our fault.
+# Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 4 done and no verdict can
+# be given, 2 bad input, 1 our fault, 130 interrupted, as shells have it.
 BAD_INPUT = 2
 OWN_FAULT = 1
+INTERRUPTED = 130  # what typer makes of Ctrl-C, too
 
 _OBJECTS_BETWEEN_COLLECTIONS = 100_000
-_INTERRUPTED = 130  # what typer makes of Ctrl-C
 # Newer typer carries its own copy of click, so click's name for this cannot be relied on.
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 
@@ -99,14 +102,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _refuse_empty_folder(given)
         result = app(args=given, standalone_mode=False)
         status = result if isinstance(result, int) else 0
-        if status == _INTERRUPTED:
+        if status == INTERRUPTED:
             raise KeyboardInterrupt
     except BumpstopError as error:
+        # A column file to start from, which can be sent into a file as it is.
+        draft = getattr(error, "draft", "")
+        if draft and "--json" not in given:
+            typer.echo(draft, nl=False)
         status = _fail(str(error), BAD_INPUT)
     except _USAGE_ERROR as error:
         status = _fail(_usage_message(error), BAD_INPUT)
     except (typer.Abort, KeyboardInterrupt):
-        status = _fail("interrupted", OWN_FAULT)
+        status = _fail("interrupted", INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output has gone; there is nobody left to tell.
         _drop_output()

@@ -10,9 +10,17 @@ from bumpstop.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bumpstop.identification import ConsistentFit, CurrentComparison, DynamicsFit, JointModelFit, Payload
+    from bumpstop.identification import (
+        ConsistentFit,
+        CurrentComparison,
+        DynamicsFit,
+        FitVerdict,
+        JointModelFit,
+        Payload,
+    )
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
+    from bumpstop.report.section import Part
 
 
 def dynamics_report(
@@ -25,6 +33,7 @@ def dynamics_report(
     contact_joint: int | None,
     bodies: ConsistentFit | None = None,
     payloads: Sequence[Payload | None] = (),
+    verdict: FitVerdict | None = None,
 ) -> str:
     """Write the page on a fit and recordings; what was found of contact, in a sentence, or nothing.
 
@@ -37,10 +46,12 @@ def dynamics_report(
         contact_joint: whose torque the contact comparison uses, from 1; default: the one that feels it most.
         bodies: inertias that bodies can have, or None.
         payloads: what each recording carried beyond what the arm of the fit did; default: nothing.
+        verdict: on the fit or on the model, or None.
     """
     from bumpstop.identification.validation import compare_dynamics, contact_of
     from bumpstop.model import unit_of
     from bumpstop.report.bodies import BodiesPart
+    from bumpstop.report.fit_verdict import VerdictPart
     from bumpstop.report.validation import SelectionPart, write_validation_report
 
     comparison = compare_dynamics(fit, logs, filter_hz=filter_hz, payloads=payloads)
@@ -60,7 +71,8 @@ def dynamics_report(
     )
     name = (Path(logs[0].source).name or "a recording") if len(logs) == 1 else f"{len(logs)} recordings"
     title = f"{fit.robot.title or fit.robot.name}: predicted torque, {name}"
-    parts = [] if bodies is None else [BodiesPart(bodies)]
+    parts: list[Part] = [] if verdict is None else [VerdictPart(verdict)]
+    parts += [] if bodies is None else [BodiesPart(bodies)]
     write_validation_report(
         comparison, folder, title=title, where=where, contact=contact, selection=selection, parts=parts
     )
@@ -75,7 +87,13 @@ def dynamics_report(
 
 
 def joint_model_report(
-    found: CurrentComparison, robot: Robot, folder: Path, *, where: str, fit: JointModelFit | None = None
+    found: CurrentComparison,
+    robot: Robot,
+    folder: Path,
+    *,
+    where: str,
+    verdict: FitVerdict,
+    fit: JointModelFit | None = None,
 ) -> None:
     """Write the page on torques that a joint model makes of currents.
 
@@ -84,9 +102,11 @@ def joint_model_report(
         robot: whose joints it is of.
         folder: of the page.
         where: on which recordings, in words.
+        verdict: on the fit or on the model.
         fit: how the model was chosen, or None.
     """
     from bumpstop.identification.validation import compare_estimates
+    from bumpstop.report.fit_verdict import VerdictPart
     from bumpstop.report.validation import SelectionPart, write_validation_report
 
     selection = None
@@ -98,4 +118,11 @@ def joint_model_report(
             "unexplained on held-out fifths [%]",
         )
     title = f"{robot.title or robot.name}: torque estimated from current"
-    write_validation_report(compare_estimates(found, robot), folder, title=title, where=where, selection=selection)
+    write_validation_report(
+        compare_estimates(found, robot),
+        folder,
+        title=title,
+        where=where,
+        selection=selection,
+        parts=[VerdictPart(verdict)],
+    )

@@ -24,9 +24,12 @@ def write_outputs(law: ForceLaw, folder: Path) -> Path:
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "settings.toml").write_text(settings_toml(law), encoding="utf-8")
+        (folder / "settings.toml").write_bytes(settings_toml(law).encode("utf-8"))
         law_table(law).write_parquet(folder / "law.parquet")
         return write_report(law, folder)
+    except UnicodeEncodeError as error:
+        text = error.object[max(0, error.start - 20) : error.end]
+        raise InputError("scenario", f"{text!r} is no text", "wanted names of files in UTF-8") from None
     except OSError as error:
         raise InputError(
             "--out",

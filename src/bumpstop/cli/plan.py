@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.folders import check_folder, writing
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
     from bumpstop.identification.plan import IdentificationPlan
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 app = typer.Typer(
+    cls=CommandGroup,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     no_args_is_help=False,
@@ -152,7 +155,7 @@ def _three(option: str, text: str) -> tuple[float, float, float]:
 
 def _numbers(option: str, text: str, count: int | None = None) -> list[float]:
     try:
-        found = [float(part) for part in text.split(",")]
+        found = [float(part) for part in list_items(text)]
     except ValueError:
         found = []
     if not found or not all(map(math.isfinite, found)) or (count is not None and len(found) != count):

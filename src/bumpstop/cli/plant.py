@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.folders import check_folder
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from bumpstop.plant import Experiment, PlantRun
 
 app = typer.Typer(
+    cls=CommandGroup,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     no_args_is_help=False,

@@ -8,24 +8,27 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from bumpstop.cli.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.folders import writing
+from bumpstop.cli.shares import or_null
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from bumpstop.identification import FitVerdict
     from bumpstop.identification.beside import GeneralBeside, JointBeside
     from bumpstop.identification.protocol import ProtocolFit
     from bumpstop.joint.model import Parameter
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-SHOWN = ("A", "B", "D", "F", "hysteresis", "inertia")
+SHOWN = ("A", "B", "D", "F", "coulomb", "viscous", "load", "hysteresis", "inertia")
 
 
 def identify_by_protocol(
     plan_file: Path, load: Callable[[Robot], Sequence[Recording]], robot: str, out: Path | None, as_json: bool
-) -> None:
+) -> int:
     """Read plan and recordings, fit, print, and write model and report where asked.
 
     ``load`` reads the recordings of the plan's robot.
@@ -34,6 +37,7 @@ def identify_by_protocol(
     from bumpstop.identification.beside import general_beside
     from bumpstop.identification.plan_file import load_plan
     from bumpstop.identification.protocol import identify_protocol
+    from bumpstop.identification.protocol_verdict import judge_protocol
 
     plan = load_plan(plan_file)
     if robot not in (plan.robot.name, str(plan_file)) and Path(robot).stem != plan.robot.name:
@@ -43,23 +47,25 @@ def identify_by_protocol(
         fit = identify_protocol(plan, logs, progress=report)
     with progress("fitting all motion") as report:
         beside = general_beside(fit, logs, progress=report)
+    verdict = judge_protocol(fit, beside, logs)
     if out is not None:
-        _write(fit, beside, out)
+        _write(fit, beside, verdict, out)
     if as_json:
-        typer.echo(json.dumps(protocol_json(fit, beside, logs), allow_nan=False, indent=2))
-        return
+        found = {"verdict": verdict.to_json()} | protocol_json(fit, beside, logs)
+        typer.echo(json.dumps(found, allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
     print_protocol(fit)
     print_beside(beside)
-    for log in logs:
-        for note in log.report.notes:
-            typer.echo(f"note: {log.source}: {note}")
+    print_reading(logs)
     if out is not None and out.suffix != ".toml":
         typer.echo(f"report: {out / 'report.html'}")
     if out is not None:
         typer.echo(f"model: {out if out.suffix == '.toml' else out / 'joint_model.toml'}")
+    return exit_status(verdict)
 
 
-def _write(fit: ProtocolFit, beside: GeneralBeside, out: Path) -> None:
+def _write(fit: ProtocolFit, beside: GeneralBeside, verdict: FitVerdict, out: Path) -> None:
     if out.suffix == ".toml":
         fit.model().save(out)
         return
@@ -67,7 +73,7 @@ def _write(fit: ProtocolFit, beside: GeneralBeside, out: Path) -> None:
         fit.model().save(out / "joint_model.toml")
     from bumpstop.report.protocol import write_protocol_report
 
-    write_protocol_report(fit, out, beside)
+    write_protocol_report(fit, out, beside, verdict)
 
 
 def protocol_json(fit: ProtocolFit, beside: GeneralBeside, logs: Sequence[Recording]) -> dict[str, Any]:
@@ -85,6 +91,8 @@ def protocol_json(fit: ProtocolFit, beside: GeneralBeside, logs: Sequence[Record
             entry |= {
                 "parameters": {name: _parameter(value) for name, value in one.parameters.items()},
                 "map": one.map,
+                "friction": one.friction.law,
+                "friction_held_out_A": {name: or_null(error) for name, error in one.friction_held_out.items()},
                 "held_out_rmse_Nm": one.held_out,
                 "friction_sd": one.friction_sd,
                 "strokes": len(one.strokes),
@@ -113,7 +121,9 @@ def _general(pair: JointBeside | None) -> dict[str, Any] | None:
         "friction": own.friction,
         "parameters": {name: _parameter(value) for name, value in own.parameters.items()},
         "unseen": dict(pair.general.unseen),
-        "protocol_less_general_in_standard_errors": {name: pair.difference(name) for name in SHOWN},
+        "protocol_less_general_in_standard_errors": {
+            name: pair.difference(name) for name in SHOWN if name in pair.protocol.parameters
+        },
     }
 
 
@@ -127,22 +137,33 @@ def print_protocol(fit: ProtocolFit) -> None:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
-    for heading in ("joint", *SHOWN, "friction sd", "map", "R2", "rmse, Nm"):
+    names = shown(fit)
+    for heading in ("joint", *names, "friction sd", "map", "R2", "rmse, Nm"):
         table.add_column(heading, justify="left" if heading in ("joint", "map") else "right", no_wrap=True)
     for joint in fit.joints:
-        cells = [_cell(joint.parameters.get(name)) for name in SHOWN]
+        cells = [_cell(joint.parameters.get(name)) for name in names]
         table.add_row(
             joint.experiment.name, *cells, f"{joint.friction_sd:.3g}", joint.map, f"{joint.r2:.4f}", f"{joint.rmse:.3g}"
         )
     console = Console(highlight=False, markup=False, soft_wrap=True, width=max(Console().width, 240))
     console.print(table)
     for joint in fit.joints:
+        errors = ", ".join(f"{law} {error:.3g}" for law, error in joint.friction_held_out.items())
+        if len(joint.friction_held_out) > 1:
+            typer.echo(
+                f"{joint.experiment.name}: friction {joint.friction.law}, by currents of other strokes: {errors}"
+            )
         for note in joint.notes:
             typer.echo(f"{joint.experiment.name}: {note}")
     for number, why in fit.missing:
         typer.echo(f"{fit.plan.robot.joints[number].name}: not identified: {why}")
     for lost in fit.plan.unseen:
         typer.echo(f"{lost.name}: its map cannot be seen, as {lost.reason}; what would show it: {lost.remedy}")
+
+
+def shown(fit: ProtocolFit) -> tuple[str, ...]:
+    """Parameters that a joint of the fit has, in the order of the table: laws of friction differ in theirs."""
+    return tuple(name for name in SHOWN if any(name in joint.parameters for joint in fit.joints))
 
 
 def print_beside(beside: GeneralBeside) -> None:
@@ -155,11 +176,12 @@ def print_beside(beside: GeneralBeside) -> None:
     if not beside.joints:
         return
     table = Table(box=None, pad_edge=False)
-    for heading in ("joint", *SHOWN, "map"):
+    names = tuple(name for name in SHOWN if any(name in pair.protocol.parameters for pair in beside.joints))
+    for heading in ("joint", *names, "map"):
         table.add_column(heading, justify="left" if heading in ("joint", "map") else "right", no_wrap=True)
     for pair in beside.joints:
         cells = []
-        for name in SHOWN:
+        for name in names:
             difference = pair.difference(name)
             cells.append(_cell(pair.pair(name)[1]) + ("" if difference is None else f" ({difference:+.1f})"))
         table.add_row(pair.general.name, *cells, pair.general.parameters.map)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.origin import Base, Tip
 from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.cli.robots import load_robot
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 app = typer.Typer(
+    cls=CommandGroup,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     no_args_is_help=False,
@@ -120,6 +122,11 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
         f"time: {recording.t[0]:.6g} to {recording.t[-1]:.6g} s ({recording.duration:.6g} s), median rate "
         f"{recording.rate_hz:.6g} Hz, intervals {steps.min():.4g} to {steps.max():.4g} ms"
     )
+    if recording.t[0] != 0:
+        console.print(
+            f"--from and --until count from its beginning: 0 to {recording.duration:.6g} s are {recording.t[0]:.6g} to "
+            f"{recording.t[-1]:.6g} s here"
+        )
     _print_table(recording, robot, console)
     if recording.wrench is not None:
         force, torque = (np.linalg.norm(recording.wrench[:, part], axis=1).max() for part in (slice(3), slice(3, 6)))
@@ -132,6 +139,10 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
         console.print(f"  {report.numbered} {row}: {reason}")
     if report.rows_dropped > len(report.dropped):
         console.print(f"  and {report.rows_dropped - len(report.dropped)} more")
+    if report.repaired:
+        console.print(f"repaired rows: {report.repaired} (angles turned back by whole turns)")
+    for fault in report.faults:
+        console.print(f"fault: {fault}")
     for note in report.notes:
         console.print(f"note: {note}")
 

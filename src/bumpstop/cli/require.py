@@ -38,6 +38,7 @@ def require(
     Keys: motion.speed, detector.thresholds, detector.feedback_period_s, reaction.joint_acceleration_rad_s2,
     contact.padding. Exit status: 0 found, 3 no value meets the limits or alarms are too probable there, 2 bad input.
     """
+    from bumpstop.cli.progress import progress
     from bumpstop.study import plain
     from bumpstop.study.requirement import require as solve
     from bumpstop.study.requirement import require_curve
@@ -48,7 +49,8 @@ def require(
         raise InputError("--vary", f"is given {len(vary)} times", "wanted one variable, or two for a trade curve")
     name, low, high = _ends(vary[0], checked)
     if len(vary) == 1:
-        found = solve(checked, name, risk=risk, low=low, high=high)
+        with progress("searching"):
+            found = solve(checked, name, risk=risk, low=low, high=high)
         if as_json:
             typer.echo(json.dumps(plain(found.to_json()), allow_nan=False, indent=2))
         else:
@@ -62,7 +64,8 @@ def require(
     if "=" not in vary[1]:
         raise InputError("--vary", f"{vary[1]!r} has no range", f"wanted {vary[1]}=LOW:HIGH")
     against = Range.parse(vary[1], checked, count=_COUNT)
-    rows = require_curve(checked, name, against, risk=risk, low=low, high=high)
+    with progress("searching"):
+        rows = require_curve(checked, name, against, risk=risk, low=low, high=high)
     if as_json:
         typer.echo(json.dumps(plain({"curve": rows}), allow_nan=False, indent=2))
     else:
@@ -72,9 +75,10 @@ def require(
 
 def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | None]:
     from bumpstop.study.requirement import check_name
-    from bumpstop.study.variable import Range
+    from bumpstop.study.variable import Range, canonical
 
     name, given, span = (part.strip() for part in text.partition("="))
+    name = canonical(name)
     check_name(name)
     if not given:
         return name, None, None

@@ -11,6 +11,7 @@ from bumpstop.cli.arm_recordings import span_of
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.origin import DETECTOR_OPTIONS, Origin
 from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
     from bumpstop.detection import DetectionRun, ResidualSeries, Thresholds
@@ -20,15 +21,23 @@ if TYPE_CHECKING:
 OF_RESIDUALS = ("begin", "until")
 
 
-def load_series(path: Path, origin: Origin) -> tuple[ResidualSeries, list[str]]:
+def load_series(path: Path, origin: Origin, *, motion: bool = False) -> tuple[ResidualSeries, list[str]]:
     """Residuals of a file that holds them, or of a contact-free recording; and what a reader must know of them.
+
+    Args:
+        path: of the file.
+        origin: of a recording's residuals.
+        motion: take speeds and accelerations of the joints, too.
 
     Raises:
         InputError: a file that cannot be used, or options for residuals that need none.
     """
     from bumpstop.detection import ResidualSeries, residual_record
+    from bumpstop.detection.motion_rows import with_motion
 
     if holds_residuals(path):
+        if motion:
+            raise InputError("--terms", f"{str(path)!r} holds residuals without the motion", "give the recording")
         return residuals_of(path, origin), []
     model, arm = origin.parts
     log = origin.recording(path)
@@ -36,7 +45,10 @@ def load_series(path: Path, origin: Origin) -> tuple[ResidualSeries, list[str]]:
         record = residual_record(log, arm, model, settings=origin.settings)
     assert record.t is not None
     notes = [note for note in record.notes if "blocks of" not in note]
-    return ResidualSeries(record.t, record.rows, str(path)), [*dropped(log, path), *notes]
+    series = ResidualSeries(record.t, record.rows, str(path))
+    if motion:
+        series = with_motion(series, log, arm, model, origin.settings)
+    return series, [*dropped(log, path), *notes]
 
 
 def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
@@ -62,7 +74,7 @@ def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
 
 
 def load_run(
-    path: Path, thresholds: Thresholds, origin: Origin, arming_delay_s: float, rearm_s: float
+    path: Path, thresholds: Thresholds, origin: Origin, arming_delay_s: float, rearm_s: float, log: Recording
 ) -> tuple[ResidualSeries | None, DetectionRun, list[str]]:
     """Residuals of a recording without its blind rows, what the detector made of them, and what to know of them.
 
@@ -72,8 +84,8 @@ def load_run(
 
     model, arm = origin.parts
     log = origin.recording(path)
+    settings = origin.settings_for(thresholds, arming_delay_s=arming_delay_s)
     with as_options(DETECTOR_OPTIONS):
-        settings = replace(origin.settings, arming_delay_s=arming_delay_s)
         run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
     seen, notes = ~run.blind, [*dropped(log, path), *run.notes]
     if seen.sum() < 2:
@@ -113,7 +125,7 @@ def holds_residuals(path: Path) -> bool:
 def joint_numbers(text: str, dof: int) -> list[int]:
     """Numbers from 0 of the joints that a person lists from 1."""
     try:
-        numbers = [int(part) for part in text.split(",")]
+        numbers = [int(part) for part in list_items(text)]
     except ValueError:
         numbers = []
     if not numbers or not all(1 <= number <= dof for number in numbers):

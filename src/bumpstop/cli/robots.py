@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.errors import InputError
 from bumpstop.text_files import is_path
@@ -18,10 +19,11 @@ if TYPE_CHECKING:
     from bumpstop.model import Joint, Robot
     from bumpstop.model.inertia import Matrix3
 
-app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False)
+app = typer.Typer(cls=CommandGroup, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 _INERTIA = {
     "published": "published",
+    "unverified": "UNVERIFIED: as the file has it; nobody says where the figures come from",
     "assumed": "AN ASSUMPTION, not measured and not published",
     "unknown": "unknown",
 }
@@ -39,12 +41,12 @@ def robots(context: typer.Context) -> None:
     from bumpstop.model import robots as names
 
     table = Table(box=None, pad_edge=False)
-    for heading in ("robot", "joints", "span, m", "inertia", "what it is"):
-        table.add_column(heading, justify="right" if heading in ("joints", "span, m") else "left")
+    for heading in ("robot", "joints", "reach, m", "inertia", "what it is"):
+        table.add_column(heading, justify="right" if heading in ("joints", "reach, m") else "left")
     for name in names():
         robot = Robot.load(name)
         what = f"{robot.title}\nfigures from {robot.source}"
-        table.add_row(name, str(robot.dof), f"{robot.span:.2f}", robot.inertia_status, what)
+        table.add_row(name, str(robot.dof), f"{robot.reach:.2f}", robot.inertia_status, what)
     Console(highlight=False, markup=False).print(table)
 
 
@@ -118,7 +120,7 @@ def _print(robot: Robot, console: Console) -> None:
             *_limits(joint),
             "-" if joint.inertia is None else f"{joint.inertia.mass:.4g}",
         )
-    console.print(f"{robot.title or robot.name}: {robot.dof} joints, span {robot.span:.4g} m")
+    console.print(f"{robot.title or robot.name}: {robot.dof} joints, reach {robot.reach:.4g} m")
     console.print(table)
     angles = _angles(robot.tip_rotation)
     turned = f", rpy {_row(angles)} deg" if any(angles) else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +19,7 @@ from bumpstop.text_files import read_text
 if TYPE_CHECKING:
     from bumpstop.detection import Label, ResidualSeries, Roc, Score, Tolerance
     from bumpstop.detection.scoring import Interval
+    from bumpstop.recording import Recording
 
 _MOST_BYTES = 100_000_000  # of events
 _REARM_S = 0.5
@@ -40,7 +42,9 @@ def command(
     early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
     late: Annotated[float, typer.Option(help="An event so long after a label still belongs to it [s].")] = 0.25,
     rearm: Annotated[float, typer.Option(help="Quiet time before there may be another event [s].")] = _REARM_S,
-    out: Annotated[Path | None, typer.Option(help="Write report.html and its figures into this folder.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write report.html and its figures into this folder.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Compare events with labelled contacts: delays, misses, false alarms, and what other thresholds would do."""
@@ -71,7 +75,8 @@ def command(
     if out is not None:
         from bumpstop.report.scoring import write_scoring
 
-        report = write_scoring(found, roc, out)
+        asked = f"{file.name} against the labels of {labels.name}"
+        report = write_scoring(found, roc, out, "; ".join(filter(None, (origin.arm, asked))))
     if as_json:
         whole = found.to_json() | ({"roc": roc.to_json()} if roc is not None else {}) | {"notes": notes}
         typer.echo(json.dumps(whole, allow_nan=False, indent=2))
@@ -105,6 +110,7 @@ def _print(found: Score, roc: Roc | None) -> None:
     from rich.table import Table
 
     from bumpstop.detection.labels import time_text
+    from bumpstop.report.words import hours_in_words
 
     console = Console(highlight=False, markup=False, soft_wrap=True)
     data = found.to_json()
@@ -112,12 +118,18 @@ def _print(found: Score, roc: Roc | None) -> None:
     dark = f" ({data['missed_blind']} while blind)" if data["missed_blind"] else ""
     console.print(f"detected {found.detected} of {len(found.labels)}; missed {found.missed}{dark}")
     console.print(
-        f"false alarms: {found.false_alarms.size} in {found.hours:.4g} h without contact, "
+        f"false alarms: {found.false_alarms.size} in {hours_in_words(found.hours)} without contact, "
         f"95 % interval {low:.3g} to {high:.3g} an hour; blind {found.blind_s:.4g} s"
     )
     if found.detected:
         delays = ", ".join(f"{key} {1e3 * value:.4g}" for key, value in data["delay_s"].items())
         console.print(f"delay, ms: {delays}")
+    if found.forces is not None:
+        forces = data["forces"]
+        told = {key: "-" if value is None else f"{value:.4g}" for key, value in forces["at_detection_N"].items()}
+        console.print(f"force at detection, N: {', '.join(f'{key} {value}' for key, value in told.items())}")
+        if forces["largest_missed_N"] is not None:
+            console.print(f"largest force of a missed contact: {forces['largest_missed_N']:.4g} N")
     for start in data["false_alarm_times_s"][:20]:
         console.print(f"  false alarm at {time_text(start)} s")
     for label, late in zip(found.labels, found.delay_s, strict=True):
@@ -152,27 +164,34 @@ def _of_residuals(
     import numpy as np
 
     from bumpstop.detection import DetectorSettings, event_times, gaps, roc, scaled_residual, score
+    from bumpstop.detection.contact_forces import contact_forces
     from bumpstop.detection.rate import period_of
 
     series: ResidualSeries | None
+    log: Recording | None = None
     notes: list[str] = []
+    # As a run of the detector has them: a false alarm hides no contact behind it while it stands.
+    apart_s = min(rearm_s, DetectorSettings.event_pause_s)
     if holds_residuals(file):
         series = residuals_of(file, origin)
         if arming_delay_s:
             raise InputError("--arming-delay", f"has no meaning with the residuals of {str(file)!r}", "leave it out")
         given = thresholds_of(thresholds, series.dof)
         period_of(series.t, DetectorSettings(), given)
-        times = event_times(series, scaled_residual(series, given.constant), 1.0, rearm_s)
+        times = event_times(series, scaled_residual(series, given.constant), 1.0, apart_s)
         watched, blind = (float(series.t[0]), float(series.t[-1])), gaps(series)
     else:
         given = thresholds_of(thresholds, origin.parts[1])
-        series, run, notes = load_run(file, given, origin, arming_delay_s, rearm_s)
+        log = origin.recording(file)
+        series, run, notes = load_run(file, given, origin, arming_delay_s, rearm_s, log)
         times = np.array([event.t for event in run.events])
         watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()
     whole = score(times, labels, watched, blind=blind, tolerance=tolerance)
+    if log is not None and log.wrench is not None:
+        whole = replace(whole, forces=contact_forces(whole.labels, whole.delay_s, log.t, log.wrench))
     if series is None:
         return whole, None, notes
     factors = roc(
-        series, given.constant, labels, _FACTORS, rearm_s=rearm_s, tolerance=tolerance, watched=watched, blind=blind
+        series, given.constant, labels, _FACTORS, rearm_s=apart_s, tolerance=tolerance, watched=watched, blind=blind
     )
     return whole, factors, notes

@@ -11,9 +11,13 @@ import typer
 from bumpstop.cli.origin import thresholds_of
 from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
     from bumpstop.model import Robot
+
+    Vector = tuple[float, float, float]
 
 _DIRECTION = "0,0,-1"
 _PERIOD = 0.004
@@ -36,6 +40,14 @@ def command(
     stiffness: Annotated[float, typer.Option(help="Of what is hit [N/m], for the torque's growth.")] = 0.0,
     speed_mm_s: Annotated[float, typer.Option("--speed-mm-s", help="At which it is hit.")] = 0.0,
     period: Annotated[float, typer.Option(help="Between two samples [s].")] = _PERIOD,
+    model: Annotated[
+        str | None,
+        typer.Option(help="Joint model or fitted dynamics, for what friction holds of a standing arm."),
+    ] = None,
+    stiction: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="The same stated [Nm], one or all; or a share of the model's: 50%."),
+    ] = None,
     base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
     tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
@@ -53,12 +65,14 @@ def command(
     pose = numbers(pose_deg, "--pose-deg", arm.dof)
     q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
     check_pose(arm, np.array(q), "--pose-deg", in_degrees=True)
+    limits, along = thresholds_of(thresholds, arm).constant, unit(direction, "--direction")
+    hidden = _hidden(arm, model, stiction)
     found = _found(
         arm,
         q,
-        thresholds_of(thresholds, arm).constant.tolist(),
-        unit(direction, "--direction"),
-        {
+        limits.tolist(),
+        along,
+        about := {
             "link": link,
             "point": numbers(point_m, "--point-m", 3),
             "noise_sd": _one_or_all(noise_sd, "--noise-sd", arm.dof),
@@ -68,10 +82,64 @@ def command(
         stiffness * speed_mm_s / 1e3,
         period,
     )
+    found |= {"standing": None if hidden is None else _standing(arm, q, limits, hidden, along, about)}
     if as_json:
         typer.echo(json.dumps(_finite(found), allow_nan=False, indent=2))
     else:
         _print(found, arm)
+
+
+def stiction_of(text: str, dof: int) -> tuple[float, ...]:
+    """What ``--stiction`` says in Nm, of every joint."""
+    values = _one_or_all(text, "--stiction", dof)
+    if min(values) < 0:
+        raise InputError("--stiction", f"{text[:80]!r} cannot be used", "wanted zero or more")
+    return tuple(values)
+
+
+def _hidden(arm: Robot, model: str | None, stiction: str | None) -> FloatArray | None:
+    """(dof,) torque that friction holds of standing joints; None: nothing says how much."""
+    import numpy as np
+
+    from bumpstop.cli.arm_recordings import is_dynamics
+    from bumpstop.cli.origin import load_model
+    from bumpstop.detection.standing import hidden_torques
+    from bumpstop.joint import JointTorqueModel
+
+    share = 1.0
+    if stiction is not None and not stiction.endswith("%"):
+        if model is not None:
+            raise InputError("--stiction", "has no meaning with --model", "give one, or a share of the model's: 50%")
+        return np.array(stiction_of(stiction, arm.dof))
+    if stiction is not None:
+        (percent,) = numbers(stiction.removesuffix("%"), "--stiction", 1)
+        if not 0 <= percent <= 1000:
+            raise InputError("--stiction", f"is {stiction}", "wanted 0 to 1000 %")
+        if model is None:
+            raise InputError("--stiction", f"{stiction} of what is not known", "give --model, or Nm")
+        share = percent / 100
+    if model is None:
+        return None
+    known, its_arm = load_model(model, None, None, None) if is_dynamics(model) else (JointTorqueModel.load(model), arm)
+    if its_arm.dof != arm.dof:
+        raise InputError("--model", f"is for {its_arm.dof} joints", f"{arm.name} has {arm.dof}")
+    return share * hidden_torques(arm, known)
+
+
+def _standing(
+    arm: Robot, q: list[float], limits: FloatArray, hidden: FloatArray, along: Vector, about: dict[str, Any]
+) -> dict[str, Any]:
+    """What goes unnoticed while all joints stand still: thresholds and what friction holds."""
+    from bumpstop.detection import blind_force_along, blind_forces
+
+    wide = limits + hidden
+    blind = blind_forces(arm, q, wide, **about)
+    return {
+        "dead_zone_Nm": hidden.tolist(),
+        "largest_force_N": float(blind.largest),
+        "largest_felt_force_N": float(blind.largest_felt),
+        "force_along_N": float(blind_force_along(arm, q, along, wide, **about)),
+    }
 
 
 def _refuse_half_of_what_is_needed(noise_sd: str, z: float, stiffness: float, speed: float, period: float) -> None:
@@ -90,7 +158,7 @@ def _refuse_half_of_what_is_needed(noise_sd: str, z: float, stiffness: float, sp
 def numbers(text: str, option: str, count: int) -> list[float]:
     """Finite numbers with commas between them."""
     try:
-        values = [float(part) for part in text.split(",")]
+        values = [float(part) for part in list_items(text)]
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
@@ -205,6 +273,16 @@ def _print(found: dict[str, Any], arm: Robot) -> None:
         f"along ({_row(found['direction'])}): {_newtons(found['force_along_N'])}; from anywhere between thresholds "
         f"{_newtons(found['worst_case_force_along_N'])}"
     )
+    if (standing := found["standing"]) is None:
+        console.print(
+            "These are for joints that move. Of a standing joint friction hides more: give --model or --stiction."
+        )
+    else:
+        hidden = ", ".join(f"{value:.3g}" for value in standing["dead_zone_Nm"])
+        console.print(
+            f"standing still, where friction holds {hidden} {unit_of(*arm.joints)}: largest "
+            f"{_newtons(standing['largest_force_N'])}; along the direction {_newtons(standing['force_along_N'])}"
+        )
     table = Table(box=None, pad_edge=False)
     torque = unit_of(*arm.joints)
     for heading in ("joint", "threshold", f"{torque} per N", f"undetected {torque}", "as force, N"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.evaluate import MOST_THREADS, change, whole
 from bumpstop.cli.progress import progress
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bumpstop.study import Study
 
 app = typer.Typer(
+    cls=CommandGroup,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     no_args_is_help=False,
@@ -75,12 +76,12 @@ def execute(
         The summary.
     """
     from bumpstop.study import plain, run
+    from bumpstop.text_files import running_command
 
-    command = " ".join(["bumpstop", *sys.argv[1:]]) if Path(sys.argv[0]).name == "bumpstop" else ""
     begin = time.perf_counter()
     with progress(study.title) as share:
         rows, summary = run(
-            study, out, threads=threads, progress=lambda done, total: share(done / total), command=command
+            study, out, threads=threads, progress=lambda done, total: share(done / total), command=running_command()
         )
     seconds = time.perf_counter() - begin
     page = None
@@ -88,7 +89,7 @@ def execute(
         from bumpstop.report.study import write_study_report
 
         title, parts, notes = report(rows, summary)
-        page = write_study_report(study, title, parts, out, notes=notes, command=command)
+        page = write_study_report(study, title, parts, out, notes=notes)
     if as_json:
         typer.echo(json.dumps(plain(summary) | {"seconds": round(seconds, 3)}, allow_nan=False, indent=2))
         return summary
@@ -147,7 +148,7 @@ def effectiveness(
         list[float] | None, typer.Option(metavar="MM_S", help="A speed; default: 10, 25, 50, 75 and 100 mm/s.")
     ] = None,
     area: Annotated[
-        list[float] | None, typer.Option(metavar="CM2", help="A contact area; default: 1 and 2 cm2.")
+        list[float] | None, typer.Option(metavar="CM2", help="A contact area; default: 1 and 2 cm².")
     ] = None,
     highest_speed: Annotated[
         float, typer.Option(metavar="MM_S", help="Speed up to which a safe one is looked for.")
@@ -276,7 +277,7 @@ def _effectiveness_lines(summary: dict[str, Any]) -> list[str]:
         if speed is not None:
             binding = each["binding"].replace("_", " ")
             found = f"{speed:g} or more" if binding == "none" else f"{speed:g}, bound by {binding}"
-        lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm2: {found}")
+        lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm²: {found}")
     return lines
 
 
@@ -286,11 +287,17 @@ def _workspace_lines(summary: dict[str, Any]) -> list[str]:
     lines = [f"{summary['laws']} laws; {summary['singular_starts']} poses start at a singularity and have none"]
     if not summary["laws"]:
         return lines
+    if summary["never_touch"]:
+        of = summary["laws"]
+        lines.append(f"{summary['never_touch']} of {of} motions never touch anything: they say nothing about safety")
     for name, limit in zip(("force", "pressure"), summary["limits"].values(), strict=False):
         share = summary[f"p_over_{name}"]
         lines.append(
             f"P(over the {name} limit, {limit:g} N): {share['mean']:.4f}, standard error {share['standard_error']:.4f}"
         )
+        touching = summary[f"p_over_{name}_of_touching"]
+        if summary["never_touch"] and touching:
+            lines.append(f"  of the motions that touch: {touching['mean']:.4f}")
     for name, found in summary.get("predictors", {}).items():
         missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
         rank = f"rank correlation {correlation(found['rank_correlation'])}"

@@ -11,11 +11,13 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
+    from bumpstop.cli.scenario_noise import ScenarioNoise
     from bumpstop.collision import Scenario
     from bumpstop.detection import Tuning
 
 # Of the wanted rate.
 _TIMES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
+_SAMPLES = 20_000  # runs of a law with measured noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,20 +74,22 @@ def check_joints(scenarios: Mapping[str, Scenario], dof: int) -> None:
             raise InputError(name, f"has thresholds for {count} joints", f"the residuals have {dof}")
 
 
-def trade(tuning: Tuning, scenarios: Mapping[str, Scenario]) -> list[TradePoint]:
+def trade(tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[TradePoint]:
     """Force laws of scenarios at the thresholds of several rates around the wanted one.
 
-    Everything but the thresholds stays as the scenario says, its noise too.
+    Everything but the constant thresholds and the noise stays as the scenario says. The noise is what was tuned on,
+    where that fits the scenario.
     """
     from bumpstop.detection import FARTHEST
 
     points = []
+    noisy = {name: noise.of(scenario) for name, scenario in scenarios.items()}
     for times in _TIMES:
         rate = times * tuning.target
         if rate >= tuning.tail.rate:
             continue
         thresholds = tuning.thresholds(rate)
-        forces = {name: _forces(scenario, thresholds) for name, scenario in scenarios.items()}
+        forces = {name: _forces(scenario, thresholds) for name, scenario in noisy.items()}
         points.append(TradePoint(rate, thresholds, tuning.extrapolation(rate) > FARTHEST, forces))
     return points
 
@@ -94,7 +98,9 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
     from bumpstop.collision import evaluate
     from bumpstop.detection import blind_forces
 
-    law = evaluate(scenario.with_values({"detector.thresholds_Nm": thresholds.tolist()}))
+    # Measured noise is sampled, and seven rates take their time.
+    samples = None if scenario.detector.residuals is None else _SAMPLES
+    law = evaluate(scenario.with_values({"detector.thresholds_Nm": thresholds.tolist()}), samples=samples)
     problem, contact, verdict = law.problem, scenario.contact, law.verdict
     peak = law.peak_force.to_json()
     blind = blind_forces(problem.robot, problem.q, thresholds, link=contact.link, point=contact.point_m)
@@ -108,26 +114,21 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
     }
 
 
-def notes(points: Sequence[TradePoint], scenarios: Mapping[str, Scenario], period: float) -> list[str]:
-    """Where a scenario's own noise or feedback period is not that of the recording, and it matters.
-
-    ``period`` is what the thresholds were found at [s].
-    """
-    from bumpstop.detection.rate import same_period
-
+def notes(points: Sequence[TradePoint], scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[str]:
+    """Whose noise it is that a scenario's forces and alarms are told with."""
     found = []
     for path, scenario in scenarios.items():
-        name, detector = Path(path).stem, scenario.detector
+        name = Path(path).stem
+        why = noise.why_not(scenario)
+        if why is None:
+            found.append(f"{name}: its noise is the residuals of the recordings, in place of its own.")
+            continue
+        found.append(f"{name}: {why}")
         count = sum("false_alarm" in point.forces[path]["fails_by"] for point in points)
-        if count and detector.residuals is None:
+        if count and scenario.detector.residuals is None:
             found.append(
                 f"{name}: at {count} of {len(points)} rates alarms before contact are more probable than "
                 f"{scenario.verdict.max_false_alarm:g}. They are those of its detector.noise_sd_Nm, not of what was "
-                "recorded; with detector.residuals they would be."
-            )
-        if not same_period(detector.feedback_period_s, period):
-            found.append(
-                f"{name}: its feedback period is {detector.feedback_period_s:g} s, and the thresholds were found at "
-                f"{period:.4g} s: its alarms are not those of the rates here."
+                "recorded."
             )
     return found

@@ -32,7 +32,9 @@ class ContactSpans:
     def __init__(self, problem: Problem, curve: Any, ticks: np.ndarray, least_offset: np.ndarray) -> None:
         """Simulate the reactions to ``ticks`` until the point is back behind the ``least_offset`` [m] of each."""
         self._step = problem.scenario.simulation.step_s
-        self._begin = {int(k): int(k) * problem.period_steps + 1 + problem.latency_steps for k in ticks}
+        # Where a line ends while the latency runs, the arm brakes from there.
+        last = len(curve.distance) - 1
+        self._begin = {int(k): min(int(k) * problem.period_steps + 1 + problem.latency_steps, last) for k in ticks}
         paths = curve.reaction_paths([int(k) for k in ticks], [float(o) for o in least_offset])
         self._path = {int(k): path for k, path in zip(ticks, paths, strict=True)}
         self._distance = curve.distance
@@ -55,6 +57,10 @@ class ContactSpans:
     def farthest(self, tick: int) -> float:
         """Greatest distance [m] of the case that is detected at a tick."""
         return float(max(self._path[tick].max(), self._distance[: self._begin[tick]].max()))
+
+    def left_in_contact(self, tick: int, offset: FloatArray) -> np.ndarray:
+        """Whether the arm still presses a body at each offset where its reaction is followed no farther."""
+        return np.asarray(self._path[tick][-1] > offset)
 
     def at(self, tick: int, offset: FloatArray) -> FloatArray:
         """Times [s] from the first touch until the distance is below each offset for good; NaN without contact."""
@@ -138,7 +144,8 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
     slots, order, _ = coefficients.shape
     slots_used, panels_used = np.nonzero(coefficients[: slots - 1, 0] > _NEGLIGIBLE)
     detection = np.asarray(first_tick)[panels_used].astype(np.int64) + slots_used - law.slots_before
-    known = (detection >= 0) & (detection < curve.ticks)
+    # One tick after the last stand the bodies that an arm reaches only while it brakes at the end of its line.
+    known = (detection >= 0) & (detection <= curve.ticks)
     order_of_ticks = np.flatnonzero(known)[np.argsort(detection[known], kind="stable")]
     ticks, begin = np.unique(detection[order_of_ticks], return_index=True)
     if not ticks.size:
@@ -184,16 +191,23 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
         )
 
 
-def exact_contact_time(problem: Problem, curve: Any, law: Any) -> MixtureDistribution:
-    """Contact time [s] of the exact law, given that the reaction ends a contact."""
+def exact_contact_time(problem: Problem, curve: Any, law: Any) -> tuple[MixtureDistribution, float]:
+    """Contact time [s] of the exact law, given that the reaction ends a contact.
+
+    Also the probability that a reaction does not, as far as it is followed.
+    """
     parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
+    unended = 0.0
     for cells in exact_cells(problem, curve, law):
         ends = cells.spans.at(cells.tick, cells.edge.ravel()).reshape(cells.edge.shape)
         value = cells.spans.at(cells.tick, cells.node.ravel()).reshape(cells.node.shape)
         low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
         known, lasts = np.isfinite(low) & np.isfinite(high), np.isfinite(value)
         parts.append((low[known], high[known], cells.mass[known], value[lasts], cells.node_mass[lasts]))
-    return MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        if cells.tick < curve.ticks:
+            left = cells.spans.left_in_contact(cells.tick, cells.node)
+            unended += float(cells.node_mass[left].sum())
+    return MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), unended
 
 
 def sampled_contact_time(problem: Problem, curve: Any, tick: np.ndarray, offset: FloatArray) -> FloatArray:

@@ -12,6 +12,9 @@ from bumpstop.collision.problem import Problem
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 
+# Ends of a line at which the arm comes to rest; at the others it would go on.
+AT_REST = ("joint_limit", "singularity")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoppingCurve:

@@ -71,6 +71,14 @@ class Distribution(ABC):
         return {name: value if math.isfinite(value) else None for name, value in figures.items()}
 
 
+def as_factor(factor: float) -> float:
+    """Refuse what no quantity can be multiplied with."""
+    number = as_number(factor, "factor")
+    if not number > 0:
+        raise InputError("factor", f"{number:g} is no unit's", "wanted a number above 0")
+    return number
+
+
 def check_value(x: float) -> None:
     """Refuse what is not one number that a quantity may pass."""
     if math.isnan(as_number(x, "x", finite=False)):
@@ -146,7 +154,7 @@ class ExactDistribution(Distribution):
         return np.asarray(-np.diff(tail) / np.diff(edges) / self.condition)
 
     def scaled(self, factor: float) -> ExactDistribution:  # noqa: D102
-        return replace(self, scale=self.scale * factor)
+        return replace(self, scale=self.scale * as_factor(factor))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,4 +196,22 @@ class SampledDistribution(Distribution):
         return float(self._sorted[max(rank, 0)])
 
     def scaled(self, factor: float) -> SampledDistribution:  # noqa: D102
-        return replace(self, values=self.values * factor)
+        return replace(self, values=self.values * as_factor(factor))
+
+
+_BEYOND_ALL = 1e12  # no finite value of a collision is as large
+_NODES = 200
+
+
+def finite_mean(distribution: Distribution) -> float:
+    """Mean of the values that have a bound, as of the collisions that are detected; NaN where none has.
+
+    Of a quantity that is never negative: the integral of the probability of exceeding, less that of having no bound.
+    """
+    unbounded = distribution.exceedance(_BEYOND_ALL)
+    if not unbounded < 1:
+        return math.nan
+    greatest = distribution.quantile((1 - unbounded) * (1 - 1e-9))
+    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    tail = np.array([distribution.exceedance(0.5 * (1 + x) * greatest) for x in node]) - unbounded
+    return float(0.5 * greatest * (weight @ tail) / (1 - unbounded))

@@ -164,9 +164,9 @@ class ImpactBounds:
     Attributes:
         position_driven: the arm keeps its speed whatever it hits, v sqrt(m K) [N].
         reduced_mass: the arm is a free mass too, v sqrt(mu K) with 1 / mu = 1 / m + 1 / arm_mass [N]; None where the
-            arm's inertia is not known.
+            arm's inertia is not known, or looks like placeholders.
         arm_mass: effective mass of the arm along the contact normal, 1 / (n' J M^-1 J' n) [kg], or None.
-        status: of the arm's inertia: ``"published"``, ``"assumed"`` or ``"unknown"``.
+        status: of the arm's inertia: ``"published"``, ``"unverified"``, ``"assumed"`` or ``"unknown"``.
     """
 
     position_driven: float
@@ -210,14 +210,14 @@ def reduced_mass(body: float, arm: float) -> float:
 
 
 def arm_mass(problem: Problem) -> float | None:
-    """Effective mass of the arm along the normal at the start of a line [kg]; None where its inertia is not known."""
+    """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or not believed."""
     normal = problem.scenario.contact.normal
     return arm_mass_at(problem, problem.q, np.array(normal if normal is not None else problem.start["point_velocity"]))
 
 
 def arm_mass_at(problem: Problem, q: FloatArray, normal: FloatArray) -> float | None:
     """The same at joint positions (dof,) [rad or m] along any direction (3,), base frame."""
-    if any(joint.inertia is None for joint in problem.robot.joints):
+    if any(joint.inertia is None for joint in problem.robot.joints) or problem.robot.inertia_doubts:
         return None
     contact = problem.scenario.contact
     try:

@@ -11,15 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_whole_number
+from bumpstop.collision.alarm_rate import alarm_rate
 from bumpstop.collision.contact_time import contact_times, exact_contact_time, sampled_contact_time
-from bumpstop.collision.curve import StoppingCurve, stopping_curve
+from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
 from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, ExactDistribution, SampledDistribution
 from bumpstop.collision.free_law import FreeQuantities, ImpactBounds, impact_bounds
 from bumpstop.collision.notes import notes_of
 from bumpstop.collision.problem import Problem
+from bumpstop.collision.sampled_blocks import Progress, block_seed, in_blocks
 from bumpstop.collision.scenario import as_scenario
 from bumpstop.collision.two_phase import TwoPhaseUse, phase_shares
 from bumpstop.collision.verdict import Verdict, judge, percent
+from bumpstop.collision.verdict_notes import nothing_hit, verdict_notes
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,8 +41,8 @@ class ForceLaw:
         problem: the checked scenario.
         curve: its stopping curve.
         kind: ``"exact"`` or ``"sampled"``; ``samples`` and ``seed`` belong to the latter.
-        peak_force: [N]; a collision never detected counts as the force at the motion's end, and as unbounded where
-            only the simulated time ended the motion.
+        peak_force: [N]; a collision never detected counts with the greatest force of a motion that comes to rest, and
+            as unbounded where only the simulated time ended the motion (:attr:`unbounded_because`).
         force_at_detection: [N], given a detection after contact.
         detection_delay: from contact to the tick that detects it [s], given the same.
         trigger_joint_probability: (dof,) joint over its threshold at the tick of detection, given detection. Sums to
@@ -99,25 +102,74 @@ class ForceLaw:
         if self.scenario.reaction.kind == "stop":
             return None
         if self.kind == "exact":
-            return exact_contact_time(self.problem, self.curve.kernel, self.kernel)
+            return self._exact_contact_time[0]
         assert self.runs is not None
         times = sampled_contact_time(self.problem, self.curve.kernel, self.runs["tick"], self.runs["offset"])
         return SampledDistribution(times[np.isfinite(times)])
 
     @cached_property
+    def _exact_contact_time(self) -> tuple[Distribution, float]:
+        return exact_contact_time(self.problem, self.curve.kernel, self.kernel)
+
+    @property
+    def left_in_contact_probability(self) -> float:
+        """Detected, and still in clamped contact where the reversing arm is followed no farther; exact laws only."""
+        if self.kind != "exact" or self.problem.body_mass is not None or self.scenario.reaction.kind == "stop":
+            return 0.0
+        return self._exact_contact_time[1]
+
+    @cached_property
     def verdict(self) -> Verdict:
-        """Judged by the limits of the body region, or with ``acceptable`` None where only a stiffness was given."""
+        """Judged by the limits of the body region, or with ``acceptable`` None where only a stiffness was given.
+
+        So it is, too, where most cases touch nothing. What else weakens the verdict is in :attr:`warnings`.
+        """
         return judge(
             self.peak_force,
             self.pressure,
             self.problem.limits,
             self.false_alarm_probability,
-            # A body that rebounds unnoticed has its peak force all the same: no failure by itself.
-            self.undetected_probability if self.problem.body_mass is None else 0.0,
+            # One whose force is known has that force all the same: no failure by itself.
+            0.0 if self.unbounded_because is None else self.undetected_probability,
             self.scenario.verdict,
             transient=self.problem.transient_limits,
             over=self._over_in_two_phases,
+            unbounded_because=self.unbounded_because or "",
+            nothing_hit=nothing_hit(self),
+            false_alarms_per_hour=alarm_rate(self.problem).per_hour,
         )
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What makes the verdict mean less than it says: to be read beside it."""
+        return tuple(verdict_notes(self))
+
+    def why_no_contact(self) -> str:
+        """Why a motion ends before contact, to follow those words."""
+        motion, curve = self.scenario.motion, self.curve
+        if curve.end == "joint_limit":
+            return f" where joint {curve.end_joint} reaches its limit"
+        if curve.end == "singularity":
+            return " at a singularity"
+        return f" after {motion.duration_s:g} s (motion.duration_s)"
+
+    def approach_cosine(self) -> float:
+        """Speed along the contact normal as a share of the contact point's own, at the start of the motion."""
+        return self.problem.approach_speed / float(np.linalg.norm(self.problem.start["point_velocity"]))
+
+    def contact_alone(self) -> dict[str, Any]:
+        """Keys that leave one contact of many; empty where there is but one."""
+        return {}
+
+    @property
+    def unbounded_because(self) -> str | None:
+        """Why a collision never detected has no bound on its force, to follow "not detected"; None where it has one.
+
+        A free body has got away, and an arm that has come to rest presses no harder.
+        """
+        if self.problem.body_mass is not None or self.curve.end in AT_REST:
+            return None
+        return f"within {self.scenario.motion.duration_s:g} s (motion.duration_s)"
 
     def motion_notes(self) -> list[str]:
         """Where the body is."""
@@ -142,15 +194,24 @@ class ForceLaw:
             notes.append(ends[curve.end])
         if curve.kernel.velocity_limited:
             notes.append("A joint-velocity limit slows the motion below the speed asked for.")
-        bounded = curve.end != "horizon" or self.problem.body_mass is not None
-        if not bounded and self.undetected_probability > NEGLIGIBLE:
-            notes.append(
-                f"Some collisions are not detected within {self.scenario.motion.duration_s:g} s; their force has no "
-                "bound and the mean is not given."
-            )
+        if self.undetected_probability > NEGLIGIBLE and self.problem.body_mass is None:
+            notes.append(self._undetected_note())
         if self.no_contact_probability > NEGLIGIBLE:
             notes.append(f"In {percent(self.no_contact_probability)} of cases the motion ends before contact.")
         return notes
+
+    def _undetected_note(self) -> str:
+        share = percent(self.undetected_probability)
+        share = share[0].upper() + share[1:]
+        if self.unbounded_because is None:
+            return (
+                f"{share} of collisions are not detected before the motion ends. They count with the greatest force "
+                "until then, and then the arm stands."
+            )
+        return (
+            f"{share} of collisions are not detected {self.unbounded_because}. They count as over every limit: their "
+            "force has no bound and the mean is not given."
+        )
 
     @cached_property
     def _over_in_two_phases(self) -> tuple[float, float | None] | None:
@@ -161,9 +222,23 @@ class ForceLaw:
         if not transient.permitted:
             return 1.0, 1.0
         use = TwoPhaseUse.of(self, transient, lasting)
-        undetected = self.undetected_probability
-        pressure = None if use.pressure is None else use.over(use.pressure, undetected)
-        return use.over(use.force, undetected), pressure
+        # An arm that has come to rest goes on pressing: the limit for what lasts judges those never detected.
+        force = self.undetected_over(lasting.force_N)
+        pressure = None
+        if use.pressure is not None and lasting.pressure_N_cm2 is not None:
+            contact = self.scenario.contact
+            per_newton = contact.peak_factor / contact.area_cm2
+            pressure = use.over(use.pressure, self.undetected_over(lasting.pressure_N_cm2 / per_newton))
+        return use.over(use.force, force), pressure
+
+    def undetected_over(self, force: float) -> float:
+        """P(a collision is never detected and its force exceeds ``force`` [N]); all of them where there is no bound."""
+        if self.unbounded_because is not None:
+            return self.undetected_probability
+        if self.runs is not None:
+            missed = (self.runs["tick"] < 0) & (self.runs["offset"] < self.curve.distance.max())
+            return float((missed & (self.runs["peak_force"] > force)).mean())
+        return float(self.kernel.tail("end_force", np.array([force]))[0, 0])
 
     def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
         """How far detected clamped collisions use the limits of two phases, and the probability of these collisions.
@@ -205,7 +280,8 @@ class ForceLaw:
             result["impact_bounds"] = self.impact_bounds.to_json()
         if self.kind == "sampled":
             result |= {"samples": self.samples, "seed": self.seed}
-        return result | {"verdict": self.verdict.to_json(), "notes": list(self.notes)}
+        verdict = self.verdict.to_json() | {"warnings": list(self.warnings)}
+        return result | {"verdict": verdict, "notes": list(self.notes)}
 
 
 def _finite(value: float) -> float | None:
@@ -213,17 +289,24 @@ def _finite(value: float) -> float | None:
 
 
 def evaluate(
-    scenario: Scenario, *, samples: int | None = None, seed: int = 0, threads: int = 1, refinement: int = 1
+    scenario: Scenario,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    threads: int = 1,
+    refinement: int = 1,
+    progress: Progress | None = None,
 ) -> ForceLaw:
     """Work out the whole distribution of a collision.
 
     Args:
         scenario: what happens.
         samples: None for the exact law; else the number of runs of the sampled law. Measured residuals know no exact
-            law: None then means 100 000 runs.
+            law: None then means 100 000 runs. Of more than a million runs only the first million are kept one by one.
         seed: of the sampled law, 0 to 2^64 - 1. The same seed gives the same runs, whatever the threads.
         threads: for the sampled law, 1 to 256.
         refinement: multiplies the order of the exact law's quadrature, 1 to 100. 2 shows that 1 is converged.
+        progress: told the share of the runs of the sampled law that are done.
 
     Raises:
         InputError: the scenario cannot be computed.
@@ -231,6 +314,7 @@ def evaluate(
     problem = Problem.from_scenario(as_scenario(scenario))
     refinement = as_whole_number(refinement, "refinement", 1, 100)
     as_whole_number(threads, "threads", 1, 256)
+    as_whole_number(seed, "seed", 0, 2**64 - 1, "0 to 2^64 - 1")
     if samples is not None:
         _check_sample(samples, seed, threads)
     elif problem.residuals is not None:
@@ -240,11 +324,21 @@ def evaluate(
 
         if samples is None:
             return exact_trajectory_law(problem, refinement=refinement)
-        return sampled_trajectory_law(problem, samples=samples, seed=seed, threads=threads)
+        return in_blocks(
+            lambda first, size: sampled_trajectory_law(
+                problem, samples=size, seed=block_seed(seed, first), threads=threads
+            ),
+            samples,
+            progress,
+        )
     curve = stopping_curve(problem)
     if samples is None:
         return exact_law(problem, curve, refinement=refinement)
-    return sampled_law(problem, curve, samples=samples, seed=seed, threads=threads)
+    return in_blocks(
+        lambda first, size: sampled_law(problem, curve, samples=size, seed=seed, threads=threads, first=first),
+        samples,
+        progress,
+    )
 
 
 def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) -> ForceLaw:
@@ -276,7 +370,7 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
         peak_force = ExactDistribution(
             law,
             "peak_force",
-            undetected=undetected,
+            undetected=0.0 if law.rests else undetected,
             bounded=curve.end != "horizon",
             far_tail=lambda force: float(curve.kernel.tail_directly(*question, force)),
         )
@@ -299,7 +393,9 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
     )
 
 
-def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1) -> ForceLaw:
+def sampled_law(
+    problem: Problem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1, first: int = 0
+) -> ForceLaw:
     """Draw single collisions on a stopping curve of this problem's pose, motion and reaction.
 
     Args:
@@ -308,6 +404,7 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
         samples: number of collisions.
         seed: 0 to 2^64 - 1. The same seed gives the same collisions, whatever the threads.
         threads: that share the work.
+        first: number of the first of them.
 
     Raises:
         InputError: no samples, or a seed that is none.
@@ -319,7 +416,7 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
         problem.offset_kind,
         problem.offset_size,
         seed,
-        0,
+        first,
         samples,
         True,
         threads,
@@ -339,10 +436,14 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
     peak = K * np.maximum(0.0, at_tick(curve.farthest) - offset)
     # The path goes on for a latency beyond the horizon, for the reactions; the motion does not.
     motion = curve.distance[: _horizon(problem) + 1]
+    braking = curve.kernel.braking if curve.end in ("joint_limit", "singularity") else np.zeros(0)
+    if problem.body_mass is not None:
+        motion, braking = np.append(motion, braking), np.zeros(0)
     touches = offset < motion.max()
-    end = K * np.maximum(0.0, motion[-1] - offset)
-    unbounded = curve.end == "horizon"
-    peak = np.where(detected, peak, np.where(touches & unbounded, math.inf, end))
+    # A body that the arm reaches only while it brakes at the end of its line is pressed as deep as any other.
+    greatest = K * np.maximum(0.0, max(motion.max(), braking.max(initial=-math.inf)) - offset)
+    missed = ~detected & touches
+    peak = np.where(detected, peak, np.where(missed & (curve.end == "horizon"), math.inf, greatest))
     force = K * np.maximum(0.0, at_tick(curve.tick_distance) - offset)
     free_contact_time = None
     # From the first tick in contact on, also where the arm falls back from the body again.
@@ -359,14 +460,14 @@ def sampled_law(problem: Problem, curve: StoppingCurve, *, samples: int, seed: i
         problem=problem,
         curve=curve,
         kind="sampled",
-        peak_force=SampledDistribution(peak, undetected=~detected & touches if problem.body_mass is None else None),
+        peak_force=SampledDistribution(peak, None if problem.body_mass is not None or curve.end in AT_REST else missed),
         free_contact_time=free_contact_time,
         force_at_detection=SampledDistribution(force[felt]),
         detection_delay=SampledDistribution(delay[felt]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(dof, math.nan),
         several_joints_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
         false_alarm_probability=float((detected & ~felt).mean()),
-        undetected_probability=float((~detected & touches).mean()),
+        undetected_probability=float(missed.mean()),
         no_contact_probability=float((~detected & ~touches).mean()),
         samples=samples,
         seed=seed,
@@ -385,4 +486,4 @@ def _horizon(problem: Problem) -> int:
 
 
 def _end_time(law: ForceLaw) -> float:
-    return float((law.curve.distance.size - 1) * law.scenario.simulation.step_s)
+    return float(law.curve.kernel.cut_step * law.scenario.simulation.step_s)

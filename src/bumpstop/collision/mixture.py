@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.distribution import Distribution, check_probability, check_value
+from bumpstop.collision.distribution import Distribution, as_factor, check_probability, check_value
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,6 +120,7 @@ class MixtureDistribution(Distribution):
         return x, self._above(x, at=False), self._above(x, at=True)
 
     def scaled(self, factor: float) -> MixtureDistribution:  # noqa: D102
+        factor = as_factor(factor)
         return replace(
             self,
             low=self.low * factor,

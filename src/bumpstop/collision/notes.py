@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.alarm_rate import alarm_rate
+from bumpstop.collision.distribution import NEGLIGIBLE
 from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.collision.unused_keys import unused_notes
 from bumpstop.collision.verdict import percent
@@ -21,10 +23,11 @@ def notes_of(law: ForceLaw) -> list[str]:
     """All of them, in the order in which they are read."""
     problem = law.problem
     scenario, limits = problem.scenario, problem.limits
-    notes = [*problem.notes, *unused_notes(scenario), *sample_notes(law)]
+    notes = [*law.warnings, *problem.notes, *unused_notes(scenario), *sample_notes(law)]
     contact, detector = scenario.contact, scenario.detector
     notes.extend(_contact_notes(law))
     notes.extend(_noise_notes(law))
+    notes.append(f"{(words := alarm_rate(problem).words)[0].upper()}{words[1:]}, the detector armed all the time.")
     notes.extend(law.motion_notes())
     if contact.peak_factor == 1 and limits is not None:
         notes.append("Pressure is taken as even over the contact area (peak factor 1).")
@@ -39,6 +42,8 @@ def notes_of(law: ForceLaw) -> list[str]:
             f"{limits.force_N:g} N after them."
         )
     notes.extend(law.end_notes())
+    notes.extend(line_end_notes(law))
+    notes.extend(swing_notes(law))
     unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
     if unwatched:
         notes.append(f"Not watched: joint {', '.join(unwatched)}.")
@@ -57,6 +62,37 @@ def sample_notes(law: ForceLaw) -> list[str]:
     return [
         f"{law.samples} sampled collisions are too few to judge by: a probability of the accepted {percent(risk)} is "
         f"some {law.samples * risk:.2g} of them."
+    ]
+
+
+def line_end_notes(law: ForceLaw) -> list[str]:
+    """What an arm does that cannot follow its line any farther."""
+    problem, curve = law.problem, law.curve
+    if problem.trajectory is not None:
+        return []
+    notes, cut = [], curve.kernel.cut_step
+    if cut >= 0:
+        step = problem.scenario.simulation.step_s
+        joint = curve.kernel.end_joint
+        where = f"joint {joint + 1} reaches its limit" if joint >= 0 else "a singularity is met"
+        notes.append(
+            f"Where {where}, after {cut * step:.3g} s, the arm brakes at its acceleration limits; no reaction begins "
+            "after that."
+        )
+    return notes
+
+
+def swing_notes(law: ForceLaw) -> list[str]:
+    """Whether an arm that reverses may press harder than it does as long as it is followed."""
+    if law.problem.trajectory is not None:
+        return []
+    share = law.left_in_contact_probability
+    if not share > NEGLIGIBLE:
+        return []
+    return [
+        f"In {percent(share)} of cases the reversing arm has not left the body where its motion is followed no "
+        "farther: beside a singularity it swings forward again, or does not get back. Its peak force is that until "
+        "then; later it may press harder."
     ]
 
 
@@ -84,7 +120,8 @@ def _contact_notes(law: ForceLaw) -> list[str]:
     which = "the impact that is hardest on average" if anywhere else "the impact"
     undetected = f"Undetected, {which} comes to {bounds.position_driven:.4g} N"
     if bounds.reduced_mass is None:
-        notes.append(f"{undetected}; the arm's inertia is not known, so there is no bound by the reduced mass.")
+        what = "looks like placeholders" if problem.robot.inertia_doubts else "is not known"
+        notes.append(f"{undetected}; the arm's inertia {what}, so there is no bound by the reduced mass.")
     else:
         notes.append(
             f"{undetected}, or {bounds.reduced_mass:.4g} N if the arm gives way as a free mass of "

@@ -79,7 +79,7 @@ class Problem:
             table = LimitTable.load(contact.limits, relative_to=scenario.folder)
             limits = table.contact_limits(contact.body, contact.kind, contact.pressure_area)
             if "area_cm2" not in contact.model_fields_set:
-                notes.append("Contact area not given: 1 cm2 assumed.")
+                notes.append("Contact area not given: 1 cm² assumed.")
         stiffness = contact.stiffness_N_m
         if stiffness is None:
             assert limits is not None
@@ -300,6 +300,9 @@ class Problem:
             return self.body_mass
         from bumpstop.collision.free_law import arm_mass, reduced_mass
 
+        if self.robot.inertia_doubts:
+            problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_doubts[0]}"
+            raise InputError("contact.arm", problem, "valid: 'position_driven', or a robot with its real inertia")
         arm = arm_mass(self)
         if arm is None:
             raise InputError(

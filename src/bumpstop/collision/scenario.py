@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from bumpstop.collision.scenario_words import as_written, explain, short, unknown_key, words
+from bumpstop.collision.spellings import check_one_spelling, replace_other_spelling
 from bumpstop.collision.unused_keys import given_without_effect, keys_without_effect
 from bumpstop.errors import InputError
 from bumpstop.text_files import is_path
@@ -41,10 +42,16 @@ class _Table(BaseModel):
 
 
 # Keys of [motion] that belong to one kind of motion alone.
-_OF_LINE = ("velocity_mm_s", "start", "duration_s", "task", "held_joints", "damping")
+_OF_LINE = ("velocity_mm_s", "speed_mm_s", "direction", "start", "duration_s", "task", "held_joints", "damping")
 _OF_TRAJECTORY = ("file", "contact_time")
+_SPEED = ("speed_mm_s", "direction")
 # Where the body is, is how far the line still goes to it; in a trajectory it is when contact begins.
 _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
+
+
+def _check_direction(field: str, direction: list[float]) -> None:
+    if math.hypot(*direction) < 1e-6:
+        raise InputError(field, f"{as_written(direction)} is no direction", "wanted three numbers, not all zero")
 
 
 class Motion(_Table):
@@ -55,6 +62,8 @@ class Motion(_Table):
 
     kind: Literal["line", "trajectory"] = "line"
     velocity_mm_s: Velocity | None = None
+    speed_mm_s: Annotated[float, _between(_LEAST_SPEED_MM_S, 1e5)] | None = None
+    direction: Direction | None = None
     start: Literal["moving", "rest"] = "moving"
     duration_s: Annotated[float, _between(1e-5, 1e5)] = 5.0
     task: Literal["pose", "position"] = "pose"
@@ -84,6 +93,17 @@ class Motion(_Table):
             if self.file is None:
                 raise InputError("motion.file", "is missing", f"wanted {words(Scenario, ('motion', 'file'))}")
             return self
+        check_one_spelling(f"motion.{key}" for key in self.model_fields_set if getattr(self, key) is not None)
+        if (self.speed_mm_s is None) != (self.direction is None):
+            missing, given = ("direction", "speed_mm_s") if self.direction is None else ("speed_mm_s", "direction")
+            raise InputError(
+                f"motion.{missing}", "is missing", f"motion.{given} needs it, or give motion.velocity_mm_s alone"
+            )
+        if self.speed_mm_s is not None and self.direction is not None:
+            _check_direction("motion.direction", self.direction)
+            along = self.speed_mm_s / math.hypot(*self.direction)
+            # The table is frozen for others: from here on it has the velocity, however it was written.
+            self.__dict__["velocity_mm_s"] = [along * part for part in self.direction]
         if self.velocity_mm_s is None:
             raise InputError(
                 "motion.velocity_mm_s", "is missing", f"wanted {words(Scenario, ('motion', 'velocity_mm_s'))}"
@@ -113,6 +133,7 @@ class Contact(_Table):
     kind: Literal["clamped", "free"] = "clamped"
     area_cm2: Annotated[float, _between(1e-4, 1e4)] = 1.0
     stiffness_N_m: Annotated[float, _between(1, 1e9)] | None = None
+    stiffness_N_mm: Annotated[float, _between(1e-3, 1e6)] | None = None
     padding_N_m: Annotated[float, _between(1, 1e9)] | None = None
     body_mass_kg: Annotated[float, _between(1e-3, 1e4)] | None = None
     pressure_area: Annotated[str, Field(description="the name of a pressure area")] | None = None
@@ -127,6 +148,10 @@ class Contact(_Table):
 
     @model_validator(mode="after")
     def _complete(self) -> Contact:
+        check_one_spelling(f"contact.{key}" for key in self.model_fields_set if getattr(self, key) is not None)
+        if self.stiffness_N_mm is not None:
+            # As with the velocity: all others read N/m.
+            self.__dict__["stiffness_N_m"] = 1e3 * self.stiffness_N_mm
         if self.body is None and self.stiffness_N_m is None:
             raise InputError(
                 "contact.body", "is missing", "name a body region, or give contact.stiffness_N_m without one"
@@ -136,10 +161,8 @@ class Contact(_Table):
                 raise InputError(f"contact.{key}", "has no meaning in clamped contact", 'give contact.kind = "free"')
         if self.kind == "free" and self.body is None and self.body_mass_kg is None:
             raise InputError("contact.body_mass_kg", "is missing", "free contact needs the mass behind the stiffness")
-        if self.normal is not None and math.hypot(*self.normal) < 1e-6:
-            raise InputError(
-                "contact.normal", f"{as_written(self.normal)} is no direction", "wanted three numbers, not all zero"
-            )
+        if self.normal is not None:
+            _check_direction("contact.normal", self.normal)
         if self.offset_law == "fixed" and self.offset_mm is None:
             raise InputError("contact.offset_mm", "is missing", 'offset_law = "fixed" needs it')
         if self.offset_law != "fixed" and self.offset_mm is not None:
@@ -322,18 +345,24 @@ class Scenario(_Table):
         """
         # What was not given stays so: a default must not count as given where a change takes its effect away.
         data = self.model_dump(exclude_unset=True, exclude_none=True, mode="python")
-        for key, value in changes.items():
-            set_key(data, key, value)
+        # What a copy was given besides counts.
+        if "velocity_mm_s" in data["motion"]:
+            data["motion"] = {key: value for key, value in data["motion"].items() if key not in _SPEED}
+        if "stiffness_N_m" in data["contact"]:
+            data["contact"].pop("stiffness_N_mm", None)
+        set_keys(data, changes)
         return Scenario.from_dict(data, self.folder)
 
     def to_dict(self) -> dict[str, Any]:
         """The scenario as nested dictionaries.
 
-        Defaults are spelt out, but not a contact area that was assumed, nor those that have no effect.
+        Defaults are spelt out, but not a contact area that was assumed, nor those that have no effect. Of two spellings
+        it has the velocity and N/m.
         """
         data = self.model_dump(exclude_none=True, mode="python")
-        for key in self.motion.other_keys:
+        for key in (*self.motion.other_keys, *_SPEED):
             data["motion"].pop(key, None)
+        data["contact"].pop("stiffness_N_mm", None)
         for key in _OFFSET if self.motion.kind == "trajectory" else ():
             data["contact"].pop(key, None)
         if "area_cm2" not in self.contact.model_fields_set:
@@ -367,8 +396,21 @@ def _plain(value: Any) -> Any:
     return value.tolist() if type(value).__module__ == "numpy" else value
 
 
+def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Set dotted keys in nested dictionaries.
+
+    Raises:
+        InputError: a key cannot be set, or two of them say one thing.
+    """
+    if not isinstance(changes, Mapping) or not all(isinstance(key, str) for key in changes):
+        raise InputError("changes", f"{as_written(changes)} cannot be used", "wanted dotted keys and their values")
+    check_one_spelling(key for key, value in changes.items() if value is not None)
+    for key, value in changes.items():
+        set_key(data, key, value)
+
+
 def set_key(data: dict[str, Any], key: str, value: Any) -> None:
-    """Set a dotted key in nested dictionaries, making tables on the way. Of the pose's two spellings one remains."""
+    """Set a dotted key in nested dictionaries, making tables on the way. Of two spellings one remains."""
     *tables, last = key.split(".")
     if key.split(".")[0] == MADE_BY:
         # Its table is passed over, whatever stands in it.
@@ -378,6 +420,5 @@ def set_key(data: dict[str, Any], key: str, value: Any) -> None:
         here = here.setdefault(table, {})
         if not isinstance(here, dict):
             raise InputError(key, f"{table!r} is not a table", "a key is written as table.key or as key alone")
-    if not tables and last in ("pose_deg", "pose_rad"):
-        data.pop("pose_rad" if last == "pose_deg" else "pose_deg", None)
+    replace_other_spelling(data, key)
     here[last] = value

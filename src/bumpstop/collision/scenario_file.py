@@ -6,9 +6,9 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.scenario import Scenario, set_key
+from bumpstop.collision.scenario import Scenario, set_keys
 from bumpstop.errors import InputError
-from bumpstop.text_files import read_text
+from bumpstop.text_files import as_path, read_text
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -28,10 +28,9 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
     Raises:
         InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
     """
-    path = Path(path)
+    path = as_path(path, "scenario")
     data = _parse(read_text(path, "wanted a scenario file", most_bytes=_MOST_BYTES), str(path))
-    for key, value in (changes or {}).items():
-        set_key(data, key, value)
+    set_keys(data, changes or {})
     return Scenario.from_dict(data, path.parent)
 
 

@@ -18,7 +18,7 @@ from bumpstop.collision.distribution import NEGLIGIBLE, Distribution, SampledDis
 from bumpstop.collision.free_law import ImpactBounds, arm_mass_at, bounds_at
 from bumpstop.collision.law import ForceLaw
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.trajectory import Trajectory
+from bumpstop.collision.trajectory import Trajectory, point_motion
 from bumpstop.collision.trajectory_curve import trajectory_curve, trajectory_kernel
 from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.collision.verdict import percent
@@ -43,6 +43,8 @@ class TrajectoryLaw(ForceLaw):
             contact.
         detections: the detected collisions one by one.
         greatest_undetected: the greatest force of a collision never detected [N].
+        undetected_force: force of such collisions, given one [N]; of the exact law of clamped contact, where there are
+            any.
     """
 
     times: ContactTimes = field(kw_only=True)
@@ -50,6 +52,7 @@ class TrajectoryLaw(ForceLaw):
     spans: Distribution | None = field(kw_only=True)
     detections: Detections = field(kw_only=True)
     greatest_undetected: float = field(kw_only=True)
+    undetected_force: Distribution | None = field(kw_only=True, default=None)
 
     @cached_property
     def contact_time(self) -> Distribution | None:
@@ -106,7 +109,7 @@ class TrajectoryLaw(ForceLaw):
                 f"The trajectory's own joint accelerations are up to {self.kernel.excess:.3g} times those of the "
                 "reaction: there the arm brakes as far as it can with the least excess."
             )
-        if _stops_short(trajectory_of(self.problem)):
+        if stops_short(trajectory_of(self.problem)):
             notes.append(
                 "The trajectory ends while the arm still moves. It is taken to stand still there at once, so contact "
                 "near the end is harder than it says."
@@ -117,15 +120,54 @@ class TrajectoryLaw(ForceLaw):
                 "and nothing is touched."
             )
         if self.undetected_probability > NEGLIGIBLE and self.problem.body_mass is None:
+            because = self.unbounded_because
+            count = "They count with their force"
+            if because is not None:
+                count = f"They are not detected {because} and count as over every limit, whatever their force"
             notes.append(
-                f"In {percent(self.undetected_probability)} of cases the motion ends without a detection. They count "
-                f"as over every limit, whatever their force; the greatest of it is {self.greatest_undetected:.4g} N."
+                f"In {percent(self.undetected_probability)} of cases the motion ends without a detection. {count}; the "
+                f"greatest of it is {self.greatest_undetected:.4g} N."
             )
         return notes
 
+    def why_no_contact(self) -> str:
+        """See :meth:`ForceLaw.why_no_contact`."""
+        return ": the contact point turns back within a simulation step"
 
-def _stops_short(trajectory: Trajectory) -> bool:
-    """The last row is no place of rest: a joint is faster there than a hundredth of its greatest speed."""
+    def approach_cosine(self) -> float:
+        """Speed along the contact normal as a share of the contact point's own, over the times of contact."""
+        velocity, _ = point_motion(
+            trajectory_of(self.problem), self.problem.robot, self.problem.contact_point, self.times.begin
+        )
+        along = np.einsum("ni,ni->n", velocity, self.times.normal)
+        speed = np.maximum(np.linalg.norm(velocity, axis=1), 1e-300)
+        return float(self.times.weight @ (along / speed))
+
+    def contact_alone(self) -> dict[str, Any]:
+        """See :meth:`ForceLaw.contact_alone`."""
+        return {"motion.contact_time": self.contact_begin}
+
+    @property
+    def unbounded_because(self) -> str | None:
+        """See :attr:`ForceLaw.unbounded_because`."""
+        if self.problem.body_mass is not None or not stops_short(trajectory_of(self.problem)):
+            return None
+        return "before the trajectory (motion.file) ends while the arm still moves"
+
+    def undetected_over(self, force: float) -> float:
+        """See :meth:`ForceLaw.undetected_over`."""
+        if self.samples is not None or self.unbounded_because is not None:
+            return super().undetected_over(force)
+        if self.undetected_force is None:
+            return 0.0
+        return self.undetected_force.exceedance(force) * self.undetected_probability
+
+
+def stops_short(trajectory: Trajectory) -> bool:
+    """Whether a trajectory ends while the arm still moves.
+
+    The last row is no place of rest: a joint is faster there than a hundredth of the greatest speed of all.
+    """
     rates = np.abs(trajectory.at(np.linspace(0, trajectory.duration, 500), 1))
     return bool((rates[-1] > 0.01 * rates.max()).any())
 
@@ -153,7 +195,9 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
     detected = float(mass[after].sum()) + false_alarm
     zero = float(weight @ out["harmless"])
     spans: Distribution | None = None
-    if free:
+    undetected_force: Distribution | None = None
+    rests = not stops_short(trajectory_of(problem))
+    if free or rests:
         # What goes undetected is like what one more tick detects.
         missed = np.flatnonzero(never > 0)
         everything = Mixer(
@@ -163,11 +207,16 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         )
         all_mass = np.append(mass, never[missed])
         peak_force = everything.distribution(np.append(peak, undetected_peak[missed]), all_mass, zero=zero)
+    else:
+        peak_force = mixer.distribution(peak, mass, zero=zero, end=(undetected_peak[never > 0], never[never > 0]))
+    if free:
         lasts = np.append(out["duration"], out["undetected_duration"][missed])
         spans = everything.distribution(np.where(lasts > 0, lasts, math.nan), all_mass)
         force = out["force"]
     else:
-        peak_force = mixer.distribution(peak, mass, zero=zero, end=(undetected_peak[never > 0], never[never > 0]))
+        if rests and missed.size:
+            alone = Mixer(times, used[missed], np.full(missed.size, kernel.ticks, dtype=tick.dtype))
+            undetected_force = alone.distribution(undetected_peak[missed], never[missed])
         if problem.scenario.reaction.kind == "reverse":
             spans = mixer.distribution(kernel.contact_spans(tick.tolist(), begin[contact]), mass)
         force = K * out["distance"]
@@ -193,6 +242,7 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         spans=spans,
         detections=Detections(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
         greatest_undetected=float(undetected_peak.max(where=never > 0, initial=0.0)),
+        undetected_force=undetected_force,
     )
 
 
@@ -255,7 +305,7 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
         problem=problem,
         curve=trajectory_curve(problem, kernel, hardest),
         kind="sampled",
-        peak_force=SampledDistribution(peak, undetected=None if free else undetected),
+        peak_force=SampledDistribution(peak, undetected if not free and stops_short(trajectory_of(problem)) else None),
         force_at_detection=SampledDistribution(force[felt]),
         detection_delay=SampledDistribution((tick_time - begin)[felt]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(problem.robot.dof, math.nan),

@@ -69,6 +69,10 @@ def phase_shares(law: ForceLaw, first: float, later: float) -> tuple[Distributio
     if law.kind == "sampled":
         assert law.runs is not None
         tick, offset = law.runs["tick"], law.runs["offset"]
+        if law.curve.end in ("joint_limit", "singularity"):
+            # Bodies that the arm reaches only while it brakes at the end of its line.
+            braking = (tick < 0) & (offset >= law.curve.distance.max()) & (law.runs["peak_force"] > 0)
+            tick = np.where(braking, kernel.ticks, tick)
         detected = tick >= 0
         values = np.zeros(int(detected.sum()))
         ticks = np.unique(tick[detected])

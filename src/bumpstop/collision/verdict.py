@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from bumpstop.collision.distribution import Distribution
@@ -21,8 +21,10 @@ class Verdict:
         transient: what the first phase of clamped contact is judged by, where it is judged in two; ``limits`` then hold
             for what comes after.
         p_over_force, p_over_pressure: probability that the peak passes its limit; collisions never detected count
-            as over. None where there is no limit.
+            as over where their force has no bound. None where there is no limit.
         false_alarm_probability, risk, max_false_alarm: as found, and as accepted.
+        false_alarms_per_hour: of free motion.
+        nothing_hit: why most cases touch nothing, so that there is no verdict; empty where they do.
         reason: one sentence.
     """
 
@@ -33,6 +35,8 @@ class Verdict:
     false_alarm_probability: float
     risk: float
     max_false_alarm: float
+    false_alarms_per_hour: float
+    nothing_hit: str = ""
     reason: str
 
     @property
@@ -42,8 +46,17 @@ class Verdict:
 
     @property
     def acceptable(self) -> bool | None:
-        """Force, pressure and false alarms are all within what is accepted; None without limits."""
-        return None if self.p_over_force is None else not self.fails_by
+        """Force, pressure and false alarms are all within what is accepted; None without limits or inconclusive."""
+        return {"acceptable": True, "not_acceptable": False}.get(self.conclusion)
+
+    @property
+    def conclusion(self) -> Conclusion:
+        """The verdict in a word. Where most cases touch nothing, what is not over a limit was not put to the test."""
+        if self.p_over_force is None:
+            return "no_limits"
+        if self.fails_by:
+            return "not_acceptable"
+        return "inconclusive" if self.nothing_hit else "acceptable"
 
     @property
     def fails_by(self) -> tuple[str, ...]:
@@ -57,12 +70,14 @@ class Verdict:
         limits = self.limits
         result: dict[str, Any] = {
             "acceptable": self.acceptable,
+            "conclusion": self.conclusion,
             "reason": self.reason,
             "limit_force_N": limits.force_N if limits else None,
             "limit_pressure_N_cm2": limits.pressure_N_cm2 if limits else None,
             "p_over_force": self.p_over_force,
             "p_over_pressure": self.p_over_pressure,
             "false_alarm_ok": self.false_alarm_ok,
+            "false_alarms_per_hour": self.false_alarms_per_hour,
             "risk": self.risk,
             "max_false_alarm": self.max_false_alarm,
         }
@@ -85,6 +100,8 @@ class Verdict:
         return result
 
 
+Conclusion = Literal["acceptable", "not_acceptable", "inconclusive", "no_limits"]
+
 _NEXT_TO_NOTHING = 1e-6  # a probability that is not spelt out
 
 
@@ -97,18 +114,25 @@ def judge(
     settings: VerdictSettings,
     transient: ContactLimits | None = None,
     over: tuple[float, float | None] | None = None,
+    *,
+    unbounded_because: str = "",
+    nothing_hit: str = "",
+    false_alarms_per_hour: float = math.nan,
 ) -> Verdict:
-    """Judge peak force [N] and pressure [N/cm2] by limits.
+    """Judge peak force [N] and pressure [N/cm²] by limits.
 
     Args:
         peak_force: distribution [N].
-        pressure: distribution [N/cm2].
+        pressure: distribution [N/cm²].
         limits: None without a body region.
         false_alarm_probability: alarm before contact.
-        undetected_probability: contact, and no detection.
+        undetected_probability: contact, no detection, and no bound on the force.
         settings: what is accepted.
         transient: limits of the first phase of contact, where it has two.
         over: the probabilities of passing force and pressure limits in either phase, then.
+        unbounded_because: why those have no bound, to follow "not detected".
+        nothing_hit: why most cases touch nothing; empty where they do.
+        false_alarms_per_hour: of free motion.
     """
     p_force = p_pressure = None
     if limits is not None and over is not None:
@@ -117,7 +141,13 @@ def judge(
         p_force = peak_force.exceedance(limits.force_N)
         if limits.pressure_N_cm2 is not None and pressure is not None:
             p_pressure = pressure.exceedance(limits.pressure_N_cm2)
-    reason = _reason(limits, transient, p_force, p_pressure, false_alarm_probability, undetected_probability, settings)
+    words = _Words(settings)
+    faults = words.faults(
+        limits, transient, (p_force, p_pressure), false_alarm_probability, (undetected_probability, unbounded_because)
+    )
+    reason = faults or nothing_hit or words.within(limits, p_force, p_pressure)
+    if limits is None:
+        reason = "No body region is named, so there is no limit to judge by."
     return Verdict(
         limits=limits,
         transient=transient,
@@ -126,58 +156,83 @@ def judge(
         false_alarm_probability=false_alarm_probability,
         risk=settings.risk,
         max_false_alarm=settings.max_false_alarm,
+        false_alarms_per_hour=false_alarms_per_hour,
+        nothing_hit=nothing_hit,
         reason=reason,
     )
 
 
-def _reason(
-    limits: ContactLimits | None,
-    transient: ContactLimits | None,
-    p_force: float | None,
-    p_pressure: float | None,
-    false_alarm: float,
-    undetected: float,
-    settings: VerdictSettings,
-) -> str:
-    if limits is None or p_force is None:
-        return "No body region is named, so there is no limit to judge by."
-    for judge_of in (limits, transient):
-        if judge_of is not None and not judge_of.permitted:
-            return judge_of.reason
-    force, pressure = f"{limits.force_N:g} N", f"{limits.pressure_N_cm2 or 0:g} N/cm2"
-    if transient is not None:
-        force = f"{transient.force_N:g} N at first or {force} later"
-        pressure = f"{transient.pressure_N_cm2 or 0:g} N/cm2 at first or {pressure} later"
-    # Where what is accepted is itself next to nothing, figures must be told apart there.
-    tiny = min(settings.risk, settings.max_false_alarm) < _NEXT_TO_NOTHING
+class _Words:
+    """The sentence that gives the reason."""
 
-    def said(p: float) -> str:
-        return f"{100 * p:.2g} %" if tiny and 0 < p < _NEXT_TO_NOTHING else percent(p)
+    def __init__(self, settings: VerdictSettings) -> None:
+        self._settings = settings
+        # Where what is accepted is itself next to nothing, figures must be told apart there.
+        self._tiny = min(settings.risk, settings.max_false_alarm) < _NEXT_TO_NOTHING
 
-    faults = []
-    if p_force > settings.risk:
-        faults.append(f"the peak force exceeds {force} with probability {said(p_force)}")
-    if p_pressure is not None and p_pressure > settings.risk:
-        faults.append(f"the pressure exceeds {pressure} with probability {said(p_pressure)}")
-    accepted = f", more than the accepted {said(settings.risk)}" if faults else ""
-    if undetected > settings.risk:
-        faults.append(f"{said(undetected)} of collisions are never detected")
-    if false_alarm > settings.max_false_alarm:
-        faults.append(
-            f"a false alarm comes before contact with probability {said(false_alarm)} (accepted: "
-            f"{said(settings.max_false_alarm)})"
-        )
-    if faults:
+    def _said(self, p: float) -> str:
+        return f"{100 * p:.2g} %" if self._tiny and 0 < p < _NEXT_TO_NOTHING else percent(p)
+
+    def faults(
+        self,
+        limits: ContactLimits | None,
+        transient: ContactLimits | None,
+        over: tuple[float | None, float | None],
+        false_alarm: float,
+        undetected: tuple[float, str],
+    ) -> str:
+        """What is not within what is accepted; empty where all is."""
+        if limits is None:
+            return ""
+        for judge_of in (limits, transient):
+            if judge_of is not None and not judge_of.permitted:
+                return judge_of.reason
+        settings, said = self._settings, self._said
+        force, pressure = f"{limits.force_N:g} N", f"{limits.pressure_N_cm2 or 0:g} N/cm²"
+        if transient is not None:
+            force = f"{transient.force_N:g} N at first or {force} later"
+            pressure = f"{transient.pressure_N_cm2 or 0:g} N/cm² at first or {pressure} later"
+        p_force, p_pressure = over
+        missed, because = undetected
+        faults = []
+
+        def listed(over: float | None) -> bool:
+            """Too probable, and not for those alone of which the sentence says that nobody notices them."""
+            if over is None or not over > settings.risk:
+                return False
+            return not missed > settings.risk or over - missed > settings.risk
+
+        if listed(p_force):
+            assert p_force is not None
+            faults.append(f"the peak force exceeds {force} with probability {said(p_force)}")
+        if listed(p_pressure):
+            assert p_pressure is not None
+            faults.append(f"the pressure exceeds {pressure} with probability {said(p_pressure)}")
+        accepted = f", more than the accepted {said(settings.risk)}" if faults or missed > settings.risk else ""
+        if missed > settings.risk:
+            faults.append(f"{said(missed)} of collisions are not detected {because} and count as over every limit")
+        if false_alarm > settings.max_false_alarm:
+            faults.append(
+                f"a false alarm comes before contact with probability {said(false_alarm)} (accepted: "
+                f"{said(settings.max_false_alarm)})"
+            )
+        if not faults:
+            return ""
         sentence = " and ".join(faults[:2]) + accepted
         if len(faults) > 2:
             sentence += "; also " + " and ".join(faults[2:])
         return sentence[0].upper() + sentence[1:] + "."
-    worst = max(p_force, p_pressure or 0.0)
-    what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
-    return (
-        f"{what} the limits for {limits.label} with probability {said(worst)}, "
-        f"within the accepted {said(settings.risk)}."
-    )
+
+    def within(self, limits: ContactLimits | None, p_force: float | None, p_pressure: float | None) -> str:
+        """How far the worst figure is from being too much."""
+        if limits is None or p_force is None:
+            return ""
+        worst = max(p_force, p_pressure or 0.0)
+        what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
+        return (
+            f"{what} the limits for {limits.label} with probability {self._said(worst)}, "
+            f"within the accepted {self._said(self._settings.risk)}."
+        )
 
 
 def percent(p: float) -> str:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import functools
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import get_args
 
+from bumpstop.arrays import as_name
 from bumpstop.contact.contact_limits import ContactLimits
 from bumpstop.contact.regions import ContactKind, PressureArea, Region
 from bumpstop.errors import InputError, near_matches
@@ -80,9 +80,9 @@ class LimitTable:
                     f"a built-in name or a path ending in .toml; {near_matches(name_or_path, _BUILTIN)}",
                 )
         from bumpstop.contact.table_file import read_table
-        from bumpstop.text_files import read_text
+        from bumpstop.text_files import as_path, read_text
 
-        path = Path(relative_to or ".", name_or_path)
+        path = as_path(relative_to or ".", "relative_to") / as_path(name_or_path, "contact.limits")
         wanted = f"wanted a limit table (TOML), or one of {', '.join(_BUILTIN)}"
         table = read_table(read_text(path, wanted, field="contact.limits"), str(path))
         if table.name in _BUILTIN:
@@ -101,6 +101,7 @@ class LimitTable:
             InputError: this table has no such region. The message gives near matches, and says so when the
                 name belongs to a built-in table: the tables divide the body differently.
         """
+        as_name(name, "contact.body", "wanted the name of a region")
         for row in self.regions:
             if row.name == name:
                 return row
@@ -136,7 +137,7 @@ class LimitTable:
         Raises:
             InputError: an unknown region, kind or pressure area.
         """
-        if kind not in get_args(ContactKind):
+        if not isinstance(kind, str) or kind not in get_args(ContactKind):
             raise InputError(
                 "contact.kind",
                 f"{kind!r} is no kind of contact",
@@ -171,6 +172,7 @@ class LimitTable:
         """The row whose pressure limit judges the contact; None where the region has none."""
         candidates = self.areas_of(region.name)
         if wanted is not None:
+            as_name(wanted, "contact.pressure_area", "wanted the name of an area")
             fitting = tuple(area for area in candidates if wanted in (area.name, area.label))
             if not fitting:
                 names = dict.fromkeys(name for area in candidates for name in (area.name, area.label))

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.events import DetectionRun, Event, bits, check_rearm
+from bumpstop.detection.events import FAULTS, DetectionRun, Event, bits, check_rearm, frozen_notes
 from bumpstop.detection.matched_drives import MatchedDrives
 from bumpstop.detection.rate import check_rates, period_of
 from bumpstop.detection.settings import DetectorSettings
+from bumpstop.detection.standing import checked_stiction
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.model import unit_of
+from bumpstop.recording.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -29,6 +31,11 @@ if TYPE_CHECKING:
 # Of a period: samples closer together repeat each other.
 _SHORTEST = 0.1
 _NOISE_PER_THRESHOLD = 3.0
+# Of the speed limits, and at least [rad/s or m/s].
+_UNWATCHED_TIMES = 10.0
+_UNWATCHED_SPEED = 30.0
+# Range of a joint that turns twice around, a little less than that for figures that are rounded [rad].
+_TWO_TURNS = 3.99 * math.pi
 
 
 class Detector:
@@ -36,7 +43,7 @@ class Detector:
 
     *Direct* residual (eq 4.1): torque estimated from the current minus Newton-Euler torque. A contact torque shows at
     once. Its noise is that of the estimated torque, and M(q) times that of the accelerations, which with degree 2 are
-    (window - 1) / 2 samples late (``signal.causal_derivatives`` gives their noise).
+    half a window late (``signal.causal_derivatives`` gives their noise).
 
     *Observer*: minus the external torque of a momentum observer. It needs no acceleration. With a = exp(-K dt) a step
     of the torque shows as 1 - a^k (1 + a) / 2 of itself k samples after the first that has it: 1 - exp(-K t), half a
@@ -64,6 +71,8 @@ class Detector:
     ) -> None:
         """Check that all parts belong to one arm.
 
+        Without settings they are those that the thresholds say they were found with, and else the defaults.
+
         Raises:
             InputError: joints of the model that the robot has not, joints without a model that are watched, thresholds
                 of another length or found for another residual or rate, no inertia, a link that does not exist.
@@ -71,7 +80,7 @@ class Detector:
         self.robot = robot
         self.model = model
         self.thresholds = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
-        self.settings = settings or DetectorSettings()
+        self.settings = settings or DetectorSettings(**self.thresholds.settings)
         self.thresholds.check_residual(self.settings.residual, self.settings.observer_gain_1_s)
         check_rates(self.settings, self.thresholds)
         self.notes: tuple[str, ...] = ()
@@ -93,9 +102,11 @@ class Detector:
         """(n,) torque that friction can hide at standstill, each way [Nm or N].
 
         While a joint sticks, its motor need not answer a torque below static friction and hysteresis: friction at
-        rest_speed through the map's slope without current, plus T_H. Zero without a joint model.
+        rest_speed through the map's slope without current, plus T_H. What the settings state as stiction stands in its
+        place. Zero without either.
         """
-        return self._drives.dead_zone()
+        stated = self.settings.stiction
+        return self._drives.dead_zone() if stated is None else checked_stiction(stated, self.robot.dof)
 
     def smallest_torque(self, *, resting: bool = False) -> FloatArray:
         """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not watched.
@@ -156,10 +167,11 @@ class Detector:
             InputError: other joints, nothing to make torque of, a rate that is not the detector's.
         """
         recording.check_robot(self.robot)
+        doubt = stamped_by_a_pc(recording)
         run = self.run_rows(
             recording.t, recording.q, self._signal(recording), qd=self._rates(recording), rearm_s=rearm_s
         )
-        return replace(run, notes=(*recording.report.notes, *run.notes))
+        return replace(run, notes=(*recording.report.notes, *([doubt] if doubt else []), *run.notes))
 
     def run_rows(
         self,
@@ -193,7 +205,8 @@ class Detector:
         if (rates is None) == self.settings.measured_rates:
             raise InputError("qd", "is needed with measured_rates, and only there")
         check_rearm(rearm_s)
-        kernel = self.kernel(period_of(times, self.settings, self.thresholds))
+        period = period_of(times, self.settings, self.thresholds)
+        kernel = self.kernel(period, latched=math.isinf(rearm_s))
         residual, fast, threshold, state, fault, flags, events = kernel.run(times, rows, signals, rates, rearm_s)
         return DetectionRun(
             t=times,
@@ -207,13 +220,22 @@ class Detector:
             unseen=(flags & 4) != 0,
             payload_changed=(flags & 8) != 0,
             events=tuple(self._event(event) for event in events),
-            notes=(*self.notes, *self._beyond_limits(rows)),
+            notes=(
+                *self.notes,
+                *window_notes(self.settings, period),
+                *self._beyond_limits(rows),
+                *frozen_notes(times, fault == FAULTS.index("frozen")),
+            ),
+            settings=self.summary(period),
+            watched=tuple(self.thresholds.watched),
         )
 
     def _beyond_limits(self, rows: FloatArray) -> list[str]:
         """Joints that were where the detector takes no position for true, as they blind it."""
         margin, notes = self.settings.limit_margin, []
         for j, joint in enumerate(self.robot.joints):
+            if j not in self._limited:
+                continue
             low, high = self.robot.lower[j], self.robot.upper[j]
             beyond = np.isfinite(rows[:, j]) & ((rows[:, j] < low - margin) | (rows[:, j] > high + margin))
             if beyond.any():
@@ -223,11 +245,12 @@ class Detector:
                 )
         return notes
 
-    def kernel(self, period_s: float | None = None) -> core.LoopDetector:
+    def kernel(self, period_s: float | None = None, *, latched: bool = False) -> core.LoopDetector:
         """The detector in the kernels' form, for one sample after another.
 
         Args:
             period_s: between samples [s]; None: that of the settings.
+            latched: the first alarm stands for good, so that nothing behind it is another event.
 
         Raises:
             InputError: neither says how long a period is, or it is no time.
@@ -238,6 +261,9 @@ class Detector:
         if not as_number(period, "period_s") > 0:
             raise InputError("period_s", f"is {period}", "wanted more than zero")
         links, joints, errors = self.parts()
+        settings = self.kernel_settings(period)
+        if latched:
+            settings.decision.event_pause = math.inf
         return core.LoopDetector(
             self.robot.chain,
             np.array([link.mass for link, _ in links]),
@@ -246,7 +272,7 @@ class Detector:
             np.array([rotor for _, rotor in links]),
             joints,
             errors,
-            self.kernel_settings(period),
+            settings,
         )
 
     # --- Parts --------------------------------------------------------------------------------------------------------
@@ -262,11 +288,12 @@ class Detector:
         out.residual = getattr(core.ResidualKind, given.residual)
         out.source = core.TorqueSource.torque if self.model is None else core.TorqueSource.current
         out.observer_gain = given.observer_gain_1_s
-        out.window, out.degree = int(given.window), int(given.degree)
+        out.window, out.degree = given.window_s, int(given.degree)
         out.gravity = list(given.gravity)
         out.grace = given.grace_s
         out.unknown = sum(1 << j for j in self._drives.unknown)
         out.noise_sd = padded(self.noise_sd, 1.0)
+        out.dead_zone = padded(self.dead_zone)
         out.direction = list(given.direction)
         number, point = self._contact
         out.set_contact(robot.chain, number, point.tolist())
@@ -275,11 +302,17 @@ class Detector:
         samples.shortest_interval = _SHORTEST * period
         samples.late_interval = given.late_periods * period
         samples.longest_interval = given.longest_periods * period
-        samples.lower = padded(robot.lower - given.limit_margin)
-        samples.upper = padded(robot.upper + given.limit_margin)
-        samples.velocity = padded(robot.velocity)
+        limited = np.isin(np.arange(n), self._limited)
+        samples.lower = padded(np.where(limited, robot.lower - given.limit_margin, -math.inf))
+        samples.upper = padded(np.where(limited, robot.upper + given.limit_margin, math.inf))
+        # Of a joint that is not watched only what would spoil the torques of others is impossible.
+        fast = np.maximum(_UNWATCHED_TIMES * robot.velocity, _UNWATCHED_SPEED)
+        samples.velocity = padded(np.where(self._counts, robot.velocity, fast))
         samples.signal = padded(np.full(n, math.inf) if given.largest_signal is None else given.largest_signal)
         samples.measured_rates = given.measured_rates
+        samples.frozen_time = given.frozen_s
+        samples.unwatched = sum(1 << j for j in range(n) if not self._counts[j])
+        samples.endless = sum(1 << j for j in self.endless)
         self.fill_decision(out.decision)
         out.payload.mass = given.payload_kg
         out.payload.center = self.payload_center.tolist()
@@ -297,6 +330,46 @@ class Detector:
         out.arming_delay = given.arming_delay_s
         out.rest_time = given.rest_time_s
         out.low_hz, out.high_hz = given.low_hz, given.high_hz
+        out.event_pause = given.event_pause_s
+
+    def summary(self, period: float) -> dict[str, Any]:
+        """What decides about residuals and alarms, by the names of the settings where they have one."""
+        given = self.settings
+        found = {
+            "residual": given.residual,
+            "period_s": float(f"{period:.6g}"),
+            "window_s": given.window_s,
+            "window_samples": given.window_samples(period),
+            "frozen_s": None if math.isinf(given.frozen_s) else given.frozen_s,
+            "limit_margin": given.limit_margin,
+            "payload_kg": given.payload_kg,
+            "measured_rates": given.measured_rates,
+            "arming_delay_s": given.arming_delay_s,
+        }
+        return found | ({"observer_gain_1_s": given.observer_gain_1_s} if given.residual == "observer" else {})
+
+    @property
+    def endless(self) -> list[int]:
+        """Numbers from 0 of the joints that turn without end.
+
+        Those without limits, and a last one that turns twice around: its limits guard cables at most.
+        """
+        robot, last = self.robot, self.robot.dof - 1
+        turns = [joint.kind == "revolute" for joint in robot.joints]
+        free = [j for j in range(robot.dof) if turns[j] and math.isinf(robot.upper[j] - robot.lower[j])]
+        twice = turns[last] and last not in free and robot.upper[last] - robot.lower[last] >= _TWO_TURNS
+        return [*free, *([last] if twice else [])]
+
+    @property
+    def _counts(self) -> list[bool]:
+        """Joints whose samples must be believable: those watched; all, where none is, as then residuals are wanted."""
+        watched = list(self.thresholds.watched)
+        return watched if any(watched) else [True] * self.robot.dof
+
+    @property
+    def _limited(self) -> list[int]:
+        """Numbers from 0 of the joints whose positions have to be within their limits."""
+        return [j for j in range(self.robot.dof) if self._counts[j] and j not in self.endless]
 
     @property
     def rest_speed(self) -> FloatArray:
@@ -318,15 +391,29 @@ class Detector:
         given = self.settings.payload_center
         return np.array(self.robot.tip_origin if given is None else given, dtype=np.float64)
 
-    def explain(self, q: npt.ArrayLike, residual: npt.ArrayLike) -> core.ContactEstimate:
-        """What a residual (n,) at a pose (n,) says of a contact, as an event says it."""
+    def hidden(self, qd: npt.ArrayLike) -> FloatArray:
+        """(n,) torque that friction may hide at rates (n,): the dead zone up to rest_speed, none from twice that on."""
+        share = np.clip(2 - np.abs(as_float_array(qd, "qd", (self.robot.dof,))) / self.rest_speed, 0.0, 1.0)
+        found: FloatArray = self.dead_zone * share
+        return found
+
+    def explain(
+        self, q: npt.ArrayLike, residual: npt.ArrayLike, qd: npt.ArrayLike | None = None
+    ) -> core.ContactEstimate:
+        """What a residual (n,) at a pose (n,) says of a contact, as an event says it.
+
+        A joint that stands still, as ``qd`` (n,) says, and whose friction hides more than its noise, says nothing where
+        its residual is zero; where it is not, it is believed to within what friction hides. Without ``qd`` all move.
+        """
         n = self.robot.dof
+        hidden = np.zeros(n) if qd is None else self.hidden(qd)
         number, point = self._contact
         return core.estimate_contact(
             self.robot.chain,
             as_float_array(q, "q", (n,)),
             as_float_array(residual, "residual", (n,)),
             self.noise_sd,
+            hidden,
             number,
             np.ascontiguousarray(point),
             np.array(self.settings.direction),
@@ -342,14 +429,21 @@ class Detector:
             residual=np.array(found.residual[:n]),
             threshold=np.array(found.threshold[:n]),
             q=np.array(found.q[:n]),
+            span=found.span,
+            hidden=np.array(found.hidden[:n]),
             payload_change_kg=found.payload_change if found.payload_changed else None,
         )
 
-    def event_of(self, contact: core.ContactEstimate, **fields: Any) -> Event:
-        """An event from what its residual says of a contact."""
+    def event_of(self, contact: core.ContactEstimate, span: core.EventSpan, **fields: Any) -> Event:
+        """An event from what its residual says of a contact, and how long it lasts."""
         names = [joint.link for joint in self.robot.joints]
         return Event(
+            end=span.end,
+            largest_residual=np.array(span.largest[: self.robot.dof]),
+            largest_t=span.largest_time if span.largest_joint >= 0 else span.begin,
+            largest_joint=span.largest_joint if span.largest_joint >= 0 else None,
             force_along=contact.force_along,
+            force_along_sd=contact.force_along_sd,
             force=np.array(contact.force),
             leftover=contact.leftover,
             link=names[contact.link] if contact.link >= 0 else None,
@@ -358,11 +452,11 @@ class Detector:
         )
 
     def _note(self) -> None:
-        notes = []
+        notes = self.thresholds.differences(self.settings)
         if not any(self.thresholds.watched):
             notes.append("No joint is watched: no contact can be noticed.")
         notes += self._drives.notes()
-        if self.model is not None:
+        if self.model is not None or self.settings.stiction is not None:
             hidden, unit = ", ".join(f"{value:.3g}" for value in self.dead_zone), unit_of(*self.robot.joints)
             notes.append(f"At standstill friction may hide up to {hidden} {unit} by joint: a resting arm feels less.")
         fast = [joint.name for joint in self.robot.joints if not math.isfinite(joint.velocity)]
@@ -387,6 +481,17 @@ class Detector:
             problem = f"{recording.source or 'it'} has no joint speeds"
             raise InputError("recording", problem, "wanted qd_1 .., or no measured rates")
         return recording.qd
+
+
+def window_notes(settings: DetectorSettings, period: float) -> list[str]:
+    """What the rate makes of the window, where that is not what was asked for."""
+    samples = settings.window_samples(period)
+    spanned = (samples - 1) * period
+    if abs(spanned - settings.window_s) <= max(0.51 * period, 0.01 * settings.window_s):
+        return []
+    return [
+        f"The window is {samples} samples, {spanned:.4g} s, at a row every {period:.4g} s: not {settings.window_s:g} s."
+    ]
 
 
 def padded(values: npt.ArrayLike, rest: float = 0.0) -> list[float]:

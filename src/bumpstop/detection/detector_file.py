@@ -16,9 +16,17 @@ if TYPE_CHECKING:
     from bumpstop.detection.detector import Detector
 
 _TORQUE = ("A", "B", "D", "F", "coulomb", "viscous", "stribeck", "stribeck_speed", "load", "hysteresis", "inertia")
-_OF_SAMPLES = ("period", "shortest_interval", "late_interval", "longest_interval", "resolution", "measured_rates")
+_OF_SAMPLES = (
+    "period",
+    "shortest_interval",
+    "late_interval",
+    "longest_interval",
+    "resolution",
+    "measured_rates",
+    "frozen_time",
+)
 _OF_THRESHOLDS = ("constant", "speed", "acceleration", "rest", "rest_speed", "fast")
-_OF_DECISION = ("arming_delay", "rest_time", "low_hz", "high_hz")
+_OF_DECISION = ("arming_delay", "rest_time", "low_hz", "high_hz", "event_pause")
 _OF_DETECTOR = ("observer_gain", "window", "degree", "grace", "unknown")
 _RANGES = ("rest_speed", "current_low", "current_high", "speed_high")
 
@@ -52,7 +60,7 @@ def describe_detector(detector: Detector) -> str:
     law = decision.thresholds
     number, point = robot.frame(detector.settings.link, detector.settings.point)
     lines = [
-        "bumpstop-detector 1",
+        "bumpstop-detector 2",
         f"residual {kernel.residual.name}",
         f"source {kernel.source.name}",
     ]
@@ -60,7 +68,7 @@ def describe_detector(detector: Detector) -> str:
         figures = _numbers(getattr(parameters, name) for name in (*_TORQUE, *_RANGES))
         lines.append(f"joint_torque {parameters.map.name} {parameters.friction.name} {figures}")
         lines.append(f"joint_errors {_numbers(getattr(error, name) for name in (*_TORQUE, 'friction'))}")
-    lines += [f"{name} {_numbers([getattr(samples, name)])}" for name in _OF_SAMPLES]
+    lines += [f"{name} {_numbers([getattr(samples, name)])}" for name in (*_OF_SAMPLES, "unwatched", "endless")]
     lines += [f"{name} {_first(getattr(samples, name), n)}" for name in ("lower", "upper", "velocity", "signal")]
     lines += [f"{name} {_first(getattr(law, name), n)}" for name in _OF_THRESHOLDS]
     lines += [f"{name} {_numbers([getattr(decision, name)])}" for name in _OF_DECISION]
@@ -68,6 +76,7 @@ def describe_detector(detector: Detector) -> str:
     lines += [
         f"model_errors {_numbers([law.model_errors])}",
         f"noise_sd {_first(kernel.noise_sd, n)}",
+        f"dead_zone {_first(kernel.dead_zone, n)}",
         f"gravity {_numbers(kernel.gravity)}",
         f"direction {_numbers(kernel.direction)}",
         f"contact {number} {_numbers(point)}",

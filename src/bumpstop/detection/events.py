@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,7 @@ FAULTS = (
     "outside_limits",
     "impossible_jump",
     "impossible_signal",
+    "frozen",
 )
 """Why a tick is blind; a fault is its place here."""
 BLIND = STATES.index("blind")
@@ -36,18 +38,25 @@ BLIND = STATES.index("blind")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Event:
-    """An alarm: from the tick at which some joint passed its threshold.
+    """From the first tick at which some joint is over its threshold to the last, but for pauses.
 
-    Forces are those of the arm on the body, so they raise the residual by J_v' F.
+    What comes after a pause of the settings' ``event_pause_s``, while the alarm still stands, is an event of its own: a
+    false alarm hides no contact behind it. Forces are those of the arm on the body: they raise the residual by J_v' F.
 
     Attributes:
-        t: of that tick [s].
-        joints: numbers (from 0) of the joints over their threshold.
+        t: of the first tick [s].
+        end: of the last tick over a threshold [s].
+        joints: numbers (from 0) of the joints over their threshold in the first tick.
         fast_joints: of those over that of the fast channel.
-        residual: (n,) [Nm or N].
-        threshold: (n,) in this tick [Nm or N].
-        q: (n,) [rad or m].
+        residual: (n,) in the first tick [Nm or N].
+        threshold: (n,) in the first tick [Nm or N].
+        largest_residual: (n,) by joint, the one of the largest magnitude in any tick over a threshold [Nm or N].
+        largest_t: when the largest one in units of its threshold was [s].
+        largest_joint: whose that was (from 0); None: the fast channel alone watches.
+        q: (n,) in the first tick [rad or m].
+        hidden: (n,) torque that friction may have hidden, as the joint stood still [Nm or N]; zero: it moved.
         force_along: along the direction asked for, by least squares [N].
+        force_along_sd: its standard deviation; infinite: no joint that tells anything feels that direction [N].
         force: (3,) shortest force at the point asked for that fits best, base frame [N].
         leftover: what that force leaves over, in standard deviations of the noise, of the worst joint.
         link: name of the likeliest link; None: no joint is watched.
@@ -56,27 +65,52 @@ class Event:
     """
 
     t: float
+    end: float
     joints: tuple[int, ...]
     fast_joints: tuple[int, ...]
     residual: FloatArray
     threshold: FloatArray
+    largest_residual: FloatArray
+    largest_t: float
+    largest_joint: int | None
     q: FloatArray
+    hidden: FloatArray
     force_along: float
+    force_along_sd: float
     force: FloatArray
     leftover: float
     link: str | None
     possible_links: tuple[str, ...]
     payload_change_kg: float | None = None
 
+    @property
+    def force_interval(self) -> tuple[float, float]:
+        """Two standard deviations to either side of ``force_along`` [N]."""
+        return self.force_along - 2 * self.force_along_sd, self.force_along + 2 * self.force_along_sd
+
+    @property
+    def standing(self) -> tuple[int, ...]:
+        """Numbers (from 0) of the joints whose friction may have hidden a part of the contact."""
+        return tuple(int(j) for j in np.flatnonzero(self.hidden > 0))
+
     def to_json(self) -> dict[str, Any]:
         """For programs; joints are numbered from 1."""
+        told = math.isfinite(self.force_along_sd)
         return {
             "t": self.t,
+            "begin_s": self.t,
+            "end_s": self.end,
             "joints": [j + 1 for j in self.joints],
             "fast_joints": [j + 1 for j in self.fast_joints],
             "residual_Nm": self.residual.tolist(),
             "threshold_Nm": [None if np.isinf(x) else float(x) for x in self.threshold],
-            "force_N": self.force_along,
+            "largest_residual_Nm": self.largest_residual.tolist(),
+            "largest_s": self.largest_t,
+            "largest_joint": None if self.largest_joint is None else self.largest_joint + 1,
+            "force_N": self.force_along if told else None,
+            "force_interval_N": list(self.force_interval) if told else None,
+            "standing_joints": [j + 1 for j in self.standing],
+            "hidden_Nm": self.hidden.tolist(),
             "best_force_N": self.force.tolist(),
             "link": self.link,
             "possible_links": list(self.possible_links),
@@ -99,8 +133,10 @@ class DetectionRun:
         late: (N,) samples were missing before the row.
         unseen: (N,) over a threshold while arming.
         payload_changed: (N,) the payload is recognised to have changed.
-        events: alarms.
+        events: alarms, and what came after a pause while they stood.
         notes: what is unusual.
+        settings: of the detector, by name, with the rate and the samples in its window.
+        watched: (n,) joints with a threshold; empty: not said, all.
     """
 
     t: FloatArray
@@ -115,6 +151,29 @@ class DetectionRun:
     payload_changed: npt.NDArray[np.bool_]
     events: tuple[Event, ...]
     notes: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    watched: tuple[bool, ...] = ()
+
+    @property
+    def judged(self) -> npt.NDArray[np.bool_]:
+        """(N,) rows in which the detector watched: neither blind nor arming."""
+        found: npt.NDArray[np.bool_] = (self.state != BLIND) & (self.state != STATES.index("arming"))
+        return found
+
+    @property
+    def watched_s(self) -> float:
+        """How long it watched: the intervals that end in judged rows [s]."""
+        return self._seconds(self.judged)
+
+    @property
+    def inactive(self) -> str:
+        """Why it cannot have noticed anything in the whole recording; empty: it watched, for a while at least."""
+        if self.watched and not any(self.watched):
+            return "no joint is watched"
+        if self.judged.any():
+            return ""
+        reasons = {**self.blind_rows(), "arming": int(np.count_nonzero(self.state == STATES.index("arming")))}
+        return ", ".join(f"{name} {rows} rows" for name, rows in reasons.items() if rows)
 
     @property
     def blind(self) -> npt.NDArray[np.bool_]:
@@ -160,9 +219,11 @@ class DetectionRun:
     def to_json(self) -> dict[str, Any]:
         """For programs."""
         return {
+            "active": not self.inactive,
             "events": [event.to_json() for event in self.events],
             "start_s": float(self._clock[0]),
             "end_s": float(self._clock[-1]),
+            "watched_s": self.watched_s,
             "blind": [list(interval) for interval in self.blind_intervals()],
             "blind_s": self.blind_s,
             "blind_rows": self.blind_rows(),
@@ -170,6 +231,7 @@ class DetectionRun:
             "late_rows": int(self.late.sum()),
             "unseen_rows": int(self.unseen.sum()),
             "rows": int(self.t.size),
+            "settings": dict(self.settings),
             "notes": list(self.notes),
         }
 
@@ -185,6 +247,18 @@ class DetectionRun:
         if not seen.any():
             raise InputError("residuals", "the detector was blind all the time", "nothing is left to write")
         write_residuals(path, self.t[seen], self.residual[seen])
+
+
+def frozen_notes(t: FloatArray, frozen: npt.NDArray[np.bool_]) -> list[str]:
+    """A sentence on rows (N,) in which feedback was frozen, if there are any."""
+    if not frozen.any():
+        return []
+    first, rows = float(t[int(frozen.argmax())]), int(np.count_nonzero(frozen))
+    return [
+        f"Frozen feedback in {rows} rows, the first at {first:.4f} s: time goes on, but positions and signals of all "
+        "joints are those of the row before. Nothing can be noticed there. A simulated arm without noise does the same "
+        "at rest: frozen_s = inf says that it may."
+    ]
 
 
 def bits(mask: int) -> tuple[int, ...]:

@@ -15,7 +15,7 @@ from bumpstop.signal import correlation_time
 
 MOST_PEAKS = 200
 FEWEST_PEAKS = 6
-_FEWEST_ROWS = 100
+FEWEST_ROWS = 100
 # Peaks taken, as a share of the rows that are as good as independent: the tail, and not the body.
 _TAIL = 0.05
 # Of the prior of the shape: a residual's tail, not a flood's.
@@ -43,6 +43,7 @@ class PeaksOverThreshold:
             times between them, at most the correlation time.
         rate: clusters an hour.
         scale, shape: of the tail, most likely.
+        rows: (k,) first row of each cluster, counted through all stretches.
     """
 
     level: float
@@ -52,6 +53,7 @@ class PeaksOverThreshold:
     rate: float
     scale: float
     shape: float
+    rows: npt.NDArray[np.int64]
 
     @classmethod
     def fit(cls, stretches: Sequence[FloatArray], period: float, *, shape: float | None = None) -> PeaksOverThreshold:
@@ -70,8 +72,8 @@ class PeaksOverThreshold:
         """
         stretches = [part**2 for part in stretches]
         joined = np.concatenate(stretches)
-        if joined.size < _FEWEST_ROWS:
-            raise InputError("residuals", f"{joined.size} rows", f"wanted at least {_FEWEST_ROWS}")
+        if joined.size < FEWEST_ROWS:
+            raise InputError("residuals", f"{joined.size} rows", f"wanted at least {FEWEST_ROWS}")
         memory = correlation_time(max(stretches, key=lambda part: part.size))
         wanted = int(np.clip(_TAIL * joined.size / memory, 10, MOST_PEAKS))
         level, peaks, gap = _level(joined, stretches, math.ceil(memory), wanted)
@@ -83,11 +85,14 @@ class PeaksOverThreshold:
         scale, found = _most_likely(excess, shape)
         if found < 0:
             scale, found = _most_likely(excess, 0.0)
-        return cls(level, excess, hours, gap, excess.size / hours, scale, found)
+        begins = np.cumsum([0, *(part.size for part in stretches[:-1])])
+        rows = [begin + clusters(part, level, gap)[0] for begin, part in zip(begins, stretches, strict=True)]
+        return cls(level, excess, hours, gap, excess.size / hours, scale, found, np.concatenate(rows))
 
     def per_hour(self, x: float) -> float:
-        """Clusters an hour that pass ``x``, at or above the level."""
-        return self.rate * float(np.exp(-_log_tail((x * x - self.level) / self.scale, self.shape)))
+        """Clusters an hour that pass ``x``. Below the level the tail goes on with the slope it has there."""
+        over = (x * x - self.level) / self.scale
+        return self.rate * float(np.exp(-over if over < 0 else -_log_tail(over, self.shape)))
 
     def level_of(self, per_hour: float) -> float:
         """What is passed ``per_hour`` times an hour, at most the rate of the peaks."""

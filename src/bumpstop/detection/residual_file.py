@@ -26,15 +26,22 @@ class ResidualSeries:
         t: (N,) rising [s].
         rows: (N, dof) residual, estimated minus predicted motor torque [Nm or N].
         source: the file, or what else it came from.
+        qd, qdd: (N, dof) speeds and accelerations of the joints as the detector takes them, or their sizes [rad/s,
+            rad/s2 or m/s, m/s2]; None: not known. A file does not hold them.
     """
 
     t: FloatArray
     rows: FloatArray
     source: str = "residuals"
+    qd: FloatArray | None = None
+    qdd: FloatArray | None = None
 
     def __post_init__(self) -> None:
         t = as_float_array(self.t, "t", (None,))
         rows = as_float_array(self.rows, "residuals", (t.size, None))
+        for name in ("qd", "qdd"):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, as_float_array(values, name, rows.shape))
         if t.size < 2:
             raise InputError(self.source, f"{t.size} rows", "wanted at least 2")
         backwards = np.flatnonzero(np.diff(t) <= 0)
@@ -67,7 +74,12 @@ class ResidualSeries:
     def between(self, start_s: float, end_s: float) -> ResidualSeries:
         """Rows with start_s <= t < end_s; times stay as they are."""
         first, last = np.searchsorted(self.t, [start_s, end_s])
-        return ResidualSeries(self.t[first:last], self.rows[first:last], self.source)
+        return self.only(slice(first, last))
+
+    def only(self, rows: slice) -> ResidualSeries:
+        """Some of its rows; times stay as they are."""
+        qd, qdd = (None if values is None else values[rows] for values in (self.qd, self.qdd))
+        return ResidualSeries(self.t[rows], self.rows[rows], self.source, qd, qdd)
 
     @classmethod
     def load(cls, path: str | Path) -> ResidualSeries:

@@ -11,6 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 from bumpstop.signal import correlation_time
+from bumpstop.text_files import as_path
 
 # A row is a tick, wherever in its period it was taken. An interval this far from the feedback period, as a share of
 # it, is a lost tick or one too many: over it the noise forgets what it would have remembered, so that correlations are
@@ -118,7 +119,7 @@ def read_residuals(path: str | Path) -> tuple[FloatArray, FloatArray]:
 
     where, wanted = str(path), "wanted a Parquet file with columns t, residual_1 .. residual_n"
     try:
-        there = Path(path).is_file()
+        there = as_path(path, "path").is_file()
     except OSError as error:  # as of a name that is too long for any
         raise InputError(where, f"cannot be read ({error.strerror})", wanted) from None
     if not there:

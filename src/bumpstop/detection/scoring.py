@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.detection.contact_forces import ContactForces
 from bumpstop.detection.labels import Label, checked_labels, time_text
 from bumpstop.detection.residual_file import ResidualSeries
 from bumpstop.detection.thresholds import Thresholds
@@ -51,6 +52,7 @@ class Score:
         hours: watched without contact: the time in which an event would be false [h].
         blind_s: time in which the detector was blind [s].
         outside: labels that lie outside the time watched and are left out.
+        forces: of a sensor at the labels; None: there was none.
     """
 
     labels: tuple[Label, ...]
@@ -61,6 +63,7 @@ class Score:
     hours: float
     blind_s: float
     outside: int
+    forces: ContactForces | None = None
 
     @property
     def detected(self) -> int:
@@ -115,7 +118,7 @@ class Score:
             "labels_outside": self.outside,
             "delay_s": delay,
             "kinds": kinds,
-        }
+        } | ({} if self.forces is None else {"forces": self.forces.to_json()})
 
 
 @dataclass(frozen=True, eq=False)

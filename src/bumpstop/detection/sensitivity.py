@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number, as_rows
+from bumpstop.detection.standing import REST_SPEED, checked_stiction, standing_share
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.model import Robot
@@ -124,10 +125,13 @@ def blind_stretches(
     *,
     link: str | None = None,
     point: npt.ArrayLike = (0.0, 0.0, 0.0),
+    dead_zone: PerJoint = 0.0,
+    rest_speed: PerJoint = REST_SPEED,
 ) -> tuple[BlindStretch, ...]:
     """When an arm is in poses where more than a given force can go unnoticed, as ``BlindPoseWatch`` in C++ warns of it.
 
-    A stretch begins at the first row beyond the limit, and ends before the first that is 5 % below it or more.
+    A stretch begins at the first row beyond the limit, and ends before the first that is 5 % below it or more. While a
+    joint stands still, its threshold is reached only beyond what its friction holds.
 
     Args:
         robot: as of :func:`blind_forces`, like all but ``t`` and ``limit_N``.
@@ -137,6 +141,8 @@ def blind_stretches(
         limit_N: above 0 [N].
         link: whose contact the force is; default: the tip.
         point: in that link's frame [m].
+        dead_zone: torque that friction can hide of a standing joint, one or (dof,) [Nm or N].
+        rest_speed: up to which a joint stands, one or (dof,) [rad/s or m/s].
 
     Raises:
         InputError: as :func:`blind_forces`; a limit that is not above 0.
@@ -145,7 +151,18 @@ def blind_stretches(
         raise InputError("limit_N", f"is {limit_N}", "wanted more than 0")
     times = as_float_array(t, "t", (None,))
     rows = as_float_array(q, "q", (times.size, robot.dof))
-    largest = np.atleast_1d(blind_forces(robot, rows, thresholds, link=link, point=point).largest)
+    theta, hidden = (
+        _per_joint(thresholds, "thresholds", robot.dof, finite=False),
+        checked_stiction(dead_zone, robot.dof),
+    )
+    # Whole steps of a quarter: joints stand or move, and few combinations of them are met.
+    share = np.ceil(4 * standing_share(times, rows, rest_speed) * (hidden > 0)) / 4
+    kinds, of = np.unique(share, axis=0, return_inverse=True)
+    largest = np.empty(times.size)
+    for kind, standing in enumerate(kinds):
+        here = of.ravel() == kind
+        found_here = blind_forces(robot, rows[here], theta + standing * hidden, link=link, point=point)
+        largest[here] = found_here.largest
     found: list[BlindStretch] = []
     begin: int | None = None
     for row, force in enumerate([*largest.tolist(), 0.0]):

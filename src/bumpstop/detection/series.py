@@ -9,23 +9,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.detection.detector import Detector
-from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun, check_rearm
+from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun, check_rearm, frozen_notes
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.residuals import ResidualRecord
 from bumpstop.detection.settings import DetectorSettings
+from bumpstop.detection.standing import hidden_torques
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.model import unit_of
+from bumpstop.recording.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from bumpstop.arrays import FloatArray
     from bumpstop.identification.dynamics_fit import DynamicsFit
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
+_LEAST_REPEATS = 4  # of a row that count as frozen, as in sample_guard.hpp
 _TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
 
 
@@ -64,6 +68,11 @@ def detect(
     if not isinstance(model, DynamicsFit):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
     given = settings or DetectorSettings()
+    if given.window_s != DetectorSettings.window_s:
+        raise InputError("window_s", "is not available with fitted dynamics: they filter both ways", "leave it out")
+    if given.stiction is None and model.robot.dof == robot.dof:
+        # A standing joint's motor shows nothing of what its Coulomb friction holds.
+        given = replace(given, stiction=tuple(hidden_torques(robot, model).tolist()))
     if given.residual != "direct":
         raise InputError("residual", f"{given.residual!r} is not available with fitted dynamics", "valid: 'direct'")
     for name in ("payload_kg", "payload_change_kg", "measured_rates", "largest_signal"):
@@ -77,18 +86,23 @@ def detect(
     law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
     if law.model_errors > 0:
         raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
+    doubt = stamped_by_a_pc(recording)
     motion, residual = model.residual(recording)
     detector = Detector(_with_some_inertia(robot), None, law, given)
-    period_of(motion.t, given, law)
+    period = period_of(motion.t, given, law)
     unscaled = np.zeros(robot.dof, dtype=bool) if model.gain_errors is None else np.isinf(model.gain_errors)
     if unscaled.any():
         # What is no torque in Nm says nothing of a force.
         noise = np.where(unscaled, np.inf, detector.noise_sd)
         detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
     dark = near_gaps(motion.t, recording.t, 1 / model.cutoff_hz)
+    frozen = _frozen(recording, motion.t, given.frozen_s)
+    dark |= frozen
     seen = np.flatnonzero(~dark)
     decision = core.DecisionSettings()
     detector.fill_decision(decision)
+    if math.isinf(rearm_s):
+        decision.event_pause = math.inf
     after_gap = np.diff(seen, prepend=-1) > 1
     judged = core.judge(
         decision,
@@ -99,7 +113,7 @@ def detect(
         after_gap.astype(np.float64),
         rearm_s,
     )
-    *columns, rows, over, over_fast = judged
+    *columns, rows, over, over_fast, spans = judged
     # In a blind row: no residual, and the threshold of the row before, none at the beginning.
     before = np.cumsum(~dark)
     fast, threshold, state, unseen = (
@@ -108,9 +122,12 @@ def detect(
     residual[dark] = fast[dark] = math.nan
     state[dark] = BLIND
     fault = np.where(dark, FAULTS.index("gap"), 0).astype(np.uint8)
+    fault[frozen] = FAULTS.index("frozen")
     events = tuple(
         detector.event_of(
-            detector.explain(motion.q[row], residual[row]),
+            detector.explain(motion.q[row], residual[row], motion.qd[row]),
+            spans[k],
+            hidden=detector.hidden(motion.qd[row]),
             t=float(motion.t[row]),
             joints=tuple(j for j in range(robot.dof) if over[k] >> j & 1),
             fast_joints=tuple(j for j in range(robot.dof) if over_fast[k] >> j & 1),
@@ -138,8 +155,34 @@ def detect(
         unseen=(unseen != 0) & ~dark,
         payload_changed=nothing,
         events=events,
-        notes=(*recording.report.notes, *notes, *detector.notes),
+        notes=(
+            *recording.report.notes,
+            *([doubt] if doubt else []),
+            *notes,
+            *detector.notes,
+            *frozen_notes(motion.t, frozen),
+        ),
+        settings={
+            name: detector.summary(period)[name] for name in ("residual", "period_s", "frozen_s", "arming_delay_s")
+        },
+        watched=tuple(law.watched),
     )
+
+
+def _frozen(recording: Recording, t: FloatArray, frozen_s: float) -> npt.NDArray[np.bool_]:
+    """Times (N,) at which positions and signals of the recording had stood still for longer than ``frozen_s``.
+
+    As the loop's guard has it of an arm at rest: at least five rows are the same.
+    """
+    signals = [one for one in (recording.q, recording.current, recording.tau, recording.qd) if one is not None]
+    same = np.all([(np.diff(one, axis=0) == 0).all(axis=1) for one in signals], axis=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    found = np.zeros(t.size, dtype=bool)
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        begin, end = recording.t[first] + frozen_s, recording.t[last]
+        if last - first >= _LEAST_REPEATS and end > begin:
+            found |= (t > max(begin, recording.t[first + _LEAST_REPEATS - 1])) & (t <= end)
+    return found
 
 
 def residual_record(

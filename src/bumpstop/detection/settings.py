@@ -23,20 +23,26 @@ class DetectorSettings:
     Attributes:
         residual: ``"direct"`` or ``"observer"``.
         observer_gain_1_s: K of the momentum observer: it shows 1 - exp(-K t) of a torque.
-        window: samples in the fit behind rates and accelerations, above ``degree``, at most 64.
+        window_s: of the fit behind rates and accelerations, from its oldest to its newest sample [s]. At a given rate
+            it is a number of samples: at least ``degree`` + 1, and at most 512.
         degree: of that fit, 2 to 5.
         measured_rates: take rates from the recording, and accelerations from them, instead of both from positions.
         period_s: between samples, 1e-5 to 1 [s]; None: that of the recording.
         late_periods: an interval longer than this many periods means lost samples: counted and said.
         longest_periods: beyond it the past is forgotten, and the detector blind until the window is full again.
+        frozen_s: positions and signals of all joints may repeat for so long while the arm rests [s], and for three rows
+            at least; while it moves, a repeat that its speed does not allow is frozen at once. Infinite: never frozen.
         limit_margin: positions this far outside their limits are impossible [rad or m].
         largest_signal: (n,) currents or torques beyond are impossible; None: any finite one will do.
         grace_s: how long the detector may be blind before it asks for a stop [s].
         arming_delay_s: after a motion begins nothing is judged for so long [s]; the source has 0.5.
+        event_pause_s: while an alarm stands, a residual that passes its threshold after so long below is another event
+            [s]; infinite: it never is.
         rest_time_s: all joints slower than their rest_speed for so long: the arm rests, and is judged [s].
         rest_speed: below it a joint rests where no joint model says so [rad/s or m/s].
         low_hz, high_hz: band of the fast channel.
         noise_sd: (n,) of the residual, for forces and links [Nm]; None: a third of the threshold.
+        stiction: (n,) torque that friction can hide of a standing joint [Nm or N]; None: what the model says.
         link, point: where the force of an event is given; a link's name (None: the tip), and in its frame [m].
         direction: unit vector of the arm's force on the body, base frame.
         gravity: acceleration of free fall, base frame [m/s2].
@@ -48,21 +54,24 @@ class DetectorSettings:
 
     residual: ResidualKind = "direct"
     observer_gain_1_s: float = 50.0
-    window: int = 8
+    window_s: float = 0.07
     degree: int = 2
     measured_rates: bool = False
     period_s: float | None = None
     late_periods: float = 1.5
     longest_periods: float = 5.0
+    frozen_s: float = 0.1
     limit_margin: float = 0.1
     largest_signal: tuple[float, ...] | None = None
     grace_s: float = 0.0
     arming_delay_s: float = 0.0
+    event_pause_s: float = 0.1
     rest_time_s: float = 0.1
     rest_speed: float = 0.01
     low_hz: float = 0.5
     high_hz: float = 30.0
     noise_sd: tuple[float, ...] | None = None
+    stiction: tuple[float, ...] | None = None
     link: str | None = None
     point: Vector = (0.0, 0.0, 0.0)
     direction: Vector = (0.0, 0.0, -1.0)
@@ -77,9 +86,9 @@ class DetectorSettings:
             near = near_matches(str(self.residual), get_args(ResidualKind))
             raise InputError("residual", f"{self.residual!r} is no kind of residual", near)
         self._check_whole("degree", 2, core.max_fit_degree)
-        self._check_whole("window", self.degree + 1, core.max_causal_window)
         for name, low, high in (
             ("observer_gain_1_s", 1e-3, 1e5),
+            ("window_s", 1e-5, 10.0),
             ("late_periods", 1.0, math.inf),
             ("longest_periods", 1.0, math.inf),
             ("limit_margin", 0.0, math.inf),
@@ -96,6 +105,9 @@ class DetectorSettings:
             if not low <= as_number(getattr(self, name), name) <= high:
                 limits = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
                 raise InputError(name, f"is {getattr(self, name)}", f"wanted {limits}")
+        for name in ("frozen_s", "event_pause_s"):
+            if not as_number(getattr(self, name), name, finite=False) > 0:
+                raise InputError(name, f"is {getattr(self, name)}", "wanted more than zero; inf: never")
         if not self.low_hz < self.high_hz:
             raise InputError("low_hz", f"{self.low_hz:g} is not below high_hz = {self.high_hz:g}")
         if not self.late_periods <= self.longest_periods:
@@ -108,6 +120,10 @@ class DetectorSettings:
                 as_float_array(getattr(self, name), name, (3,))
         if abs(math.hypot(*self.direction) - 1) > 1e-9:
             raise InputError("direction", f"has length {math.hypot(*self.direction):.6g}", "wanted a unit vector")
+
+    def window_samples(self, period_s: float) -> int:
+        """Samples in the window where there is one every ``period_s`` seconds."""
+        return int(core.window_samples(self.window_s, period_s, int(self.degree)))
 
     def _check_whole(self, name: str, low: int, high: int) -> None:
         value = getattr(self, name)

@@ -6,14 +6,14 @@ import json
 import math
 from dataclasses import InitVar, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.settings import ResidualKind
+from bumpstop.detection.settings import DetectorSettings, ResidualKind
 from bumpstop.errors import InputError, near_matches
-from bumpstop.text_files import parse_toml, read_text, toml_value, write_text
+from bumpstop.text_files import list_items, parse_toml, read_text, toml_value, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,8 +28,19 @@ _KEYS = {
     "at_rest_Nm": "rest",
     "fast_Nm": "fast",
 }
-_ONE_FOR_ALL = ("model_errors", "period_s", "residual", "observer_gain_1_s")
+# Settings of the detector whose residuals they were found for, beside its rate.
+_SETTINGS = (
+    "residual",
+    "observer_gain_1_s",
+    "window_s",
+    "measured_rates",
+    "limit_margin",
+    "frozen_s",
+    "payload_kg",
+)
+_ONE_FOR_ALL = ("model_errors", "period_s", *_SETTINGS)
 _SAME_GAIN = 0.01
+_SAME = 1e-6  # of numbers that are written with all their digits
 _WANTED = "wanted one number above 0 for each joint; inf: not watched"
 
 
@@ -52,6 +63,8 @@ class Thresholds:
         period_s: between the samples they were found for [s]; None: not said.
         residual: kind of residual they were found for; None: not said.
         observer_gain_1_s: of the observer, if that is the kind; None: not said.
+        window_s, measured_rates, limit_margin, frozen_s, payload_kg: settings of the detector that they were found
+            with; None: not said.
         joints: names of the joints, for errors; or empty.
     """
 
@@ -64,6 +77,11 @@ class Thresholds:
     period_s: float | None = None
     residual: ResidualKind | None = None
     observer_gain_1_s: float | None = None
+    window_s: float | None = None
+    measured_rates: bool | None = None
+    limit_margin: float | None = None
+    frozen_s: float | None = None
+    payload_kg: float | None = None
     joints: InitVar[Sequence[str]] = ()
 
     def __post_init__(self, joints: Sequence[str]) -> None:
@@ -85,11 +103,26 @@ class Thresholds:
             raise InputError("model_errors", f"is {self.model_errors}", "wanted zero or more")
         if self.period_s is not None and not as_number(self.period_s, "period_s") > 0:
             raise InputError("period_s", f"is {self.period_s}", "wanted more than zero")
-        if self.residual is not None and self.residual not in get_args(ResidualKind):
-            near = near_matches(str(self.residual), get_args(ResidualKind))
-            raise InputError("residual", f"{self.residual!r} is no kind of residual", near)
-        if self.observer_gain_1_s is not None and not as_number(self.observer_gain_1_s, "observer_gain_1_s") > 0:
-            raise InputError("observer_gain_1_s", f"is {self.observer_gain_1_s}", "wanted more than zero")
+        if self.measured_rates is not None and not isinstance(self.measured_rates, bool):
+            raise InputError("measured_rates", f"is {self.measured_rates!r}", "wanted true or false")
+        DetectorSettings(**self.settings)  # says what cannot be
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings that they were found with, as far as they say: arguments of ``DetectorSettings``."""
+        return {name: value for name in _SETTINGS if (value := getattr(self, name)) is not None}
+
+    def differences(self, settings: DetectorSettings) -> list[str]:
+        """Settings that are others than those they were found with: sentences for a reader."""
+        found = []
+        for name, tuned in self.settings.items():
+            ours = getattr(settings, name)
+            same = ours == tuned or (isinstance(tuned, float) and abs(ours - tuned) <= _SAME * abs(tuned))
+            if not same and name not in ("residual", "observer_gain_1_s"):
+                found.append(f"{name} = {_shown(ours)} (tuned with {_shown(tuned)})")
+        if not found:
+            return []
+        return [f"Differs from what the thresholds were tuned with: {', '.join(found)}. The tuned rate does not hold."]
 
     def check_residual(self, residual: str, observer_gain_1_s: float) -> None:
         """Refuse another residual than they were found for, where they say which.
@@ -133,7 +166,7 @@ class Thresholds:
         ``joints``: of the robot, whose names errors say.
         """
         try:
-            numbers = [float(part) for part in text.split(",")]
+            numbers = [float(part) for part in list_items(text)]
         except ValueError:
             return cls.load(text, joints)
         return cls(np.array(numbers), joints=joints)
@@ -143,7 +176,9 @@ class Thresholds:
         """Read a TOML file, or a JSON object as ``tune`` prints it.
 
         Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
-        ``fast_Nm``, ``model_errors``, ``period_s``, ``residual``, ``observer_gain_1_s``. Others are refused in TOML and
+        ``fast_Nm``, ``model_errors``, ``period_s``, and the settings of the detector that they were found with:
+        ``residual``, ``observer_gain_1_s``, ``window_s``, ``measured_rates``, ``limit_margin``, ``frozen_s``,
+        ``payload_kg``. Others are refused in TOML and
         passed over in JSON, where null stands for infinity. ``joints``: of the robot, whose names errors say.
 
         Raises:
@@ -165,6 +200,8 @@ class Thresholds:
                 fields[_KEYS[key]] = _column(value, f"{where}: {key}")
             elif key in known and value is not None:
                 fields[key] = value
+            elif key == "frozen_s":
+                fields[key] = math.inf
         return cls(**fields, joints=joints)
 
     def save(self, path: str | Path) -> None:
@@ -175,11 +212,9 @@ class Thresholds:
         """
         lines = [f"{key} = {toml_value(getattr(self, name).tolist())}" for key, name in _KEYS.items()]
         lines.append(f"model_errors = {float(self.model_errors)!r}")
-        for key in ("period_s", "observer_gain_1_s"):
-            if (value := getattr(self, key)) is not None:
-                lines.append(f"{key} = {float(value)!r}")
-        if self.residual is not None:
-            lines.append(f'residual = "{self.residual}"')
+        if self.period_s is not None:
+            lines.append(f"period_s = {float(self.period_s)!r}")
+        lines += [f"{key} = {toml_value(value)}" for key, value in self.settings.items()]
         write_text(path, "\n".join(lines) + "\n")
 
     @property
@@ -196,6 +231,10 @@ def _check(key: str, values: FloatArray, usable: npt.NDArray[np.bool_], wanted: 
         j = int(bad[0])
         name = f" for {joints[j]}" if j < len(joints) else ""
         raise InputError(f"{key}[{j + 1}]", f"is {values[j]:g}{name}", wanted)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value).lower()
 
 
 def _parse_json(text: str, file: str) -> Any:

@@ -4,10 +4,13 @@ from bumpstop.identification.consistent import ConsistentFit, consistent_inertia
 from bumpstop.identification.current_law import JointMotion, held_share, motor_current
 from bumpstop.identification.current_scores import CurrentComparison, compare_currents
 from bumpstop.identification.dynamics_fit import DynamicsFit, JointScore, identify_dynamics
+from bumpstop.identification.dynamics_verdict import judge_dynamics, judge_predictions
 from bumpstop.identification.fit_file import load_fit, save_fit
+from bumpstop.identification.fit_verdict import FitVerdict
 from bumpstop.identification.gains_fit import identify_gains
 from bumpstop.identification.joint_fit import Candidate, JointFit
 from bumpstop.identification.joint_model_fit import JointModelFit, identify_joint_model
+from bumpstop.identification.joint_model_verdict import judge_currents, judge_joint_model, judge_payload
 from bumpstop.identification.payload import Payload, with_payload
 from bumpstop.identification.payload_fit import PayloadFit, identify_payload
 from bumpstop.identification.regressor import inertial_names, inertial_regressor
@@ -17,6 +20,7 @@ __all__ = [
     "ConsistentFit",
     "CurrentComparison",
     "DynamicsFit",
+    "FitVerdict",
     "JointFit",
     "JointModelFit",
     "JointMotion",
@@ -32,6 +36,11 @@ __all__ = [
     "identify_payload",
     "inertial_names",
     "inertial_regressor",
+    "judge_currents",
+    "judge_dynamics",
+    "judge_joint_model",
+    "judge_payload",
+    "judge_predictions",
     "load_fit",
     "motor_current",
     "save_fit",

@@ -72,7 +72,7 @@ def general_beside(
 ) -> GeneralBeside:
     """Fit the same recordings as a whole, strokes, ramps, holds and all between them.
 
-    Friction is that of the protocol, and maps are those that it chose, so that parameters can be compared. Load and
+    Laws of friction and maps are those that the protocol chose, so that parameters can be compared. Load and
     direction of gravity are the plan's.
 
     Args:
@@ -117,7 +117,7 @@ def _fitted(
         list(recordings),
         plan.loaded,
         maps=tuple(dict.fromkeys(joint.map for joint in joints)),
-        frictions=("power",),
+        frictions=tuple(dict.fromkeys(joint.friction.law for joint in joints)),
         gravity=plan.settings.gravity,
         joints=[joint.experiment.joint for joint in joints],
         progress=progress,

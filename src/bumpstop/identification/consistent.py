@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 # How far a link may be thought to lie from where the search starts, as one standard deviation: factors of e in mass and
 # extent, 0.3 m in place and shear. It decides what the torque does not show, and nothing else.
 _SPREAD = np.array([1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3])
+# Half the logarithm of a mass that the robot came with. Turning one joint alone, a heavier link and a rotor look alike:
+# the figure that is known decides, or rotors would be paid for in kilograms.
+_KNOWN_MASS = 0.15
 _ROTOR_SPREAD = 3.0  # of a rotor, factors of e
 # Where nothing is known of a link: mass [kg], radius of gyration [m]; and of a rotor [kg m2].
 _MASS, _RADIUS, _ROTOR = 3.0, 0.1, 0.1
@@ -77,11 +80,19 @@ def consistent_inertias(
     from scipy.optimize import least_squares
 
     n = fit.robot.dof
-    rows, cutoff = fit.rows(recordings, payloads, limit=ENOUGH_TO_FIT), FIT_PER_CUTOFF * fit.cutoff_hz
+    rows, cutoff = fit.rows(recordings, payloads, limit=ENOUGH_TO_FIT, ends=False), FIT_PER_CUTOFF * fit.cutoff_hz
     reach = rows.reach.narrowed(cutoff)
-    columns = torque_columns(fit.robot, reach.motion, fit.sign_speed, fit.couplings, fit.top_speed)
+    columns = torque_columns(
+        fit.robot,
+        reach.motion,
+        fit.sign_speed,
+        fit.couplings,
+        fit.top_speed,
+        loads=fit.loads(reach.motion, reach.carried),
+    )
     columns = reach.filtered(columns, cutoff)
     wanted = rows.torque_below(cutoff) - reach.filtered(reach.carried, cutoff)
+    columns[~rows.used], wanted[~rows.used] = 0.0, 0.0
     free = wanted - columns[:, :, list(fit.columns)] @ fit.values
     weight = 1 / np.maximum(free.std(axis=0), 1e-12)
     flat = (columns * weight[None, :, None]).reshape(-1, columns.shape[2])
@@ -96,6 +107,9 @@ def consistent_inertias(
     rest = triangle[others.size : others.size + bodies.size + 1, others.size :] / np.sqrt(_ROWS_PER_INDEPENDENT)
     start = np.concatenate([*(_start(joint.inertia) for joint in fit.robot.joints), np.log(_rotors(fit.robot))])
     spread = np.concatenate([np.tile(_SPREAD, n), np.full(n, _ROTOR_SPREAD)])
+    for j, joint in enumerate(fit.robot.joints):
+        if joint.inertia is not None and joint.inertia.mass > 0:
+            spread[10 * j] = _KNOWN_MASS
 
     def parameters(theta: FloatArray) -> FloatArray:
         links = [parameters_of(_matrix(part)) for part in theta[: 10 * n].reshape(n, 10)]

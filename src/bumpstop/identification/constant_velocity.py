@@ -59,12 +59,14 @@ class Cut:
     Attributes:
         constant, ramps, holds: the stretches.
         fastest_seen: speed of the joint alone in its pose [rad/s]; 0: it never moved alone there.
+        pose_missed: how far the other joint that is farthest from the planned pose is, at the nearest row [rad or m].
     """
 
     constant: tuple[Stretch, ...]
     ramps: tuple[Stretch, ...]
     holds: tuple[Stretch, ...]
     fastest_seen: float
+    pose_missed: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +106,16 @@ def cut(experiment: JointExperiment, recordings: list[Prepared]) -> Cut:
     constant: list[Stretch] = []
     ramps: list[Stretch] = []
     holds: list[Stretch] = []
-    fastest = 0.0
+    fastest, missed = 0.0, math.inf
+    others = np.arange(experiment.pose.size) != experiment.joint
     for log in recordings:
         parts, fast = _strokes(experiment, log)
         constant += [part for part in parts if part.kind == "constant"]
         ramps += [part for part in parts if part.kind == "ramp"]
         holds += _holds(experiment, log)
         fastest = max(fastest, fast)
-    return Cut(tuple(constant), tuple(ramps), tuple(holds), fastest)
+        missed = min(missed, float(np.abs(log.q - experiment.pose)[:, others].max(axis=1, initial=0.0).min()))
+    return Cut(tuple(constant), tuple(ramps), tuple(holds), fastest, missed)
 
 
 def _strokes(experiment: JointExperiment, log: Prepared) -> tuple[list[Stretch], float]:

@@ -14,6 +14,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.current_law import motor_current
 from bumpstop.identification.drive_rows import DriveRows, drive_rows
 from bumpstop.identification.dynamics_fit import JointScore, share_predicted
+from bumpstop.identification.motion import GRAVITY
 from bumpstop.joint.model import JointTorqueModel, TorqueState
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ class CurrentComparison:
         estimated: (N, n) torque that the model makes of the measured current [Nm or N]; NaN likewise.
         filter_hz: of the zero-phase filter for ``r2``.
         notes: where the model was used outside its range.
+        outside_current, outside_speed: (n,) share of the rows outside the fitted range of joint current and of speed;
+            None: not counted.
     """
 
     model: JointTorqueModel
@@ -42,6 +45,8 @@ class CurrentComparison:
     estimated: FloatArray
     filter_hz: float
     notes: tuple[str, ...]
+    outside_current: FloatArray | None = None
+    outside_speed: FloatArray | None = None
 
     @property
     def current(self) -> FloatArray:
@@ -97,6 +102,7 @@ def compare_currents(
     *,
     cutoff_hz: float | None = None,
     filter_hz: float | None = None,
+    gravity: tuple[float, float, float] = GRAVITY,
 ) -> CurrentComparison:
     """Put a joint torque model beside recorded currents.
 
@@ -107,6 +113,7 @@ def compare_currents(
         cutoff_hz: of the zero-phase filter of the motion [Hz]; default: 10, or a fifth of the recorded rate where that
             is less.
         filter_hz: cut-off at which currents are compared for ``r2``; default: ``cutoff_hz``.
+        gravity: acceleration of free fall in the base frame [m/s2].
 
     Raises:
         InputError: no currents, too few rows, a robot of another number of joints, a model of joints that it has not.
@@ -117,7 +124,7 @@ def compare_currents(
     place = _place(model, arm)
     if cutoff_hz is None:
         cutoff_hz = min(DEFAULT_CUTOFF_HZ, 0.2 * min(log.rate_hz for log in logs))
-    rows = drive_rows(logs, robots, cutoff_hz, every_row=True, smooth_current=False).of_joints(place)
+    rows = drive_rows(logs, robots, cutoff_hz, every_row=True, smooth_current=False, gravity=gravity).of_joints(place)
     predicted = np.empty_like(rows.current)
     for j, joint in enumerate(model.joints):
         predicted[:, j] = motor_current(joint, rows.joint(j, joint.rest_speed))
@@ -135,6 +142,8 @@ def compare_currents(
         estimated=estimated,
         filter_hz=filter_hz or cutoff_hz,
         notes=model.notes(total),
+        outside_current=total.outside_current / len(rows.t),
+        outside_speed=total.outside_speed / len(rows.t),
     )
 
 

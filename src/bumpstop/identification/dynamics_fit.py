@@ -12,6 +12,9 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_settings import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
 from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF
+from bumpstop.identification.motion import GRAVITY
+from bumpstop.identification.regressor import inertial_torque
+from bumpstop.identification.seen_motion import SeenMotion
 from bumpstop.identification.torque_columns import column_names, torque_of
 from bumpstop.identification.torque_rows import TorqueRows, listed, recorded_motion, still_joints
 
@@ -72,13 +75,26 @@ class DynamicsFit:
         covariance: of the base parameters, whose diagonal the standard errors are; None: read from a file.
         predicting: values that predictions use, fitted without the parameters that the recording cannot tell from zero,
             which are 0 here; None: predictions use ``values``.
+        predicted_by_all: joints (from 0) whose predictions use ``values`` all the same.
+        loaded: joints (from 0) whose friction grows with the torque that loads the gear.
         rows_left: recorded rows in stretches between gaps too short to use.
         rows_beside_gaps: recorded rows left away within a period of the cut-off of a gap.
+        rows_at_ends: the same where recordings begin and end.
+        rows_at_rest: (n,) rows of the fit at which a joint rests: they stay out of its own; None: read from a file.
+        gravity: acceleration of free fall in the base frame, of the recordings and of predictions [m/s2].
         gains: (n,) torque per motor current that were found together with the parameters [Nm/A or N/A]; None: the
             recordings of the fit had torques.
         gain_errors: (n,) standard errors of ``gains``; 0: it was given, infinite: the recordings do not show it, and
             the scale of this joint's torque means nothing.
         fitted: motion and torque that it was fitted to; None: read from a file, or fitted to currents.
+        condition: condition number of the columns of the fit, weighted and brought to length one; None: read from a
+            file.
+        unexplained: (n,) share of the filtered torque's (of gains: current's) variance that is left on held-out fifths;
+            None: read from a file.
+        usual_torque: (n,) root mean square of the torque of the fit, that of known loads included [Nm or N]; None: read
+            from a file.
+        seen: ranges of the fit's motion; None: a file of an older version.
+        verdict: on the fit as the file that it was read from has it; else empty.
     """
 
     robot: Robot
@@ -102,13 +118,52 @@ class DynamicsFit:
     gain_errors: FloatArray | None = None
     fitted: TorqueRows | None = None
     still: tuple[str, ...] = ()
+    condition: float | None = None
+    unexplained: FloatArray | None = None
+    usual_torque: FloatArray | None = None
+    seen: SeenMotion | None = None
+    verdict: str = ""
+    predicted_by_all: tuple[int, ...] = ()
+    loaded: tuple[int, ...] = ()
+    rows_at_ends: int = 0
+    gravity: tuple[float, float, float] = GRAVITY
+    rows_at_rest: FloatArray | None = None
 
-    def predict(self, motion: EvenMotion) -> FloatArray:
-        """Joint torques (N, n) of a motion [Nm or N]."""
-        names = column_names(self.robot, self.couplings, bent=self.top_speed is not None)
-        every = np.zeros(len(names))
-        every[list(self.columns)] = self.values if self.predicting is None else self.predicting
-        return torque_of(self.robot, motion, every, self.sign_speed, self.couplings, self.top_speed)
+    def predict(self, motion: EvenMotion, carried: FloatArray | None = None) -> FloatArray:
+        """Joint torques (N, n) of a motion [Nm or N].
+
+        Args:
+            motion: of the robot.
+            carried: (N, n) torque of a payload, which loads the gears but is not in the result; default: none.
+        """
+        loads = self.loads(motion, carried)
+
+        def torque(values: FloatArray) -> FloatArray:
+            every = self._every(values)
+            return torque_of(self.robot, motion, every, self.sign_speed, self.couplings, self.top_speed, loads)
+
+        if self.predicting is None:
+            return torque(self.values)
+        found = torque(self.predicting)
+        if self.predicted_by_all:
+            own = list(self.predicted_by_all)
+            found[:, own] = torque(self.values)[:, own]
+        return found
+
+    def loads(self, motion: EvenMotion, carried: FloatArray | None = None) -> dict[int, FloatArray]:
+        """Torque (N,) that loads the gear, of joints whose friction grows with it [Nm or N]; as for :meth:`predict`."""
+        if not self.loaded:
+            return {}
+        inertial = self._every(self.values)[: 10 * self.robot.dof]
+        load = inertial_torque(self.robot, motion.q, motion.qd, motion.qdd, motion.gravity, inertial)
+        load = load if carried is None else load + carried
+        return {j: np.ascontiguousarray(load[:, j]) for j in self.loaded}
+
+    def _every(self, values: FloatArray) -> FloatArray:
+        """Values of all columns out of those of the base parameters."""
+        every = np.zeros(len(column_names(self.robot, self.couplings, self.top_speed, self.loaded)))
+        every[list(self.columns)] = values
+        return every
 
     def residual(self, recording: Recording) -> tuple[EvenMotion, FloatArray]:
         """Recorded minus predicted torque, unfiltered, of the same robot.
@@ -121,6 +176,7 @@ class DynamicsFit:
         """
         recording.check_robot(self.robot)
         motion, torque = recorded_motion(recording, self.cutoff_hz, self.gains)
+        motion = replace(motion, gravity=self.gravity)
         return motion, torque - self.predict(motion)
 
     def rows(
@@ -129,6 +185,7 @@ class DynamicsFit:
         payloads: Sequence[Payload | None] = (),
         *,
         limit: int | None = None,
+        ends: bool = True,
     ) -> TorqueRows:
         """Motion and torque of recordings as this fit filters them.
 
@@ -136,10 +193,19 @@ class DynamicsFit:
             recordings: with torque, or with current where the fit has gains, of the same robot; one or more.
             payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
             limit: rows that are enough, as for :meth:`TorqueRows.of`; ``ENOUGH_TO_FIT``: those of the fit.
+            ends: keep the rows where recordings begin and end, which a fit leaves away.
         """
         filters = (FIT_PER_CUTOFF * self.cutoff_hz, self.cutoff_hz)
         return TorqueRows.of(
-            listed(recordings), self.robot, self.cutoff_hz, payloads, gains=self.gains, limit=limit, filters_hz=filters
+            listed(recordings),
+            self.robot,
+            self.cutoff_hz,
+            payloads,
+            gains=self.gains,
+            limit=limit,
+            filters_hz=filters,
+            ends=ends,
+            gravity=self.gravity,
         )
 
     def score(
@@ -168,7 +234,7 @@ class DynamicsFit:
 
     def score_rows(self, rows: TorqueRows, *, filter_hz: float | None = None) -> tuple[JointScore, ...]:
         """The same of rows that :meth:`rows` has made."""
-        around = self.predict(rows.reach.motion) + rows.reach.carried
+        around = self.predict(rows.reach.motion, rows.reach.carried) + rows.reach.carried
         predicted = rows.reach.within(around)
         cutoff = filter_hz or self.cutoff_hz
         smooth, smooth_predicted = rows.torque_below(cutoff), rows.reach.filtered(around, cutoff)
@@ -195,6 +261,7 @@ def identify_dynamics(
     cutoff_hz: float | None = None,
     couplings: Sequence[Sequence[tuple[int, float]]] = (),
     payloads: Sequence[Payload | None] = (),
+    gravity: tuple[float, float, float] = GRAVITY,
 ) -> DynamicsFit:
     """Fit base inertial parameters, Coulomb and viscous friction, offsets and rotor inertia to recorded torque.
 
@@ -212,6 +279,7 @@ def identify_dynamics(
         couplings: joints that share a motor, numbered from 0 with their share of its speed: its friction and rotor act
             on all of them.
         payloads: what each recording carried that is not to be part of the arm; default: nothing.
+        gravity: acceleration of free fall in the base frame, of a base on a wall or a ceiling not along -z [m/s2].
 
     Raises:
         InputError: no torque, no motion, too few rows, a robot of another number of joints, or a shared motor of fewer
@@ -222,13 +290,16 @@ def identify_dynamics(
     held_out: dict[float, float] = {}
     still = still_joints(logs, robot)
     if cutoff_hz is None:
-        cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads)
+        cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads, gravity=gravity)
     fit_hz = FIT_PER_CUTOFF * cutoff_hz
     # Those of the fit are scored at the motion's cut-off, too.
-    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_FIT, filters_hz=(fit_hz, cutoff_hz))
+    filters = (fit_hz, cutoff_hz)
+    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_FIT, filters_hz=filters, gravity=gravity)
     few = rows
     if rows.rows_whole > ENOUGH_TO_CHOOSE:
-        few = TorqueRows.of(logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_CHOOSE, filters_hz=(fit_hz,))
+        few = TorqueRows.of(
+            logs, robot, cutoff_hz, payloads, limit=ENOUGH_TO_CHOOSE, filters_hz=(fit_hz,), gravity=gravity
+        )
     return replace(fit_of(best_friction(few, robot, cutoff_hz, groups, of=rows), held_out), still=still)
 
 
@@ -251,6 +322,8 @@ def checked_group(group: Sequence[tuple[int, float]], dof: int) -> tuple[tuple[i
 def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
     """The fit that a system's solution is, with the values that predict held-out fifths no worse."""
     solution = system.solved()
+    essential = system.essential(solution.columns, solution.values, solution.weight)
+    predicting, takes = essential if essential is not None else (None, np.ones(system.robot.dof, dtype=bool))
     return DynamicsFit(
         robot=system.robot,
         columns=tuple(solution.columns),
@@ -265,11 +338,20 @@ def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
         rows_used=system.wanted.shape[0],
         top_speed=system.top_speed,
         covariance=solution.covariance,
-        predicting=system.essential(solution),
+        predicting=predicting,
+        predicted_by_all=tuple(np.flatnonzero(~takes).tolist()),
+        loaded=tuple(sorted(system.loads)),
         rows_left=system.rows.rows_left,
         rows_beside_gaps=system.rows.rows_beside_gaps,
+        rows_at_ends=system.rows.rows_at_ends,
+        gravity=system.rows.reach.motion.gravity,
+        rows_at_rest=(~system.rows.used).sum(axis=0),
         rows_whole=system.rows.rows_whole,
         fitted=system.rows,
+        condition=solution.condition,
+        unexplained=system.unexplained(),
+        usual_torque=np.sqrt((system.rows.torque**2).mean(axis=0)),
+        seen=SeenMotion.of(system.rows.motion),
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -15,13 +16,16 @@ from bumpstop.identification.essential import essential_values
 from bumpstop.identification.torque_columns import column_names, speeds_of, torque_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
 
     from bumpstop.identification.reach import Reach
     from bumpstop.identification.torque_rows import TorqueRows
     from bumpstop.model import Robot
 
     Groups = tuple[tuple[tuple[int, float], ...], ...]
+    Folds = Sequence[Sequence[int]]
 
 # Torque and columns of a fit are filtered at this many times the motion's cut-off: what the motion lost above its own
 # cut-off would otherwise shrink the torque's columns, but not the torque.
@@ -33,24 +37,31 @@ _ROUNDS = 4  # of the joints' weights
 # Held-out fifths are made of so many parts of the rows each, spread over the time: where one stretch of a short
 # recording is all that shows a parameter, the other four fifths would otherwise know nothing of it.
 _FOLDS, _PARTS = 5, 20
-# Parameters are left out of predictions where no joint's held-out error grows by more than this factor.
-_WORST_LOSS = 1.1
+# Parts of every fold: spread over the time, or one piece of it, which the other four may not have been near to.
+SPREAD: tuple[tuple[int, ...], ...] = tuple(tuple(range(fold, _PARTS, _FOLDS)) for fold in range(_FOLDS))
+PIECES: tuple[tuple[int, ...], ...] = tuple(
+    tuple(range(fold * _PARTS // _FOLDS, (fold + 1) * _PARTS // _FOLDS)) for fold in range(_FOLDS)
+)
+# Parameters are left out of a joint's predictions where its held-out error falls to this share of it.
+_CLEARLY_LESS = 0.98
 _LEAST_SIGN_SPEED = 1e-4  # [rad/s or m/s]
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Torque columns of recordings, and what they should add up to.
+    """Torque columns of recordings, and what they should add up to; zero at rows that a joint is not fitted to.
 
     Attributes:
         robot, couplings, cutoff_hz: as in :class:`DynamicsFit`.
         rows: motion and torque.
         reach: of these rows what the columns are of: M rows, margins of blocks included.
         sign_speed, top_speed: shape of friction, as :func:`torque_columns` takes it.
+        loads: torque (M,) that loads the gears of joints whose friction grows with it.
         raw: (M, n, parameters) columns.
         columns: (N, n, parameters) the same, filtered, without margins.
         wanted: (N, n) torque without what payloads make, filtered alike. Of currents: the currents, and what payloads
             make is the last column.
+        counts: (n,) rows that each joint is fitted to.
     """
 
     robot: Robot
@@ -60,9 +71,11 @@ class System:
     reach: Reach
     sign_speed: FloatArray
     top_speed: FloatArray | None
+    loads: Mapping[int, FloatArray]
     raw: FloatArray
     columns: FloatArray
     wanted: FloatArray
+    counts: FloatArray
 
     @classmethod
     def of(
@@ -73,7 +86,8 @@ class System:
         couplings: Groups,
         sign_shares: FloatArray | float,
         *,
-        bent: bool = False,
+        bent: np.ndarray | bool = False,
+        loads: Mapping[int, FloatArray] | None = None,
         known: System | None = None,
         reach: Reach | None = None,
     ) -> System:
@@ -85,18 +99,20 @@ class System:
             cutoff_hz: of the motion.
             couplings: joints that share a motor.
             sign_shares: speed over which Coulomb friction turns, as a share of each root mean square speed.
-            bent: friction bends with the speed.
+            bent: friction bends with the speed; (n + shared motors,) or all alike.
+            loads: torque (M,) that loads the gears of joints whose friction grows with it; default: of none.
             known: another system of the same rows, whose inertial columns are taken over.
             reach: of these rows what columns are made of; default: as far as the system's own filter reaches.
         """
         speeds = speeds_of(rows.motion, couplings)
         sign_speed = np.maximum(sign_shares * np.sqrt(np.mean(speeds**2, axis=0)), _LEAST_SIGN_SPEED)
-        top_speed = np.maximum(np.abs(speeds).max(axis=0), _LEAST_SIGN_SPEED) if bent else None
+        tops = np.maximum(np.abs(speeds).max(axis=0), _LEAST_SIGN_SPEED)
+        top_speed = np.where(bent, tops, np.nan) if np.any(bent) else None
         count = 10 * robot.dof
         cutoff = FIT_PER_CUTOFF * cutoff_hz
         reach = known.reach if known is not None else reach or rows.reach.narrowed(cutoff)
         inertial = None if known is None else known.raw[:, :, :count]
-        raw = torque_columns(robot, reach.motion, sign_speed, couplings, top_speed, inertial=inertial)
+        raw = torque_columns(robot, reach.motion, sign_speed, couplings, top_speed, loads=loads, inertial=inertial)
         if rows.currents:
             raw = np.concatenate([raw, reach.carried[:, :, None]], axis=2)
         if known is None:
@@ -104,41 +120,57 @@ class System:
             wanted = rows.torque_below(cutoff)
             if not rows.currents:
                 wanted = wanted - reach.filtered(reach.carried, cutoff)
+            wanted = np.where(rows.used, wanted, 0.0)
         else:
             columns = np.concatenate([known.columns[:, :, :count], reach.filtered(raw[:, :, count:], cutoff)], axis=2)
             wanted = known.wanted
-        return cls(robot, couplings, cutoff_hz, rows, reach, sign_speed, top_speed, raw, columns, wanted)
+        columns[~rows.used] = 0.0
+        counts = np.maximum(rows.used.sum(axis=0), 1).astype(np.float64)
+        return cls(
+            robot, couplings, cutoff_hz, rows, reach, sign_speed, top_speed, loads or {}, raw, columns, wanted, counts
+        )
 
     @property
     def names(self) -> list[str]:
         """Of the columns."""
-        return column_names(self.robot, self.couplings, bent=self.top_speed is not None)
+        return column_names(self.robot, self.couplings, self.top_speed, tuple(self.loads))
 
-    def solved(self) -> Solution:
+    def spread(self, x: FloatArray) -> FloatArray:
+        """Root mean square (n,) of what is zero at rows that a joint is not fitted to (N, n)."""
+        size: FloatArray = np.sqrt((x**2).sum(axis=0) / self.counts)
+        return size
+
+    @cached_property
+    def base(self) -> Base:
         """Weighted least squares on the independent columns."""
-        columns, wanted = self.columns, self.wanted
         whole = triangle_of(np.concatenate(self.triangles, axis=1))
         length = np.sqrt((whole[:, :, :-1] ** 2).sum(axis=(0, 1)))
         seen = np.flatnonzero(length > 1e-9 * length.max())
-        weight = 1 / np.maximum(wanted.std(axis=0), 1e-9)
+        weight = 1 / np.maximum(self.spread(self.wanted), 1e-9)
         for _ in range(_ROUNDS):
             last = weight
             matrix = (whole * last[:, None, None]).reshape(-1, whole.shape[2])
             chosen, groups = independent(matrix[:, seen])
             values, *_ = np.linalg.lstsq(matrix[:, seen[chosen]], matrix[:, -1], rcond=None)
-            every = np.zeros(columns.shape[2])
+            every = np.zeros(self.columns.shape[2])
             every[seen[chosen]] = values
-            error = wanted - columns @ every
-            weight = last / np.maximum((error * last).std(axis=0), 1e-12)
-        names = self.names
-        matrix = (columns[:, :, seen[chosen]] * last[None, :, None]).reshape(-1, chosen.size)
+            error = self.wanted - self.columns @ every
+            weight = last / np.maximum(self.spread(error * last), 1e-12)
+        return Base(seen, chosen, groups, every, last, error)
+
+    def solved(self) -> Solution:
+        """Base parameters and their covariance."""
+        base, names = self.base, self.names
+        own = base.seen[base.chosen]
+        matrix = (self.columns[:, :, own] * base.weight[None, :, None]).reshape(-1, own.size)
         return Solution(
-            columns=[int(seen[c]) for c in chosen],
-            names=tuple(label_of(names, seen, int(c), groups[i]) for i, c in enumerate(chosen)),
-            values=values,
-            covariance=clustered_covariance(matrix, (error * last).ravel(), wanted.shape[1]),
-            weight=1 / np.maximum(error.std(axis=0), 1e-12),
-            unseen=tuple(name for i, name in enumerate(names) if i not in set(seen.tolist())),
+            condition=condition_of(matrix),
+            columns=own.tolist(),
+            names=tuple(label_of(names, base.seen, int(c), base.groups[i]) for i, c in enumerate(base.chosen)),
+            values=base.values[own],
+            covariance=clustered_covariance(matrix, (base.error * base.weight).ravel(), self.wanted.shape[1]),
+            weight=1 / np.maximum(self.spread(base.error), 1e-12),
+            unseen=tuple(name for i, name in enumerate(names) if i not in set(base.seen.tolist())),
         )
 
     @cached_property
@@ -153,53 +185,100 @@ class System:
             for part in self._parts()
         ]
 
-    def weighted(self, solution: Solution) -> tuple[FloatArray, FloatArray]:
-        """Columns of a solution (N, n, p) and what they should add up to (N, n), joints weighed."""
-        return (
-            self.columns[:, :, solution.columns] * solution.weight[None, :, None],
-            self.wanted * solution.weight,
-        )
+    def load_of(self, values: FloatArray) -> FloatArray:
+        """Torque (M, n) that loads the gears: what inertia and payloads make of it, by values of all columns.
 
-    def fold_values(self) -> list[FloatArray]:
+        Args:
+            values: (parameters,), or (n, parameters) where each joint has its own; of this system, or of one with the
+                same inertia and other friction.
+        """
+        count = 10 * self.robot.dof
+        every = np.broadcast_to(values, (self.robot.dof, values.shape[-1]))
+        load: FloatArray = np.einsum("tjp,jp->tj", self.raw[:, :, :count], every[:, :count])
+        return load + (self.raw[:, :, -1] * every[:, -1] if self.rows.currents else self.reach.carried)
+
+    def reloaded(self, values: FloatArray) -> System:
+        """The same with the loads that :meth:`load_of` says of other values."""
+        if not self.loads:
+            return self
+        load = self.load_of(values)
+        loads = {j: np.ascontiguousarray(load[:, j]) for j in self.loads}
+        places = [self.names.index(f"load_{j + 1}") for j in loads]
+        raw, columns = self.raw.copy(), self.columns.copy()
+        for place, (j, own) in zip(places, loads.items(), strict=True):
+            raw[:, j, place] = np.tanh(self.reach.motion.qd[:, j] / self.sign_speed[j]) * np.abs(own)
+        columns[:, :, places] = self.reach.filtered(raw[:, :, places], FIT_PER_CUTOFF * self.cutoff_hz)
+        columns[~self.rows.used] = 0.0
+        return replace(self, loads=loads, raw=raw, columns=columns)
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """Parameters (n, parameters) by weighted least squares; shortest ones, as for :meth:`fold_values`."""
+        squares, moments, length, spread = self._products
+        whole = _normal(squares.sum(axis=0), moments.sum(axis=0), spread, self.rows.currents)
+        return np.asarray(whole / length)
+
+    def fold_values(self, folds: Folds = SPREAD) -> list[FloatArray]:
         """Parameters (n, parameters) by weighted least squares, of all rows but those of one fifth, fifth by fifth.
 
         Torques of all joints have one set of parameters. Currents, whose gains are not known, have one for each joint.
 
-        From sums of products of the columns, part by part and joint by joint: all weights and fifths share them. Of
-        columns that the motion cannot tell apart the shortest values are taken, which predict the same.
+        Of columns that the motion cannot tell apart the shortest values are taken, which predict the same.
+        """
+        squares, moments, length, spread = self._products
+        found = []
+        for fold in folds:
+            others = [k for k in range(_PARTS) if k not in fold]
+            own_square, own_moment = (x[others].sum(axis=0) for x in (squares, moments))
+            found.append(_normal(own_square, own_moment, spread, self.rows.currents) / length)
+        return found
+
+    @cached_property
+    def _products(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Sums of products of the columns, part by part and joint by joint, which all weights and fifths share.
+
+        Squares (parts, n, p, p) and moments (parts, n, p) of columns brought to length one, their lengths (p,),
+        infinite where a column is not seen, and what is left of every joint (n,).
         """
         length = np.sqrt((self.columns**2).sum(axis=(0, 1)))
         length[length <= 1e-9 * length.max()] = np.inf  # what is not seen has no value
         squares, moments = [], []
         for part in self._parts():
-            own = np.moveaxis(self.columns[part], 1, 0) / length
+            # Side by side in memory: products of strided columns take ten times as long.
+            own = np.ascontiguousarray(np.moveaxis(self.columns[part], 1, 0)) / length
             turned = own.transpose(0, 2, 1)
             squares.append(turned @ own)
             moments.append((turned @ self.wanted[part].T[:, :, None])[:, :, 0])
         square, moment = np.sum(squares, axis=0), np.sum(moments, axis=0)
         power = (self.wanted**2).sum(axis=0)
-        spread = np.maximum(self.wanted.std(axis=0), 1e-9)
+        spread = np.maximum(self.spread(self.wanted), 1e-9)
         for _ in range(_ROUNDS):
             values = _normal(square, moment, spread, self.rows.currents)
             left = power - 2 * (moment * values).sum(axis=1) + np.einsum("ji,jik,jk->j", values, square, values)
-            spread = np.sqrt(np.maximum(left / self.wanted.shape[0], 1e-16 * power + 1e-24))
-        found = []
-        for fold in range(_FOLDS):
-            others = [k for k in range(_PARTS) if k % _FOLDS != fold]
-            own_square, own_moment = (np.sum([x[k] for k in others], axis=0) for x in (squares, moments))
-            found.append(_normal(own_square, own_moment, spread, self.rows.currents) / length)
-        return found
+            spread = np.sqrt(np.maximum(left / self.counts, 1e-16 * power + 1e-24))
+        return np.array(squares), np.array(moments), length, spread
 
     def left_out(self) -> FloatArray:
         """Unfiltered torque (M, n) of every fifth of the rows, with its margins, as the other four predict it."""
         parts = [slice(a, b) for a, b in pairwise(self.reach.edges(self._edges()))]
-        return _by_fold(self.raw, self.fold_values(), parts)
+        return _by_fold(self.raw, self.fold_values(), parts, SPREAD)
 
     def held_out(self) -> FloatArray:
         """Mean square error (n,) of filtered torques on held-out fifths."""
-        predicted = _by_fold(self.columns, self.fold_values(), self._parts())
-        error: FloatArray = ((self.wanted - predicted) ** 2).mean(axis=0)
+        error: FloatArray = self.held_out_parts().sum(axis=0)
         return error
+
+    def unexplained(self) -> FloatArray:
+        """Share (n,) of the variance of filtered torques that is left on held-out fifths; NaN where there is none."""
+        spread = self.spread(self.wanted - self.rows.used * (self.wanted.sum(axis=0) / self.counts)) ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share: FloatArray = np.where(spread > 0, self.held_out() / spread, np.nan)
+        return share
+
+    def held_out_parts(self, folds: Folds = SPREAD) -> FloatArray:
+        """What each part, predicted from the other folds, has of the mean square error (parts, n)."""
+        squares = (self.wanted - _by_fold(self.columns, self.fold_values(folds), self._parts(), folds)) ** 2
+        return np.array([squares[part].sum(axis=0) for part in self._parts()]) / self.counts
 
     def _edges(self) -> list[int]:
         edges: list[int] = np.linspace(0, self.wanted.shape[0], _PARTS + 1).astype(int).tolist()
@@ -208,31 +287,49 @@ class System:
     def _parts(self) -> list[slice]:
         return [slice(a, b) for a, b in pairwise(self._edges())]
 
-    def essential(self, solution: Solution) -> FloatArray | None:
-        """Values without the parameters that cannot be told from zero; None where fifths are predicted worse so."""
-        matrix, target = self.weighted(solution)
-        joints, own = target.shape[1], solution.columns
-        every, without = [], []
-        for fold in range(_FOLDS):
-            parts = [part for k, part in enumerate(self._parts()) if k % _FOLDS != fold]
-            flat = np.concatenate([matrix[part] for part in parts]).reshape(-1, len(own))
-            wanted = np.concatenate([target[part] for part in parts]).ravel()
-            others = [triangle for k, triangle in enumerate(self.triangles) if k % _FOLDS != fold]
-            square = (np.concatenate(others, axis=1) * solution.weight[:, None, None]).reshape(
-                -1, self.raw.shape[2] + 1
-            )
-            values = np.linalg.lstsq(square[:, own], square[:, -1], rcond=None)[0]
-            every.append(np.tile(values, (joints, 1)))
-            told = essential_values(flat, wanted, blocks_of(wanted - flat @ values, joints))
-            without.append(np.tile(told, (joints, 1)))
-        columns = self.columns[:, :, own]
-        predicted = (_by_fold(columns, found, self._parts()) for found in (every, without))
-        errors = [((self.wanted - own) ** 2).mean(axis=0) for own in predicted]
-        ratios = errors[1] / np.maximum(errors[0], 1e-300)
-        if ratios.mean() > 1 or ratios.max() > _WORST_LOSS:
+    def essential(
+        self, own: Sequence[int], values: FloatArray, weight: FloatArray, inverse: FloatArray | None = None
+    ) -> tuple[FloatArray, npt.NDArray[np.bool_]] | None:
+        """Values without the parameters that cannot be told from zero, and the joints that they predict no worse.
+
+        Joints differ in what is told of them: each takes these values where its held-out fifths are predicted no worse
+        by them.
+
+        Args:
+            own: numbers of the independent columns.
+            values: (p,) of these by least squares.
+            weight: (n,) of the joints: one over what is left of each.
+            inverse: (n,) inverse gains, of currents, whose last column is a known load.
+
+        Returns:
+            Values (p,) and joints (n,); None where no joint takes them.
+        """
+        n = self.wanted.shape[1]
+        turn = np.ones(n) if inverse is None else inverse
+        wanted = self.wanted if inverse is None else self.wanted - self.columns[:, :, -1] * inverse
+        columns = self.columns[:, :, list(own)] * turn[None, :, None]
+        matrix, target = columns * weight[None, :, None], wanted * weight
+        parts = self._parts()
+        both = np.concatenate([matrix, target[:, :, None]], axis=2)
+        triangles = [np.linalg.qr(both[part].reshape(-1, both.shape[2]), mode="r") for part in parts]
+        joints = np.ones(n, dtype=bool)
+        for folds in (SPREAD, PIECES):
+            every, without = [], []
+            for fold in folds:
+                others = [k for k in range(_PARTS) if k not in fold]
+                flat = np.concatenate([matrix[parts[k]] for k in others]).reshape(-1, len(own))
+                aim = np.concatenate([target[parts[k]] for k in others]).ravel()
+                square = np.concatenate([triangles[k] for k in others])
+                plain = np.linalg.lstsq(square[:, :-1], square[:, -1], rcond=None)[0]
+                every.append(np.tile(plain, (n, 1)))
+                told = essential_values(flat, aim, blocks_of(aim - flat @ plain, n))
+                without.append(np.tile(told, (n, 1)))
+            errors = [((wanted - _by_fold(columns, own_, parts, folds)) ** 2).sum(axis=0) for own_ in (every, without)]
+            joints &= errors[1] <= _CLEARLY_LESS * errors[0]
+        if not joints.any():
             return None
-        flat, wanted = matrix.reshape(-1, len(own)), target.ravel()
-        return essential_values(flat, wanted, blocks_of(wanted - flat @ solution.values, joints))
+        flat, aim = matrix.reshape(-1, len(own)), target.ravel()
+        return essential_values(flat, aim, blocks_of(aim - flat @ values, n)), joints
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -246,8 +343,10 @@ class Solution:
         covariance: (p, p) that holds under residuals correlated in time and between joints.
         weight: (n,) of the joints, one over their residuals' standard deviation.
         unseen: columns that are zero.
+        condition: condition number of the weighted columns, each brought to length one.
     """
 
+    condition: float
     columns: list[int]
     names: tuple[str, ...]
     values: FloatArray
@@ -256,11 +355,54 @@ class Solution:
     unseen: tuple[str, ...]
 
 
-def _by_fold(columns: FloatArray, values: Sequence[FloatArray], parts: Sequence[slice]) -> FloatArray:
+def condition_of(matrix: FloatArray) -> float:
+    """Condition number of columns (N, p), each brought to length one; infinite where one is zero."""
+    triangle = np.linalg.qr(matrix, mode="r")
+    length = np.linalg.norm(triangle, axis=0)
+    return float(np.linalg.cond(triangle / length)) if length.size and length.min() > 0 else math.inf
+
+
+def held_out_share(columns: FloatArray, wanted: FloatArray) -> float | None:
+    """Share of the variance of ``wanted`` (N, n) left on fifths, each by columns (N, n, p) fitted to the other four."""
+    edges = np.linspace(0, wanted.shape[0], _PARTS + 1).astype(int)
+    fold = np.repeat(np.arange(_PARTS) % _FOLDS, np.diff(edges))
+    left = 0.0
+    for number in range(_FOLDS):
+        own = fold == number
+        matrix, target = columns[~own].reshape(-1, columns.shape[2]), wanted[~own].ravel()
+        values = np.linalg.lstsq(matrix, target, rcond=1e-9)[0]
+        left += float(((wanted[own] - columns[own] @ values) ** 2).sum())
+    spread = float(((wanted - wanted.mean(axis=0)) ** 2).sum())
+    return left / spread if spread > 0 else None
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """Least squares on the independent columns of a system.
+
+    Attributes:
+        seen: numbers of the columns that are not zero.
+        chosen: places among these of the independent ones.
+        groups: for each of them the others that move with it, as :func:`independent` gives them.
+        values: (parameters,) of all columns, zero but for the independent ones.
+        weight: (n,) of the joints.
+        error: (N, n) that is left.
+    """
+
+    seen: np.ndarray
+    chosen: np.ndarray
+    groups: list[list[tuple[int, float]]]
+    values: FloatArray
+    weight: FloatArray
+    error: FloatArray
+
+
+def _by_fold(columns: FloatArray, values: Sequence[FloatArray], parts: Sequence[slice], folds: Folds) -> FloatArray:
     """Torque (rows, n) of columns (rows, n, parameters), each part by the values of its own fold."""
     predicted = np.empty(columns.shape[:2])
-    for k, part in enumerate(parts):
-        predicted[part] = np.einsum("tjp,jp->tj", columns[part], values[k % _FOLDS])
+    for fold, own in zip(folds, values, strict=True):
+        for k in fold:
+            predicted[parts[k]] = np.einsum("tjp,jp->tj", columns[parts[k]], own)
     return predicted
 
 

@@ -110,7 +110,10 @@ class Excitation:
         """All periods as waypoints at an even rate."""
         seconds = self.settings.periods * self.settings.period_s
         t = np.linspace(0.0, seconds, max(2, math.ceil(seconds * rate_hz)) + 1)
-        return TimedPath(t, *self.at(t))
+        q, qd, qdd = self.at(t)
+        # At rest to the last digit: what rounding leaves is a motion that begins at next to no speed.
+        qd[[0, -1]] = qdd[[0, -1]] = 0.0
+        return TimedPath(t, q, qd, qdd)
 
 
 def plan_excitation(

@@ -11,15 +11,22 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics_fit import DynamicsFit, checked_group
+from bumpstop.identification.motion import GRAVITY
+from bumpstop.identification.seen_motion import SeenMotion
 from bumpstop.identification.torque_columns import column_names
 from bumpstop.model import Robot
+from bumpstop.model.inertia import vector3
 from bumpstop.text_files import is_path, parse_toml, read_text, toml_value, write_text
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
-_KEYS |= {"rows_used", "sign_speed", "top_speed", "couplings", "parameter", "gain"}
+_KEYS |= {"rows_used", "sign_speed", "top_speed", "loaded", "predicted_by_all", "couplings", "parameter", "gain"}
+_KEYS |= {"gravity", "seen", "verdict"}
+_SEEN = ("low", "high", "speed", "acceleration")
 
 
-def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], created_from: list[str]) -> None:
+def save_fit(
+    fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], created_from: list[str], verdict: str = ""
+) -> None:
     """Write a fit.
 
     Args:
@@ -27,6 +34,7 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         path: of the file.
         robot: ``robot`` as a scenario names it, with ``base`` and ``tip`` where a URDF needs them.
         created_from: the recordings.
+        verdict: on the fit, for whoever reads the file; empty: it was not judged.
 
     Raises:
         InputError: the file cannot be written.
@@ -40,13 +48,25 @@ def save_fit(fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], creat
         f"couplings = {toml_value([[[j + 1, share] for j, share in group] for group in fit.couplings])}",
     ]
     if fit.top_speed is not None:
-        lines.append(f"top_speed = {toml_value(fit.top_speed.tolist())}  # up to which friction bends")
+        tops = np.where(np.isfinite(fit.top_speed), fit.top_speed, 0.0).tolist()
+        lines.append(f"top_speed = {toml_value(tops)}  # up to which friction bends; 0: it is straight")
+    if fit.loaded:
+        lines.append(f"loaded = {toml_value([j + 1 for j in fit.loaded])}  # joints whose friction grows with the load")
+    if fit.gravity != GRAVITY:
+        lines.append(f"gravity = {toml_value(list(fit.gravity))}  # acceleration of free fall, base frame [m/s2]")
+    if verdict:
+        lines.append(f"verdict = {toml_value(verdict)}")
+    if fit.predicted_by_all:
+        lines.append(f"predicted_by_all = {toml_value([j + 1 for j in fit.predicted_by_all])}  # joints, by all values")
+    if fit.seen is not None:
+        lines += ["", "[seen]  # motion of the fit: rad or m, and per second"]
+        lines += [f"{name} = {toml_value(getattr(fit.seen, name).tolist())}" for name in _SEEN]
     if fit.gains is not None and fit.gain_errors is not None:
         for joint, gain, error in zip(fit.robot.joints, fit.gains, fit.gain_errors, strict=True):
             seen = "" if np.isfinite(error) else "  # not seen: the scale of this joint's torque means nothing"
             lines += ["", "[[gain]]", f"joint = {toml_value(joint.name)}", f"value = {float(gain)!r}{seen}"]
             lines += [f"standard_error = {float(error)!r}"]
-    names = column_names(fit.robot, fit.couplings, bent=fit.top_speed is not None)
+    names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
     for place, (column, name) in enumerate(zip(fit.columns, fit.names, strict=True)):
         lines += [
             "",
@@ -84,9 +104,13 @@ def load_fit(path: str | Path) -> DynamicsFit:
         if not 0 < cutoff_hz < math.inf:
             raise ValueError("cutoff_hz is no frequency above 0")
         top_speed = _finite(data["top_speed"]) if "top_speed" in data else None
-        if top_speed is not None and not (top_speed.size == robot.dof + len(couplings) and (top_speed > 0).all()):
-            raise ValueError("top_speed is not one above 0 for each joint and each shared motor")
-        names = column_names(robot, couplings, bent=top_speed is not None)
+        if top_speed is not None:
+            if top_speed.size != robot.dof + len(couplings) or (top_speed < 0).any():
+                raise ValueError("top_speed is not one of 0 or above for each joint and each shared motor")
+            top_speed = np.where(top_speed > 0, top_speed, np.nan)
+        loaded, by_all = (_joints(data.get(key, ()), key, robot.dof) for key in ("loaded", "predicted_by_all"))
+        names = column_names(robot, couplings, top_speed, loaded)
+        gravity = vector3(_finite(data.get("gravity", GRAVITY)))
         parameters = data["parameter"]
         gains, gain_errors = _gains(data.get("gain"), robot)
         predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]
@@ -106,13 +130,26 @@ def load_fit(path: str | Path) -> DynamicsFit:
             rows_used=int(data["rows_used"]),
             top_speed=top_speed,
             predicting=_finite(predicting) if predicting else None,
+            predicted_by_all=by_all,
+            loaded=loaded,
+            gravity=gravity,
             gains=gains,
             gain_errors=gain_errors,
+            seen=_seen(data.get("seen"), robot),
+            verdict=str(data.get("verdict", "")),
         )
     except KeyError as error:
         raise InputError(where, f"has no key {error.args[0]!r}", "wanted a file that identify wrote") from None
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(where, f"cannot be used ({error})", "wanted a file that identify wrote") from None
+
+
+def _joints(numbers: Any, key: str, dof: int) -> tuple[int, ...]:
+    """Joints from 0 out of numbers from 1, each once and in their order."""
+    found = [int(number) for number in numbers]
+    if found != sorted(set(found)) or not all(1 <= number <= dof for number in found):
+        raise ValueError(f"{key} is no list of joints from 1 to {dof}")
+    return tuple(number - 1 for number in found)
 
 
 def _gains(tables: Any, robot: Robot) -> tuple[FloatArray | None, FloatArray | None]:
@@ -125,6 +162,16 @@ def _gains(tables: Any, robot: Robot) -> tuple[FloatArray | None, FloatArray | N
     if not (errors >= 0).all():
         raise ValueError("a standard error of a gain is no number")
     return _finite([table["value"] for table in tables]), errors
+
+
+def _seen(table: Any, robot: Robot) -> SeenMotion | None:
+    """The ranges of the fit's motion, (n,) each; None: a file that has none."""
+    if table is None:
+        return None
+    ranges = [_finite(table[name]) for name in _SEEN]
+    if any(one.shape != (robot.dof,) for one in ranges) or not (ranges[0] <= ranges[1]).all():
+        raise ValueError("seen is not one range for each joint")
+    return SeenMotion(*ranges)
 
 
 def chain_of(data: dict[str, Any], folder: Path) -> Robot:

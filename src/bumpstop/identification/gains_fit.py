@@ -17,9 +17,11 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.clusters import clustered_covariance
 from bumpstop.identification.dynamics_fit import DynamicsFit
-from bumpstop.identification.dynamics_settings import best_friction, choose_cutoff
-from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF, independent, label_of, triangle_of
+from bumpstop.identification.dynamics_settings import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
+from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF, condition_of, independent, label_of, triangle_of
+from bumpstop.identification.motion import GRAVITY
 from bumpstop.identification.robust_fit import visible_share
+from bumpstop.identification.seen_motion import SeenMotion
 from bumpstop.identification.torque_rows import TorqueRows, listed, still_joints
 
 if TYPE_CHECKING:
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 # of it.
 _DEPENDENT, _KNOWN_TO = 1e-3, 0.25
 # Rows behind the filter that are enough, as every step of the search goes through all of them; of more, blocks.
-_ENOUGH = 8_000
+_ENOUGH = 10_000
 # Of the joints' weights: so many from every start, and so many at most from the best of them until they settle.
 _ROUNDS, _MOST_ROUNDS, _SETTLED = 3, 20, 1e-6
 # Gains by linear least squares come out too small, as the current is noisy; the search also starts from multiples.
@@ -48,6 +50,7 @@ def identify_gains(
     payloads: Sequence[Payload | None] = (),
     known: Mapping[str, float] | None = None,
     cutoff_hz: float | None = None,
+    gravity: tuple[float, float, float] = GRAVITY,
 ) -> DynamicsFit:
     """Fit base parameters, gains and friction to motor currents.
 
@@ -61,6 +64,7 @@ def identify_gains(
         payloads: what each recording carried, known; it gives the scale where recordings differ in it.
         known: gains by joint [Nm/A or N/A], not fitted.
         cutoff_hz: of the filter; default: the best by the error on held-out fifths.
+        gravity: acceleration of free fall in the base frame, of a base on a wall or a ceiling not along -z [m/s2].
 
     Returns:
         A fit with ``gains`` and ``gain_errors``. Gains that the recordings do not show are named in ``unseen``
@@ -82,10 +86,30 @@ def identify_gains(
     still = still_joints(logs, robot)
     held_out: dict[float, float] = {}
     if cutoff_hz is None:
-        cutoff_hz, held_out = choose_cutoff(logs, robot, (), payloads, currents=True)
+        cutoff_hz, held_out = choose_cutoff(logs, robot, (), payloads, currents=True, gravity=gravity)
     filters = (FIT_PER_CUTOFF * cutoff_hz,)
-    rows = TorqueRows.of(logs, robot, cutoff_hz, payloads, currents=True, limit=_ENOUGH, filters_hz=filters)
-    return replace(_found(best_friction(rows, robot, cutoff_hz, ()), fixed, held_out), still=still)
+    rows, few = (
+        TorqueRows.of(
+            logs,
+            robot,
+            cutoff_hz,
+            payloads,
+            currents=True,
+            limit=limit,
+            filters_hz=filters,
+            ends=ends,
+            gravity=gravity,
+        )
+        for limit, ends in ((_ENOUGH, True), (ENOUGH_TO_CHOOSE, False))
+    )
+    system = best_friction(few, robot, cutoff_hz, (), of=rows)
+    fit = _found(system, fixed, held_out)
+    if system.loads:
+        # The loads were those of each current alone, in amperes: now they are torques of one arm.
+        every = np.zeros(system.raw.shape[2])
+        every[list(fit.columns)], every[-1] = fit.values, 1.0
+        fit = _found(system.reloaded(every), fixed, held_out)
+    return replace(fit, still=still)
 
 
 def _fixed(robot: Robot, known: Mapping[str, float]) -> FloatArray:
@@ -115,14 +139,14 @@ class _Currents:
         carried: (N, n) torque of known loads [Nm].
         wanted: (N, n) currents [A].
         free: joints whose gain is to be found.
-        count: of the rows that these stand for.
+        count: (n,) of the rows that these stand for.
     """
 
     columns: FloatArray
     carried: FloatArray
     wanted: FloatArray
     free: np.ndarray
-    count: int
+    count: FloatArray
 
     def condensed(self) -> _Currents:
         """Rows with the same squares, no more of them than columns: all that the search asks for.
@@ -239,7 +263,7 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
     chosen, groups = independent((columns[:, :, seen] / per_joint[None, :, None]).reshape(-1, seen.size))
     own = [int(seen[c]) for c in chosen]
     free = ~np.isfinite(fixed)
-    whole = _Currents(columns[:, :, own], carried, system.wanted, free, len(system.wanted))
+    whole = _Currents(columns[:, :, own], carried, system.wanted, free, system.counts)
     few = whole.condensed()
     inverse = np.where(free, 1.0, 1 / np.where(free, 1.0, fixed))
     spread = np.maximum(np.sqrt(system.held_out()), 1e-6 * usual)
@@ -265,6 +289,8 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
             f"cannot be seen: {', '.join(name for name, own_hidden in zip(joints, hidden, strict=True) if own_hidden)}",
             "wanted a heavier known payload, faster motion of several joints at once, or a known gain",
         )
+    essential = system.essential(own, values, 1 / spread, inverse)
+    predicting, takes = essential if essential is not None else (None, np.ones(n, dtype=bool))
     names = system.names
     unseen = [name for i, name in enumerate(names) if i not in set(seen.tolist())]
     unseen += [f"gain_{j + 1}" for j in np.flatnonzero(hidden)]
@@ -282,11 +308,21 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
         rows_used=system.wanted.shape[0],
         top_speed=system.top_speed,
         covariance=covariance[count:, count:],
+        predicting=predicting,
+        predicted_by_all=tuple(np.flatnonzero(~takes).tolist()),
+        loaded=tuple(sorted(system.loads)),
         rows_left=system.rows.rows_left,
         rows_beside_gaps=system.rows.rows_beside_gaps,
+        rows_at_ends=system.rows.rows_at_ends,
+        gravity=system.rows.reach.motion.gravity,
+        rows_at_rest=(~system.rows.used).sum(axis=0),
         rows_whole=system.rows.rows_whole,
         gains=gains,
         gain_errors=np.where(hidden, np.inf, errors),
+        condition=condition_of(matrix),
+        unexplained=system.unexplained(),
+        usual_torque=np.abs(gains) * np.sqrt((system.rows.torque**2).mean(axis=0)),
+        seen=SeenMotion.of(system.rows.motion),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.current_law import CurrentLaw, JointMotion
 from bumpstop.identification.drive_rows import DriveRows
+from bumpstop.identification.dynamics_system import condition_of
 from bumpstop.identification.robust_fit import HUBER, RobustFit, at_bound, gauss_newton_step, robust_fit
 from bumpstop.identification.sight import Sight, bounds, look, starting_values
 from bumpstop.joint.model import COMMON, OF_FRICTION, OF_MAP, JointParameters, Parameter
@@ -62,6 +64,7 @@ class JointFit:
         r2: share of the filtered current's variance that is predicted.
         rmse: root mean square of measured less predicted, filtered [A].
         independent: number of residuals that count as independent.
+        condition: condition number of the columns of the fit, each brought to length one.
     """
 
     name: str
@@ -79,6 +82,7 @@ class JointFit:
     r2: float
     rmse: float
     independent: float
+    condition: float = math.inf
 
     @property
     def residual(self) -> FloatArray:
@@ -193,6 +197,7 @@ def fit_joint(
         r2=1 - float((fit.residual**2).sum()) / spread if spread > 0 else 0.0,
         rmse=float(np.sqrt((fit.residual**2).mean())),
         independent=fit.independent,
+        condition=condition_of(fit.columns),
     )
 
 

@@ -33,6 +33,7 @@ class EvenMotion:
         t: (N,) [s].
         q, qd, qdd: (N, n), of one zero-phase filter [rad or m, and per second].
         rate_hz: samples a second.
+        gravity: acceleration of free fall in the base frame [m/s2].
     """
 
     t: FloatArray
@@ -40,10 +41,11 @@ class EvenMotion:
     qd: FloatArray
     qdd: FloatArray
     rate_hz: float
+    gravity: tuple[float, float, float] = GRAVITY
 
     def part(self, rows: slice | np.ndarray) -> EvenMotion:
         """Some rows of it."""
-        return EvenMotion(self.t[rows], self.q[rows], self.qd[rows], self.qdd[rows], self.rate_hz)
+        return EvenMotion(self.t[rows], self.q[rows], self.qd[rows], self.qdd[rows], self.rate_hz, self.gravity)
 
 
 def lowpass(x: FloatArray, rate_hz: float, cutoff_hz: float) -> FloatArray:
@@ -112,7 +114,14 @@ class EvenGrid:
         )
         return np.stack([np.interp(t, self.recorded[near], x[near, j]) for j in range(x.shape[1])], axis=1)
 
-    def motion(self, q: FloatArray, qd: FloatArray | None, cutoff_hz: float, kept: slice | None = None) -> EvenMotion:
+    def motion(
+        self,
+        q: FloatArray,
+        qd: FloatArray | None,
+        cutoff_hz: float,
+        kept: slice | None = None,
+        stride: int | None = None,
+    ) -> EvenMotion:
         """Filter a recorded motion, differentiate it, and keep as many rows as the filter leaves something to say.
 
         Args:
@@ -120,8 +129,9 @@ class EvenGrid:
             qd: (N, n) measured velocities, or None: then they are the positions' central differences.
             cutoff_hz: of the zero-phase filter.
             kept: of the rows that are kept these alone, as they are in the whole; default: all.
+            stride: of how many rows one is kept; default: by the cut-off.
         """
-        rate, stride = self.rate_hz, self.stride(cutoff_hz)
+        rate, stride = self.rate_hz, stride or self.stride(cutoff_hz)
         first, last = (0, self.t.size) if kept is None else (kept.start * stride, (kept.stop - 1) * stride + 1)
         # The whole has no margins.
         margin = 0 if kept is None else lowpass_reach(rate, cutoff_hz) + _SLOPE_ROWS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_rows import stretches_of, without_rotors
+from bumpstop.identification.dynamics_system import condition_of, held_out_share
 from bumpstop.identification.motion import GRAVITY, LEAST_ROWS, EvenMotion, even_motion, lowpass, onto
 from bumpstop.identification.regressor import INERTIAL, link_regressor
 from bumpstop.identification.robust_fit import long_run_covariance, visible_share
@@ -19,6 +20,7 @@ from bumpstop.model.inertia import vector3
 from bumpstop.signal import correlation_time
 
 if TYPE_CHECKING:
+    from bumpstop.identification.dynamics_fit import DynamicsFit
     from bumpstop.identification.payload import Payload
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 # Columns that the others make up to this share of their length are not seen.
 _DEPENDENT = 1e-3
 _ROUNDING = 1e-9  # of the longest column
+_HEAVIEST = 10_000.0  # [kg]
 # Nor are those known no better than to a kilogram, or the payload's own mass, at this distance from the tip [m].
 _ARM = 0.1
 _ROUNDS = 4  # of the joints' weights, and of a point mass's second moments
@@ -56,6 +59,8 @@ class PayloadFit:
         wanted: (N, joints) torque that the arm without payload does not explain, filtered [Nm or N].
         explained: (N, joints) what the payload explains of it; where torques were recorded, what friction and offsets
             explain is taken from ``wanted``.
+        condition: condition number of the weighted columns, each brought to length one.
+        unexplained: share of the torque's variance beyond the arm's that is left on held-out fifths of the rows.
     """
 
     values: dict[str, float | None]
@@ -70,6 +75,8 @@ class PayloadFit:
     t: FloatArray
     wanted: FloatArray
     explained: FloatArray
+    condition: float | None = None
+    unexplained: float | None = None
 
     @property
     def rmse(self) -> FloatArray:
@@ -87,33 +94,51 @@ def identify_payload(
     robot: Robot,
     *,
     model: JointTorqueModel | None = None,
+    dynamics: DynamicsFit | None = None,
+    mass: float | None = None,
     inertia: bool = False,
     cutoff_hz: float | None = None,
+    gravity: tuple[float, float, float] | None = None,
 ) -> PayloadFit:
     """Fit mass and first moments of a payload at the tip, by weighted least squares.
 
-    From currents the joint model takes away friction. From recorded torques Coulomb and viscous friction and an offset
-    of every joint are fitted beside the payload; the offset takes what a pose that never changes would show.
+    From currents the joint model takes away friction. Fitted dynamics take away all that the arm makes without payload,
+    its friction too, and need no inertia of the robot; an offset of every joint is fitted beside the payload. From
+    recorded torques alone Coulomb and viscous friction and an offset of every joint are fitted beside the payload; the
+    offset takes what a pose that never changes would show.
 
     Args:
         recording: with currents, if a model is given, else with torques.
         robot: without payload, with inertia.
         model: joint torque model of this robot, fitted without payload or with the payload declared.
+        dynamics: fit of this robot without payload, in place of its inertia and of a joint model.
+        mass: of the payload where it is known [kg]; then only its centre is looked for.
         inertia: fit second moments, too; without, those of a point mass are taken.
         cutoff_hz: of the motion's filter; default: 5, or a tenth of the recorded rate where that is less.
+        gravity: acceleration of free fall in the base frame [m/s2]; default: that of the dynamics, else along -z.
 
     Raises:
-        InputError: no currents or torques, another number of joints, too few rows, no joint whose torque is known.
+        InputError: both a model and dynamics, a mass that no payload has, no currents or torques, another number of
+            joints, too few rows, no joint whose torque is known.
     """
     recording.check_robot(robot)
+    if model is not None and dynamics is not None:
+        raise InputError("model", "is given beside dynamics", "wanted one of them: both say the arm's friction")
+    if mass is not None and not 0 < mass < _HEAVIEST:
+        raise InputError("mass", f"is {mass:g} kg", f"wanted above 0 and below {_HEAVIEST:g}")
+    if gravity is None:
+        gravity = GRAVITY if dynamics is None else dynamics.gravity
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
     parts, left = _parts(recording, cutoff)
-    motions = [even_motion(part.t, part.q, part.qd, cutoff) for part in parts]
-    torques = [_bare_torque(part, robot, model, own) for part, own in zip(parts, motions, strict=True)]
+    motions = [replace(even_motion(part.t, part.q, part.qd, cutoff), gravity=gravity) for part in parts]
+    torques = [_bare_torque(part, robot, model, dynamics, own) for part, own in zip(parts, motions, strict=True)]
     known = torques[0][1]
     q, qd, qdd = (np.concatenate([getattr(own, name) for own in motions]) for name in ("q", "qd", "qdd"))
-    payload = link_regressor(robot, q, qd, qdd, GRAVITY, robot.dof - 1) @ _tip_to_link(robot)
-    nuisance = _friction(qd) if model is None else np.zeros((len(qd), robot.dof, 0))
+    payload = link_regressor(robot, q, qd, qdd, gravity, robot.dof - 1) @ _tip_to_link(robot)
+    if dynamics is not None:
+        nuisance = np.tile(np.eye(robot.dof)[None], (len(qd), 1, 1))
+    else:
+        nuisance = _friction(qd) if model is None else np.zeros((len(qd), robot.dof, 0))
     ends = np.cumsum([own.t.size for own in motions])[:-1]
     inside = [_inside(own.t, cutoff) for own in motions]
 
@@ -138,17 +163,24 @@ def identify_payload(
     for _ in range(_ROUNDS):
         target = wanted - (0.0 if inertia else seen_by[:, :, 4:] @ point)
         columns = np.concatenate([seen_by[:, :, :count], others], axis=2) * weight[None, :, None]
+        if mass is not None:  # its column is known: it goes to the other side
+            target = target - seen_by[:, :, 0] * mass
+            columns[:, :, 0] = 0.0
         flat = columns.reshape(-1, columns.shape[2])
         length = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
         solution = np.linalg.lstsq(flat / length, (target * weight).ravel(), rcond=1e-9)[0] / length
         residual = target * weight - columns @ solution
         if not inertia:
-            point = _point_moments(np.where(visible_share(flat)[:4] > _DEPENDENT, solution[:4], 0.0))
+            first = np.where(visible_share(flat)[:4] > _DEPENDENT, solution[:4], 0.0)
+            first[0] = first[0] if mass is None else mass
+            point = _point_moments(first)
         weight = weight / np.maximum(residual.std(axis=0), 1e-12)
     weight_columns = columns / np.maximum(residual.std(axis=0), 1e-12)[None, :, None]
     residual = residual / np.maximum(residual.std(axis=0), 1e-12)
     covariance = _covariance(weight_columns, residual)
     shares = visible_share(flat)[:count]
+    if mass is not None:
+        solution[0], shares[0], covariance[0], covariance[:, 0] = mass, 1.0, 0.0, 0.0
     names = INERTIAL[:count]
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))[:count]
     enough = max(1.0, float(solution[0])) * np.array([1.0] + [_ARM] * 3 + [_ARM**2] * 6)[:count]
@@ -172,6 +204,8 @@ def identify_payload(
         t=t,
         wanted=wanted - friction,
         explained=explained,
+        condition=condition_of(weight_columns.reshape(-1, weight_columns.shape[2])),
+        unexplained=held_out_share(weight_columns, residual + weight_columns @ solution),
     )
 
 
@@ -200,17 +234,26 @@ def _inside(t: FloatArray, cutoff_hz: float) -> npt.NDArray[np.bool_]:
 
 
 def _bare_torque(
-    recording: Recording, robot: Robot, model: JointTorqueModel | None, motion: EvenMotion
+    recording: Recording,
+    robot: Robot,
+    model: JointTorqueModel | None,
+    dynamics: DynamicsFit | None,
+    motion: EvenMotion,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Torque that the arm without payload does not explain (N, n), and the joints where it is known."""
     from bumpstop.model import inverse_dynamics
 
+    if dynamics is not None:
+        if len(dynamics.robot.joints) != robot.dof:
+            raise InputError("dynamics", f"has {len(dynamics.robot.joints)} joints", f"{robot.name} has {robot.dof}")
+        errors = np.zeros(robot.dof) if dynamics.gain_errors is None else dynamics.gain_errors
+        return torque_of_recording(recording, motion.t, dynamics.gains) - dynamics.predict(motion), np.isfinite(errors)
     if model is None:
         if recording.tau is None:
             raise InputError(
                 "recording", "has no joint torque", "wanted tau_1 .. tau_n, or currents with a joint model"
             )
-        own = inverse_dynamics(robot, motion.q, motion.qd, motion.qdd)
+        own = inverse_dynamics(robot, motion.q, motion.qd, motion.qdd, gravity=motion.gravity)
         return onto(motion.t, recording.t, recording.tau) - own, np.ones(robot.dof, dtype=bool)
     if recording.current is None:
         raise InputError("recording", "has no motor current", "wanted current_1 ..")
@@ -221,8 +264,19 @@ def _bare_torque(
         raise InputError("model", "knows the gain of no joint", "wanted at least one")
     torque = model.torque(onto(motion.t, recording.t, recording.current), motion.qd, motion.qdd)
     return np.where(known, torque, 0.0) - inverse_dynamics(
-        without_rotors(robot), motion.q, motion.qd, motion.qdd
+        without_rotors(robot), motion.q, motion.qd, motion.qdd, gravity=motion.gravity
     ), known
+
+
+def torque_of_recording(recording: Recording, t: FloatArray, gains: FloatArray | None) -> FloatArray:
+    """Recorded torque (N, n) at the times of a grid, or the currents times the gains where there is none [Nm or N]."""
+    if recording.tau is not None:
+        return onto(t, recording.t, recording.tau)
+    if gains is None or recording.current is None:
+        raise InputError(
+            "recording", "has no joint torque", "wanted tau_1 .. tau_n, or currents with dynamics that know gains"
+        )
+    return onto(t, recording.t, recording.current * gains)
 
 
 def _friction(qd: FloatArray) -> FloatArray:
@@ -240,7 +294,9 @@ def payload_torque(robot: Robot, payload: Payload, motion: EvenMotion) -> FloatA
     center = np.asarray(payload.center)
     first = payload.mass * np.array([1.0, *center])
     parameters = _tip_to_link(robot) @ np.concatenate([first, _point_moments(first)])
-    torque: FloatArray = link_regressor(robot, motion.q, motion.qd, motion.qdd, GRAVITY, robot.dof - 1) @ parameters
+    torque: FloatArray = (
+        link_regressor(robot, motion.q, motion.qd, motion.qdd, motion.gravity, robot.dof - 1) @ parameters
+    )
     return torque
 
 

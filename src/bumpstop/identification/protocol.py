@@ -11,22 +11,21 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.constant_velocity import Cut, cut, prepare
+from bumpstop.identification.constant_velocity import Cut, Stretch, cut, prepare
+from bumpstop.identification.protocol_friction import LAWS, FrictionFit, fit_friction, held_out_by_law
 from bumpstop.identification.protocol_steps import (
-    FrictionFit,
     InertiaFit,
     MapFit,
     StrokeFit,
-    fit_friction,
     fit_hysteresis,
     fit_inertia,
     fit_map,
-    fit_stroke,
     held_out,
     joint_torque,
 )
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.model import JointParameters, Parameter
+from bumpstop.model import gravity_torque
 
 if TYPE_CHECKING:
     from bumpstop.identification.plan import IdentificationPlan, JointExperiment
@@ -34,6 +33,13 @@ if TYPE_CHECKING:
 
 MAPS = ("odd", "load_dependent")
 _LEAST_STROKES = 4
+# Joints that move less fast count as held [rad/s], and other joints are in the planned pose within this [rad].
+_SLOWEST, _NEAR_POSE = 0.03, math.radians(3.0)
+# Strokes show a law of friction where the fastest is so many times as fast as the slowest.
+_SPEED_RATIO = 1.3
+# Gravity's torque shows a map where it changes by this share of what a plan wants on one side of a stroke.
+_LEAST_SPAN = 0.5
+_POSES = 40  # of a stroke
 # A map is better than the first where its error is this share, and the gain so many of its standard errors.
 _CLEARLY, _BEYOND_CHANCE = 0.98, 2.0
 # A parameter is named as hardly seen where its standard error is more than this share of it.
@@ -46,10 +52,12 @@ class ProtocolJoint:
 
     Attributes:
         experiment: as planned.
-        parameters: A, B, D, F, hysteresis and inertia; None where it could not be found.
+        parameters: A, B, those of the law of friction, hysteresis and inertia; None where it could not be found.
         map: chosen by held-out error.
         held_out: root mean square error by map [Nm].
         friction_sd: of the strokes' friction about its law [current].
+        friction: the law that was chosen, with its figures.
+        friction_held_out: root mean square error of motor currents on strokes that were not fitted, by law [current].
         r2, rmse: of the torque at constant speed, estimated against predicted [1, Nm].
         cut: the stretches.
         strokes: eq 2.25 stroke by stroke (figures 2.7, 2.8).
@@ -65,6 +73,8 @@ class ProtocolJoint:
     map: str
     held_out: dict[str, float]
     friction_sd: float
+    friction: FrictionFit
+    friction_held_out: dict[str, float]
     r2: float
     rmse: float
     cut: Cut
@@ -86,7 +96,7 @@ class ProtocolJoint:
         return JointParameters(
             name=self.experiment.name,
             map=self.map,  # type: ignore[arg-type]
-            friction="power",
+            friction=self.friction.law,  # type: ignore[arg-type]
             parameters=self.parameters,
             current_range=self.map_fit.reach,
             speed_range=(min(speeds), max(speeds)),
@@ -156,7 +166,7 @@ def identify_protocol(
     joints, missing = [], []
     for k, experiment in enumerate(plan.experiments):
         found = cut(experiment, prepared)
-        why = _lacking(experiment, found)
+        why = _lacking(experiment, found, plan)
         if why:
             missing.append((experiment.joint, why))
         else:
@@ -174,10 +184,16 @@ def identify_protocol(
     )
 
 
-def _lacking(experiment: JointExperiment, found: Cut) -> str:
+def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) -> str:
     """Why these stretches are not enough, or nothing."""
-    if found.fastest_seen < 0.03:
-        return "it never moves alone in its planned pose"
+    if found.fastest_seen < _SLOWEST:
+        why = "it never moves alone in its planned pose"
+        if found.pose_missed > _NEAR_POSE:
+            return (
+                f"{why}: the other joints come no nearer to it than {math.degrees(found.pose_missed):.3g} deg, wanted "
+                f"{math.degrees(_NEAR_POSE):.3g}"
+            )
+        return f"{why}: holds alone show no friction"
     if len(found.constant) < _LEAST_STROKES:
         speeds = ", ".join(f"{math.degrees(speed):.3g}" for speed in experiment.speeds)
         return (
@@ -186,13 +202,34 @@ def _lacking(experiment: JointExperiment, found: Cut) -> str:
         )
     if len({part.speed > 0 for part in found.constant}) < 2:
         return "all its strokes go one way"
+    if one_speed(found.constant):
+        speed = math.degrees(float(np.median([np.abs(part.qd).mean() for part in found.constant])))
+        return (
+            f"all its strokes run at one speed, {speed:.3g} deg/s, which shows no law of friction: wanted two at "
+            f"least, the fastest {_SPEED_RATIO:g} times the slowest"
+        )
+    poses = np.stack([experiment.at(position) for position in np.linspace(experiment.low, experiment.high, _POSES)])
+    span = float(np.ptp(gravity_torque(plan.loaded, poses, gravity=plan.settings.gravity)[:, experiment.joint]))
+    least_torque = plan.settings.least_torque
+    if span < _LEAST_SPAN * least_torque:
+        return (
+            f"gravity's torque changes by {span:.2g} Nm along its strokes, wanted {2 * least_torque:g}: give it a pose "
+            "in which gravity acts about it, tilt the base or fix a known load to the tip"
+        )
     return ""
+
+
+def one_speed(strokes: Sequence[Stretch]) -> bool:
+    """Whether all strokes run so nearly at one speed that they show no law of friction."""
+    speeds = [float(np.abs(part.qd).mean()) for part in strokes]
+    return max(speeds) < _SPEED_RATIO * min(speeds)
 
 
 def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
     notes = []
     crossing = tuple(part for part in found.constant if part.torque.min() < 0 < part.torque.max())
-    if len(crossing) >= _LEAST_STROKES and len({part.speed > 0 for part in crossing}) == 2:
+    enough = len(crossing) >= _LEAST_STROKES and len({part.speed > 0 for part in crossing}) == 2
+    if enough and not one_speed(crossing):
         # Others are ways to a hold, or end before gravity torque changes its sign.
         found = Cut(crossing, found.ramps, found.holds, found.fastest_seen)
     else:
@@ -209,11 +246,11 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
         )
     tried: dict[str, tuple[list[StrokeFit], FrictionFit, list[FloatArray], MapFit]] = {}
     squares: dict[str, FloatArray] = {}
+    by_law = _errors_by_law(found)
+    friction = _best(list(by_law), by_law)
     for kind in MAPS:
-        strokes = [fit_stroke(kind, part) for part in found.constant]
-        law = fit_friction(strokes)
-        D, F = law.D.value, law.F.value
-        own = [part.current - np.sign(part.qd) * D * np.abs(part.qd) ** F for part in found.constant]
+        strokes, law = fit_friction(friction, kind, found.constant)
+        own = [part.current - law.current(part.qd, part.current) for part in found.constant]
         fitted = fit_map(kind, found.constant, own)
         tried[kind] = (strokes, law, own, fitted)
         squares[kind] = held_out(kind, found.constant, own)
@@ -225,7 +262,7 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
         fitted = _straight(fitted)
         notes.append("neither quadratic map rises over the whole range: A is left out")
     parameters: dict[str, Parameter | None] = {} if kind == "linear" else {"A": fitted.A}
-    parameters |= {"B": fitted.B, "D": law.D, "F": law.F, "hysteresis": None, "inertia": None}
+    parameters |= {"B": fitted.B, **law.parameters, "hysteresis": None, "inertia": None}
     held = fit_hysteresis(fitted, found.holds)
     if held is None:
         notes.append("no holds from both sides: hysteresis is not known")
@@ -254,6 +291,8 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
         map=kind,
         held_out={kind: math.sqrt(own.mean()) for kind, own in squares.items()},
         friction_sd=law.sd,
+        friction=law,
+        friction_held_out={name: math.sqrt(own.mean()) for name, own in by_law.items()},
         r2=1 - left / float(torque.var()),
         rmse=math.sqrt(left),
         cut=found,
@@ -264,6 +303,19 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
         inertia_fit=inertia,
         notes=tuple(notes),
     )
+
+
+def _errors_by_law(found: Cut) -> dict[str, FloatArray]:
+    """Held-out errors of the strokes by law of friction, with the map that suits each best; the source's law first."""
+    errors: dict[str, FloatArray] = {}
+    for law in LAWS:
+        tried = [held_out_by_law(law, kind, found.constant) for kind in MAPS]
+        able = [own for own in tried if np.isfinite(own).all()]
+        if able:
+            errors[law] = min(able, key=lambda own: float(own.mean()))
+        elif law == next(iter(LAWS)):
+            return {law: tried[0]}  # too few strokes to choose by
+    return errors
 
 
 def _hardly_seen(parameters: dict[str, Parameter | None]) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The steps of the source's fit, one joint at a time: friction by stroke, its law, the map, hysteresis, inertia.
+"""The steps of the source's fit, one joint at a time: friction by stroke, the map, hysteresis, inertia.
 
 Schroeder 2013, section 2.4. Two things differ. Current is fitted to torque and not torque to current: the noise is on
 the current, and as a regressor it would flatten the curve. And eq 2.29 is fitted to all strokes at once, each with a
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bumpstop.identification.constant_velocity import Stretch
+    from bumpstop.identification.protocol_friction import FrictionFit
 
 # A ramp shows its acceleration where it lasts this long, several windows of the derivatives [s].
 _LEAST_RAMP_S = 0.35
@@ -109,63 +110,6 @@ def fit_stroke(kind: str, stretch: Stretch) -> StrokeFit:
     found = least_squares(residual, start, derivative, method="lm", max_nfev=60).x
     A, B = float(found[2] * big / unit**2), float(found[1] * big / unit)
     return StrokeFit(float(stretch.qd.mean()), float(found[0] * unit), A, B)
-
-
-@dataclass(frozen=True, eq=False)
-class FrictionFit:
-    """Eq 2.27 through the friction currents of strokes.
-
-    Attributes:
-        D, F: with standard errors.
-        covariance: of D and F (2, 2).
-        sd: of the strokes about the law [current].
-        freedom: degrees of freedom of the covariance, the less of both.
-    """
-
-    D: Parameter
-    F: Parameter
-    covariance: FloatArray
-    sd: float
-    freedom: float
-
-
-def fit_friction(strokes: Sequence[StrokeFit]) -> FrictionFit:
-    """Eq 2.27 through the strokes' friction currents.
-
-    Standard errors by the jackknife's sandwich of single strokes, widened by Student's quantile.
-    """
-    from scipy.optimize import least_squares
-
-    speed = np.array([abs(stroke.speed) for stroke in strokes])
-    taken = np.array([np.sign(stroke.speed) * stroke.friction for stroke in strokes])
-    log = np.log(speed)
-    positive = taken > 0
-    if positive.sum() >= 2 and np.ptp(log[positive]) > 0:
-        F, log_d = np.polyfit(log[positive], np.log(taken[positive]), 1)
-    else:
-        F, log_d = 0.0, np.log(max(float(np.abs(taken).mean()), 1e-12))
-    scale = max(float(np.exp(log_d)), 1e-12)
-
-    def residual(p: FloatArray) -> FloatArray:
-        return np.asarray(p[0] * np.exp(p[1] * log) - taken / scale)
-
-    def derivative(p: FloatArray) -> FloatArray:
-        power = np.exp(p[1] * log)
-        return np.column_stack([power, p[0] * power * log])
-
-    bounds = ([0.0, 0.0], [np.inf, 3.0])
-    found = least_squares(residual, [1.0, min(max(float(F), 0.0), 3.0)], derivative, bounds=bounds)
-    covariance, freedom = cluster_covariance(derivative(found.x), found.fun, np.arange(len(strokes)))
-    to_units = np.diag([scale, 1.0])
-    covariance = to_units @ covariance @ to_units
-    D, F = to_units @ found.x
-    return FrictionFit(
-        D=Parameter(float(D), widened(covariance[0, 0], freedom[0])),
-        F=Parameter(float(F), widened(covariance[1, 1], freedom[1])),
-        covariance=covariance,
-        sd=float(scale * np.sqrt((found.fun**2).sum() / max(1, len(strokes) - 2))),
-        freedom=float(freedom.min()),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,22 +298,22 @@ def fit_inertia(found: MapFit, friction: FrictionFit, ramps: Sequence[Stretch], 
     if len(rows) < 2:
         return None
     table, cluster = np.concatenate(rows), np.concatenate(clusters)
-    values = np.array([found.A.value, found.B.value, friction.D.value, friction.F.value])
-    y, matrix, slopes = _inertia_line(found.kind, values, table)
+    values = np.concatenate([[found.A.value, found.B.value], friction.values])
+    y, matrix, slopes = _inertia_line(found.kind, friction, values, table)
     left = y - matrix @ slopes
     by_ramps, freedom = cluster_covariance(matrix, left, np.flatnonzero(np.diff(cluster, prepend=-1)))
     variance = float(by_ramps[0, 0])
     squares = variance**2 / freedom[0]
     for at, covariance, own in (
         (slice(0, 2), found.covariance, found.freedom),
-        (slice(2, 4), friction.covariance, friction.freedom),
+        (slice(2, values.size), friction.covariance, friction.freedom),
     ):
-        gradient = np.zeros(2)
+        gradient = np.zeros(covariance.shape[0])
         for k, error in enumerate(np.sqrt(np.maximum(np.diag(covariance), 0.0))):
             if error > 0:
                 moved = values.copy()
                 moved[at.start + k] += error
-                gradient[k] = (_inertia_line(found.kind, moved, table)[2][0] - slopes[0]) / error
+                gradient[k] = (_inertia_line(found.kind, friction, moved, table)[2][0] - slopes[0]) / error
         more = max(0.0, float(gradient @ covariance @ gradient))
         variance += more
         squares += more**2 / own
@@ -380,11 +324,13 @@ def fit_inertia(found: MapFit, friction: FrictionFit, ramps: Sequence[Stretch], 
     return InertiaFit(Parameter(float(slopes[0]), error), r2, matrix[:, 0], shown)
 
 
-def _inertia_line(kind: str, values: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _inertia_line(
+    kind: str, friction: FrictionFit, values: FloatArray, table: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Left side of eq 2.32 (N,), columns (N, 3), and the slopes."""
     current, qd, qdd, torque = table.T
-    A, B, D, F = values
     sign = np.sign(qd)
-    beyond = joint_torque(kind, A, B, current - sign * D * np.abs(qd) ** F, sign) - torque
+    own = current - friction.current(qd, current, values[2:])
+    beyond = joint_torque(kind, values[0], values[1], own, sign) - torque
     matrix = np.column_stack([qdd, sign, torque])
     return beyond, matrix, np.linalg.pinv(matrix.T @ matrix) @ (matrix.T @ beyond)

@@ -32,6 +32,7 @@ _SURE_BEND = 0.1
 # Columns that the others make up to this share of their length say nothing.
 _DEPENDENT = 1e-3
 _TOO_LITTLE = "the torque varies too little against the noise of the current, its gain stays unknown"
+OPPOSITE_SIGN = "current falls as torque rises: is its sign right? The gain stays unknown"
 _NOT_FROM_GAIN = "it cannot be told from the gain"
 
 
@@ -270,7 +271,7 @@ def _why_blind(gain: float, error: float, raw: FloatArray) -> str:
     if np.abs(torque).max() < 1e-6:
         return "nothing that the arm does takes torque of this joint, its gain stays unknown"
     if gain < -2 * error:
-        return "current falls as torque rises: is its sign right? The gain stays unknown"
+        return OPPOSITE_SIGN
     own = np.std(torque) * np.std(acceleration)
     if own > 0 and abs(float(np.mean((torque - torque.mean()) * (acceleration - acceleration.mean())))) > 0.9 * own:
         return "its torque is little but its own acceleration, as that of reflected inertia is: the gain stays unknown"

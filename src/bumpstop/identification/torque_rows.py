@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,13 +14,25 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_rows import stretches_of
-from bumpstop.identification.motion import LEAST_ROWS, EvenGrid, EvenMotion, even_motion, lowpass, lowpass_reach, onto
+from bumpstop.identification.motion import (
+    GRAVITY,
+    LEAST_ROWS,
+    EvenGrid,
+    EvenMotion,
+    even_motion,
+    lowpass,
+    lowpass_reach,
+    onto,
+)
 from bumpstop.identification.payload_fit import payload_torque
 from bumpstop.identification.reach import Reach
+from bumpstop.identification.rest import resting, used_rows
 from bumpstop.identification.torque_blocks import Stretch, blocks_of_stretches
 from bumpstop.recording.checks import gaps_of
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from bumpstop.identification.payload import Payload
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -28,8 +40,9 @@ if TYPE_CHECKING:
 # A stretch is used when it has so many rows and lasts so many periods of the cut-off.
 _LEAST_PERIODS = 5.0
 _LEAST_KEPT = 16  # behind the filter, as torques pass another
-# Beside a gap the arm moves, and the filter has one side only to go by: so many periods of the cut-off are left away.
-_SEAM_PERIODS = 1.0
+# Beside a gap, and where a recording begins or ends, the filter has one side of the motion only to go by: so many
+# periods of the cut-off are left away, at the ends no more than a share of the stretch.
+_SEAM_PERIODS, _MOST_AT_END = 1.0, 0.05
 # A joint that moves less far stands still [rad or m]: encoders make some of it, and no planned motion is so small.
 STILL = 0.01
 _SAME_TIME = 1e-3  # of a period
@@ -64,7 +77,9 @@ class TorqueRows:
         recorded: torque of each stretch.
         rows_left: recorded rows in stretches too short to use.
         rows_beside_gaps: recorded rows of the others that are left away within a period of the cut-off of a gap.
+        rows_at_ends: recorded rows left away where recordings begin and end.
         rows_whole: rows that the filter leaves of all stretches; more than N where blocks stand for them.
+        rests: (N, n) rows at which each joint rests.
         currents: these are rows of motor currents.
     """
 
@@ -72,7 +87,9 @@ class TorqueRows:
     recorded: tuple[RecordedTorque, ...]
     rows_left: int
     rows_beside_gaps: int
+    rows_at_ends: int
     rows_whole: int
+    rests: npt.NDArray[np.bool_]
     currents: bool = False
 
     @classmethod
@@ -87,12 +104,18 @@ class TorqueRows:
         currents: bool = False,
         limit: int | None = None,
         filters_hz: Sequence[float] = (),
+        rate_hz: float | None = None,
+        trim_s: float | None = None,
+        ends: bool = False,
+        gravity: tuple[float, float, float] = GRAVITY,
     ) -> TorqueRows:
         """Filter motions at a cut-off, and put torques beside them.
 
         No more rows are kept than the filter leaves something to say in. Where that is more than ``limit``, blocks
         spread evenly over the time are kept. Every recording has one, or more by its length. Beside a gap one period of
-        the cut-off is left away: the filter knows only one side of the motion there.
+        the cut-off is left away: the filter knows only one side of the motion there. So it is where a recording begins
+        and ends, but no more than a twentieth of it: a fit would take what the filter makes there for the arm's. A
+        comparison keeps these rows.
 
         Args:
             recordings: with torques, or with currents where ``gains`` or ``currents`` are given.
@@ -104,6 +127,11 @@ class TorqueRows:
             limit: rows that are enough; no more than twice as many are kept. None: all.
             filters_hz: cut-offs of the filters that rows of blocks are to pass as the whole would; through others they
                 pass with what margins they have.
+            rate_hz: rows a second to keep, at least; default: ten a period of the cut-off.
+            trim_s: left away at the ends and beside gaps; default: one period of the cut-off. With ``rate_hz`` the rows
+                are the same ones whatever the cut-off.
+            ends: keep the rows where recordings begin and end.
+            gravity: acceleration of free fall in the base frame [m/s2].
 
         Raises:
             InputError: no torque, other joints, no stretch that is long enough, another number of payloads.
@@ -114,7 +142,8 @@ class TorqueRows:
             raise InputError("payloads", f"{len(payloads)} for {len(recordings)} recordings", "wanted one for each")
         usable: list[Stretch] = []
         torques = []
-        left = beside_gaps = seams = 0
+        left = beside_gaps = at_ends = seams = 0
+        trim = _SEAM_PERIODS / cutoff_hz if trim_s is None else trim_s
         for number, recording in enumerate(recordings):
             recording.check_robot(robot)
             torques.append(_current_of(recording) if currents else _torque_of(recording, gains))
@@ -122,20 +151,21 @@ class TorqueRows:
             seams += len(whole)
             for rows in whole:
                 t = recording.t[rows]
-                if t.size < LEAST_ROWS or (len(whole) > 1 and t[-1] - t[0] < _LEAST_PERIODS / cutoff_hz):
+                if t.size < LEAST_ROWS or (len(whole) > 1 and t[-1] - t[0] < _LEAST_PERIODS * trim):
                     left += t.size
                     continue
-                stretch, lost = _stretch(number, rows, recording.t, cutoff_hz)
+                stretch, lost, cut = _stretch(number, rows, recording.t, cutoff_hz, rate_hz, trim, ends)
                 usable.append(stretch)
                 beside_gaps += lost
+                at_ends += cut
         if not usable:
             problem = f"{left} rows" if seams == 1 else f"{left} rows in {seams} stretches too short to use"
             raise InputError(
                 "recording",
                 problem,
-                f"wanted at least {LEAST_ROWS} and {_LEAST_PERIODS / cutoff_hz:.3g} s without a gap",
+                f"wanted at least {LEAST_ROWS} and {_LEAST_PERIODS * trim:.3g} s without a gap",
             )
-        motions, carried, stretches, kept, recorded = [], [], [], [], []
+        motions, carried, stretches, kept, recorded, rests = [], [], [], [], [], []
         start = 0
         for stretch, own in blocks_of_stretches(usable, limit):
             if own.stop - own.start < _LEAST_KEPT:
@@ -145,23 +175,26 @@ class TorqueRows:
             recording = recordings[stretch.recording]
             around = _with_margins(stretch, own, filters_hz)
             qd = None if recording.qd is None else recording.qd[stretch.rows]
-            motions.append(stretch.grid.motion(recording.q[stretch.rows], qd, cutoff_hz, around))
+            own_motion = stretch.grid.motion(recording.q[stretch.rows], qd, cutoff_hz, around, stretch.stride)
+            motions.append(replace(own_motion, gravity=gravity))
             payload = payloads[stretch.recording] if payloads else None
             held = np.zeros_like(motions[-1].q) if payload is None else payload_torque(robot, payload, motions[-1])
             carried.append(held)
             every = slice(around.start * stretch.stride, around.stop * stretch.stride)
             torque = stretch.grid.columns(torques[stretch.recording][stretch.rows], every)
             inside = slice(own.start - around.start, own.stop - around.start)
+            still = resting(stretch.grid.columns(recording.q[stretch.rows], every), stretch.grid.rate_hz)
+            rests.append(still[:: stretch.stride][inside])
             recorded.append(RecordedTorque(torque, stretch.grid.rate_hz, stretch.stride, inside))
             stretches.append(slice(start, start + motions[-1].t.size))
             kept.append(slice(start + inside.start, start + inside.stop))
             start = stretches[-1].stop
         columns = [np.concatenate([getattr(motion, name) for motion in motions]) for name in ("t", "q", "qd", "qdd")]
         rates = tuple(motion.rate_hz for motion in motions)
-        motion = EvenMotion(columns[0], columns[1], columns[2], columns[3], rates[0])
+        motion = EvenMotion(columns[0], columns[1], columns[2], columns[3], rates[0], gravity)
         reach = Reach(motion, np.concatenate(carried), tuple(stretches), tuple(kept), rates)
         rows_whole = sum(stretch.size for stretch in usable)
-        return cls(reach, tuple(recorded), left, beside_gaps, rows_whole, currents)
+        return cls(reach, tuple(recorded), left, beside_gaps, at_ends, rows_whole, np.concatenate(rests), currents)
 
     @property
     def rate_hz(self) -> tuple[float, ...]:
@@ -178,7 +211,13 @@ class TorqueRows:
     def motion(self) -> EvenMotion:
         """(N, n) of all stretches; its times are those of the recordings, its rate that of the first."""
         motion, within = self.reach.motion, self.reach.within
-        return EvenMotion(within(motion.t), within(motion.q), within(motion.qd), within(motion.qdd), motion.rate_hz)
+        t, q, qd, qdd = (within(x) for x in (motion.t, motion.q, motion.qd, motion.qdd))
+        return EvenMotion(t, q, qd, qdd, motion.rate_hz, motion.gravity)
+
+    @cached_property
+    def used(self) -> npt.NDArray[np.bool_]:
+        """(N, n) rows that each joint is fitted to: those at which it moves, or all where it hardly ever does."""
+        return used_rows(self.rests)
 
     @cached_property
     def torque(self) -> FloatArray:
@@ -200,28 +239,31 @@ class TorqueRows:
         )
 
 
-def _stretch(number: int, rows: slice, t: FloatArray, cutoff_hz: float) -> tuple[Stretch, int]:
-    """A part of a recording, and how many of its recorded rows are left away beside gaps."""
+def _stretch(
+    number: int, rows: slice, t: FloatArray, cutoff_hz: float, rate_hz: float | None, trim_s: float, ends: bool
+) -> tuple[Stretch, int, int]:
+    """A part of a recording, and how many of its recorded rows are left away beside gaps and at its ends."""
     own = t[rows]
     grid = EvenGrid.of(own)
-    stride = grid.stride(cutoff_hz)
+    stride = grid.stride(cutoff_hz) if rate_hz is None else max(1, int(grid.rate_hz / rate_hz * (1 + 1e-6)))
     times = grid.t[::stride]
-    start, stop, lost = 0, times.size, 0
-    if rows.start > 0:
-        first = float(own[0]) + _SEAM_PERIODS / cutoff_hz
-        start, lost = int(np.searchsorted(times, first)), lost + int((own < first).sum())
-    if rows.stop < t.size:
-        last = float(own[-1]) - _SEAM_PERIODS / cutoff_hz
-        # Up to and with the last row.
-        stop = int(np.searchsorted(times, last + 0.5 * stride / grid.rate_hz))
-        lost += int((own > last).sum())
-    return Stretch(number, rows, grid, stride, slice(start, max(start, stop))), lost
+    at_end = 0.0 if ends else min(trim_s, _MOST_AT_END * float(own[-1] - own[0]))
+    before, behind = rows.start > 0, rows.stop < t.size  # gaps
+    first = float(own[0]) + (trim_s if before else at_end)
+    last = float(own[-1]) - (trim_s if behind else at_end)
+    start = int(np.searchsorted(times, first))
+    # Up to and with the last row.
+    stop = int(np.searchsorted(times, last + 0.5 * stride / grid.rate_hz))
+    sides = (before, int((own < first).sum())), (behind, int((own > last).sum()))
+    lost, cut = (sum(count for gap, count in sides if gap is wanted) for wanted in (True, False))
+    return Stretch(number, rows, grid, stride, slice(start, max(start, stop))), lost, cut
 
 
 def _with_margins(stretch: Stretch, own: slice, filters_hz: Sequence[float]) -> slice:
-    """Kept rows of a block and of its margins, as far as they are used; of a whole stretch those of itself."""
+    """Kept rows of a block and of its margins, as far as there are any."""
+    count = stretch.grid.t[:: stretch.stride].size
     if own == stretch.used:
-        return own
+        return slice(0, count)
     # Columns pass a filter at the rate that is kept, recorded torques at theirs.
     margin = max(
         (
@@ -233,7 +275,7 @@ def _with_margins(stretch: Stretch, own: slice, filters_hz: Sequence[float]) -> 
         ),
         default=0,
     )
-    return slice(max(stretch.used.start, own.start - margin), min(stretch.used.stop, own.stop + margin))
+    return slice(max(0, own.start - margin), min(count, own.stop + margin))
 
 
 def recorded_motion(

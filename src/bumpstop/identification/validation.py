@@ -6,7 +6,7 @@ Schroeder 2013, chapter 3. Errors have the source's sign: predicted less measure
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -151,7 +151,7 @@ def compare_dynamics(
         qd=rows.motion.qd[:, known],
         qdd=rows.motion.qdd[:, known],
         measured=rows.torque[:, known],
-        predicted=(fit.predict(rows.motion) + rows.carried)[:, known],
+        predicted=(fit.predict(rows.motion, rows.carried) + rows.carried)[:, known],
         rate_hz=rows.motion.rate_hz,
         filter_hz=filter_hz or fit.cutoff_hz,
         given=tuple(scores[j] for j in known),
@@ -317,5 +317,5 @@ def contact_of(fit: DynamicsFit, recording: Recording, *, joint: int | None = No
     known = ~near_gaps(motion.t, recording.t, 1 / fit.cutoff_hz)
     if not known.any():
         raise InputError("recording", "gaps leave no row whose motion is known", "record without losing samples")
-    external = fit.predict(motion) - torque
+    external = fit.predict(replace(motion, gravity=fit.gravity)) - torque
     return compare_contact(fit.robot, motion.t[known], motion.q[known], external[known], wrench[known], joint=joint)

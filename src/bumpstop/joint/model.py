@@ -10,7 +10,6 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -274,9 +273,9 @@ class JointTorqueModel:
                 raise InputError(
                     "joint model", f"none is called {path_or_name!r}", near_matches(path_or_name, _BUILTIN)
                 )
-        from bumpstop.text_files import read_text
+        from bumpstop.text_files import as_path, read_text
 
-        path = Path(path_or_name)
+        path = as_path(path_or_name, "joint model")
         return model_from_toml(read_text(path, "wanted a joint model (TOML)", field="joint model"), str(path))
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -14,13 +15,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array, as_number, as_rows
+from bumpstop.arrays import FloatArray, as_float_array, as_name, as_number, as_rows
 from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
 from bumpstop.model.inertia import LinkInertia, Matrix3, Vector3
 
 JointKind = Literal["revolute", "prismatic"]
-InertiaStatus = Literal["published", "assumed", "unknown"]
+InertiaStatus = Literal["published", "unverified", "assumed", "unknown"]
 _IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -124,7 +125,8 @@ class Robot:
         title, source, note: what it is, where its figures come from, what is uncertain about them.
         warnings: what its reader left out or doubted.
         payload_kg: rated payload, or None.
-        inertia_status: ``"published"``, ``"assumed"`` (say so wherever it is used) or ``"unknown"`` (of some link).
+        inertia_status: ``"published"``, ``"unverified"`` (as a URDF has it), ``"assumed"`` (say so wherever it is used)
+            or ``"unknown"`` (of some link).
         inertia_source: where the inertia comes from.
     """
 
@@ -235,6 +237,27 @@ class Robot:
         travel = (max(abs(joint.lower), abs(joint.upper)) for joint in self.joints if joint.kind == "prismatic")
         return float(sum(np.linalg.norm(offset) for offset in offsets) + sum(travel))
 
+    @cached_property
+    def reach(self) -> float:
+        """Farthest the tip gets from the axis of joint 1 within the joints' limits [m].
+
+        Where joint 1 slides: from where it stands. Infinite where a joint slides without a limit. A search finds it,
+        with the same value every time, which may fall short by some 1e-4 of it.
+        """
+        from bumpstop.model.reach import reach
+
+        return reach(self)
+
+    @cached_property
+    def inertia_doubts(self) -> tuple[str, ...]:
+        """Why the inertia is probably nobody's measurement; empty where it is published, or looks like an arm's.
+
+        See :func:`bumpstop.model.inertia_doubts.inertia_doubts`.
+        """
+        from bumpstop.model.inertia_doubts import inertia_doubts
+
+        return () if self.inertia_status == "published" else inertia_doubts(self)
+
     @property
     def lower(self) -> FloatArray:
         """Lower joint limits (dof,) [rad or m]."""
@@ -269,13 +292,17 @@ class Robot:
         """Link number, point in the link's frame, and how the named frame is turned there (None: it is not)."""
         offset = as_float_array(point, "point", (3,))
         names = [joint.link for joint in self.joints]
+        if link is not None and not isinstance(link, str):
+            # An array compares item by item.
+            near = near_matches(str(link), [*names, *(frame.name for frame in self.frames), self.tip_name])
+            raise InputError("link", f"{self.name} has no link {reprlib.repr(link)}", near)
         if link is None or link == self.tip_name:
             frame = self._tip
         elif link in names:
             return names.index(link), offset, None
         else:
             fixed = {frame.name: frame for frame in self.frames}
-            if not isinstance(link, str) or link not in fixed:
+            if link not in fixed:
                 near = near_matches(str(link), [*names, *fixed, self.tip_name])
                 raise InputError("link", f"{self.name} has no link {link!r}", near)
             frame = fixed[link]
@@ -338,7 +365,7 @@ class Robot:
         Raises:
             InputError: there is none of that name; near matches are offered.
         """
-        if name not in robots():
+        if as_name(name, "robot", f"wanted one of {', '.join(robots())}") not in robots():
             file = Path(name).suffix in (".urdf", ".xml", ".xacro")
             valid = "wanted Robot.from_urdf(path)" if file else near_matches(str(name), robots())
             raise InputError("robot", f"there is no built-in robot {str(name)!r}", valid)
@@ -363,8 +390,12 @@ class Robot:
             InputError: the file cannot be read, is no sound URDF, or has no such chain.
         """
         from bumpstop.model.urdf_chain import robot_from_urdf
+        from bumpstop.text_files import as_path
 
-        return robot_from_urdf(Path(path), base, tip, strict_inertia=strict_inertia)
+        for field, link in (("base", base), ("tip", tip)):
+            if link is not None:
+                as_name(link, field)
+        return robot_from_urdf(as_path(path, "path"), base, tip, strict_inertia=strict_inertia)
 
 
 def robots() -> tuple[str, ...]:

@@ -2,13 +2,17 @@
 
 Read are the links with their inertia and their meshes' names, and the joints. Of other elements only those whose name
 is nearly one of these are refused: a misspelt ``inertial`` must not lose a mass.
+
+A file holds more than the arm that is asked for: an antenna on the base, a second arm. So a link or a joint that is
+wrong in itself keeps its fault, and whoever needs that link or joint raises it. What is wrong with the tree is raised
+here.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,12 +63,16 @@ class UrdfLink:
     Attributes:
         name: of the link.
         inertia: in the link's frame, or None where the file has none.
+        doubt: why no body can have that inertia; empty: one can.
         meshes: file names of its visual and collision geometry, as written.
+        fault: what is wrong with it, or None.
     """
 
     name: str
     inertia: LinkInertia | None = None
+    doubt: str = ""
     meshes: tuple[str, ...] = ()
+    fault: InputError | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,50 +89,49 @@ class UrdfJoint:
         lower, upper: limits [rad or m]; infinite for continuous joints.
         velocity: largest speed [rad/s or m/s].
         mimics: name of the joint it follows, or None.
+        fault: what is wrong with it, or None; all but its name and its links then mean nothing.
     """
 
     name: str
     kind: str
     parent: str
     child: str
-    origin: Vector3
-    rotation: Matrix3
-    axis: Vector3
-    lower: float
-    upper: float
-    velocity: float
-    mimics: str | None
+    origin: Vector3 = (0.0, 0.0, 0.0)
+    rotation: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    axis: Vector3 = (1.0, 0.0, 0.0)
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity: float = math.inf
+    mimics: str | None = None
+    fault: InputError | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class UrdfTree:
-    """A checked file: one root, every other link below exactly one joint.
+    """A checked file: every link below exactly one joint, but for roots.
 
     Attributes:
         path: of the file.
         name: of the robot.
-        root: name of the link without a joint above it.
+        roots: names of the links without a joint above them: one, or the file holds several robots.
         links: by name.
         above: the joint above each link, by the link's name.
         below: the joints below each link, by the link's name, in the file's order.
-        warnings: what is doubtful but was accepted.
     """
 
     path: Path
     name: str
-    root: str
+    roots: tuple[str, ...]
     links: dict[str, UrdfLink]
     above: dict[str, UrdfJoint]
     below: dict[str, list[UrdfJoint]]
-    warnings: tuple[str, ...]
 
 
-def read_urdf(path: Path, *, strict_inertia: bool = False) -> UrdfTree:
+def read_urdf(path: Path) -> UrdfTree:
     """Read and check a URDF file.
 
     Args:
         path: of the file.
-        strict_inertia: refuse an inertia that no body can have, instead of warning.
 
     Raises:
         InputError: the file cannot be read, is too large, no XML or no sound URDF; names what is wrong and where.
@@ -136,10 +143,9 @@ def read_urdf(path: Path, *, strict_inertia: bool = False) -> UrdfTree:
     refuse_xacro(root, where)
     name = name_of(root, "name", where)
     check_elements(root, _OF_ROBOT, where)
-    warnings: list[str] = []
     links: dict[str, UrdfLink] = {}
     for element in children(root, "link"):
-        link = _link(element, where, warnings, strict_inertia=strict_inertia)
+        link = _link(element, where)
         if link.name in links:
             raise InputError(f"{where}: link {link.name!r}", "occurs twice", "wanted every link once")
         links[link.name] = link
@@ -156,37 +162,36 @@ def read_urdf(path: Path, *, strict_inertia: bool = False) -> UrdfTree:
     for joint in joints.values():
         if joint.mimics is not None and joint.mimics not in joints:
             near = near_matches(joint.mimics, joints)
-            raise InputError(f"{where}: joint {joint.name!r} mimic", f"there is no joint {joint.mimics!r}", near)
+            fault = InputError(f"{where}: joint {joint.name!r} mimic", f"there is no joint {joint.mimics!r}", near)
+            joints[joint.name] = replace(joint, fault=fault)
     above, below = _tree(joints.values(), links, where)
     return UrdfTree(
         path=path,
         name=name,
-        root=_only_root(links, above, below, where),
+        roots=_roots(links, above, below, where),
         links=links,
         above=above,
         below=below,
-        warnings=tuple(warnings),
     )
 
 
 # --- Links and joints -----------------------------------------------------------------------------------------------
 
 
-def _link(element: Element, path: str, warnings: list[str], *, strict_inertia: bool) -> UrdfLink:
+def _link(element: Element, path: str) -> UrdfLink:
     name = name_of(element, "name", path)
     where = f"{path}: link {name!r}"
-    check_elements(element, _OF_LINK, where)
-    inertial = only(element, "inertial", where)
-    inertia = None
-    if inertial is not None:
-        inertia, doubt = _inertia(inertial, where)
-        if doubt and strict_inertia:
-            raise InputError(f"{where} inertia", doubt, "wanted the inertia of a body that can exist")
-        if doubt:
-            warnings.append(f"Link {name!r} of {Path(path).name}: its inertia {doubt}.")
+    inertia, doubt, fault = None, "", None
+    try:
+        check_elements(element, _OF_LINK, where)
+        inertial = only(element, "inertial", where)
+        if inertial is not None:
+            inertia, doubt = _inertia(inertial, where)
+    except InputError as error:
+        fault = error
     shapes = [shape for tag in ("visual", "collision") for shape in children(element, tag)]
     meshes = [mesh.get("filename", "") for shape in shapes for mesh in shape.iter() if local(mesh) == "mesh"]
-    return UrdfLink(name=name, inertia=inertia, meshes=tuple(meshes))
+    return UrdfLink(name=name, inertia=inertia, doubt=doubt, meshes=tuple(meshes), fault=fault)
 
 
 def _inertia(inertial: Element, where: str) -> tuple[LinkInertia, str]:
@@ -216,9 +221,6 @@ def _joint(element: Element, path: str, links: dict[str, UrdfLink]) -> UrdfJoint
     name = name_of(element, "name", path)
     where = f"{path}: joint {name!r}"
     kind = name_of(element, "type", where)
-    if kind not in (*_KINDS, *OTHER_KINDS):
-        raise InputError(f"{where} type", f"{cut(kind)!r} is no kind of joint", near_matches(kind, _KINDS))
-    check_elements(element, _OF_JOINT, where)
     ends = {}
     for tag in ("parent", "child"):
         end = needed(element, tag, where)
@@ -226,14 +228,23 @@ def _joint(element: Element, path: str, links: dict[str, UrdfLink]) -> UrdfJoint
         ends[tag] = name_of(end, "link", where)
         if ends[tag] not in links:
             raise InputError(f"{where} {tag}", f"there is no link {ends[tag]!r}", near_matches(ends[tag], links))
+    try:
+        return _motion(element, UrdfJoint(name=name, kind=kind, parent=ends["parent"], child=ends["child"]), where)
+    except InputError as error:
+        return UrdfJoint(name=name, kind=kind, parent=ends["parent"], child=ends["child"], fault=error)
+
+
+def _motion(element: Element, joint: UrdfJoint, where: str) -> UrdfJoint:
+    """The joint with all that the file says of how its links move against each other."""
+    kind = joint.kind
+    if kind not in (*_KINDS, *OTHER_KINDS):
+        raise InputError(f"{where} type", f"{cut(kind)!r} is no kind of joint", near_matches(kind, _KINDS))
+    check_elements(element, _OF_JOINT, where)
     origin, rotation = origin_of(element, where)
     mimic = only(element, "mimic", where)
     lower, upper, velocity = _limits(element, kind, where)
-    return UrdfJoint(
-        name=name,
-        kind=kind,
-        parent=ends["parent"],
-        child=ends["child"],
+    return replace(
+        joint,
         origin=origin,
         rotation=rotation,
         # Fixed joints carry axes that mean nothing, often zero; those of planar ones are of no use here.
@@ -305,13 +316,10 @@ def _tree(
     return above, below
 
 
-def _only_root(
+def _roots(
     links: dict[str, UrdfLink], above: dict[str, UrdfJoint], below: dict[str, list[UrdfJoint]], where: str
-) -> str:
+) -> tuple[str, ...]:
     roots = [name for name in links if name not in above]
-    if len(roots) > 1:
-        names = ", ".join(repr(name) for name in roots[:5])
-        raise InputError(where, f"has {len(roots)} links without a parent: {names}", "wanted one root")
     reached: set[str] = set()
     ahead = list(roots)
     while ahead:
@@ -327,4 +335,4 @@ def _only_root(
         raise InputError(
             f"{where}: joint {above[name].name!r}", f"closes a loop through link {name!r}", "wanted a tree"
         )
-    return roots[0]
+    return tuple(roots)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,9 @@ from bumpstop.kernels import core
 from bumpstop.model.inertia import LinkInertia, matrix3, merged, vector3
 from bumpstop.model.robot import Frame, Joint, Robot
 from bumpstop.model.urdf import OTHER_KINDS, UrdfJoint, UrdfTree, read_urdf
+
+_GRIPPER_WORDS = ("finger", "gripper", "knuckle", "jaw")
+_MAX_FINGER_TRAVEL = 0.15  # [m]: no axis of an arm is as short
 
 
 @dataclass(frozen=True)
@@ -33,26 +36,31 @@ def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_ine
     for key, name in (("base", base), ("tip", tip)):
         if name is not None and not isinstance(name, str):
             raise InputError(key, f"{name!r} is no name", "wanted text")
-    tree = read_urdf(path, strict_inertia=strict_inertia)
-    warnings = list(tree.warnings)
+    tree = read_urdf(path)
+    warnings: list[str] = []
     if base is not None and base not in tree.links:
         raise InputError("base", f"{path.name} has no link {base!r}", near_matches(base, tree.links))
-    base = base if base is not None else tree.root
+    base = base if base is not None else _default_base(tree, tip)
     tip = tip if tip is not None else _default_tip(tree, base)
     chain = [joint for joint in _path(tree, base, tip) if joint.kind != "fixed"]
     if not chain:
         raise InputError("tip", f"nothing moves between {base!r} and {tip!r} of {path.name}", "give another link")
     for joint in chain:
         where = f"{path}: joint {joint.name!r}"
+        if joint.fault is not None:
+            raise joint.fault
         if joint.kind in OTHER_KINDS:
             raise InputError(where, f"is {joint.kind}", "wanted revolute, continuous, prismatic and fixed joints only")
         if joint.mimics is not None:
             raise InputError(where, f"follows joint {joint.mimics!r} (mimic)", "wanted joints that move on their own")
     if len(chain) > core.max_joints:
         raise InputError(str(path), f"{len(chain)} joints move {tip!r}", f"wanted at most {core.max_joints}")
-    warnings += _moving_base(tree, base)
     bodies = [_body(tree, base), *(_body(tree, joint.child) for joint in chain)]
+    warnings += _faults(tree, bodies, _path(tree, base, tip))
+    warnings += _doubts(tree, bodies, strict=strict_inertia)
+    warnings += _moving_base(tree, base)
     warnings += _left_out(tree, bodies, chain)
+    warnings += _gripper_joints(tree, chain)
     joints, frames = [], []
     for number, (joint, before, body) in enumerate(zip(chain, bodies, bodies[1:], strict=False)):
         origin, rotation = before.placed[joint.parent]
@@ -79,7 +87,7 @@ def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_ine
     without = [repr(joint.link) for joint in joints if joint.inertia is None]
     if without:
         warnings.append(f"{path.name} has no inertia for {', '.join(without)}.")
-    return Robot(
+    robot = Robot(
         name=tree.name,
         joints=tuple(joints),
         tip_name=tip,
@@ -89,8 +97,86 @@ def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_ine
         title=tree.name,
         source=f"the URDF file {path.name}",
         warnings=tuple(warnings),
-        inertia_status="unknown" if without else "published",
+        inertia_status="unknown" if without else "unverified",
         inertia_source="" if without else f"the URDF file {path.name}",
+    )
+    return replace(robot, warnings=(*robot.warnings, *robot.inertia_doubts))
+
+
+def _default_base(tree: UrdfTree, tip: str | None) -> str:
+    """The root: that above the tip, or the only one there is."""
+    if tip in tree.links:
+        link = tip
+        while link in tree.above:
+            link = tree.above[link].parent
+        return link
+    if len(tree.roots) > 1:
+        names = ", ".join(repr(name) for name in tree.roots[:5])
+        problem = f"has {len(tree.roots)} links without a parent: {names}"
+        raise InputError(str(tree.path), problem, "wanted one root, or give base")
+    return tree.roots[0]
+
+
+def _faults(tree: UrdfTree, bodies: list[_Body], path: list[UrdfJoint]) -> list[str]:
+    """Raise what is wrong with the chain; one warning for all that is wrong beside it, where nothing is asked of it."""
+    moving = {name for body in bodies[1:] for name in body.placed}
+    needed = {joint.name for joint in path} | {tree.above[name].name for name in moving}
+    beside = []
+    for link in tree.links.values():
+        if link.fault is not None and link.name in moving:
+            raise link.fault
+        if link.fault is not None:
+            beside.append(link.fault)
+    for joint in tree.above.values():
+        if joint.fault is not None and joint.name in needed:
+            raise joint.fault
+        if joint.fault is not None:
+            beside.append(joint.fault)
+    if not beside:
+        return []
+    first, more = str(beside[0]), len(beside) - 1
+    others = f" ({more} more {'fault' if more == 1 else 'faults'} of this kind)" if more else ""
+    return [f"Beside the chain, the file has a fault that is passed over: {first}{others}."]
+
+
+def _doubts(tree: UrdfTree, bodies: list[_Body], *, strict: bool) -> list[str]:
+    """Inertias of the chain that no body can have: refused if ``strict``, else warnings."""
+    found = []
+    for link in (tree.links[name] for body in bodies[1:] for name in body.placed):
+        if link.doubt and strict:
+            where = f"{tree.path}: link {link.name!r} inertia"
+            raise InputError(where, link.doubt, "wanted the inertia of a body that can exist")
+        if link.doubt:
+            found.append(f"Link {link.name!r} of {tree.path.name}: its inertia {link.doubt}.")
+    return found
+
+
+def _gripper_joints(tree: UrdfTree, chain: list[UrdfJoint]) -> list[str]:
+    """Joints at the end of the chain that look like those of a gripper: they count as joints of the arm."""
+    found: list[UrdfJoint] = []
+    for joint in reversed(chain[1:]):
+        if not looks_like_gripper(joint):
+            break
+        found.insert(0, joint)
+    if not found:
+        return []
+    names = ", ".join(repr(joint.name) for joint in found)
+    what = (
+        "which looks like a gripper's joint: it counts as a joint"
+        if len(found) == 1
+        else ("which look like joints of a gripper: they count as joints")
+    )
+    return [f"The chain ends with {names}, {what} of the arm. Give tip = {found[0].parent!r} to leave the gripper out."]
+
+
+def looks_like_gripper(joint: UrdfJoint) -> bool:
+    """Whether a joint moves a finger: by its name, by following another joint, or by a travel of a few centimetres."""
+    words = f"{joint.name} {joint.child}".casefold()
+    named = any(word in words for word in _GRIPPER_WORDS)
+    return (
+        named
+        or joint.mimics is not None
+        or (joint.kind == "prismatic" and joint.upper - joint.lower < _MAX_FINGER_TRAVEL)
     )
 
 
@@ -109,7 +195,11 @@ def _default_tip(tree: UrdfTree, base: str) -> str:
     if len(ends) == 1:
         return ends[0]
     written = ", ".join(repr(end) for end in ends[:12]) + (", ..." if len(ends) > 12 else "")
-    raise InputError("tip", f"is missing, and {tree.path.name} has {len(ends)} ends", f"give one of {written}")
+    valid = f"give one of {written}"
+    if len(body.leaving) > 1 and all(looks_like_gripper(joint) for joint in body.leaving):
+        fingers = ", ".join(repr(joint.name) for joint in body.leaving)
+        valid = f"give {body.leaving[0].parent!r} to end the chain before the gripper ({fingers}), or one of {written}"
+    raise InputError("tip", f"is missing, and {tree.path.name} has {len(ends)} ends", valid)
 
 
 def _leaves(tree: UrdfTree, base: str) -> list[str]:
@@ -166,7 +256,13 @@ def _inertia(tree: UrdfTree, body: _Body) -> LinkInertia | None:
 
 
 def _moving_base(tree: UrdfTree, base: str) -> list[str]:
-    moving = [repr(joint.name) for joint in _path(tree, tree.root, base) if joint.kind != "fixed"]
+    moving: list[str] = []
+    link = base
+    while link in tree.above:
+        joint = tree.above[link]
+        if joint.kind != "fixed":
+            moving.insert(0, repr(joint.name))
+        link = joint.parent
     return [f"Moves {base!r} itself and is taken to stand still: {', '.join(moving)}."] if moving else []
 
 

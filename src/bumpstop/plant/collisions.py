@@ -42,6 +42,7 @@ POSE = np.radians([0, 30, 0, -20, 0, -40, 0])
 ROTORS = (1.0, 1.0, 0.5, 0.35, 0.15, 0.15, 0.05)
 SENSORS = Sensors(rate_hz=250.0, position_step=1e-6)
 PERIOD_S = 0.004
+_WINDOW_S = 7 * PERIOD_S  # of the derivatives: short, as the source differentiates
 ARMING_S = 0.5
 # Speeds of the hand [m/s].
 SLOWEST, FASTEST = 1e-3, 0.25
@@ -246,6 +247,7 @@ class CollisionExperiment:
             residual=self.residual,
             arming_delay_s=ARMING_S,
             period_s=PERIOD_S,
+            window_s=_WINDOW_S,
             link=link,
             point=point,
             direction=(float(self._normal[0]), float(self._normal[1]), float(self._normal[2])),

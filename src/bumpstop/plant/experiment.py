@@ -32,7 +32,7 @@ from bumpstop.plant.plant import Plant
 from bumpstop.plant.sample import Sample
 from bumpstop.plant.sensors import Sensors
 from bumpstop.plant.servo import Servo
-from bumpstop.text_files import is_path, parse_toml, read_text
+from bumpstop.text_files import as_path, is_path, parse_toml, read_text
 
 if TYPE_CHECKING:
     from bumpstop.plant.run import PlantRun
@@ -81,7 +81,7 @@ class Experiment(ExperimentTable):
         Raises:
             InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
         """
-        path = Path(path)
+        path = as_path(path, "path")
         data = parse_toml(read_text(path, "wanted an experiment file", most_bytes=_MOST_BYTES), str(path))
         return cls.from_dict(data, path.parent)
 

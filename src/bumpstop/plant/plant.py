@@ -385,5 +385,5 @@ def import_mujoco() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise InputError("plant", "mujoco is not installed", "pip install 'bumpstop[plant]'") from None
+        raise InputError("plant", "mujoco is not installed", "pip install mujoco") from None
     return mujoco

@@ -12,6 +12,8 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
+from bumpstop.recording.leaps import impossible_rows, spikes, turns, usual_speed
+from bumpstop.recording.rates import rate_faults, rates_unit, too_fast
 from bumpstop.recording.read_report import ReadReport
 from bumpstop.recording.table import RawRecording
 
@@ -26,6 +28,11 @@ _TAKEN_FOR_SI = {
     "prismatic": ("mm", 1e-3, "m", "millimetres taken for metres"),
 }
 _ENOUGH = 20_000  # rows that show a unit
+_LEAST_TO_JUDGE = 20  # rows
+_MOVES = 0.05  # [rad/s or m/s]
+_FAR_FROM_ZERO = 0.3  # of the usual size of a column
+_COARSE = 0.2  # share of rows with the time of another
+_TOO_FAST = 3.0  # times the speed limit: what a tenth of the rows exceed are other units
 _SLOWEST = 0.9  # [s] between rows; controllers report more often
 _LARGEST_CURRENT = 200.0  # [A]; drives of arms take less
 _MANY_TURNS = 20.0  # [rad]; few arms turn a joint so far
@@ -60,6 +67,12 @@ def checked(
             str(path), f"time stands still at {finite[0]:g} s", "wanted rising times; is it the right column?"
         )
     notes = list(raw.notes) + _wrong_unit(values["position"], robot, path)
+    if robot is not None:
+        _refuse_degrees(t, values["position"], robot, path)
+        unit = rates_unit(values["velocity"], robot) if "velocity" in values else ""
+        if unit:
+            problem = f"recorded rates are far beyond the limits of {robot.name}: they look like {unit} taken for SI"
+            raise InputError(str(path), problem, f'velocity = {{ ..., unit = "{unit}" }} in the column file')
     reasons: list[tuple[int, str, str]] = [(row, *_parted(why)) for row, why in raw.faults]
     good = np.ones(n, dtype=bool)
     for name, value in values.items():
@@ -78,8 +91,13 @@ def checked(
     for reason, wrong_rows in (("doubled time", doubled), ("time runs backwards", backwards)):
         good[place[wrong_rows]] = False
         reasons += [(int(raw.rows[i]), reason, f"t = {t[i]:.9g} s") for i in place[wrong_rows]]
+    values, notes_of_rows, faults, repaired = _implausible(values, raw.rows, good, reasons, robot)
+    notes += notes_of_rows
     _refuse(reasons, raw, int(good.sum()), max_bad, path)
     kept = values if good.all() else {name: value[good] for name, value in values.items()}
+    if "velocity" in kept:
+        names = raw.joint_names or tuple(f"joint {j + 1}" for j in range(kept["position"].shape[1]))
+        faults += rate_faults(kept["t"][:, 0], kept["position"], kept["velocity"], list(names))
     counts: dict[str, int] = {}
     for _, reason, _ in reasons:
         counts[reason] = counts.get(reason, 0) + 1
@@ -90,8 +108,117 @@ def checked(
         gaps=gaps_of(kept["t"][:, 0]),
         notes=(*notes, *_other_units(kept)),
         numbered=raw.numbered,
+        faults=tuple(faults),
+        repaired=repaired,
     )
     return kept, report
+
+
+def _implausible(
+    values: dict[str, FloatArray],
+    rows: npt.NDArray[np.int64],
+    good: Mask,
+    reasons: list[tuple[int, str, str]],
+    robot: Robot | None,
+) -> tuple[dict[str, FloatArray], list[str], list[str], int]:
+    """Rows that no arm can have been in, and angles that wrap; ``good`` and ``reasons`` are added to.
+
+    Returns:
+        The quantities with angles unwrapped, notes, faults, and the number of rows whose angles were turned back.
+    """
+    place = np.flatnonzero(good)
+    if place.size < _LEAST_TO_JUDGE:
+        return values, [], [], 0
+    # Mostly all of them: views, not copies.
+    t, q = (values["t"][:, 0], values["position"]) if good.all() else (values["t"][place, 0], values["position"][place])
+    turning = [robot is None or robot.joints[j].kind == "revolute" for j in range(q.shape[1])]
+    revolute = np.array(turning, dtype=bool)
+    speed = usual_speed(t, q, robot)
+    bad, leaps = impossible_rows(t, q, speed, revolute)
+    faults = [
+        f"the positions leap at {t[i]:.6g} s, faster than the joints turn, and stay there: cut the recording there"
+        for i in np.flatnonzero(leaps)[:3]
+    ]
+    zero: Mask = np.all(q == 0, axis=1)
+    for i in np.flatnonzero(bad):
+        what = "row of zeros" if zero[i] else "leap"
+        j = int(np.argmax(np.abs(q[int(i)] - q[max(int(i) - 1, 0)])))
+        reasons.append((int(rows[place[i]]), what, "" if zero[i] else f"q_{j + 1} = {q[int(i), j]:.6g}"))
+    good[place[bad]] = False
+    _zeros(values, rows, good, reasons)
+    for name in ("velocity", "current", "torque"):
+        if name in values:
+            place = np.flatnonzero(good)
+            own = values[name] if good.all() else values[name][place]
+            _mark_at(reasons, good, place, spikes(own), name, values[name], rows)
+    if good.sum() < 2:
+        return values, [], faults, 0
+    place = np.flatnonzero(good)
+    t, q = (values["t"][:, 0], values["position"]) if good.all() else (values["t"][place, 0], values["position"][place])
+    count = turns(t, q, speed, revolute)
+    if not count.any():
+        return values, [], faults, 0
+    back = np.concatenate([np.zeros((1, q.shape[1])), np.cumsum(count, axis=0)])
+    position = values["position"].copy()
+    position[place] -= 2 * np.pi * back
+    joints = ", ".join(str(j + 1) for j in np.flatnonzero(count.any(axis=0)))
+    turned = int(back.any(axis=1).sum())
+    wraps = int(np.abs(count).sum())
+    note = f"Angles of joint {joints} wrap {wraps} times; {turned} rows were turned back by whole turns."
+    return values | {"position": position}, [note], faults, turned
+
+
+def _zeros(
+    values: dict[str, FloatArray], rows: npt.NDArray[np.int64], good: Mask, reasons: list[tuple[int, str, str]]
+) -> None:
+    """Rows in which every rate, current or torque is exactly zero while the arm moves."""
+    if values["position"].shape[1] < 2 or good.sum() < _LEAST_TO_JUDGE:
+        return
+    fastest = None
+    for name in ("velocity", "current", "torque"):
+        if name not in values:
+            continue
+        # The first column alone says for most rows that they are none.
+        if not (values[name][:, 0] == 0).any():
+            continue
+        place = np.flatnonzero(good)
+        zero: Mask = np.all(values[name][place] == 0, axis=1)
+        if not zero.any():
+            continue
+        if fastest is None or fastest.size != place.size:
+            t, q = values["t"][place, 0], values["position"][place]
+            fastest = np.abs(np.gradient(q, t, axis=0)).max(axis=1)
+        wrong = place[zero & (fastest > _MOVES) & _cut_off(values[name][place], zero)]
+        good[wrong] = False
+        reasons += [(int(rows[i]), "row of zeros", f"all {NAMES[name]} while the arm moves") for i in wrong]
+
+
+def _cut_off(x: FloatArray, zero: Mask) -> Mask:
+    """Rows of zeros (N,) whose next other rows are far from zero on both sides: a column may well pass through it."""
+    usual = np.sqrt((x[~zero] ** 2).mean(axis=0)) if not zero.all() else np.ones(x.shape[1])
+    far: Mask = np.any(np.abs(x) > _FAR_FROM_ZERO * np.where(usual > 0, usual, np.inf), axis=1)
+    other = np.flatnonzero(~zero)
+    if not other.size:
+        return np.ones(zero.size, dtype=bool)
+    at = np.searchsorted(other, np.arange(zero.size))
+    before, after = other[np.maximum(at - 1, 0)], other[np.minimum(at, other.size - 1)]
+    return np.asarray(zero & (far[before] | (at == 0)) & (far[after] | (at == other.size)))
+
+
+def _mark_at(
+    reasons: list[tuple[int, str, str]],
+    good: Mask,
+    place: npt.NDArray[np.int64],
+    wrong: Mask,
+    name: str,
+    value: FloatArray,
+    rows: npt.NDArray[np.int64],
+) -> None:
+    for i in np.flatnonzero(wrong.any(axis=1)):
+        column = int(np.argmax(wrong[i]))
+        row = place[i]
+        reasons.append((int(rows[row]), "spike", f"{NAMES[name]}_{column + 1} = {value[row, column]:.6g}"))
+        good[row] = False
 
 
 def gaps_of(t: FloatArray) -> tuple[tuple[float, float], ...]:
@@ -182,6 +309,22 @@ def _wrong_unit(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
     return notes
 
 
+def _refuse_degrees(t: FloatArray, q: FloatArray, robot: Robot, path: Path) -> None:
+    """Positions within the limits whose speeds are not, and would be if they were degrees or millimetres."""
+    share = too_fast(t, q, robot)
+    for kind, (unit, factor, si, words) in _TAKEN_FOR_SI.items():
+        own = np.array([joint.kind == kind for joint in robot.joints])
+        fast = own & (share > _TOO_FAST)
+        if fast.any() and (share[own] * factor < 1.0).all():
+            j = int(np.argmax(np.where(fast, share, 0.0)))
+            moves = "turns" if kind == "revolute" else "slides"
+            problem = (
+                f"joint {j + 1} {moves} at {share[j]:.3g} times its speed limit or more in a tenth of the rows: "
+                f"positions look like {words}"
+            )
+            raise InputError(str(path), problem, f'position = {{ ..., unit = "{unit}" }} in the column file, not {si}')
+
+
 def _other_units(values: dict[str, FloatArray]) -> list[str]:
     """Suspect milliseconds and milliamperes where seconds and amperes were said."""
     notes = []
@@ -245,6 +388,12 @@ def _longest_rising(x: FloatArray) -> list[int]:
 
 
 def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, max_bad: float, path: Path) -> None:
+    doubled = sum(reason == "doubled time" for _, reason, _ in reasons)
+    if doubled > _COARSE * raw.rows_read:
+        problem = (
+            f"{doubled} of {raw.rows_read} rows have the time of another: the clock is too coarse, or rows are doubled"
+        )
+        raise InputError(str(path), problem, "write time with more digits, or give rate_hz in place of its column")
     if reasons and len(reasons) > max_bad * raw.rows_read:
         share = len(reasons) / raw.rows_read
         first = "; ".join(f"{raw.numbered} {row} ({why})" for row, why in _listed(reasons)[:3])

@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
+from bumpstop.recording.column_draft import MissingColumnsError, draft_of_names, draft_of_numbers, listed
 from bumpstop.recording.columns import Columns, Quantity
 from bumpstop.recording.table import RawRecording, Table
 
@@ -127,8 +128,12 @@ def _found(table: Table, path: Path) -> tuple[dict[str, Quantity], bool]:
             key: Quantity(columns=_numbered(names, stem, 0)) for key, stem in _RTDE.items() if f"{stem}_0" in names
         }
         return found, True
-    what = "no header" if not names else "no columns t and q_1"
-    raise InputError(str(path), f"has {what}", "say with --columns FILE.toml which columns hold what")
+    valid = "say with --columns FILE.toml which columns hold what"
+    if not names:
+        problem = f"has no header, and {table.width} columns"
+        raise MissingColumnsError(str(path), problem, valid, draft_of_numbers(table.width))
+    problem = f"has no columns t and q_1, but {len(table.names)} others: {listed(table.names)}"
+    raise MissingColumnsError(str(path), problem, valid, draft_of_names(table.names))
 
 
 def _payload_notes(table: Table, path: Path) -> list[str]:

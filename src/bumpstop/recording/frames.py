@@ -68,9 +68,7 @@ def read_excel(path: Path, header: bool | None) -> Table:
         if header is None and are_numbers([name.partition("_duplicated_")[0] for name in table.columns]):
             named, table = False, read(False)
     except ModuleNotFoundError:
-        raise InputError(
-            str(path), "Excel files need the package fastexcel", "pip install 'bumpstop[recording]'"
-        ) from None
+        raise InputError(str(path), "Excel files need the package fastexcel", "pip install fastexcel") from None
     except Exception as error:  # of polars or of calamine
         raise _damaged(path, "Excel", error) from None
     first = 2 if named else 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
+from bumpstop.recording.column_draft import MissingColumnsError, by_length, draft_of_variables, listed
 from bumpstop.recording.columns import Columns, Quantity
 from bumpstop.recording.table import RawRecording
 
@@ -23,11 +24,12 @@ def read_matlab(path: Path, columns: Columns) -> RawRecording:
     Raises:
         InputError: damaged, a variable that is not there, or lengths that do not fit.
     """
-    if "position" not in columns.quantities:
-        raise InputError(
-            str(path), "needs a column file", 'for example position = { variable = "rec.q", unit = "rad" }'
-        )
     variables = _variables(path)
+    if "position" not in columns.quantities:
+        shapes = {name: np.shape(value) for name, value in variables.items() if np.asarray(value).dtype.kind in "fiu"}
+        problem = f"needs a column file; its variables are {listed(by_length(shapes)) or 'none'}"
+        example = 'say with --columns FILE.toml, for example position = { variable = "rec.q", unit = "rad" }'
+        raise MissingColumnsError(str(path), problem, example, draft_of_variables(shapes))
     position = columns.quantities["position"]
     time = columns.quantities.get("time", Quantity())
     if time.rate_hz is None and not time.variable:

@@ -16,6 +16,8 @@ class ReadReport:
         counts: number of dropped rows by reason.
         gaps: (start [s], length [s]) of every interval longer than three times the median one.
         notes: what is unusual about the recording, one sentence each.
+        faults: what contradicts itself, one sentence each; a fit to it is not usable.
+        repaired: rows whose angles were turned back by whole turns.
         numbered: what the row numbers count: ``"line"`` of a text file, ``"row"`` or ``"message"``, from 1.
     """
 
@@ -24,6 +26,8 @@ class ReadReport:
     counts: Mapping[str, int] = field(default_factory=dict)
     gaps: tuple[tuple[float, float], ...] = ()
     notes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    repaired: int = 0
     numbered: str = "row"
 
     @property

@@ -39,7 +39,12 @@ _OTHER_UNIT: dict[str, dict[str, dict[str, str]]] = {
 
 
 def read(
-    path: Path, columns: str | Path | Mapping[str, Any] | None, max_bad: float, robot: Robot | None, topic: str | None
+    path: Path,
+    columns: str | Path | Mapping[str, Any] | None,
+    max_bad: float,
+    robot: Robot | None,
+    topic: str | None,
+    rate_hz: float | None = None,
 ) -> dict[str, Any]:
     """Fields of a ``Recording``; arguments and errors as ``Recording.load``."""
     if not 0 <= max_bad <= 1:
@@ -54,13 +59,18 @@ def read(
         raw = _raw(path, kind, given, robot, topic)
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror or error})") from None
+    # Before any use: numpy would spread one column over all joints, and fail at others.
+    _check_widths(raw, given, robot, path)
     raw = _on_joint_side(raw, given)
-    _check_widths(raw, robot, path)
     if robot is not None:
         # Whoever reads a bag has put its joints into the robot's order already.
         _check_units(raw, given, robot, in_order=kind in ("ros2bag", "mcap"))
     if kind not in ("ros2bag", "mcap"):
         raw = _in_order(raw, given, robot)
+    if rate_hz is not None:
+        from bumpstop.recording.stamps import retimed
+
+        raw = retimed(raw, rate_hz)
     values, report = checked(replace(raw, notes=(*notes, *raw.notes)), robot, max_bad, path)
     fields: dict[str, Any] = {_FIELDS[name]: value for name, value in values.items() if name != "t"}
     return fields | {
@@ -140,9 +150,6 @@ def _on_joint_side(raw: RawRecording, columns: Columns) -> RawRecording:
         if "torque" in at_motor:
             raise InputError("columns.torque.side", '"motor" needs a [coupling]', 'give ratio, or side = "joint"')
         return raw
-    n = raw.values["position"].shape[1]
-    if coupling.ratio.shape[0] != n:
-        raise InputError("columns.coupling.ratio", f"is for {coupling.ratio.shape[0]} joints, positions have {n}")
     values = dict(raw.values)
     with np.errstate(all="ignore"):  # garbage is still in there
         inverse: FloatArray = np.linalg.inv(coupling.ratio).T.astype(np.float64)
@@ -210,10 +217,14 @@ def _check_units(raw: RawRecording, columns: Columns, robot: Robot, *, in_order:
         )
 
 
-def _check_widths(raw: RawRecording, robot: Robot | None, path: Path) -> None:
+def _check_widths(raw: RawRecording, columns: Columns, robot: Robot | None, path: Path) -> None:
+    """Refuse quantities that have not one column for each joint."""
     n = raw.values["position"].shape[1]
     if robot is not None and robot.dof != n:
         raise InputError(str(path), f"holds {n} joints, {robot.name} has {robot.dof}", "is it the right robot?")
+    if columns.coupling is not None and columns.coupling.ratio.shape[0] != n:
+        problem = f"is for {columns.coupling.ratio.shape[0]} joints, positions have {n}"
+        raise InputError("columns.coupling.ratio", problem, f"wanted {n} rows and columns")
     for name, value in raw.values.items():
         width = {"t": 1, "wrench": 6}.get(name, n)
         if value.shape[1] != width:

@@ -32,6 +32,7 @@ class Recording:
         robot: its name, or empty.
         source: the file it was read from.
         report: what reading found.
+        cut_from: time at which the recording began that this is a part of [s]; None: it is the whole.
     """
 
     t: FloatArray
@@ -44,6 +45,7 @@ class Recording:
     robot: str = ""
     source: str = ""
     report: ReadReport = _NOTHING_READ
+    cut_from: float | None = None
 
     def __post_init__(self) -> None:
         t = as_float_array(self.t, "recording.t", (None,))
@@ -74,6 +76,7 @@ class Recording:
         max_bad: float = 0.01,
         robot: Robot | None = None,
         topic: str | None = None,
+        rate_hz: float | None = None,
     ) -> Recording:
         """Read a file: CSV, Parquet, Excel, MATLAB, or a ROS 2 bag.
 
@@ -83,13 +86,15 @@ class Recording:
             max_bad: share of bad rows up to which they are dropped and reported, 0 to 1.
             robot: whose limits tell what is impossible and whose joint names order those of a bag.
             topic: of the bag; default: the column file's, else the only one with joint states.
+            rate_hz: rows were sampled evenly at this rate; their times are those of a PC, which came later [Hz].
 
         Raises:
             InputError: the file, the column file or too many rows cannot be used.
         """
         from bumpstop.recording.reading import read
+        from bumpstop.text_files import as_path
 
-        return cls(**read(Path(path), columns, as_number(max_bad, "max_bad"), robot, topic))
+        return cls(**read(as_path(path, "path"), columns, as_number(max_bad, "max_bad"), robot, topic, rate_hz))
 
     def save(self, path: str | Path) -> None:
         """Write ``.parquet`` (everything), ``.csv`` (without names) or ``.mcap`` (``sensor_msgs/msg/JointState``).
@@ -100,8 +105,9 @@ class Recording:
             InputError: another ending, or the file cannot be written.
         """
         from bumpstop.recording.writing import write
+        from bumpstop.text_files import as_path
 
-        write(self, Path(path))
+        write(self, as_path(path, "path"))
 
     def check_robot(self, robot: Robot) -> None:
         """Refuse to be taken for a recording of an arm with other joints, or with the same in another order.
@@ -152,4 +158,5 @@ class Recording:
             for value in (getattr(self, name),)
         }
         gaps = tuple(gap for gap in self.report.gaps if start_s <= gap[0] and gap[0] + gap[1] <= end_s)
-        return replace(self, **cut, report=replace(self.report, gaps=gaps))
+        begin = float(self.t[0]) if self.cut_from is None else self.cut_from
+        return replace(self, **cut, report=replace(self.report, gaps=gaps), cut_from=begin)

@@ -36,7 +36,7 @@ class AreaSection(Section):
 
     @property
     def _crossing(self) -> float | None:
-        """Area at which both limits allow the same force, uneven pressure included [cm2]."""
+        """Area at which both limits allow the same force, uneven pressure included [cm²]."""
         crossing = self._limits.crossing_area_cm2
         return None if crossing is None else crossing * self.law.scenario.contact.peak_factor
 
@@ -56,8 +56,8 @@ class AreaSection(Section):
         allowed = limits.allowed_force_N(area, contact.peak_factor)
         found = [
             paragraph(
-                f"On a small area the pressure limit allows little force; from {number(crossing)} cm2 on the force "
-                f"limit governs. On the {area:g} cm2 of this scenario {quantity(allowed, 'N')} are allowed."
+                f"On a small area the pressure limit allows little force; from {number(crossing)} cm² on the force "
+                f"limit governs. On the {area:g} cm² of this scenario {quantity(allowed, 'N')} are allowed."
             )
         ]
         if self.law.problem.transient_limits is not None:
@@ -71,11 +71,11 @@ class AreaSection(Section):
         contact = self.law.scenario.contact
         allowed = self._limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
         median, high = (quantity(self.law.peak_force.quantile(p), "N") for p in (0.5, 0.99))
-        crossing = "" if self._crossing is None else f" The limits cross at {number(self._crossing)} cm2."
+        crossing = "" if self._crossing is None else f" The limits cross at {number(self._crossing)} cm²."
         return [
             Picture(
                 "limits_over_area",
-                f"Allowed force over contact area for {self._limits.label}.{crossing} On {contact.area_cm2:g} cm2 "
+                f"Allowed force over contact area for {self._limits.label}.{crossing} On {contact.area_cm2:g} cm² "
                 f"{number(allowed)} N are allowed; this collision's median is {median}, its p99 {high}.",
                 f"Allowed force for {self._limits.label} ({self._limits.table}). Unhatched: both limits are kept. "
                 "Horizontal lines: this collision.",
@@ -112,7 +112,7 @@ class AreaSection(Section):
         panel.plot(x, allowed, color=LIMIT, linewidth=2.4)
         _label_lines(panel, lines, right, top)
         self._mark_areas(panel, top, right)
-        panel.set_xlabel("contact area [cm2]")
+        panel.set_xlabel("contact area [cm²]")
         panel.set_ylabel("force [N]")
 
     def _mark_areas(self, panel: Axes, top: float, right: float) -> None:
@@ -122,13 +122,13 @@ class AreaSection(Section):
         panel.axvline(area, color=EVENT, linewidth=1.4)
         if high <= top:
             panel.plot(area, high, marker="D", markersize=6, color=INK, markeredgecolor="white", zorder=5)
-        _note(panel, (area, 0.0), f"this contact {area:g} cm2", EVENT, left=area > 0.55 * right, up=5)
+        _note(panel, (area, 0.0), f"this contact {area:g} cm²", EVENT, left=area > 0.55 * right, up=5)
         if crossing is not None:
             panel.plot(
                 crossing, limits.force_N, marker="o", markersize=7, color=LIMIT, markeredgecolor="white", zorder=5
             )
             panel.vlines(crossing, 0, limits.force_N, color=FAINT, linestyle=":", linewidth=1.2)
-            _note(panel, (crossing, limits.force_N), f"crossing {number(crossing)} cm2", INK, left=False, up=-15)
+            _note(panel, (crossing, limits.force_N), f"crossing {number(crossing)} cm²", INK, left=False, up=-15)
 
 
 def _note(panel: Axes, place: tuple[float, float], text: str, colour: str, *, left: bool, up: float) -> None:

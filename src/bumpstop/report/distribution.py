@@ -50,7 +50,7 @@ class DistributionSection(Section):
         text = [
             paragraph(
                 "Upper panel: how often which peak force occurs. Lower panel: the probability that the peak is higher "
-                f"than the force on the axis; {meets}. Pressure is force over {contact.area_cm2:g} cm2{uneven}, so its "
+                f"than the force on the axis; {meets}. Pressure is force over {contact.area_cm2:g} cm²{uneven}, so its "
                 "scale runs along the top."
             )
         ]
@@ -62,11 +62,11 @@ class DistributionSection(Section):
                     "the body or the motion ends there. The upper panel leaves them out."
                 )
             )
-        if law.undetected_probability > _LEAST and law.problem.body_mass is None:
+        if law.undetected_probability > _LEAST and law.unbounded_because is not None:
             text.append(
                 paragraph(
-                    f"{percent(law.undetected_probability)} of collisions are never detected and count as beyond "
-                    "every force: the lower curve does not fall below that."
+                    f"{percent(law.undetected_probability)} of collisions are not detected {law.unbounded_because} and "
+                    "count as beyond every force: the lower curve does not fall below that."
                 )
             )
         return text
@@ -124,7 +124,7 @@ class DistributionSection(Section):
         exceedance.set_xlim(low, high)
         exceedance.set_xlabel("peak force [N]")
         top = density.secondary_xaxis("top", functions=scale_by(self._pressure_per_newton))
-        top.set_xlabel("peak pressure [N/cm2]")
+        top.set_xlabel("peak pressure [N/cm²]")
         draw_density(density, self.law.peak_force, self._edges)
         density.set_ylabel("density [1/N]")
         self._draw_exceedance(exceedance, low, high)

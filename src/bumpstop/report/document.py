@@ -7,6 +7,7 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
+from bumpstop.report.made_by import made_by
 from bumpstop.report.markup import Html, element
 
 if TYPE_CHECKING:
@@ -29,13 +30,15 @@ class Document:
     Attributes:
         title: the heading of the page.
         kind: the line above it.
+        about: the line below it: the robot, and what was asked; may be empty.
         name: what follows the title in the browser's window.
         sections: those that apply, in order, each with its drawn figures.
     """
 
-    def __init__(self, title: str, kind: str, name: str, parts: Sequence[Part]) -> None:
+    def __init__(self, title: str, kind: str, name: str, parts: Sequence[Part], about: str = "") -> None:
         self.title = title
         self.kind = kind
+        self.about = about
         self.name = name
         self.sections: list[tuple[Part, list[Rendered]]] = [
             (part, [picture.render() for picture in part.pictures()]) for part in parts if part.applies()
@@ -58,13 +61,16 @@ class Document:
             element("style", Html(style)),
         )
         main = element("main", *(part.html(figures) for part, figures in self.sections))
+        about = [element("p", self.about)] if self.about else []
         told = [element("p", _THE_SOURCE)] if re.search(r"\b[Tt]he source\b", main) else []
         body = element(
             "body",
-            element("header", element("p", self.kind, class_="kind"), element("h1", self.title)),
+            element("header", element("p", self.kind, class_="kind"), element("h1", self.title), *about),
             element("nav", element("ol", *contents), aria_label="Sections"),
             main,
-            element("footer", *told, element("p", "An engineering estimate, not a certified safety function.")),
+            element(
+                "footer", *told, _made(), element("p", "An engineering estimate, not a certified safety function.")
+            ),
         )
         return f'<!DOCTYPE html>\n<html lang="en">{head}{body}</html>\n'
 
@@ -81,6 +87,18 @@ class Document:
             (folder / f"{figure.picture.name}.png").write_bytes(figure.png)
         path.write_text(self.html(), encoding="utf-8", newline="\n")
         return path
+
+
+def _made() -> Html:
+    """One line: the command, the day and the versions."""
+    found = made_by()
+    command = found.pop("command", "")
+    said = ", ".join(value if name == "date" else f"{name} {value}" for name, value in found.items())
+    return (
+        element("p", "Made by ", element("code", command), f"; {said}.")
+        if command
+        else element("p", f"Made by {said}.")
+    )
 
 
 def write_document(document: Document, folder: Path) -> Path:

@@ -16,6 +16,7 @@ from bumpstop.report.force_over_time import ForceOverTimeSection
 from bumpstop.report.records import AssumptionsSection, FiguresSection, ProvenanceSection, SettingsSection
 from bumpstop.report.verdict import VerdictSection
 from bumpstop.report.words import arm, what_is_hit, which_law
+from bumpstop.text_files import as_path
 
 if TYPE_CHECKING:
     from bumpstop.collision import ForceLaw
@@ -73,6 +74,7 @@ def write_report(law: ForceLaw, folder: Path, *, details: Mapping[str, str] | No
     Raises:
         InputError: the folder cannot be written.
     """
+    folder = as_path(folder, "folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         page = Page(law, details)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from bumpstop.model import unit_of
 from bumpstop.report.document import Document, write_document
+from bumpstop.report.fit_verdict import VerdictPart
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import FAINT, LAW, Picture, axes
 from bumpstop.report.section import Part
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from bumpstop.identification import PayloadFit
+    from bumpstop.identification import FitVerdict, PayloadFit
     from bumpstop.model import Robot
 
 
@@ -109,12 +110,12 @@ class ExplainedPart(Part):
         return Picture(f"payload_{j + 1}", alt, f"{name}.", draw, height=2.6)
 
 
-def write_payload_report(found: PayloadFit, arm: Robot, folder: Path, *, source: str) -> Path:
+def write_payload_report(found: PayloadFit, arm: Robot, folder: Path, *, source: str, verdict: FitVerdict) -> Path:
     """Write ``report.html`` and its figures; returns the page's path.
 
     Raises:
         InputError: the folder cannot be written.
     """
     title = f"{arm.title or arm.name}: what it carries" + (f", {source}" if source else "")
-    parts: list[Part] = [PayloadPart(found), ExplainedPart(found, arm)]
+    parts: list[Part] = [VerdictPart(verdict), PayloadPart(found), ExplainedPart(found, arm)]
     return write_document(Document(title, "bumpstop: payload", "payload", parts), folder)

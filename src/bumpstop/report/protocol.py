@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.report.document import Document, write_document
+from bumpstop.report.fit_verdict import VerdictPart
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.protocol_beside import BesidePart
 from bumpstop.report.protocol_joints import FrictionPart, HysteresisPart, InertiaPart, MapPart, StrokesPart
@@ -13,8 +14,12 @@ from bumpstop.report.section import Part
 from bumpstop.report.words import number, with_error
 
 if TYPE_CHECKING:
+    from bumpstop.identification import FitVerdict
     from bumpstop.identification.beside import GeneralBeside
     from bumpstop.identification.protocol import ProtocolFit
+
+_UNITS = {"A": "Nm/A2", "B": "Nm/A", "D": "A", "F": "1", "coulomb": "A", "viscous": "A s/rad", "load": "1"}
+_UNITS |= {"hysteresis": "Nm", "inertia": "kg m2"}
 
 
 class TablePart(Part):
@@ -28,19 +33,18 @@ class TablePart(Part):
 
     def content(self) -> list[Html]:
         """One row for each joint that was identified, and why the others were not."""
-        names = ("A", "B", "D", "F", "hysteresis", "inertia")
+        units = {name: unit for name, unit in _UNITS.items() if any(name in own.parameters for own in self._fit.joints)}
         rows = [
             (
                 joint.experiment.name,
-                *(with_error(joint.parameters.get(name)) for name in names),
+                *(with_error(joint.parameters.get(name)) for name in units),
                 number(joint.friction_sd),
                 joint.map.replace("_", " "),
                 f"{joint.r2:.4f}",
             )
             for joint in self._fit.joints
         ]
-        units = ("Nm/A2", "Nm/A", "A", "1", "Nm", "kg m2")
-        headings = ("joint", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)), "friction sd [A]")
+        headings = ("joint", *(f"{name} [{unit}]" for name, unit in units.items()), "friction sd [A]")
         found: list[Html] = [
             paragraph(
                 "Value and standard error, as the source's table 2.2. Current is written as ampere here; it is in "
@@ -57,13 +61,16 @@ class TablePart(Part):
         return [*found, *([bullets(said)] if said else [])]
 
 
-def write_protocol_report(fit: ProtocolFit, folder: Path, beside: GeneralBeside | None = None) -> Path:
+def write_protocol_report(
+    fit: ProtocolFit, folder: Path, beside: GeneralBeside | None = None, verdict: FitVerdict | None = None
+) -> Path:
     """Write ``report.html`` and its figures; returns the page's path.
 
     Args:
         fit: by the protocol.
         folder: made where it is missing.
         beside: the general fit, or None.
+        verdict: on the fit, or None.
 
     Raises:
         InputError: the folder cannot be written.
@@ -74,6 +81,9 @@ def write_protocol_report(fit: ProtocolFit, folder: Path, beside: GeneralBeside 
         f"{arm}: {len(fit.joints)} of {fit.plan.robot.dof} joints from {fit.rows} rows",
         "bumpstop: identification by protocol",
         "identification",
-        [part(fit) for part in parts[:1]] + [BesidePart(beside)] + [part(fit) for part in parts[1:]],
+        [VerdictPart(one) for one in (verdict,) if one is not None]
+        + [part(fit) for part in parts[:1]]
+        + [BesidePart(beside)]
+        + [part(fit) for part in parts[1:]],
     )
     return write_document(document, folder)

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
     from bumpstop.identification.beside import GeneralBeside, JointBeside
 
-_PARAMETERS = ("A", "B", "D", "F", "hysteresis", "inertia")
+_PARAMETERS = ("A", "B", "D", "F", "hysteresis", "inertia", "coulomb", "viscous", "load")
 _FAR = 6.0  # standard errors; what differs by more is drawn there
-_MARKS = ((LAW, "o"), (LIMIT, "^"), (EVENT, "s"), (INK, "D"), (LAW, "v"), (LIMIT, "P"))  # of these parameters
+_MARKS = ((LAW, "o"), (LIMIT, "^"), (EVENT, "s"), (INK, "D"), (LAW, "v"), (LIMIT, "P"),
+          (EVENT, "x"), (INK, "+"), (LAW, "*"))  # of these parameters  # fmt: skip
 
 
 class BesidePart(Part):
@@ -52,6 +53,7 @@ class BesidePart(Part):
             )
             for pair in beside.joints
             for name in _PARAMETERS
+            if name in pair.protocol.parameters
         ]
         said = [
             f"{pair.general.name}: {name} is not seen by the general fit: {reason}"
@@ -107,6 +109,8 @@ def _draw_differences(panel: Axes, pairs: Sequence[JointBeside]) -> None:
         points = [(pair.difference(name), j) for j, pair in enumerate(pairs)]
         shown = [(max(-_FAR, min(_FAR, x)), j + 0.1 * (k - 2.5)) for x, j in points if x is not None]
         colour, mark = _MARKS[k]
+        if not shown:
+            continue
         panel.plot([x for x, _ in shown], [y for _, y in shown], mark, color=colour, markersize=4.5, label=name)
     panel.axvline(0, color=FAINT, linewidth=0.6)
     for side in (-1.96, 1.96):

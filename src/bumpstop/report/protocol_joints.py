@@ -108,13 +108,15 @@ class FrictionPart(_JointsPart):
     title = "Friction over speed"
     anchor = "friction"
     text = (
-        "Friction current of every stroke (eq 2.26), the law D |speed|^F through them (eq 2.27), and one standard "
-        "deviation to either side, dashed (as figures 2.8 and 2.12)."
+        "Friction current of every stroke (eq 2.26), the law through them and one standard deviation to either side, "
+        "dashed (as figures 2.8 and 2.12). The law is D |speed|^F (eq 2.27), or Coulomb and viscous friction with a "
+        "share of the current that is lost under load, whichever predicts strokes that it was not fitted to better."
     )
 
     def caption(self, joint: ProtocolJoint) -> str:
         """The law."""
-        return f"D {with_error(joint.parameters['D'])}, F {with_error(joint.parameters['F'])}."
+        own = joint.friction.parameters.items()
+        return ", ".join(f"{name} {with_error(parameter)}" for name, parameter in own) + "."
 
     def draw(self, panel: Axes, joint: ProtocolJoint) -> None:
         """Points and law."""
@@ -124,10 +126,7 @@ class FrictionPart(_JointsPart):
             side = np.sign(speed) == sign
             panel.plot(speed[side], friction[side], mark, color=colour, markersize=3, alpha=0.6)
             x = np.linspace(0.005, 1.05 * np.abs(speed).max(), 200)
-            D, F = joint.parameters["D"], joint.parameters["F"]
-            assert D is not None
-            assert F is not None
-            law = D.value * x**F.value
+            law = joint.friction.at_zero_torque(x)
             panel.plot(sign * x, sign * law, color=INK, linewidth=1.2)
             for shift in (-joint.friction_sd, joint.friction_sd):
                 panel.plot(sign * x, sign * law + shift, color=FAINT, linewidth=0.8, linestyle="--")

@@ -7,7 +7,7 @@ import platform
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.distribution import QUANTILES
+from bumpstop.collision.distribution import QUANTILES, finite_mean
 from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.collision.verdict import percent
 from bumpstop.contact import LimitTable, builtin_tables
@@ -40,7 +40,7 @@ class FiguresSection(Section):
         law = self.law
         rows: list[tuple[str, Distribution | None, float]] = [
             ("peak force [N]", law.peak_force, 1),
-            ("peak pressure [N/cm2]", law.pressure, 1),
+            ("peak pressure [N/cm²]", law.pressure, 1),
             ("compression [mm]", law.compression, 1),
             ("force at detection [N]", law.force_at_detection, 1),
             ("detection delay [ms]", law.detection_delay, 1e3),
@@ -58,6 +58,9 @@ class FiguresSection(Section):
             paragraph(f"Worked out with the {which_law(law)}. ", text),
             table(headings, [_row(*row) for row in rows], caption="Every quantity", numbers=True),
         ]
+        if math.isinf(law.peak_force.mean):
+            mean = quantity(finite_mean(law.peak_force), "N")
+            found.append(paragraph(f"The mean peak force of the collisions that have a bound is {mean}."))
         if law.contact_time is None:
             found.append(paragraph("There is no contact time: a stopped arm keeps the body clamped."))
         return found
@@ -120,9 +123,9 @@ class ProvenanceSection(Section):
             rows.append(("pressure limit", "none in this table"))
         else:
             source, status = limits.pressure_source or "not stated", limits.pressure_status or "not stated"
-            figure = quantity(limits.pressure_N_cm2, "N/cm2")
+            figure = quantity(limits.pressure_N_cm2, "N/cm²")
             if first is not None and first.pressure_N_cm2 is not None:
-                figure = in_phases(first.pressure_N_cm2, limits.pressure_N_cm2, "N/cm2")
+                figure = in_phases(first.pressure_N_cm2, limits.pressure_N_cm2, "N/cm²")
             figure += f" ({limits.pressure_area})"
             rows.append(("pressure limit", f"{figure}; {_attested(source, status)}"))
         return rows

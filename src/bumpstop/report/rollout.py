@@ -90,9 +90,9 @@ class Rollouts:
         peak, offset, tick = self._runs["peak_force"], self._runs["offset"], self._runs["tick"]
         wanted = self._law.peak_force.quantile(p)
         if math.isfinite(wanted):
-            # Clamped, runs never detected count as beyond every quantile, whatever force the end of the motion leaves.
-            free = self._law.problem.body_mass is not None
-            missed = np.where((tick >= 0) | free, np.abs(peak - wanted), math.inf)
+            # Without a bound, runs never detected count as beyond every quantile, whatever force is left at the end.
+            bounded = self._law.unbounded_because is None
+            missed = np.where((tick >= 0) | bounded, np.abs(peak - wanted), math.inf)
         elif isinstance(self._law, TrajectoryLaw):
             # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
             missed = np.abs(peak - np.quantile(peak, p))
@@ -114,8 +114,11 @@ class Rollouts:
         if tick < 0:
             # The path goes on for a latency beyond the motion's end, for the reactions.
             distance = distance[: _motion_steps(self._law, distance) + 1]
+            if curve.end in ("joint_limit", "singularity"):
+                distance = np.append(distance, curve.kernel.braking)
         else:
-            begin = tick * period + 1 + problem.latency_steps
+            # An arm that cannot follow its line as far brakes where it ends.
+            begin = min(tick * period + 1 + problem.latency_steps, distance.size - 1)
             # The reaction's path starts with the step in which it begins.
             reaction = curve.kernel.reaction_paths([tick], [offset])[0]
             distance = np.concatenate([distance[:begin], reaction])

@@ -13,7 +13,7 @@ from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, plain_ticks, stack
 from bumpstop.report.section import Part
-from bumpstop.report.words import number
+from bumpstop.report.words import hours_in_words, number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,19 +22,20 @@ if TYPE_CHECKING:
     from bumpstop.detection import Roc, Score
 
 
-def write_scoring(score: Score, roc: Roc | None, folder: Path) -> Path:
+def write_scoring(score: Score, roc: Roc | None, folder: Path, about: str = "") -> Path:
     """Write report.html and figures.
 
     Args:
         score: events against labels.
         roc: the same at other thresholds, where residuals were given.
         folder: made where it is missing.
+        about: the robot, the recording and its labels, in words.
     """
     parts: list[Part] = [DetectionsPart(score)]
     if roc is not None:
         parts.append(RocPart(roc))
     title = f"{score.detected} of {len(score.labels)} contacts detected"
-    return write_document(Document(title, "bumpstop scores", "scoring", parts), folder)
+    return write_document(Document(title, "bumpstop scores", "scoring", parts, about), folder)
 
 
 class DetectionsPart(Part):
@@ -50,17 +51,25 @@ class DetectionsPart(Part):
         """Counts, and every contact."""
         score = self.score
         low, high = score.false_alarms_per_hour_interval()
-        rows = [
+        rows: list[tuple[str, ...]] = [
             (f"{time_text(label.start_s)} s", label.kind or "-", _delay(late), "blind" if dark else "")
             for label, late, dark in zip(score.labels, score.delay_s, score.blind, strict=True)
         ]
+        headings = ["contact at", "kind", "delay, ms", ""]
+        if score.forces is not None:
+            headings[3:3] = ["force at detection, N", "largest force, N"]
+            both = zip(score.forces.at_detection, score.forces.largest, strict=True)
+            rows = [
+                (*row[:3], *("-" if math.isnan(force) else number(float(force)) for force in forces), row[3])
+                for row, forces in zip(rows, both, strict=True)
+            ]
         return [
             paragraph(
                 f"{score.detected} detected, {score.missed} missed, {score.false_alarms.size} false alarms in "
-                f"{number(score.hours)} h without contact: {number(score.false_alarms_per_hour)} an hour, with 95 % "
-                f"confidence between {number(low)} and {number(high)}. Blind for {number(score.blind_s)} s."
+                f"{hours_in_words(score.hours)} without contact: {number(score.false_alarms_per_hour)} an hour, with "
+                f"95 % confidence between {number(low)} and {number(high)}. Blind for {number(score.blind_s)} s."
             ),
-            table(["contact at", "kind", "delay, ms", ""], rows, caption="Contacts", numbers=True),
+            table(headings, rows, caption="Contacts", numbers=True),
         ]
 
     def pictures(self) -> list[Picture]:

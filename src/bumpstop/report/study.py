@@ -8,7 +8,6 @@ from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, table
 from bumpstop.report.records import flat
 from bumpstop.report.section import Part
-from bumpstop.study.study import versions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,27 +17,22 @@ if TYPE_CHECKING:
 
 
 class StudySettingsPart(Part):
-    """The study's settings and its scenario in full, and what computed it."""
+    """The study's settings and its scenario in full."""
 
     title = "Settings"
     anchor = "settings"
 
-    def __init__(self, study: Study, command: str) -> None:
+    def __init__(self, study: Study) -> None:
         self._study = study
-        self._command = command
 
     def content(self) -> list[Html]:
-        """Three tables: the study, the scenario, versions."""
+        """Two tables: the study, the scenario."""
         study = self._study
         own = [(element("code", key), value) for key, value in flat(study.settings())]
         scenario = [(element("code", key), value) for key, value in flat(study.scenario.to_dict())]
-        made_by = dict(versions())
-        if self._command:
-            made_by["command"] = self._command
         return [
             table(("setting", "value"), own, caption="The study"),
             table(("key", "value"), scenario, caption="Scenario, defaults included"),
-            table(("", ""), list(made_by.items()), caption="Made by"),
         ]
 
 
@@ -66,12 +60,12 @@ class StudyAssumptionsPart(Part):
 
 
 def write_study_report(
-    study: Study, title: str, parts: Sequence[Part], folder: Path, *, notes: Sequence[str] = (), command: str = ""
+    study: Study, title: str, parts: Sequence[Part], folder: Path, *, notes: Sequence[str] = ()
 ) -> Path:
     """Write ``report.html`` of a study, its own parts first, and its figures; returns the page's path.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    everything = [*parts, StudySettingsPart(study, command), StudyAssumptionsPart(notes)]
+    everything = [*parts, StudySettingsPart(study), StudyAssumptionsPart(notes)]
     return write_document(Document(title, f"bumpstop study: {study.title}", "study", everything), folder)

@@ -21,7 +21,7 @@ _COUNTED = {
     "turning": "joints that turn more than on a straight line",
     "cap": "the highest speed looked at",
     "none": "no speed is safe",
-    "singularity": "the trajectory passes a singularity: no speed is safe",
+    "singularity": "the trajectory's own law, at or near a singularity, where no straight line can be followed",
 }
 
 
@@ -35,7 +35,7 @@ class TrajectoryAtlasPart(Part):
         self._rows, self._summary, self._retimed = rows, summary, retimed
 
     def content(self) -> list[Html]:
-        """What limits how many waypoints, and what re-timing costs."""
+        """The verdicts of both motions, what re-timing costs, and what limits how many waypoints."""
         found, rows = self._summary, self._rows
         between = found["moments_between"]
         text = (
@@ -45,14 +45,13 @@ class TrajectoryAtlasPart(Part):
             f"{found['lowest_limit_mm_s']:.4g} mm/s, at waypoint {found['lowest_at_waypoint']} "
             f"({found['lowest_at_s']:.4g} s)."
         )
-        if "retimed_duration_s" in found:
-            slow, fast = found["retimed_duration_s"], found["duration_s"]
-            text += f" Slowed down, the trajectory takes {slow:.4g} s instead of {fast:.4g} s."
         counts = [
             (what, str((rows["by"] == name).sum())) for name, what in _COUNTED.items() if (rows["by"] == name).any()
         ]
         return [
+            table(("motion", "duration", "verdict", "because"), _judged(found), caption="Verdicts of evaluate"),
             paragraph(text),
+            paragraph(f"A limit holds in these directions: {found['directions']}."),
             table(("limited by", "moments" if between else "waypoints"), counts, caption="What limits the speed"),
         ]
 
@@ -88,6 +87,19 @@ class TrajectoryAtlasPart(Part):
             facecolor="white",
             edgecolor="none",
         )
+
+
+def _judged(found: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Durations and verdicts, as given and slowed down."""
+
+    def row(name: str, seconds: float, verdict: dict[str, Any]) -> tuple[str, str, str, str]:
+        word = {True: "acceptable", False: "not acceptable", None: "no verdict"}[verdict["acceptable"]]
+        return name, f"{seconds:.4g} s", word, verdict["reason"]
+
+    rows = [row("as given", found["duration_s"], found["verdict"])]
+    if found["retimed_duration_s"] is None:
+        return [*rows, ("slowed down", "-", "-", f"There is none: {found['not_retimed_because']}.")]
+    return [*rows, row("slowed down", found["retimed_duration_s"], found["retimed_verdict"])]
 
 
 # Less is not worth a sentence.
@@ -163,7 +175,7 @@ class WorkspaceAtlasPart(Part):
             f"In {found['none_safe']} of {found['poses']} poses no speed is safe; half of all poses are safe up to "
             f"{found['limit_p50_mm_s']:.4g} mm/s, one in twenty up to {found['limit_p95_mm_s']:.4g} mm/s."
         )
-        return [paragraph(text)]
+        return [paragraph(text), paragraph(f"A speed is safe in these directions: {found['directions']}.")]
 
     def pictures(self) -> list[Picture]:
         """Seen from the side: distance from the axis of the first joint, and height."""

@@ -59,7 +59,7 @@ class SafeSpeedsPart(Part):
             [f"{labels[key]} ({key[0]})", *(_speed(found[(*key, d, a)]) for d, a in columns)]
             for key in self._study.bodies
         ]
-        headings = ["body part", *(f"{d}, {a:g} cm2" for d, a in columns)]
+        headings = ["body part", *(f"{d}, {a:g} cm²" for d, a in columns)]
         unjudged = {f"{s['label']} ({s['table']})": s["reason"] for s in self._speeds if _unjudged(s)}
         return [
             paragraph(
@@ -144,7 +144,7 @@ class CollisionsPart(Part):
 
     def content(self) -> list[Html]:
         """The table, folded: it is long."""
-        headings = ["body part", "direction", "mm/s", "cm2", "mean [N]", "p99 [N]", "P(over force)", "P(over pressure)",
+        headings = ["body part", "direction", "mm/s", "cm²", "mean [N]", "p99 [N]", "P(over force)", "P(over pressure)",
                     "acceptable"]  # fmt: skip
         rows = [
             [
@@ -203,7 +203,7 @@ class CollisionsPart(Part):
         panel.set_xlabel("speed [mm/s]")
         for g, (d, a) in enumerate(groups):
             middle = g * wide + (len(study.speeds_mm_s) - 1) / 2
-            panel.text(middle, -0.75, f"{d}\n{a:g} cm2", ha="center", va="bottom", fontsize=8)
+            panel.text(middle, -0.75, f"{d}\n{a:g} cm²", ha="center", va="bottom", fontsize=8)
         panel.tick_params(length=0)
 
 

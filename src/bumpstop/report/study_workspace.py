@@ -33,7 +33,9 @@ def pages_of(
     known = rows.filter(rows["end"] != "singular_start")
     parts: list[Part] = [CountsPart(study, summary)]
     if known.height:
-        parts += [ForcePart(study, summary, known), SlicesPart(study, known), SensitivityPart(study, summary, known)]
+        # The picture first: where it hits how hard.
+        parts = [SlicesPart(study, known), *parts, ForcePart(study, summary, known)]
+        parts.append(SensitivityPart(study, summary, known))
     directions = {
         "sphere": "Directions are even over the sphere.",
         "polar": "Polar angle and azimuth of the directions are even, as in the source: directions crowd at the poles.",
@@ -83,8 +85,12 @@ class CountsPart(Part):
         if s["self_collisions"]["looked_for"]:
             rows.append(("poses discarded for self-collision", str(s["self_collisions"]["poses_discarded"])))
         if s["laws"]:
+            rows.append(("motions that never touch anything, and say nothing about safety", str(s["never_touch"])))
             for name, limit in zip(("force", "pressure"), s["limits"].values(), strict=False):
-                rows.append((f"P(over the {name} limit, {limit:g} N)", _share(s[f"p_over_{name}"])))
+                rows.append((f"P(over the {name} limit, {limit:g} N), all laws", _share(s[f"p_over_{name}"])))
+                if s["never_touch"]:
+                    of_touching = _share(s[f"p_over_{name}_of_touching"])
+                    rows.append((f"the same of the {s['laws'] - s['never_touch']} motions that touch", of_touching))
             if s["limits"]:
                 rows.append(("the same of the force limit, or the motion ends before contact",
                              _share(s["p_over_force_or_no_contact"])))  # fmt: skip
@@ -139,8 +145,9 @@ class ForcePart(Part):
         parts = [
             paragraph(
                 f"Most common peak force of all collisions: {collisions[0]:g} to {collisions[1]:g} N; of the poses' "
-                f"medians: {medians[0]:g} to {medians[1]:g} N. The first bin holds the motions that end before "
-                "contact, the last one everything beyond, undetected collisions among it."
+                f"medians: {medians[0]:g} to {medians[1]:g} N. Motions that end before contact are left out "
+                f"({percent(self._summary['no_contact']['mean'])} of all cases). The last bin holds everything beyond, "
+                "undetected collisions among it."
             ),
         ]
         scenario = self._study.scenario

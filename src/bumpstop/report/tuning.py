@@ -25,7 +25,12 @@ _STYLES = (("-", LAW), ("--", EVENT), ("-.", INK), (":", LIMIT))
 
 
 def write_tuning(
-    tuning: Tuning, trade: Sequence[dict[str, Any]], folder: Path, joints: Sequence[str] = (), unit: str = "Nm"
+    tuning: Tuning,
+    trade: Sequence[dict[str, Any]],
+    folder: Path,
+    joints: Sequence[str] = (),
+    unit: str = "Nm",
+    about: str = "",
 ) -> Path:
     """Write report.html and figures.
 
@@ -35,12 +40,13 @@ def write_tuning(
         folder: made where it is missing.
         joints: their names, where they are known.
         unit: of the thresholds.
+        about: the robot and the recordings, in words.
     """
     parts: list[Part] = [TailPart(tuning, joints, unit)]
     if any(point["scenarios"] for point in trade):
         parts.append(TradePart(trade, tuning.target))
     title = f"Thresholds for {number(tuning.target)} false alarms an hour"
-    return write_document(Document(title, "bumpstop tuning", "tuning", parts), folder)
+    return write_document(Document(title, "bumpstop tuning", "tuning", parts, about), folder)
 
 
 class TailPart(Part):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+from bumpstop.collision.alarm_rate import alarm_rate
 from bumpstop.collision.two_phase import FIRST_PHASE_S
 from bumpstop.collision.verdict import percent
-from bumpstop.report.markup import Html, element, paragraph, table
+from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
 from bumpstop.report.words import in_phases, number, quantity
 
@@ -15,9 +16,10 @@ _TICK = '<circle cx="12" cy="12" r="11"/><path d="M6 12.5l4 4 8-9"/>'
 _CROSS = '<path d="M7.5 1h9L23 7.5v9L16.5 23h-9L1 16.5v-9z"/><path d="M7.5 7.5l9 9m0-9l-9 9"/>'
 _DASH = '<rect x="1" y="1" width="22" height="22"/><path d="M6 12h12"/>'
 _SIGNS = {
-    True: ("Acceptable", "acceptable", _TICK),
-    False: ("Not acceptable", "not-acceptable", _CROSS),
-    None: ("No limits to judge by", "unjudged", _DASH),
+    "acceptable": ("Acceptable", "acceptable", _TICK),
+    "not_acceptable": ("Not acceptable", "not-acceptable", _CROSS),
+    "inconclusive": ("Inconclusive", "unjudged", _DASH),
+    "no_limits": ("No limits to judge by", "unjudged", _DASH),
 }
 
 
@@ -30,7 +32,7 @@ class VerdictSection(Section):
     def content(self) -> list[Html]:
         """Sign, sentence, the table of what was judged, and what the word means."""
         verdict = self.law.verdict
-        word, style, shape = _SIGNS[verdict.acceptable]
+        word, style, shape = _SIGNS[verdict.conclusion]
         sign = element("svg", Html(shape), viewBox="0 0 24 24", aria_hidden="true")
         banner = element(
             "div",
@@ -39,19 +41,25 @@ class VerdictSection(Section):
             class_=f"banner {style}",
         )
         rows = table(("", "this collision", "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
-        return [banner, rows, paragraph(self._meaning())]
+        beside = []
+        if self.law.warnings:
+            beside = [element("h3", "Beside this verdict"), bullets(self.law.warnings)]
+        return [banner, *beside, rows, paragraph(self._meaning())]
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
         law, verdict, limits, first = self.law, self.law.verdict, self.law.problem.limits, self.law.verdict.transient
+        # The quantile of the accepted probability is what the verdict compares with the limit; p99 may be below it.
+        p = 1 - verdict.risk
+        share, name = f"{100 * p:.10g} %", f"p{100 * p:.10g}"
         rows = [
-            _below("Peak force that 99 of 100 collisions stay below (p99)", law.peak_force.quantile(0.99), "N",
+            _below(f"Peak force that {share} of collisions stay below ({name})", law.peak_force.quantile(p), "N",
                    limits.force_N if limits else None, first.force_N if first else None),
-            _below("Peak pressure, likewise (p99)", law.pressure.quantile(0.99), "N/cm2",
+            _below(f"Peak pressure, likewise ({name})", law.pressure.quantile(p), "N/cm²",
                    limits.pressure_N_cm2 if limits else None, first.pressure_N_cm2 if first else None),
         ]  # fmt: skip
-        for what, p in (("force", verdict.p_over_force), ("pressure", verdict.p_over_pressure)):
-            if p is not None:
-                rows.append(_accepted(f"Probability of exceeding the {what} limit", p, verdict.risk))
+        for what, over in (("force", verdict.p_over_force), ("pressure", verdict.p_over_pressure)):
+            if over is not None:
+                rows.append(_accepted(f"Probability of exceeding the {what} limit", over, verdict.risk))
         rows.append(
             _accepted(
                 "Probability of a false alarm before contact",
@@ -59,6 +67,7 @@ class VerdictSection(Section):
                 verdict.max_false_alarm,
             )
         )
+        rows.append(("False alarms in free motion", alarm_rate(law.problem).words, "", ""))
         rows.append(("Probability of never noticing", percent(law.undetected_probability), "", ""))
         delay = law.detection_delay
         shown = f"{number(1e3 * delay.quantile(0.5))} / {quantity(1e3 * delay.quantile(0.99), 'ms')}"
@@ -78,7 +87,11 @@ class VerdictSection(Section):
             f"and an alarm before contact has a probability of at most {percent(verdict.max_false_alarm)}. "
         )
         if self.law.problem.body_mass is None:
-            meaning += "Collisions that are never detected count as over every limit."
+            because = self.law.unbounded_because
+            if because is None:
+                meaning += "Collisions that are never detected count with the greatest force until the arm stands."
+            else:
+                meaning += f"Collisions that are not detected {because} count as over every limit."
         else:
             meaning += "A body that gets away unnoticed counts with the force it has met."
         if first is not None:
@@ -90,11 +103,11 @@ class VerdictSection(Section):
             return meaning
         if first is not None:
             at_first, later = (p.allowed_force_N(contact.area_cm2, contact.peak_factor) for p in (first, limits))
-            return f"{meaning} On {contact.area_cm2:g} cm2 that is {in_phases(at_first, later, 'N')}."
+            return f"{meaning} On {contact.area_cm2:g} cm² that is {in_phases(at_first, later, 'N')}."
         allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
         governing = limits.governing(contact.area_cm2, contact.peak_factor)
         return (
-            f"{meaning} On {contact.area_cm2:g} cm2 the {governing} limit is the first to be reached, at "
+            f"{meaning} On {contact.area_cm2:g} cm² the {governing} limit is the first to be reached, at "
             f"{number(allowed)} N."
         )
 

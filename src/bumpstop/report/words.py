@@ -11,17 +11,31 @@ if TYPE_CHECKING:
 
 NO_BOUND = "no bound"
 NONE = "none"
+NEXT_TO_NOTHING = 1e-6  # in any unit that a page uses: digits of rounding, not of a quantity
 
 
 def number(value: float) -> str:
-    """Four significant digits; ``"no bound"`` for infinity, ``"none"`` where the quantity never exists."""
+    """Four significant digits, ``"0"`` below a millionth.
+
+    Infinity is ``"no bound"``, a quantity that never exists ``"none"``.
+    """
     if math.isnan(value):
         return NONE
     if math.isinf(value):
         return NO_BOUND
+    if abs(value) < NEXT_TO_NOTHING:
+        return "0"
     text = f"{value:.4g}"
     # Newtons by the ten thousand are still newtons: no powers of ten.
     return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
+
+
+def hours_in_words(hours: float) -> str:
+    """A time [h] in the unit that a person would choose: hours, minutes or seconds."""
+    for unit, seconds in (("h", 3600.0), ("min", 60.0)):
+        if hours * 3600.0 >= seconds:
+            return f"{number(hours * 3600.0 / seconds)} {unit}"
+    return f"{number(hours * 3600.0)} s"
 
 
 def correlation(value: float) -> str:
@@ -50,7 +64,8 @@ def with_error(value: Parameter | None) -> str:
 def acceptable(forces: dict[str, Any], unjudged: str) -> str:
     """Whether a scenario is acceptable at thresholds that were tuned, and what is not; ``unjudged`` without limits."""
     if forces["acceptable"] is None:
-        return unjudged
+        # With a limit there is something to judge by, but nothing that was hit.
+        return unjudged if forces["limit"] is None else "inconclusive"
     return "yes" if forces["acceptable"] else "no: " + ", ".join(forces["fails_by"]).replace("false_alarm", "alarms")
 
 

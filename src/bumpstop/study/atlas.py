@@ -12,16 +12,19 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision import Problem, Scenario, evaluate_batch
+from bumpstop.collision import Problem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.arms import Arms
 from bumpstop.study.between_waypoints import cut_at_summits, cut_by_turn
-from bumpstop.study.directions import STANDS, cone_directions, directions_of
+from bumpstop.study.directions import STANDS, directions_of, nearest_moving
 from bumpstop.study.joint_ranges import joint_ranges
+from bumpstop.study.own_motion import own_speeds
 from bumpstop.study.pace import deepest, greatest_pace, least_of_ranges
 from bumpstop.study.risk import allowed_force
-from bumpstop.study.speed_limit import CLOSE, SLOWEST, SpeedLimits, foretold_speed, speed_limits, stop_gain
+from bumpstop.study.slowing import Judged, Slowing, judge_motion, slow_down
+from bumpstop.study.speed_limit import SLOWEST, SpeedLimits, foretold_speed, stop_gain
 from bumpstop.study.study import Study, check_risk
+from bumpstop.study.worst_direction import searched, worst_directions
 
 if TYPE_CHECKING:
     import polars as pl
@@ -29,11 +32,12 @@ if TYPE_CHECKING:
     from bumpstop.collision.trajectory import Trajectory
 
 SHARD_ROWS = 250
+# Of poses, whose worst directions take longer; poses are drawn in blocks of the former.
+_SHARD_POSES = 10
 MOST_POSES = 10_000_000
-# Directions tried for the worst one: on the rim of a cone beside its axis, and all over the sphere.
-_RIM, _SPHERE = 12, 48
-# The trajectory turns its joints more than a straight line would, if by this much.
-_TURNS_MORE = 1.02
+# The trajectory turns its joints more than a straight line would, if by this much; and so much less that no straight
+# line says anything about it, as near a singularity.
+_TURNS_MORE, _FOLLOWS_NO_LINE = 1.02, 0.2
 
 
 @dataclass(frozen=True)
@@ -81,56 +85,10 @@ class Atlas(Study):
     def _line_problem(self) -> Problem:
         return Problem.from_scenario(self._line)
 
-    def _in_cone(
-        self, q: FloatArray, own: FloatArray, angle: float, count: int, cap: FloatArray
-    ) -> tuple[FloatArray, SpeedLimits]:
-        """The worst of directions (N, 3) in a cone about ``own``, and highest safe speeds there.
-
-        The formula guesses which it is. Exact laws of all directions at the speed found decide: where one passes what
-        is accepted the search goes on in it, until none does.
-        """
-        directions = cone_directions(own, angle, count)
-        if len(directions) == 1:
-            return own, speed_limits(self._line, q, own, cap)
-        direction = self._foretold_worst(q, directions)
-        found = speed_limits(self._line, q, direction, cap)
-        open_ = np.flatnonzero(found.speed > 0)
-        laws, limit = found.laws, allowed_force(self._line_problem)
-        while open_.size:
-            velocity = np.concatenate([each[open_] * found.speed[open_, None] for each in directions])
-            poses = np.tile(q[open_], (len(directions), 1))
-            over = evaluate_batch(self._line, poses, velocity, limits_N=[limit]).exceedance[:, 0]
-            laws += len(over)
-            # Without a law, as at a singularity, no speed is safe either.
-            over = np.nan_to_num(over, nan=np.inf).reshape(len(directions), -1)
-            fails = over.max(axis=0) > self.scenario.verdict.risk
-            worst, open_ = over.argmax(axis=0)[fails], open_[fails]
-            if not open_.size:
-                break
-            direction[open_] = np.stack(directions)[worst, open_]
-            # A little slower in any case, so that rounding at the very limit cannot go on for ever.
-            slower = speed_limits(self._line, q[open_], direction[open_], (1 - 0.1 * CLOSE) * found.speed[open_])
-            laws += slower.laws
-            found.speed[open_], found.risk[open_] = slower.speed, slower.risk
-            found.by[open_] = np.where(slower.speed > 0, "law", "none")
-            open_ = open_[slower.speed > 0]
-        return direction, replace(found, laws=laws)
-
-    def _foretold_worst(self, q: FloatArray, directions: list[FloatArray]) -> FloatArray:
-        """The direction whose foretold safe speed is the lowest (N, 3)."""
-        problem = self._line_problem
-        best = np.full(len(q), np.inf)
-        worst = directions[0].copy()
-        for around in directions:
-            arms = Arms(problem, q, around)
-            with np.errstate(invalid="ignore", over="ignore"):
-                gain = stop_gain(problem, arms.unlimited_rates(q))
-            torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), around)
-            accepted = self.scenario.verdict.risk
-            speed = np.nan_to_num(foretold_speed(problem, torque, gain, allowed_force(problem), accepted))
-            lower = speed < best
-            best[lower], worst[lower] = speed[lower], around[lower]
-        return worst
+    @property
+    def _searched(self) -> str:
+        """In which directions a limit holds."""
+        return searched(math.radians(self.cone_deg))
 
     def _columns(self, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> dict[str, Any]:
         problem = self._line_problem
@@ -200,12 +158,20 @@ class TrajectoryAtlas(Atlas):
     def _line(self) -> Scenario:
         data = self.scenario.to_dict()
         robot, rows = self.problem.robot, self._coarse
-        data["motion"] = {"velocity_mm_s": [0.0, 0.0, 100.0], "task": "pose" if robot.dof >= 6 else "position"}
-        # A row that is not singular, to check the scenario at: the one that feels a push best.
+        data["motion"] = {"task": "pose" if robot.dof >= 6 else "position"}
+        # The row that is farthest from a singularity.
         row = int(np.linalg.svd(robot.jacobian(rows.position), compute_uv=False)[:, -1].argmax())
         data["pose_rad"] = rows.position[row].tolist()
         data["motion"]["velocity_mm_s"] = (100 * directions_of(self._tip(rows.time))[row]).tolist()
         return Scenario.from_dict(data, self.scenario.folder)
+
+    @cached_property
+    def _line_problem(self) -> Problem:
+        # Checked with the trajectory. Whether a straight line can be followed is asked row by row.
+        line = self._line
+        assert line.pose_rad is not None
+        q, velocity = np.array(line.pose_rad), np.array(line.motion.velocity)
+        return replace(self.problem, scenario=line, q=q, velocity=velocity, trajectory=None)
 
     def _tip(self, t: FloatArray) -> FloatArray:
         """Velocity of the tip (N, 3) [m/s]."""
@@ -277,10 +243,13 @@ class TrajectoryAtlas(Atlas):
         rows = np.arange(number * SHARD_ROWS, min((number + 1) * SHARD_ROWS, len(self.trajectory.time)))
         q, own = self.trajectory.position[rows], self.direction[rows]
         cap = np.full(len(rows), self.cap_mm_s / 1e3)
-        direction, found = self._in_cone(q, own, math.radians(self.cone_deg), _RIM, cap)
-        found = self._turning(rows, own, found).none_at(self._at_singularity[rows], "singularity")
+        worst = worst_directions(self._line_problem, q, own, math.radians(self.cone_deg), cap)
+        direction, found = worst.direction, worst.found
+        found = self._by_itself(rows, own, self._turning(rows, own, found))
         speed = self._speed[rows]
-        fastest = np.where((found.by == "turning") | (speed <= STANDS), speed, self._fastest[rows])
+        fastest = np.where(
+            np.isin(found.by, ("turning", "singularity")) | (speed <= STANDS), speed, self._fastest[rows]
+        )
         return pl.DataFrame(
             {
                 "waypoint": self._waypoint[rows] + 1,
@@ -312,6 +281,35 @@ class TrajectoryAtlas(Atlas):
             found.laws,
         )
 
+    def _by_itself(self, rows: Any, own: FloatArray, found: SpeedLimits) -> SpeedLimits:
+        """The limits with the law of the trajectory itself where it passes a singularity, or comes near to one.
+
+        Its joints go on there as they are told to. A straight line would ask them for ever more speed.
+        """
+        problem, q, time = self._line_problem, self.trajectory.position[rows], self.trajectory.time
+        # Rows at which the tip stands take all of it from the nearest one at which it moves, as their direction.
+        moving = nearest_moving(self.tip_velocity)[rows]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            gain = stop_gain(problem, self.trajectory.at(time[moving], 1)) / self._speed[moving]
+            straight = stop_gain(problem, Arms(problem, q, own).unlimited_rates(q))
+        turning = found.by == "turning"
+        apart = self._at_singularity[rows] | (~(gain >= _FOLLOWS_NO_LINE * straight) & (found.speed == 0))
+        # Where the formula leaves no speed, the law may.
+        at = np.flatnonzero(apart | (turning & (found.speed == 0)))
+        if not at.size:
+            return found
+        limit, accepted = allowed_force(problem), self.scenario.verdict.risk
+        torque = np.einsum("nij,ni->nj", Arms(problem, q[at], own[at]).linear_jacobian(q[at]), own[at])
+        guess = np.minimum(foretold_speed(problem, torque, gain[at], limit, accepted), self.cap_mm_s / 1e3)
+        speed, risk = own_speeds(self.problem, time[moving[at]], self._speed[moving[at]], guess)
+        # A straight line that is safe faster is no worse a bound.
+        better = self._at_singularity[rows][at] | (speed > found.speed[at])
+        at, speed, risk = at[better], speed[better], risk[better]
+        found.speed[at], found.risk[at] = speed, risk
+        by = found.by.astype(object)
+        by[at] = np.where(turning[at] & ~apart[at], "turning", "singularity")
+        return replace(found, by=by.astype(str))
+
     def pace(self, rows: pl.DataFrame) -> FloatArray:
         """Greatest pace at every row, 0 to 1, with which the whole trajectory keeps to the limits of its rows.
 
@@ -321,9 +319,30 @@ class TrajectoryAtlas(Atlas):
             return np.ones(rows.height)
         return greatest_pace(self._line_problem, self.trajectory, self._travelled, self.direction, rows)
 
+    @cached_property
+    def _judged(self) -> Judged:
+        """The trajectory as given, by the law of all its moments."""
+        return judge_motion(self.scenario)
+
+    def slowed(self, rows: pl.DataFrame) -> Slowing:
+        """The trajectory slowed down to the limits of its rows, and as its own law judges it."""
+        kept = self.__dict__.get("_slowed")
+        if kept is None or kept[0] is not rows:
+            kept = rows, self._slow_down(rows)
+            self.__dict__["_slowed"] = kept  # for the summary and for the files
+        slowing: Slowing = kept[1]
+        return slowing
+
+    def _slow_down(self, rows: pl.DataFrame) -> Slowing:
+        if (rows["limit_mm_s"] == 0).any():
+            return Slowing(None, "at some places no speed is safe")
+        return slow_down(self.problem, self.trajectory, self.pace(rows))
+
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
         least = rows["limit_mm_s"].arg_min()
         assert least is not None
+        slowing = self.slowed(rows)
+        retimed = slowing.retimed
         return {
             "study": self.name,
             "waypoints": int((~rows["between"]).sum()),
@@ -331,11 +350,18 @@ class TrajectoryAtlas(Atlas):
             "moments_between": int(rows["between"].sum()),
             "over_between": int((rows["over"] & rows["between"]).sum()),
             "none_safe": int((rows["limit_mm_s"] == 0).sum()),
+            "singular": int((rows["by"] == "singularity").sum()),
             "lowest_limit_mm_s": rows["limit_mm_s"][least],
             "lowest_at_waypoint": rows["waypoint"][least],
             "lowest_at_s": rows["t_s"][least],
             "duration_s": self.trajectory.duration,
-            "acceptable": not bool(rows["over"].any()),
+            "retimed_duration_s": None if retimed is None else float(retimed.time[-1]),
+            "not_retimed_because": slowing.why or None,
+            "retimed_eased": slowing.eased,
+            "directions": self._searched,
+            "acceptable": self._judged.acceptable,
+            "verdict": self._judged.to_json(),
+            "retimed_verdict": None if slowing.judged is None else slowing.judged.to_json(),
             "law": "exact",
         }
 
@@ -367,22 +393,24 @@ class WorkspaceAtlas(Atlas):
 
     @property
     def shards(self) -> int:  # noqa: D102
-        return math.ceil(self.poses / SHARD_ROWS)
+        return math.ceil(self.poses / _SHARD_POSES)
 
     def shard(self, number: int) -> pl.DataFrame:  # noqa: D102
         import polars as pl
 
-        count = min(SHARD_ROWS, self.poses - number * SHARD_ROWS)
+        first = number * _SHARD_POSES
+        count = min(_SHARD_POSES, self.poses - first)
         problem = self._line_problem
-        rng = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, number]))
+        block, begin = divmod(first, SHARD_ROWS)
+        rng = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, block]))
         low, high = problem.q.copy(), problem.q.copy()
         for j, *ends in joint_ranges(problem):
             low[j], high[j] = ends
-        q = rng.uniform(low, high, (count, problem.robot.dof))
+        q = rng.uniform(low, high, (SHARD_ROWS, problem.robot.dof))[begin : begin + count]
         own = np.tile(problem.velocity / np.linalg.norm(problem.velocity), (count, 1))
         cap = np.full(count, self.cap_mm_s / 1e3)
-        direction, found = self._in_cone(q, own, math.radians(self.cone_deg), _SPHERE, cap)
-        first = number * SHARD_ROWS
+        worst = worst_directions(problem, q, own, math.radians(self.cone_deg), cap)
+        direction, found = worst.direction, worst.found
         return pl.DataFrame({"pose": np.arange(first, first + count) + 1, **self._columns(q, direction, found)})
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
@@ -392,6 +420,7 @@ class WorkspaceAtlas(Atlas):
             "poses": rows.height,
             "none_safe": int((limit == 0).sum()),
             "at_cap": int((rows["by"] == "cap").sum()),
+            "directions": self._searched,
             **{f"limit_p{int(100 * p):02d}_mm_s": limit.quantile(p, "linear") for p in (0.05, 0.25, 0.5, 0.75, 0.95)},
             "law": "exact",
         }

@@ -6,6 +6,7 @@ import math
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
@@ -52,17 +53,25 @@ def spread_directions(law: DirectionLaw, own: FloatArray, count: int) -> FloatAr
     return _vectors(polar, azimuth)
 
 
-def directions_of(velocity: FloatArray) -> FloatArray:
-    """Unit vectors along velocities of the tip (rows, 3); where it stands, as at the nearest row where it moves."""
-    speed = np.linalg.norm(velocity, axis=1)
-    moves = np.flatnonzero(speed > STANDS)
+def nearest_moving(velocity: FloatArray) -> npt.NDArray[np.int64]:
+    """Number of the row itself (rows,) where the tip moves with ``velocity`` (rows, 3), else of the nearest that does.
+
+    Raises:
+        InputError: the tip moves at no row.
+    """
+    moves = np.flatnonzero(np.linalg.norm(velocity, axis=1) > STANDS)
     if not moves.size:
         raise InputError("motion.file", "the tip does not move", "wanted a trajectory that moves it")
-    rows = np.arange(len(speed))
+    rows = np.arange(len(velocity))
     after = np.searchsorted(moves, rows).clip(max=moves.size - 1)
     before = (after - 1).clip(min=0)
-    nearest = moves[np.where(np.abs(rows - moves[before]) <= np.abs(moves[after] - rows), before, after)]
-    return np.asarray(velocity[nearest] / speed[nearest][:, None])
+    return np.asarray(moves[np.where(np.abs(rows - moves[before]) <= np.abs(moves[after] - rows), before, after)])
+
+
+def directions_of(velocity: FloatArray) -> FloatArray:
+    """Unit vectors along velocities of the tip (rows, 3); where it stands, as at the nearest row where it moves."""
+    nearest = velocity[nearest_moving(velocity)]
+    return np.asarray(nearest / np.linalg.norm(nearest, axis=1)[:, None])
 
 
 def cone_directions(direction: FloatArray, angle: float, count: int) -> list[FloatArray]:
@@ -81,6 +90,25 @@ def cone_directions(direction: FloatArray, angle: float, count: int) -> list[Flo
         radius = math.sqrt(max(0.0, 1 - height**2))
         found.append(height * direction + radius * (math.cos(turn) * side + math.sin(turn) * other))
     return found
+
+
+def tilted(direction: FloatArray, axis: FloatArray, angle: float, step: float, count: int, turn: float) -> FloatArray:
+    """Directions (N, count, 3) at an angle ``step`` [rad] from others (N, 3), evenly about them, the first at ``turn``.
+
+    Those that would leave the cone of half angle ``angle`` [rad] about ``axis`` (N, 3) stand on its rim.
+    """
+    beside = np.where(np.abs(direction[:, [0]]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    side = np.cross(direction, beside)
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    other = np.cross(direction, side)
+    about = turn + np.arange(count) * (2 * math.pi / count)
+    across = np.cos(about)[:, None] * side[:, None] + np.sin(about)[:, None] * other[:, None]
+    found = math.cos(step) * direction[:, None] + math.sin(step) * across
+    height = np.einsum("nki,ni->nk", found, axis)[:, :, None]
+    outward = found - height * axis[:, None]
+    outward /= np.maximum(np.linalg.norm(outward, axis=2, keepdims=True), 1e-300)
+    rim = math.cos(angle) * axis[:, None] + math.sin(angle) * outward
+    return np.asarray(np.where(height < math.cos(angle), rim, found))
 
 
 def _vectors(polar: FloatArray, azimuth: FloatArray) -> FloatArray:

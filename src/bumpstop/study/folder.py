@@ -213,7 +213,9 @@ def _settings(study: Study, fingerprint: str, command: str) -> str:
     if command:
         made_by["command"] = command
     made_by = {key: _toml_value(value) for key, value in made_by.items() if value is not None}
-    head = f"# A scenario. Made by: {command}\n" if command else "# A scenario.\n"
+    # A comment ends with its line, and holds no control characters.
+    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in command)
+    head = f"# A scenario. Made by: {shown}\n" if command else "# A scenario.\n"
     return head + to_toml(scenario_data(study.scenario) | {MADE_BY: made_by})
 
 

@@ -40,6 +40,7 @@ def greatest_pace(
 
     The pace stays below every limit by as much as the search leaves open, and for some way on both sides of its row. It
     stays below what lies between two rows, whose own limits were not looked for, as far as the rows beside them tell.
+    An arm that stands, or is slower than all these limits anyway, keeps its own time: a pause is no longer than before.
 
     Args:
         problem: of the atlas's straight lines.
@@ -51,8 +52,9 @@ def greatest_pace(
     speed = np.maximum(rows["speed_mm_s"].to_numpy() / 1e3, STANDS)
     limit = rows["limit_mm_s"].to_numpy() / 1e3
     share = _least_beside(lowest_between(trajectory.time, np.minimum(1.0, limit / speed)))
-    limit = np.where(share < 1, np.minimum(limit, share * speed), limit)
-    turning = (rows["by"] == "turning").to_numpy()
+    # Limits in themselves, not shares of a speed that may be next to none: they hold for faster rows behind.
+    limit = np.where(share < 1, np.minimum(limit, _least_beside(lowest_between(trajectory.time, limit))), limit)
+    turning = rows["by"].is_in(["turning", "singularity"]).to_numpy()
     here = np.arange(rows.height)
     first = (np.searchsorted(travelled, travelled - deepest(problem), side="right") - 1).clip(min=0)
     lowest = least_of_ranges(np.where(turning, np.inf, limit), first, here)
@@ -63,11 +65,14 @@ def greatest_pace(
     most = -least_of_ranges(-unnoticed, first, here)
     gain = stop_gain(problem, trajectory.at(trajectory.time, 1)) / speed
     turned = np.where(most < 0, np.inf, speed_of_force(problem, most, gain, allowed_force(problem)))
-    own = np.minimum(1.0, (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned) / speed)
+    allowed = (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned)
+    own = np.minimum(np.where(share < 1, (1 - CLOSE) * share, 1.0), allowed / speed)
     turned_yet = np.append(0.0, np.cumsum(np.abs(np.diff(trajectory.position, axis=0)).max(axis=1)))
     first = np.minimum(np.searchsorted(turned_yet, turned_yet - _BESIDE), here - 1).clip(min=0)
     last = np.maximum(np.searchsorted(turned_yet, turned_yet + _BESIDE, side="right") - 1, here + 1)
-    return least_of_ranges(own, first, last.clip(max=here[-1]))
+    last = last.clip(max=here[-1])
+    slow_enough = least_of_ranges(allowed, first, last) / speed
+    return np.minimum(own, np.maximum(least_of_ranges(own, first, last), slow_enough))
 
 
 def lowest_between(time: FloatArray, value: FloatArray) -> FloatArray:

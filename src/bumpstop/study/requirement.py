@@ -92,6 +92,7 @@ def require(
     Raises:
         InputError: it cannot be varied, the range is empty, or the body has no limit for such a contact.
     """
+    vary = Variable(vary).name
     check_name(vary)
     accepted = scenario.verdict.risk if risk is None else risk
     if not 0 < accepted < 1:

@@ -63,7 +63,7 @@ def retime(
     """
     u = trajectory.time
     if (pace <= 0).any():
-        raise InputError("trajectory", f"no speed is safe at {u[int(np.argmax(pace <= 0))]:.6g} s", "change the path")
+        raise InputError("motion.file", f"no speed is safe at {u[int(np.argmax(pace <= 0))]:.6g} s", "change the path")
     rate = trajectory.at(u, 1)
     with np.errstate(divide="ignore"):
         joint = (_SHARE * velocity_limit / np.abs(rate)).min(axis=1)
@@ -77,20 +77,23 @@ def retime(
     for i in range(len(u) - 2, -1, -1):
         allowed[i] = pieces.greatest_start(i, float(most[i]), float(allowed[i + 1]))
         if not allowed[i] > 0:
-            raise InputError("trajectory", f"no pace keeps the acceleration limits at {u[i]:.6g} s", "smooth the path")
+            raise InputError("motion.file", f"no pace keeps the acceleration limits at {u[i]:.6g} s", "smooth the path")
     x = np.empty_like(allowed)
     x[0] = allowed[0]
     for i in range(len(step)):
         x[i + 1] = min(allowed[i + 1], x[i] + 2 * step[i] * pieces.greatest_change(i, float(x[i])))
         if not x[i + 1] > 0:
             raise InputError(
-                "trajectory", f"no pace keeps the acceleration limits at {u[i + 1]:.6g} s", "smooth the path"
+                "motion.file", f"no pace keeps the acceleration limits at {u[i + 1]:.6g} s", "smooth the path"
             )
     return _written(trajectory, x)
 
 
 # A joint that the pace accelerates less than this, per unit, is not accelerated by it at all.
 _STILL = 1e-200
+# Within a piece the square of the pace falls to no less than this share: an arm that could only just stop at the end of
+# a piece would not go on.
+_LEAST_LEFT = 0.01
 
 
 class _Pieces:
@@ -138,7 +141,7 @@ class _Pieces:
             if x > self._most[i]:
                 return False
             shift = drift * x
-            low = max(-float((room + shift).min()), -x / (2 * step))
+            low = max(-float((room + shift).min()), -(1 - _LEAST_LEFT) * x / (2 * step))
             high = min(float((room - shift).min()), (after - x) / (2 * step))
             return low <= high + 1e-12 * abs(high)
 
@@ -176,7 +179,7 @@ def _written(trajectory: Trajectory, x: FloatArray) -> Retimed:
             break
         if parts >= _MOST_PARTS:
             problem = f"{parts} rows between two waypoints still stray by {strays:.2g} from the path"
-            raise InputError("trajectory", problem, "give waypoints that are closer together")
+            raise InputError("motion.file", problem, "give waypoints that are closer together")
         parts *= 2
     acceleration = trajectory.at(moment, 2) * speed[:, None] ** 2
     acceleration += trajectory.at(moment, 1) * np.append(change[piece], change[-1])[:, None]

@@ -43,9 +43,10 @@ class Risk:
 
     Attributes:
         over: probability of passing the force or the pressure limit, whichever is greater; never detected counts as
-            over, in clamped contact. Where the arm cannot follow its line, a bound: from above where it is less than
-            a tenth of the accepted risk, from below where it is more than ten times as much, and near it to a part in
-            a thousand from above. Where a singularity binds, that of collisions unnoticed before it.
+            over, in clamped contact of an arm that does not come to rest. Where the arm cannot follow its line, a
+            bound: from above where it is less than a tenth of the accepted risk, from below where it is more than ten
+            times as much, and near it to a part in a thousand from above. Where a singularity binds, that of collisions
+            unnoticed before it.
         undetected: the part of it that is never detected.
         false_alarm: probability of an alarm before contact.
         binding: ``"force"`` or ``"pressure"``, the limit passed more often; ``"singularity"`` where the arm passes one
@@ -183,7 +184,7 @@ class VariedRisk:
         law = exact_law(problem, curve)
         verdict = law.verdict
         force, pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
-        undetected = law.undetected_probability if problem.body_mass is None else 0.0
+        undetected = 0.0 if law.unbounded_because is None else law.undetected_probability
         over = max(force, pressure)
         step = np.diff(curve.tick_distance)
         follows = not step.size or bool(np.ptp(step) <= _OFF_LINE * abs(step[0]))

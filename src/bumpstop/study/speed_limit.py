@@ -34,7 +34,8 @@ class SpeedLimits:
         speed: of the tip (N,) [m/s].
         risk: probability of passing a limit at that speed, by the exact law; NaN where ``speed`` is 0.
         by: (N,) what holds it down: ``"law"``, ``"turning"`` (joints that turn faster than a straight line asks for),
-            ``"cap"``, ``"none"`` (no speed is safe) or ``"singularity"`` (nor is any where a trajectory passes one).
+            ``"cap"``, ``"none"`` (no speed is safe) or ``"singularity"`` (no straight line can be followed there; the
+            law of the trajectory itself).
         laws: exact laws worked out.
     """
 
@@ -42,11 +43,6 @@ class SpeedLimits:
     risk: FloatArray
     by: npt.NDArray[np.str_]
     laws: int
-
-    def none_at(self, rows: npt.NDArray[np.bool_], why: str) -> SpeedLimits:
-        """The same but that no speed is safe at some rows (N,)."""
-        speed, risk = np.where(rows, 0.0, self.speed), np.where(rows, np.nan, self.risk)
-        return SpeedLimits(speed, risk, np.where(rows, why, self.by), self.laws)
 
 
 def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float) -> FloatArray:
@@ -84,7 +80,7 @@ def missed(problem: Problem, torque: FloatArray, accepted: float) -> FloatArray:
 
 
 def speed_limits(
-    scenario: Scenario, q: FloatArray, direction: FloatArray, cap: FloatArray, *, threads: int = 1
+    scenario: Scenario | Problem, q: FloatArray, direction: FloatArray, cap: FloatArray, *, threads: int = 1
 ) -> SpeedLimits:
     """Find the highest safe speeds along straight lines through poses.
 
@@ -93,14 +89,14 @@ def speed_limits(
     sawtooth over speed no slower one is left that fails.
 
     Args:
-        scenario: a straight line of the tip; its pose and velocity are replaced.
+        scenario: a straight line of the tip, checked or not; its pose and velocity are replaced.
         q: poses (N, dof) [rad or m].
         direction: unit vectors, base frame (N, 3).
         cap: no speed above it is looked at (N,) [m/s].
         threads: for the exact laws.
     """
-    problem = Problem.from_scenario(scenario)
-    limit, accepted = allowed_force(problem), scenario.verdict.risk
+    problem = scenario if isinstance(scenario, Problem) else Problem.from_scenario(scenario)
+    limit, accepted = allowed_force(problem), problem.scenario.verdict.risk
     arms = Arms(problem, q, direction)
     torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -119,7 +115,7 @@ def speed_limits(
             break
         v = trial[open_]
         found = evaluate_batch(
-            scenario, q[open_], direction[open_] * v[:, None], probabilities=[1 - accepted], limits_N=[limit],
+            problem, q[open_], direction[open_] * v[:, None], probabilities=[1 - accepted], limits_N=[limit],
             threads=threads,
         )  # fmt: skip
         laws += open_.size
@@ -138,7 +134,7 @@ def speed_limits(
             number,
         )  # fmt: skip
     by = np.where(met >= cap * (1 - 1e-12), "cap", np.where(met > 0, "law", "none"))
-    if is_sawtooth(scenario):
+    if is_sawtooth(problem.scenario):
         slower, more = _below_all_teeth(problem, q, direction, met, risk, gain, threads)
         by = np.where(slower < met, np.where(slower > 0, "law", "none"), by)
         met, laws = slower, laws + more
@@ -163,7 +159,7 @@ def _below_all_teeth(
         speed = np.concatenate(list(trials.values()))
         laws += rows.size
         over = evaluate_batch(
-            problem.scenario, q[rows], direction[rows] * speed[:, None], limits_N=[limit], threads=threads
+            problem, q[rows], direction[rows] * speed[:, None], limits_N=[limit], threads=threads
         ).exceedance[:, 0]
         ends = np.cumsum([each.size for each in trials.values()])
         return dict(zip(trials, np.split(over, ends[:-1]), strict=True))

@@ -7,8 +7,10 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.arrays import as_name
 from bumpstop.errors import InputError, near_matches
 from bumpstop.study.horizon import duration_s
+from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario import Scenario
@@ -21,18 +23,25 @@ ALIASES = {
     "contact.padding": ("N/m", "contact.padding_N_m"),
     "contact.stiffness": ("N/m", "contact.stiffness_N_m"),
 }
+# Keys of a scenario that mean what an alias does.
+_KEYS_OF_ALIASES = {"motion.speed_mm_s": "motion.speed"}
 _WORDS = {
     "detector.thresholds": "lowest threshold",
     "detector.thresholds_and_noise": "lowest threshold and noise",
 }
 # Longest first: _mm_s ends in _s.
 _UNITS = {
-    "_rad_s2": "rad/s2", "_mm_s": "mm/s", "_N_m": "N/m", "_cm2": "cm2", "_1_s": "1/s", "_deg": "deg", "_rad": "rad",
-    "_Nm": "Nm", "_kg": "kg", "_mm": "mm", "_m": "m", "_s": "s",
+    "_rad_s2": "rad/s2", "_mm_s": "mm/s", "_N_mm": "N/mm", "_N_m": "N/m", "_cm2": "cm2", "_1_s": "1/s",
+    "_deg": "deg", "_rad": "rad", "_Nm": "Nm", "_kg": "kg", "_mm": "mm", "_m": "m", "_s": "s",
 }  # fmt: skip
 # Units of a joint that turns, and those of one that slides.
 _SLIDING = {"rad/s2": "m/s2", "deg": "m", "rad": "m", "Nm": "N"}
-_NOT_VARIED = ("motion.velocity_mm_s", "pose_deg", "pose_rad", "contact.point_m", "contact.normal")
+_NOT_VARIED = ("motion.velocity_mm_s", "motion.direction", "pose_deg", "pose_rad", "contact.point_m", "contact.normal")
+
+
+def canonical(name: str) -> str:
+    """The name of a variable that has two."""
+    return _KEYS_OF_ALIASES.get(name, name)
 
 
 def per(quantity: str, unit: str) -> str:
@@ -52,6 +61,10 @@ class Variable:
     """
 
     name: str
+
+    def __post_init__(self) -> None:
+        """Call what has two names by one."""
+        object.__setattr__(self, "name", canonical(as_name(self.name, "--vary", "wanted a key of a scenario")))
 
     def unit(self, scenario: Scenario) -> str:
         """Of its values; empty for a bare number. What belongs to joints that slide has their unit."""
@@ -108,10 +121,13 @@ class Variable:
             if not math.isfinite(lowest):
                 raise InputError(self.name, "watches no joint", "wanted a finite threshold")
             return lowest
-        if self.name == "contact.stiffness" and scenario.contact.stiffness_N_m is None:
-            from bumpstop.collision import Problem
+        if self.name in ("contact.stiffness", "contact.stiffness_N_mm"):
+            stiffness = scenario.contact.stiffness_N_m
+            if stiffness is None:
+                from bumpstop.collision import Problem
 
-            return Problem.from_scenario(scenario).body_stiffness
+                stiffness = Problem.from_scenario(scenario).body_stiffness
+            return stiffness if self.name == "contact.stiffness" else stiffness / 1e3
         if self.name == "contact.padding" and scenario.contact.padding_N_m is None:
             return math.inf
         found = self._lookup(scenario)
@@ -223,7 +239,7 @@ class Variable:
         return getattr(getattr(scenario, table) if table else scenario, key)
 
     def _unusable(self, found: Any) -> InputError:
-        if self.key == "motion.velocity_mm_s":
+        if self.key in ("motion.velocity_mm_s", "motion.direction"):
             return InputError("--vary", f"{self.name!r} is a direction", "valid: motion.speed, or one of its items")
         if isinstance(found, list):
             return InputError("--vary", f"{self.name!r} is a list", f"wanted one of its items, e.g. {self.key}[1]")
@@ -324,10 +340,10 @@ _MOST_VALUES = 1000
 
 
 def _values(text: str, written: str, count: int) -> list[float]:
-    if written.startswith("["):
-        if not written.endswith("]"):
-            raise InputError("--vary", f"{text[:200]!r} is not KEY=[A, B, ...]", "close the bracket")
-        values = [_number(text, part) for part in written[1:-1].split(",")]
+    if written.startswith("[") or "," in written:
+        if written.startswith("[") != written.endswith("]"):
+            raise InputError("--vary", f"{text[:200]!r} is not KEY=A,B,...", "close the bracket")
+        values = [_number(text, part) for part in list_items(written)]
         if len(values) > _MOST_VALUES:
             raise InputError("--vary", f"{len(values)} values are too many", f"wanted at most {_MOST_VALUES}")
         return values

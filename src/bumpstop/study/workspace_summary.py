@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from bumpstop.study.workspace import WorkspaceStudy
 
 ENDS = ("horizon", "joint_limit", "singularity", "certain_detection", "singular_start")
+# Motions that end before contact more often than this never touch anything.
+_NEVER = 1 - 1e-6
 # Of the frequency maps: cells of condition number or singular value, by cells of force.
 MAP_CELLS = 12
 
@@ -45,6 +47,11 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
     tails = known["p_over_edges"].explode().to_numpy().reshape(known.height, edges.size)
     # The last bin takes what lies beyond, undetected cases among it.
     mixture = -np.diff(np.column_stack([np.ones(known.height), tails[:, 1:], np.zeros(known.height)]), axis=1)
+    # A motion that ends before contact is no mild collision.
+    no_contact = known["no_contact"].to_numpy()
+    mixture[:, 0] = np.maximum(0.0, mixture[:, 0] - no_contact)
+    hits = no_contact <= 0.5
+    touching = known.filter(no_contact < _NEVER)
     unsafe = worst_risk(known) > study.scenario.verdict.risk
     if study.foretell and limits:
         result["predictors"] = predictors(known, unsafe, min(study.force_limits))
@@ -53,6 +60,9 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
         "p_over_force": over["force"],
         "p_over_pressure": over["pressure"],
         "p_over_force_or_no_contact": _share((known["p_over_force"] + known["no_contact"]).to_numpy()),
+        "never_touch": known.height - touching.height,
+        "p_over_force_of_touching": _share(touching["p_over_force"].to_numpy()) if touching.height else None,
+        "p_over_pressure_of_touching": _share(touching["p_over_pressure"].to_numpy()) if touching.height else None,
         "accepted_risk": study.scenario.verdict.risk,
         "poses_over_risk": int(unsafe.sum()) if limits else None,
         "undetected": _share(known["undetected"].to_numpy()),
@@ -65,9 +75,9 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
         },
         "distribution": {
             "edges_N": edges,
-            "poses_by_median": np.histogram(np.minimum(median, 1e300), bins=[*edges, np.inf])[0],
+            "poses_by_median": np.histogram(np.minimum(median[hits], 1e300), bins=[*edges, np.inf])[0],
             "collisions": mixture.sum(axis=0),
-            "mode_of_medians_N": _mode(np.histogram(np.minimum(median, 1e300), bins=edges)[0], edges),
+            "mode_of_medians_N": _mode(np.histogram(np.minimum(median[hits], 1e300), bins=edges)[0], edges),
             "mode_of_collisions_N": _mode(mixture.sum(axis=0)[:-1], edges),
         },
         "rank_correlation_with_median_force": {

@@ -1,0 +1,51 @@
+/// @file
+/// Where an arm cannot follow its line any more, at a joint limit or a singularity: it brakes.
+#pragma once
+
+#include "bumpstop/collision/line_path.hpp"
+#include "bumpstop/collision/reaction_job.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+namespace detail {
+
+/// The line ends with the last step written, where the joints are at `q(joint)` and move at `qd(joint)`: from there the arm
+/// brakes at its acceleration limits, one ratio scaling all joints as in `limited_change`, until it stands. No tick follows, and no reaction begins that has not begun: more latency cannot let an arm stop at once.
+/// `met_step`: in which the limit or the singularity is met. One met after the horizon, while the line goes on for reactions
+/// alone, is not what ends the motion.
+template <class Q, class Rate>
+void cut_line(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing,
+              PathEnd why, int met_step, Q q, Rate qd, LinePath& path) {
+    path.cut_step = int(path.s.size()) - 1;
+    if (path.end == PathEnd::horizon && met_step <= timing.steps) path.end = why;
+    double stop_time = 0;  // of the slowest joint [s]
+    for (int f = 0; f < motion.free_count; ++f) {
+        const int j = motion.free_joint[f];
+        stop_time = std::max(stop_time, std::fabs(qd(j)) / motion.acceleration_limit[j]);
+    }
+    const double load = stop_time / motion.substep();  // sub-steps
+    const double braking = std::floor(load);           // in the sub-step after these the rates are zero
+    const double steps = std::min(std::ceil(braking / motion.substeps),
+                                  double(longest_reaction(stop_time, path.s.size(), motion.step, motion.substeps)));
+    const Point3<double> start{path.start[0], path.start[1], path.start[2]};
+    const Point3<double> normal{path.normal[0], path.normal[1], path.normal[2]};
+    double there[max_joints];
+    JointAngles<double> angle;
+    Posture<double> posture;
+    for (int j = 0; j < chain.dof; ++j) there[j] = q(j);
+    for (int i = 1; i <= int(steps); ++i) {
+        const double n = std::min(double(i) * motion.substeps, braking);
+        const double travel = motion.substep() * (n - n * (n + 1) / (2 * load));  // per rate
+        for (int f = 0; f < motion.free_count; ++f) {
+            const int j = motion.free_joint[f];
+            there[j] = q(j) + qd(j) * travel;
+        }
+        angle.set(chain, there);
+        forward_kinematics(chain, there, angle, posture);
+        path.braking.push_back(dot(posture.position(contact.point) - start, normal));
+    }
+}
+
+}  // namespace detail
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

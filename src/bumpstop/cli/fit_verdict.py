@@ -1,0 +1,59 @@
+"""The verdict on a fit on the terminal, first of all, and what reading its recordings found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.identification import FitVerdict
+    from bumpstop.recording import Recording
+
+NOT_USABLE = 3
+
+
+def print_verdict(verdict: FitVerdict) -> None:
+    """One line, and a line for every reason."""
+    typer.echo(verdict.line())
+    for reason in verdict.reasons():
+        typer.echo(reason)
+
+
+def exit_status(verdict: FitVerdict) -> int:
+    """0, or 3 where the fit is not usable."""
+    return 0 if verdict.usable else NOT_USABLE
+
+
+@contextmanager
+def with_faults(logs: Sequence[Recording]) -> Iterator[None]:
+    """Where a fit is refused, say what its recordings contradict themselves in: that may be why."""
+    from bumpstop.identification.fit_verdict import reading_faults
+
+    try:
+        yield
+    except InputError as error:
+        faults = reading_faults(logs)
+        if not faults:
+            raise
+        raise InputError(error.field, f"{error.problem} ({'; '.join(faults)})", error.valid) from None
+
+
+def print_reading(logs: Sequence[Recording]) -> None:
+    """The part of recordings that was used, rows that were dropped from them, and the notes on them."""
+    for log in logs:
+        where = f"{log.source}: " if log.source else ""
+        if log.cut_from is not None:
+            typer.echo(
+                f"part: {where}{log.t[0] - log.cut_from:.6g} to {log.t[-1] - log.cut_from:.6g} s from its beginning"
+                + (f", {log.t[0]:.6g} to {log.t[-1]:.6g} s of its own time" if log.cut_from != 0 else "")
+            )
+        if log.report.rows_dropped:
+            counts = ", ".join(f"{reason} {count}" for reason, count in log.report.counts.items())
+            typer.echo(f"bad rows: {where}{log.report.rows_dropped} of {log.report.rows_read} dropped ({counts})")
+        for note in log.report.notes:
+            typer.echo(f"note: {where}{note}")

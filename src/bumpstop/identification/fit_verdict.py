@@ -1,0 +1,76 @@
+"""The verdict on a fit or on its validation: usable, usable with warnings or not usable, and why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bumpstop.recording import Recording
+
+USABLE, WITH_WARNINGS, NOT_USABLE = "usable", "usable with warnings", "not usable"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitVerdict:
+    """What was found of a fit, or of a model on other recordings.
+
+    Attributes:
+        faults: why it cannot be used, a sentence without its full stop each; any of them makes it not usable.
+        warnings: what limits its use, likewise.
+        condition: condition number of the columns that were fitted, each brought to length one; None: there is none.
+        held_out: share of the variance, 0 to 1 and more, that is left unexplained on rows that were not fitted, the
+            mean over joints; None: none were held out.
+    """
+
+    faults: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    condition: float | None = None
+    held_out: float | None = None
+
+    @property
+    def status(self) -> str:
+        """``"usable"``, ``"usable with warnings"`` or ``"not usable"``."""
+        if self.faults:
+            return NOT_USABLE
+        return WITH_WARNINGS if self.warnings else USABLE
+
+    @property
+    def usable(self) -> bool:
+        """Whether nothing stands against using it."""
+        return not self.faults
+
+    def line(self) -> str:
+        """The verdict with its figures in one line."""
+        figures = []
+        if self.condition is not None:
+            figures.append(f"condition number {self.condition:.3g}")
+        if self.held_out is not None:
+            figures.append(f"{100 * self.held_out:.3g} % unexplained on held-out rows")
+        return f"verdict: {self.status}" + (f" ({', '.join(figures)})" if figures else "")
+
+    def reasons(self) -> list[str]:
+        """Every reason in a line of its own, those that make it not usable first."""
+        return [f"not usable: {fault}" for fault in self.faults] + [f"warning: {one}" for one in self.warnings]
+
+    def to_json(self) -> dict[str, Any]:
+        """For programs; what is infinite is null."""
+        figures = {"condition_number": self.condition, "held_out_unexplained": self.held_out}
+        return {
+            "status": self.status,
+            "faults": list(self.faults),
+            "warnings": list(self.warnings),
+            **{name: x if x is not None and math.isfinite(x) else None for name, x in figures.items()},
+        }
+
+
+def named(names: Sequence[str]) -> str:
+    """Names in a row for a sentence."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def reading_faults(recordings: Sequence[Recording]) -> list[str]:
+    """What recordings contradict themselves in, with their names: no fit to them can be used."""
+    return [f"{log.source}: {fault}" if log.source else fault for log in recordings for fault in log.report.faults]

@@ -1,0 +1,61 @@
+"""What tells the inertia of a real arm from figures that were put in so that a simulator runs."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from bumpstop.model.robot import Robot
+
+# Of so many moving links no two halves of a real arm are the same; two wrist links of one shape are common.
+_MIN_EQUAL = 3
+_PLACEHOLDER_KG = (0.0, 1.0, 2.0)
+# The lightest arms on sale, of plastic and carbon fibre, move some 5 kg per square metre of reach, industrial ones 15
+# and more. No arm is known below this.
+_MIN_KG_PER_M2 = 4.0
+
+
+def inertia_doubts(robot: Robot) -> tuple[str, ...]:
+    """Why the masses and tensors of a robot are probably placeholders.
+
+    Args:
+        robot: with the inertia of some of its links.
+
+    Returns:
+        One sentence that names what was found: equal masses or moments of inertia in three or more links (in all, of
+        two), masses of 0, 1 or 2 kg in half of the links or more, no mass at all in a link, or a sum below 4 kg per
+        square metre of reach. Empty: none of that.
+    """
+    links = [(joint.link, joint.inertia) for joint in robot.joints if joint.inertia is not None]
+    if not links:
+        return ()
+    masses = [inertia.mass for _, inertia in links]
+    tensors = [tuple(np.round(np.linalg.eigvalsh(np.asarray(inertia.tensor)), 9)) for _, inertia in links]
+    found = []
+    many = max(2, min(_MIN_EQUAL, len(links)))
+    mass, count = Counter(masses).most_common(1)[0]
+    if count >= many:
+        found.append(f"{count} of {len(links)} links have the same mass, {mass:g} kg")
+    moments, count = Counter(tensors).most_common(1)[0]
+    if count >= many:
+        values = ", ".join(f"{moment:.3g}" for moment in moments)
+        found.append(f"{count} of {len(links)} links have the same moments of inertia, {values} kg m2")
+    without = [name for name, inertia in links if inertia.mass == 0]
+    if without:
+        found.append(f"link {', '.join(repr(name) for name in without[:5])} has no mass")
+    round_ones = sum(mass in _PLACEHOLDER_KG for mass in masses)
+    if 2 * round_ones >= len(links) >= 2 and round_ones > len(without):
+        found.append(f"{round_ones} of {len(links)} links weigh exactly 0, 1 or 2 kg")
+    total, reach = sum(masses), robot.reach
+    if len(links) == robot.dof and math.isfinite(reach) and total < _MIN_KG_PER_M2 * reach**2:
+        found.append(
+            f"all links together weigh {total:.3g} kg, less than any known arm that reaches {reach:.3g} m "
+            f"({_MIN_KG_PER_M2 * reach**2:.3g} kg)"
+        )
+    if not found:
+        return ()
+    return (f"The inertia of {robot.name} looks like placeholders, not like an arm's: {'; '.join(found)}.",)

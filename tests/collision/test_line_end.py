@@ -1,0 +1,147 @@
+"""Arms that cannot follow their line any farther: they brake, and more latency makes no collision milder."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from collision.cases import control_group, twin_of
+from twin import simulate, tick_count
+
+# Joint 2 is 10 ms from its limit at 250 mm/s.
+NEAR_LIMIT: dict[str, Any] = {
+    "pose_deg": [0, 109.5, 0, -20, 0, -40, 0],
+    "motion__velocity_mm_s": [0, 0, -250],
+    "contact__offset_law": "uniform",
+}
+
+# Beside a singularity this arm never goes back.
+NEVER_TURNS: dict[str, Any] = {
+    "robot": "sia5d",
+    "pose_rad": [
+        1.1626517719882017, 1.0304149573875554, -0.38000399416909003, 1.0442252804970655, 1.304027774136598,
+        0.827760297114783, 0.0,
+    ],
+    "motion": {
+        "velocity_mm_s": [-210.98269585072026, 255.6855384998124, 353.34691738948123],
+        "held_joints": [7],
+        "duration_s": 0.3,
+    },
+    "contact": {"stiffness_N_m": 75_000.0},
+    "detector": {"thresholds_Nm": [1e6] * 7, "noise_sd_Nm": 1.0, "feedback_period_s": 0.02},
+    "reaction": {"joint_acceleration_rad_s2": 12.814053961487861},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["reverse", "stop"])
+def test_more_latency_makes_no_collision_milder_at_a_joint_limit(kind: str) -> None:
+    forces, shares = [], []
+    for latency in (0, 0.004, 0.008, 0.02, 0.1):
+        law = bs.evaluate(control_group(**NEAR_LIMIT, reaction__kind=kind, reaction__latency_s=latency))
+        assert law.curve.end == "joint_limit"
+        forces.append(law.peak_force.mean)
+        shares.append(law.verdict.p_over_force)
+        drawn = bs.evaluate(law.scenario, samples=4000, seed=1)
+        assert drawn.peak_force.mean == pytest.approx(law.peak_force.mean, abs=5 * law.peak_force.sd / math.sqrt(4000))
+    assert np.diff(forces).min() > -1e-6
+    assert np.diff(np.asarray(shares, dtype=float)).min() > -1e-12
+    assert any("brakes at its acceleration limits; no reaction begins" in note for note in law.notes)
+    assert any("joint 2 reaches its limit, after" in note for note in law.notes)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.012])
+def test_an_arm_that_brakes_goes_as_far_as_the_twin(latency: float) -> None:
+    scenario = control_group(**NEAR_LIMIT, reaction__latency_s=latency)
+    law = bs.evaluate(scenario)
+    curve = law.curve
+    robot = law.problem.robot
+    settings = replace(twin_of(scenario), min_position=robot.lower, max_position=robot.upper, duration_s=0.4)
+    noise = np.zeros((curve.ticks, tick_count(settings), robot.dof))
+    noise[np.arange(curve.ticks), np.arange(curve.ticks)] = 1e9
+    runs = simulate(settings, np.full(curve.ticks, math.inf), noise)
+    np.testing.assert_array_equal(runs.detection_tick, np.arange(curve.ticks))
+    np.testing.assert_allclose(curve.farthest, runs.max_travel_m, atol=1e-9)
+    # Undetected it comes to rest where the twin does.
+    undetected = replace(settings, thresholds_Nm=math.inf)
+    body = simulate(undetected, np.zeros(1), None)
+    assert body.force_at_end_N[0] == pytest.approx(law.problem.stiffness * curve.kernel.braking[-1], rel=1e-9)
+
+
+def test_a_body_reached_only_while_the_arm_brakes_is_hit() -> None:
+    """Exact, sampled and batch: it stands 2 mm beyond the place where the line ends."""
+    reach = bs.evaluate(control_group(**NEAR_LIMIT)).curve.distance.max()
+    scenario = control_group(
+        **NEAR_LIMIT | {"contact__offset_law": "fixed"}, contact__offset_mm=float(reach) * 1e3 + 2
+    )  # fmt: skip
+    law = bs.evaluate(scenario)
+    force = law.problem.stiffness * (law.curve.kernel.braking.max() - reach - 2e-3)
+    assert force > 100
+    assert law.no_contact_probability == pytest.approx(1, abs=1e-6)
+    assert law.peak_force.quantile(0.5) == pytest.approx(force, rel=1e-9)
+    assert law.verdict.acceptable is False
+    assert bs.evaluate(scenario, samples=50, seed=1).peak_force.quantile(0.5) == pytest.approx(force, rel=1e-9)
+    batch = bs.evaluate_batch(scenario, law.problem.q[None], law.problem.velocity[None], probabilities=[0.5])
+    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-6)
+
+
+@pytest.mark.parametrize(("robot", "limit"), [("sia5d", 4.5), ("ur10e", 10.0), ("panda", 8.0)])
+def test_lines_that_end_within_the_latency_turn_no_verdict(robot: str, limit: float) -> None:
+    """Random poses close to a limit. A reaction that is not due where the line ends counts as far as the arm brakes."""
+    arm, rng = bs.Robot.load(robot), np.random.default_rng(11)
+    low, high = np.maximum(arm.lower, -3.1), np.minimum(arm.upper, 3.1)
+    q = rng.uniform(low, high, size=(120, arm.dof))
+    joint = rng.integers(0, arm.dof, size=len(q))
+    rows = np.arange(len(q))
+    q[rows, joint] = high[joint] - rng.uniform(0, 0.02, size=len(q))
+    velocity = rng.normal(size=(len(q), 3))
+    velocity *= 0.25 / np.linalg.norm(velocity, axis=1)[:, None]
+    settings = {
+        "robot": robot, "pose_rad": q[0].tolist(), "motion": {"velocity_mm_s": (velocity[0] * 1e3).tolist()},
+        "contact": {"stiffness_N_m": 75_000.0, "offset_law": "half_normal", "offset_sd_s": 0.02},
+        "detector": {"thresholds_Nm": [20.0] * arm.dof, "noise_sd_Nm": 3.0},
+        "reaction": {"kind": "stop", "joint_acceleration_rad_s2": limit},
+    }  # fmt: skip
+    laws = []
+    for latency in (0.0, 0.2):
+        settings["reaction"] |= {"latency_s": latency}
+        laws.append(bs.evaluate_batch(bs.Scenario.from_dict(settings), q, velocity, limits_N=[135.0, 400.0]))
+    none, late = laws
+    ended = (none.end == "joint_limit") | (none.end == "singularity")
+    assert ended.any()
+    np.testing.assert_array_equal(none.end, late.end)
+    less = none.exceedance - late.exceedance
+    assert less[ended].max() < 1e-3
+
+
+def test_a_reaction_that_never_turns_back_keeps_its_farthest_point() -> None:
+    """Left at its longest time, it is as far as all of its steps say: the last of them count."""
+    scenario = bs.Scenario.from_dict(NEVER_TURNS)
+    curve = bs.stopping_curve(bs.Problem.from_scenario(scenario), whole=True)
+    ticks = list(range(curve.ticks))
+    every = [float(path.max()) for path in curve.kernel.reaction_paths(ticks, [-1e9] * len(ticks))]
+    np.testing.assert_allclose(np.maximum(every, curve.tick_distance), curve.farthest, rtol=1e-7)
+
+
+@pytest.mark.parametrize("latency", [0.008, 0.010, 0.050])
+def test_a_reaction_sooner_than_the_latency_counts_where_it_takes_the_arm_farther(latency: float) -> None:
+    """Moving away from singularities, arms get farther the sooner they react."""
+    arm, rng = bs.Robot.load("ur10e"), np.random.default_rng(1)
+    q = rng.uniform(-3, 3, size=(200, arm.dof))
+    velocity = rng.normal(size=(len(q), 3))
+    velocity *= 0.25 / np.linalg.norm(velocity, axis=1)[:, None]
+    settings: dict[str, Any] = {
+        "robot": "ur10e", "pose_rad": q[0].tolist(), "motion": {"velocity_mm_s": (velocity[0] * 1e3).tolist()},
+        "contact": {"stiffness_N_m": 75_000.0},
+        "detector": {"thresholds_Nm": [40, 40, 30, 12, 12, 12], "noise_sd_Nm": [7, 7, 5, 2, 2, 2]},
+        "reaction": {"joint_acceleration_rad_s2": 10.0, "latency_s": 0.0},
+    }  # fmt: skip
+    none = bs.evaluate_batch(bs.Scenario.from_dict(settings), q, velocity, limits_N=[135.0])
+    settings["reaction"]["latency_s"] = latency
+    late = bs.evaluate_batch(bs.Scenario.from_dict(settings), q, velocity, limits_N=[135.0])
+    assert np.nanmax(none.exceedance - late.exceedance) < 1e-4
+    assert np.nanmax(none.mean / late.mean) < 1 + 1e-4

@@ -1,0 +1,165 @@
+"""What stands beside a verdict: said where it weakens it, and only there."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.collision.alarm_rate import alarm_rate
+from bumpstop.detection.residuals import write_residuals
+from collision.cases import control_group, ur10e
+from collision.trajectory_cases import gantry, scenario, trajectory_motion, write_csv
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("0*.toml"))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_nothing_weakens_the_examples(path: Path) -> None:
+    assert bs.evaluate(bs.load_scenario(path)).warnings == ()
+
+
+# What is changed, a part of the one sentence that says it.
+SAID: list[tuple[dict[str, Any], str]] = [
+    (
+        {"contact__normal": [1.0, 0.0, -0.2]},
+        "contact.normal lies 78.7 degrees off the motion: the body is approached at 19.6 %",
+    ),
+    ({"motion__start": "rest", "contact__offset_law": "uniform"}, "From rest the arm has reached no more than 5"),
+    ({"simulation__step_s": 0.004, "simulation__substeps": 1}, "Simulation steps are coarse"),
+    ({"contact__point_m": [0.0, 0.0, 50.0]}, "contact.point_m lies 50 m from tool0"),
+    (
+        {"contact__stiffness_N_m": 900.0, "motion__velocity_mm_s": [0, 0, -10]},
+        "contact.stiffness_N_m = 900 N/m is softer",
+    ),
+    ({"contact__padding_N_m": 900.0, "motion__velocity_mm_s": [0, 0, -10]}, "contact.padding_N_m = 900 N/m is softer"),
+    ({"contact__stiffness_N_m": 2000.0, "motion__velocity_mm_s": [0, 0, -900]}, "The body is deformed by"),
+    ({"motion__velocity_mm_s": [0, 0, -0.25]}, "The tip moves at 0.25 mm/s"),
+    ({"reaction__joint_acceleration_rad_s2": 260.0}, "reaction.joint_acceleration_rad_s2 = 260 is more than"),
+    ({"contact__area_cm2": 200.0}, "contact.area_cm2 = 200 is 88.9 times"),
+    ({"contact__area_cm2": 0.01}, "contact.area_cm2 = 0.01 is a point of 1 mm2"),
+    ({"contact__kind": "free", "contact__body_mass_kg": 0.02}, "contact.body_mass_kg = 0.02 is lighter"),
+    ({"detector__noise_sd_Nm": [4.0, 0.0, 4.0, 4.0, 4.0, 4.0, 4.0]}, "detector.noise_sd_Nm is 0 at joint 2"),
+]
+
+
+@pytest.mark.parametrize(("changes", "said"), SAID, ids=[said[:30] for _, said in SAID])
+def test_is_said_alone_and_everywhere(changes: dict[str, Any], said: str) -> None:
+    law = bs.evaluate(control_group(**changes))
+    found = [warning for warning in law.warnings if said in warning]
+    assert len(found) == 1, law.warnings
+    assert list(law.warnings) == found or "deformed" in "".join(law.warnings)
+    assert found[0] in law.notes
+    assert found[0] in law.to_json()["verdict"]["warnings"]
+    assert bs.evaluate(control_group()).warnings == ()
+
+
+def test_angles_in_the_wrong_unit() -> None:
+    radians = [round(math.radians(q), 3) for q in (10, -80, 110, -120, -90, 20)]
+    taken = bs.evaluate(ur10e(pose_deg=radians, motion__damping=0.05, motion__task="position"))
+    assert any("look like radians, which are pose_rad" in warning for warning in taken.warnings)
+    meant = bs.evaluate(ur10e(pose_rad=radians))
+    assert not any("radians" in warning for warning in meant.warnings)
+
+
+def test_joints_too_fast() -> None:
+    law = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -2500]))
+    (said,) = [warning for warning in law.warnings if "needs joint" in warning]
+    qd = np.abs(law.problem.start["qd"])
+    limit = law.problem.robot.velocity
+    joint = int(np.argmax(qd / limit))
+    assert f"needs joint {joint + 1} at" in said
+    assert f"beyond its limit of {limit[joint]:.4g} rad/s" in said
+    share = law.problem.approach_speed / 2.5
+    assert f"it collides at {float(f'{100 * share:.3g}'):g} % of the speed" in said
+
+
+def test_a_region_without_a_pressure_limit(tmp_path: Path) -> None:
+    law = bs.evaluate(control_group(contact__limits="ts15066", contact__body="face"))
+    assert law.problem.limits is not None
+    has = law.problem.limits.pressure_N_cm2 is not None
+    assert has is not any("has no pressure limit" in warning for warning in law.warnings)
+    table = tmp_path / "own.toml"
+    table.write_text(
+        'name = "own"\ntitle = "Own"\nsource = "made up"\nstatus = "none"\n\n'
+        '[[region]]\nname = "shin"\nlabel = "Shin"\n'
+        "force_N = 130.0\ntransient_multiplier = 2.0\nspring_N_mm = 60.0\n",
+        encoding="utf-8",
+    )
+    own = bs.evaluate(control_group(contact__limits=str(table), contact__body="shin"))
+    assert own.verdict.p_over_pressure is None
+    assert any("own has no pressure limit for Shin: the force alone is judged" in warning for warning in own.warnings)
+
+
+def test_coarse_steps_say_the_force_that_finer_ones_find() -> None:
+    coarse = control_group(simulation__step_s=0.004, simulation__substeps=1)
+    law = bs.evaluate(coarse)
+    (said,) = law.warnings
+    changes = {"simulation.step_s": 0.001, "simulation.substeps": 4}
+    fine = bs.evaluate(coarse.with_values(changes))
+    assert "simulation.step_s = 0.001 and simulation.substeps = 4" in said
+    assert f"is {fine.peak_force.quantile(0.999):.4g} N, not {law.peak_force.quantile(0.999):.4g} N" in said
+
+
+def test_coarse_steps_of_a_long_motion_are_told_by_a_formula() -> None:
+    """Half the speed times a sub-step is missing from every braking distance."""
+    coarse = control_group(simulation__step_s=0.004, simulation__substeps=1, motion__duration_s=1000.0)
+    (said,) = bs.evaluate(coarse).warnings
+    assert "up to 0.1 mm shorter for them, which is 7.5 N" in said
+    assert bs.evaluate(control_group(motion__duration_s=1000.0)).warnings == ()
+
+
+def test_coarse_steps_of_a_trajectory(tmp_path: Path) -> None:
+    gantry(tmp_path)
+    t = np.linspace(0, 1, 60)
+    write_csv(tmp_path / "path.csv", t, (0.3 * (3 * t**2 - 2 * t**3))[:, None] * [0, 0, -1.0])
+    case = scenario(tmp_path, trajectory_motion(), reaction__joint_acceleration_rad_s2=20.0)
+    assert not any("coarse" in warning for warning in bs.evaluate(case).warnings)
+    coarse = bs.evaluate(case.with_values({"simulation.step_s": 0.004, "simulation.substeps": 1}))
+    assert any("Simulation steps are coarse" in warning for warning in coarse.warnings)
+
+
+def test_cases_that_touch_nothing_do_not_hide_a_risk() -> None:
+    """A third of the cases touch nothing; of the others more than the accepted share are over."""
+    case = control_group(
+        pose_deg=[0, 109.0, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -50], contact__offset_sd_s=0.12
+    )
+    law = bs.evaluate(case)
+    untouched = 1 - law.peak_force.exceedance(0.0)
+    assert 0.2 < untouched < 0.5
+    alone = law.verdict.p_over_pressure / (1 - untouched)
+    hidden = bs.evaluate(case.with_values({"verdict.risk": 0.9 * alone, "verdict.max_false_alarm": 0.1}))
+    assert hidden.verdict.acceptable is True
+    assert any("Of the others alone" in w and "more than the accepted" in w for w in hidden.warnings)
+
+
+# --- False alarms an hour -----------------------------------------------------------------------------------
+
+
+def test_false_alarms_an_hour_are_those_of_the_noise() -> None:
+    case = control_group(detector__thresholds_Nm=[12.0, math.inf, 20, 20, 20, 20, 20], detector__noise_sd_Nm=4.0)
+    rate = bs.evaluate(case).verdict.false_alarms_per_hour
+    each = [math.erfc(threshold / 4.0 / math.sqrt(2)) for threshold in (12.0, *[20.0] * 5)]
+    assert rate == pytest.approx(-math.expm1(sum(math.log1p(-p) for p in each)) * 3600 / 0.004, rel=1e-9)
+    correlated = alarm_rate(bs.Problem.from_scenario(case.with_values({"detector.noise_correlation": 0.5})))
+    assert correlated.words.startswith("at most ")
+    assert alarm_rate(bs.Problem.from_scenario(control_group())).words == "0.239 false alarms an hour of free motion"
+
+
+def test_false_alarms_an_hour_of_measured_residuals_are_counted(tmp_path: Path) -> None:
+    rows = np.zeros((9000, 7))
+    rows[100:103, 2] = 25.0  # one that lasts
+    rows[5000, 4] = -30.0
+    write_residuals(tmp_path / "free.parquet", 0.004 * np.arange(9000), rows)
+    data = control_group().to_dict()
+    del data["detector"]["noise_sd_Nm"]
+    del data["detector"]["noise_mean_Nm"], data["detector"]["noise_correlation"]
+    data["detector"]["residuals"] = "free.parquet"
+    rate = alarm_rate(bs.Problem.from_scenario(bs.Scenario.from_dict(data, tmp_path)))
+    assert rate.kind == "measured"
+    assert rate.per_hour == pytest.approx(2 / 0.01)
+    assert rate.words == "200 false alarms an hour in 0.01 h of measured free motion"

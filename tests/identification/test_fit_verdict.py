@@ -1,0 +1,328 @@
+"""A verdict on every fit: what hides behind a good R2 is said, and what is sound is left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.identification import (
+    DynamicsFit,
+    FitVerdict,
+    compare_currents,
+    identify_dynamics,
+    identify_gains,
+    identify_joint_model,
+    identify_payload,
+    judge_currents,
+    judge_dynamics,
+    judge_joint_model,
+    judge_payload,
+    judge_predictions,
+    load_fit,
+    save_fit,
+    with_payload,
+)
+from bumpstop.identification.current_shift import shift_of, tell_shifts
+from bumpstop.identification.motion import EvenMotion
+from bumpstop.identification.recorded_columns import clipped_share
+from bumpstop.identification.seen_motion import SeenMotion
+from bumpstop.model import inverse_dynamics
+from bumpstop.recording import Recording
+from cli.support import run, strict_json
+from identification.drives import driven, fourier
+from identification.drives import planted as with_drives
+from identification.recorded import FILES, SHARED, TX40_COLUMNS, there
+from identification.test_dynamics_fit import planted
+from identification.test_gains_fit import GAINS, LOAD, currents
+
+
+def sweeps(robot: bs.Robot, *, noise: float = 0.5, seed: int = 0) -> Recording:
+    """One joint after the other goes up and down, the others stand."""
+    rng, rate = np.random.default_rng(seed), 100.0
+    base = np.clip(np.array([0.3, -1.2, 1.4, -0.6, 1.1, 0.4, 0.2])[: robot.dof], robot.lower, robot.upper)
+    t = np.arange(0, 6.0, 1 / rate)
+    parts = []
+    for j in range(robot.dof):
+        q = np.tile(base, (t.size, 1))
+        q[:, j] += 0.4 * (1 - np.cos(2 * np.pi * t / 3)) * np.sin(4 * np.pi * t / 3)
+        parts.append(q)
+    q = np.concatenate(parts)
+    qd = np.gradient(q, 1 / rate, axis=0)
+    qdd = np.gradient(qd, 1 / rate, axis=0)
+    share = 1 / (1 + np.arange(robot.dof))
+    tau = inverse_dynamics(robot, q, qd, qdd) + share * (4 * np.tanh(qd / 0.01) + 2.5 * qd + 0.3 * qdd)
+    tau += noise * share * rng.normal(size=tau.shape)
+    return Recording(t=np.arange(len(q)) / rate, q=q + 1e-5 * rng.normal(size=q.shape), tau=tau)
+
+
+@cache
+def good() -> tuple[bs.Robot, Recording, DynamicsFit]:
+    robot = bs.Robot.load("ur10e")
+    log = planted(robot, 1, seconds=15.0)
+    return robot, log, identify_dynamics(log, robot, cutoff_hz=6.0)
+
+
+def test_a_sound_fit_is_usable_without_a_word() -> None:
+    _, log, fit = good()
+    verdict = judge_dynamics(fit, [log])
+    assert verdict.status == "usable", verdict.reasons()
+    assert verdict.condition is not None
+    assert 5 < verdict.condition < 100
+    assert verdict.held_out is not None
+    assert 0 < verdict.held_out < 0.05
+    assert verdict.line().startswith("verdict: usable (condition number ")
+
+
+@pytest.mark.parametrize(("name", "noise"), [("ur5e", 0.02), ("panda", 0.5)])
+def test_single_joint_sweeps_are_not_usable(name: str, noise: float) -> None:
+    """They explain what they were fitted to, to 99 %, and say nothing of motions of several joints."""
+    robot = bs.Robot.load(name)
+    log = sweeps(robot, noise=noise)
+    fit = identify_dynamics(log, robot, cutoff_hz=6.0)
+    # A joint is not fitted to rows at which it rests, which ``score`` has too.
+    assert fit.unexplained is not None
+    assert max(fit.unexplained) < 0.01
+    verdict = judge_dynamics(fit, [log])
+    assert verdict.status == "not usable"
+    assert verdict.condition is not None
+    assert verdict.condition > 5000
+    assert any("condition number" in fault for fault in verdict.faults)
+
+
+@pytest.mark.parametrize("joint", [1, 5])
+def test_torques_of_the_opposite_sign_are_not_usable(joint: int) -> None:
+    robot, log, _ = good()
+    assert log.tau is not None
+    sign = np.ones(robot.dof)
+    sign[joint] = -1
+    turned = replace(log, tau=log.tau * sign)
+    verdict = judge_dynamics(identify_dynamics(turned, robot, cutoff_hz=6.0), [turned])
+    name = robot.joints[joint].name
+    assert any(f" {name} is negative" in fault and "opposite sign" in fault for fault in verdict.faults)
+
+
+def test_negative_inertia_is_told() -> None:
+    robot, log, _ = good()
+    assert log.tau is not None
+    assert log.qd is not None
+    less = log.tau.copy()
+    less[:, 4] -= 2.0 * np.gradient(log.qd[:, 4], log.t)
+    turned = replace(log, tau=less)
+    warnings = judge_dynamics(identify_dynamics(turned, robot, cutoff_hz=6.0), [turned]).warnings
+    assert any("inertia about wrist_2_joint is negative in 100 % of poses" in warning for warning in warnings)
+
+
+def test_columns_that_stand_still_or_at_an_end_are_told() -> None:
+    robot, log, _ = good()
+    assert log.tau is not None
+    tau = log.tau.copy()
+    tau[:, 3] = 1.7
+    top = 0.7 * np.abs(tau[:, 1]).max()
+    tau[:, 1] = np.clip(tau[:, 1], -top, top)
+    spoilt = replace(log, tau=tau)
+    said = judge_dynamics(identify_dynamics(spoilt, robot, cutoff_hz=6.0), [spoilt]).reasons()
+    assert any("torque of wrist_1_joint is constant while the joint moves" in reason for reason in said)
+    assert any("torque of shoulder_lift_joint stands at an end" in reason and "clipped" in reason for reason in said)
+
+
+def test_what_is_quantized_or_rests_is_not_clipped() -> None:
+    rng = np.random.default_rng(2)
+    t = np.arange(0, 20, 0.01)
+    assert clipped_share(np.round(5 * np.sin(t) + 0.3 * rng.normal(size=t.size), 1)) == 0
+    assert clipped_share(np.where((t > 5) & (t < 15), np.sin(t), 0.0)) == 0
+    assert clipped_share(np.repeat([1.0, 2.0, 1.5, 2.0, 0.5], 400)) < 0.9
+    assert clipped_share(np.clip(5 * np.sin(t), -3, 3)) > 0.3
+
+
+def test_joints_that_rest_are_told() -> None:
+    robot, log, _ = good()
+    q = log.q.copy()
+    q[:, 3] = q[0, 3]
+    rested = Recording(t=log.t, q=q, tau=log.tau)
+    verdict = judge_dynamics(identify_dynamics(rested, robot, cutoff_hz=6.0), [rested])
+    assert any("wrist_1_joint hardly moves" in warning for warning in verdict.warnings)
+
+
+def test_validation_says_what_lies_outside_the_fit(tmp_path: Path) -> None:
+    robot, log, fit = good()
+    path = tmp_path / "model.toml"
+    save_fit(fit, path, robot={"robot": "ur10e"}, created_from=[], verdict="usable")
+    again = load_fit(path)
+    assert again.seen is not None
+    assert fit.seen is not None
+    np.testing.assert_array_equal(again.seen.low, fit.seen.low)
+
+    def judged(other: Recording) -> FitVerdict:
+        rows = again.rows(other)
+        return judge_predictions(again, rows, again.score_rows(rows), again.cutoff_hz)
+
+    assert not [warning for warning in judged(log).warnings if "outside" in warning]
+    assert log.tau is not None
+    assert log.qd is not None
+    far = log.q + np.array([0, 0, 2.0, 0, 0, 0])
+    told = [warning for warning in judged(replace(log, q=far)).reasons() if "outside" in warning]
+    assert len(told) == 1
+    assert "elbow_joint" in told[0]
+    assert "the positions of the fit" in told[0]
+    fast = replace(log, t=log.t / 1.5, qd=1.5 * log.qd)
+    told = [warning for warning in judged(fast).reasons() if "outside the speeds of the fit" in warning]
+    assert len(told) == robot.dof
+    assert judged(replace(log, tau=-log.tau)).status == "not usable"
+
+
+def test_a_range_is_left_by_more_than_its_margin() -> None:
+    low, high = np.array([-1.0]), np.array([1.0])
+    seen = SeenMotion(low, high, np.array([2.0]), np.array([3.0]))
+
+    def told(q: float, qd: float, rows: int) -> list[str]:
+        position, rate = np.zeros((100, 1)), np.zeros((100, 1))
+        position[:rows], rate[:rows] = q, qd
+        return seen.outside(EvenMotion(np.arange(100.0), position, rate, 0 * rate, 1.0), ["a"])
+
+    assert told(1.09, 2.09, 100) == []  # within 5 % of a width of 2, and of a speed of 2
+    assert told(-1.2, 0.0, 1) == []  # one row of a hundred
+    assert told(-1.2, 0.0, 2)
+    assert told(1.2, 0.0, 2)
+    assert told(0.0, -2.2, 2)
+
+
+@cache
+def currents_of_known_drives() -> tuple[bs.Robot, Recording]:
+    robot = bs.Robot.load("ur5e")
+    return robot, with_drives(robot, fourier(robot, 12.0, 94.0, 1), 1)[1]
+
+
+def test_joint_models_are_judged() -> None:
+    robot, log = currents_of_known_drives()
+    fit = identify_joint_model(log, robot, cutoff_hz=8.0)
+    verdict = judge_joint_model(fit, [log])
+    assert verdict.usable, verdict.reasons()
+    assert verdict.condition is not None
+    assert verdict.held_out is not None
+    assert verdict.held_out < 0.1
+    assert judge_currents(compare_currents(fit.model, log, robot)).status == "usable"
+    assert log.current is not None
+    sign = np.array([1.0, 1, -1, 1, 1, 1])
+    opposite = replace(log, current=log.current * sign)
+    turned = judge_joint_model(identify_joint_model(opposite, robot, cutoff_hz=8.0), [opposite])
+    assert turned.status == "not usable"
+    assert any("gain of elbow_joint is opposite" in fault for fault in turned.faults)
+    wrong = judge_currents(compare_currents(fit.model, opposite, robot))
+    assert any("current of elbow_joint is not predicted" in fault for fault in wrong.faults)
+
+
+def test_currents_beyond_those_of_the_fit_are_told() -> None:
+    robot, log = currents_of_known_drives()
+    assert log.current is not None
+    fit = identify_joint_model(log, robot, cutoff_hz=8.0)
+    larger = replace(log, current=1.8 * log.current)
+    warnings = judge_currents(compare_currents(fit.model, larger, robot)).warnings
+    assert any("outside the joint currents of the fit" in warning for warning in warnings)
+
+
+def test_gains_are_judged() -> None:
+    robot = bs.Robot.load("ur5e")
+    bare, loaded = currents(robot, 1), currents(with_payload(robot, LOAD.mass, LOAD.center), 2)
+    fit = identify_gains([bare, loaded], robot, payloads=[None, LOAD], cutoff_hz=10.0)
+    verdict = judge_dynamics(fit, [bare, loaded])
+    assert verdict.usable, verdict.reasons()
+    sign = np.array([1.0, 1, -1, 1, 1, 1])
+    turned = [replace(log, current=log.current * sign) for log in (bare, loaded) if log.current is not None]
+    fit = identify_gains(turned, robot, payloads=[None, LOAD], cutoff_hz=10.0, known={"shoulder_lift_joint": GAINS[1]})
+    said = judge_dynamics(fit, turned).reasons()
+    assert any("gain of elbow_joint is negative, unlike the others" in reason for reason in said), said
+
+
+def shifted(log: Recording, seconds: float) -> Recording:
+    """The same motion with torques or currents that come later."""
+    later = {
+        name: np.stack([np.interp(log.t - seconds, log.t, x) for x in value.T], axis=1)
+        for name in ("current", "tau")
+        if (value := getattr(log, name)) is not None
+    }
+    return replace(log, **later)
+
+
+@pytest.mark.parametrize("seconds", [0.04, -0.06])
+def test_currents_shifted_against_the_motion_are_told(seconds: float) -> None:
+    robot, log = currents_of_known_drives()
+    assert log.current is not None
+    moved = shifted(log, seconds)
+    assert moved.current is not None
+    found, left = shift_of(moved, robot, moved.current)
+    assert found == pytest.approx(seconds, abs=0.01)
+    assert left < 0.75
+    faults: list[str] = []
+    tell_shifts([moved], robot, "current", faults, [])
+    how = "lag behind" if seconds > 0 else "run ahead of"
+    assert faults
+    assert f"the currents {how} the motion by" in faults[0]
+    assert shift_of(log, robot, log.current) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("name", ["ur10", "panda", "tx40"])
+def test_shifts_of_real_recordings(name: str) -> None:
+    """None as they are, and one that was planted is found."""
+    if not there(name):
+        pytest.skip("the recording is not there")
+    if name == "tx40":
+        robot = bs.Robot.from_urdf(SHARED / "staubli_tx40" / "tx40_mdh_modified.urdf")
+        log = Recording.load(SHARED / FILES[name], columns=TX40_COLUMNS, robot=robot)
+    else:
+        robot, log = bs.Robot.load(name), Recording.load(SHARED / FILES[name])
+    assert log.tau is not None
+    assert shift_of(log, robot, log.tau)[0] == 0
+    late = shifted(log, 0.08)
+    assert late.tau is not None
+    assert shift_of(late, robot, late.tau)[0] == pytest.approx(0.08, abs=max(0.02, 1.1 * log.dt))
+
+
+def test_payloads_are_judged() -> None:
+    robot = bs.Robot.load("ur5e")
+    motion = fourier(robot, 10.0, 94.0, 3)
+    truth, _ = with_drives(robot, motion, 3)
+    log = driven(with_payload(robot, 2.0, (0.02, -0.01, 0.08)), motion, truth, 3)
+    found = identify_payload(log, robot, model=truth)
+    verdict = judge_payload(found, log, robot)
+    assert verdict.status == "usable", verdict.reasons()
+    assert verdict.condition is not None
+    assert verdict.held_out is not None
+    less = judge_payload(replace(found, values={**found.values, "m": -1.0}), log, robot)
+    assert any("mass comes out as -1 kg" in fault for fault in less.faults)
+    unseen = judge_payload(replace(found, values={**found.values, "m": None}), log, robot)
+    assert unseen.status == "not usable"
+    assert log.current is not None
+    lying = replace(log, current=log.current.copy(), q=np.tile(log.q[:1], (log.t.size, 1)))
+    still = judge_payload(identify_payload(lying, robot, model=truth), lying, robot)
+    assert still.status != "usable"
+
+
+def test_the_verdict_comes_first_and_ends_with_its_status(tmp_path: Path) -> None:
+    robot = bs.Robot.load("ur5e")
+    bad, fine = tmp_path / "bad.parquet", tmp_path / "fine.parquet"
+    sweeps(robot).save(bad)
+    planted(robot, 1, seconds=8.0).save(fine)
+    options = ("--robot", "ur5e", "--cutoff", 6)
+    result = run("identify", bad, *options, "--out", tmp_path / "bad")
+    assert result.status == 3
+    lines = result.out.splitlines()
+    assert lines[0].startswith("verdict: not usable (condition number ")
+    assert lines[1].startswith("not usable: ")
+    page = (tmp_path / "bad" / "report.html").read_text(encoding="utf-8")
+    assert page.index('id="verdict"') < page.index("<table")
+    assert "Not usable (condition number" in page
+    told = strict_json(run("identify", bad, *options, "--json").out)["verdict"]
+    assert told["status"] == "not usable"
+    assert told["condition_number"] > 5000
+    result = run("identify", fine, *options, "--out", tmp_path / "fine.toml")
+    assert result.status == 0
+    assert result.out.startswith("verdict: usable (condition number ")
+    # What a model was worth goes with it.
+    result = run("validate", tmp_path / "bad" / "model.toml", fine)
+    assert "warning: the fit itself was judged: not usable" in result.out
+    assert run("validate", tmp_path / "fine.toml", fine).out.startswith("verdict: usable\n")
