@@ -17,11 +17,11 @@ import numpy as np
 
 import bumpstop as bs
 from bumpstop.collision import BatchLaws, Problem
-from bumpstop.report.study import write_study_report
-from bumpstop.report.study_workspace import pages_of
+from bumpstop.report.studies.study import write_study_report
+from bumpstop.report.studies.workspace import pages_of
 from bumpstop.study import run
-from bumpstop.study.prediction import predict_batch
-from bumpstop.study.workspace import WorkspaceStudy
+from bumpstop.study.workspace.prediction import predict_batch
+from bumpstop.study.workspace.workspace import WorkspaceStudy
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 SOURCE_POSES = 61_000

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 import bumpstop as bs
 from bumpstop import kernels
-from bumpstop.collision.contact_time import sampled_contact_time
-from bumpstop.collision.distribution import SampledDistribution
+from bumpstop.collision.distribution.contact_duration import sampled_contact_time
+from bumpstop.collision.distribution.distribution import SampledDistribution
 from collision.cases import VARIED, twin_of
 from twin import TwinRuns, half_normal_offsets, simulate, simulate_seeded
 from validation.findings import Cell, Findings

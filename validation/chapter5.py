@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 import bumpstop as bs
 from bumpstop.report.picture import FAINT, LAW, Picture
 from bumpstop.study import run
-from bumpstop.study.fits import R2_WANTED, fit_laws
-from bumpstop.study.parameters import SOURCE, ParameterStudy
+from bumpstop.study.parameters.fits import R2_WANTED, fit_laws
+from bumpstop.study.parameters.parameters import SOURCE, ParameterStudy
 from bumpstop.study.variable import Range
 from collision.cases import control_group
 from validation.facts import load

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bumpstop.study import run
-from bumpstop.study.effectiveness import EffectivenessStudy
+from bumpstop.study.parameters.effectiveness import EffectivenessStudy
 from collision.cases import control_group
 from validation.facts import load
 from validation.findings import PROBABILITY, Cell, Findings, probability

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from bumpstop.plant.collision_table import CollisionTable
-from bumpstop.plant.collisions import CollisionExperiment
+from bumpstop.reproduction.schroeder2013.collision_table import CollisionTable
+from bumpstop.reproduction.schroeder2013.collisions import CollisionExperiment
 from validation.findings import Findings
 
 TITLE = "Collisions of chapter 4"

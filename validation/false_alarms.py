@@ -14,8 +14,15 @@ from bumpstop.detection import Detector
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
 from bumpstop.plant import Gears, Plant
-from bumpstop.plant.collisions import ARMING_S, PERIOD_S, ROTORS, SENSORS, CollisionExperiment, Residual
 from bumpstop.report.picture import EVENT, FAINT, LAW, LIMIT, Picture, axes
+from bumpstop.reproduction.schroeder2013.collisions import (
+    ARMING_S,
+    PERIOD_S,
+    ROTORS,
+    SENSORS,
+    CollisionExperiment,
+    Residual,
+)
 from bumpstop.signal import differences
 from plant.cases import joint_model
 from validation.findings import Cell, Findings

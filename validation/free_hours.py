@@ -12,10 +12,10 @@ from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, ResidualSeries
 from bumpstop.joint import JointTorqueModel
 from bumpstop.plant import Command, Gears, Plant
-from bumpstop.plant.collisions import PERIOD_S, CollisionExperiment, Residual
 from bumpstop.plant.drive import ScatterPer
 from bumpstop.plant.motions import workspace
 from bumpstop.recording import Recording
+from bumpstop.reproduction.schroeder2013.collisions import PERIOD_S, CollisionExperiment, Residual
 from plant.cases import ROTORS, SENSORS, source_arm
 
 _STANDS = 1e-4  # a joint slower than that has come to the end of a move [rad/s]

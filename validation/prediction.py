@@ -10,7 +10,7 @@ import numpy.typing as npt
 import bumpstop as bs
 from bumpstop.collision import evaluate_batch
 from bumpstop.study.directions import draw_directions
-from bumpstop.study.prediction import predict_batch
+from bumpstop.study.workspace.prediction import predict_batch
 from collision.cases import control_group
 from study.prediction_cases import draw
 from validation.findings import Cell, Findings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bumpstop.identification.plan import ProtocolSettings
+from bumpstop.identification.design.plan import ProtocolSettings
 from plant.protocol_cases import FRICTION, MAP, SETTINGS, Z95, Found, recovered, remedied, source_plan
 from validation.findings import Findings
 

@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 import bumpstop as bs
-from bumpstop.study.requirement import HIGHER_IS_HARSHER, Requirement, require
+from bumpstop.study.requirement.requirement import HIGHER_IS_HARSHER, Requirement, require
 from bumpstop.study.variable import Variable
 from study.prediction_cases import draw
 from validation.findings import Cell, Findings

@@ -7,15 +7,20 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.identification.beside import general_beside
-from bumpstop.identification.plan import IdentificationPlan, JointExperiment, ProtocolSettings, plan_identification
-from bumpstop.identification.protocol import identify_protocol
+from bumpstop.identification.design.plan import (
+    IdentificationPlan,
+    JointExperiment,
+    ProtocolSettings,
+    plan_identification,
+)
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
 from bumpstop.plant import Gears, Plant, Sensors
 from bumpstop.plant.motions import pick_and_place, workspace
-from bumpstop.plant.rehearsal import follow, planned_arm, planned_experiments
 from bumpstop.recording import Recording
+from bumpstop.reproduction.schroeder2013.fit_comparison import general_beside
+from bumpstop.reproduction.schroeder2013.protocol import identify_protocol
+from bumpstop.reproduction.schroeder2013.simulate_protocol import follow, planned_arm, planned_experiments
 from bumpstop.signal import derivatives
 from plant.cases import ROTORS, STANDARD, joint_model, source_arm
 from validation.facts import load

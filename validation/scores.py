@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from bumpstop import Distribution, ForceLaw
-from bumpstop.collision.distribution import SampledDistribution
+from bumpstop.collision.distribution.distribution import SampledDistribution
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999)
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy import stats
 
 from bumpstop.detection import ResidualSeries, tune
-from bumpstop.plant.collisions import Residual
 from bumpstop.plant.drive import ScatterPer
+from bumpstop.reproduction.schroeder2013.collisions import Residual
 from detection.tuning_cases import achieved, residuals
 from validation import free_hours
 from validation.findings import Cell, Findings

@@ -9,7 +9,7 @@ import numpy as np
 
 import bumpstop as bs
 from bumpstop.identification import DynamicsFit, identify_dynamics
-from bumpstop.identification.torque_columns import column_names
+from bumpstop.identification.dynamics.regressor_columns import column_names
 from bumpstop.recording import Recording
 from identification.recorded import FILES, SHARED, TX40_COLUMNS
 from validation.facts import MissingFacts

@@ -13,7 +13,7 @@ import bumpstop as bs
 from bumpstop.report.picture import INK, LAW, LIMIT, Picture, axes
 from bumpstop.study import run
 from bumpstop.study.directions import DirectionLaw
-from bumpstop.study.workspace import WorkspaceStudy
+from bumpstop.study.workspace.workspace import WorkspaceStudy
 from collision.cases import control_group, twin_of
 from twin import simulate_seeded
 from validation.facts import load

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from bumpstop.detection.residuals import write_residuals
+from bumpstop.detection.tuning.residual_record import write_residuals
 from bumpstop.study.study import Study
 from cli.support import EXAMPLE, run, strict_json
 
@@ -107,7 +107,7 @@ def test_a_seed_is_refused_where_nothing_is_drawn() -> None:
 
 
 def test_a_page_says_whether_its_laws_are_exact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bumpstop.collision.law.RESAMPLED_RUNS", 2000)
+    monkeypatch.setattr("bumpstop.collision.result.RESAMPLED_RUNS", 2000)
     noise = np.random.default_rng(0).normal(0, 1.8, (400, 7))
     write_residuals(tmp_path / "free.parquet", 0.004 * np.arange(400), noise)
     text = EXAMPLE.read_text(encoding="utf-8")
@@ -155,7 +155,7 @@ def test_settings_repeat_the_study(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_study_is_taken_up_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bumpstop.study.parameters import ParameterStudy
+    from bumpstop.study.parameters.parameters import ParameterStudy
 
     command = ("study", "parameters", EXAMPLE, "--threads", 1, "--json")
     vary = [part for key in ("motion.speed=40:60:3", "contact.area_cm2=1:2:3") for part in ("--vary", key)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.distribution import SampledDistribution, finite_mean
+from bumpstop.collision.distribution.distribution import SampledDistribution, finite_mean
 from collision.cases import control_group
 
 

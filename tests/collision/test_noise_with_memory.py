@@ -12,8 +12,8 @@ import pytest
 from scipy import stats
 
 import bumpstop as bs
-from bumpstop.collision.noise import contact_residual, noise_of_run
-from bumpstop.detection.residuals import ResidualRecord
+from bumpstop.collision.distribution.noise import contact_residual, noise_of_run
+from bumpstop.detection.tuning.residual_record import ResidualRecord
 from bumpstop.signal import correlation_time
 from collision.cases import REMEMBERING, control_group, fixed
 from collision.test_exact_law import figures

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-from bumpstop.collision.piecewise_cubic import PiecewiseCubic
+from bumpstop.collision.trajectory.piecewise_cubic import PiecewiseCubic
 
 
 @pytest.mark.parametrize("rows", [2, 3, 4, 5, 50, 1000])

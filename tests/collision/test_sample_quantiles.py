@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.distribution import SampledDistribution
+from bumpstop.collision.distribution.distribution import SampledDistribution
 from collision.cases import control_group
 
 PROBABILITIES = ["0.01", "0.05", "0.07", "0.55", "0.29", "0.5", "0.57", "0.9", "0.95", "0.99", "0.999"]

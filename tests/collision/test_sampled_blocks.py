@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision import sampled_blocks
-from bumpstop.collision.distribution import SampledDistribution
-from bumpstop.collision.sampled_blocks import Counter
+from bumpstop.collision.distribution import monte_carlo_blocks as sampled_blocks
+from bumpstop.collision.distribution.distribution import SampledDistribution
+from bumpstop.collision.distribution.monte_carlo_blocks import Counter
 from collision.cases import control_group
 from study.atlas_cases import PICK
 

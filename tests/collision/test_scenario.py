@@ -12,8 +12,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision import Problem, Scenario, load_scenario
-from bumpstop.collision.scenario import MADE_BY
-from bumpstop.collision.scenario_words import as_written
+from bumpstop.collision.scenario.scenario import MADE_BY
+from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.errors import InputError, near_matches
 from collision.scenario_cases import EXAMPLE, example, is_let_go
 

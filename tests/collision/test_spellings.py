@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.settings_file import scenario_data
+from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError
 from bumpstop.study import Variable
-from bumpstop.study.requirement import require
+from bumpstop.study.requirement.requirement import require
 from bumpstop.text_files import to_toml
 from collision.scenario_cases import EXAMPLE, example
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision import contact_begin, trajectory_law
-from bumpstop.collision.trajectory_curve import trajectory_kernel
-from bumpstop.collision.trajectory_law import TrajectoryLaw
+from bumpstop.collision.trajectory import onset as contact_begin
+from bumpstop.collision.trajectory import trajectory_result as trajectory_law
+from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
 from collision.cases import control_group
 from collision.test_two_laws import compare
 from collision.trajectory_cases import EXAMPLE, gantry, scenario, trajectory_motion, waves, write_csv

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory_law import TrajectoryLaw
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
 from collision.test_two_laws import compare
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, waves, write_csv
 

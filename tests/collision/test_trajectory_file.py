@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory import Trajectory
+from bumpstop.collision.trajectory.trajectory import Trajectory
 from collision.trajectory_cases import EXAMPLE, gantry, scenario, trajectory_motion, write_csv
 
 NAMES = ["slide_x", "slide_y", "slide_z"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision import contact_time
+from bumpstop.collision.distribution import contact_duration as contact_time
 from collision.cases import VARIED, control_group
 
 RUNS = 200_000

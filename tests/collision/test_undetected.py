@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory_law import TrajectoryLaw
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
 from collision.cases import control_group, twin_of
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, write_csv
 from twin import trace

@@ -10,7 +10,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop import Scenario
-from bumpstop.collision.unused_keys import given_without_effect
+from bumpstop.collision.scenario.unused_keys import given_without_effect
 from bumpstop.detection import ResidualSeries
 from collision.cases import control_group
 

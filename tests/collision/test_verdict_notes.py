@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.alarm_rate import alarm_rate
-from bumpstop.detection.residuals import write_residuals
+from bumpstop.collision.verdict.alarm_rate import alarm_rate
+from bumpstop.detection.tuning.residual_record import write_residuals
 from collision.cases import control_group, ur10e
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, write_csv
 

@@ -13,7 +13,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record
 from bumpstop.detection.events import FAULTS
-from bumpstop.detection.residuals import ResidualRecord, write_residuals
+from bumpstop.detection.tuning.residual_record import ResidualRecord, write_residuals
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording

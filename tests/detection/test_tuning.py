@@ -12,7 +12,7 @@ from scipy import stats
 
 import bumpstop as bs
 from bumpstop.detection import ResidualSeries, residual_record, tune
-from bumpstop.detection.peaks import PeaksOverThreshold, clusters
+from bumpstop.detection.tuning.extreme_values import PeaksOverThreshold, clusters
 from bumpstop.identification import identify_dynamics
 from bumpstop.recording import Recording
 from detection.tuning_cases import achieved, residuals

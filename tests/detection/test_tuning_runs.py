@@ -9,7 +9,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.detection import ResidualSeries, tune
-from bumpstop.detection.fast_channel import fast_channel
+from bumpstop.detection.band_pass_channel import fast_channel
 from detection.tuning_cases import achieved, residuals
 from detection.tuning_runs import KINDS, runs
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.detection import ResidualSeries
-from bumpstop.detection.peaks import clusters
+from bumpstop.detection.tuning.extreme_values import clusters
 
 RATE_HZ = 100.0
 

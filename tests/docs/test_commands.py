@@ -16,8 +16,8 @@ import pytest
 import typer
 
 import bumpstop as bs
+from bumpstop.cli.collision.output import settings_toml
 from bumpstop.cli.main import app, main
-from bumpstop.cli.output import settings_toml
 from docs.pages import AS_DOCTEST, ROOT, WIDTH, blocks, code, read, rows, section, without_fences
 
 

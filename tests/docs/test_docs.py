@@ -16,7 +16,7 @@ import pytest
 from pydantic_core import PydanticUndefined
 
 import bumpstop as bs
-from bumpstop.collision.scenario import Scenario, Simulation
+from bumpstop.collision.scenario.scenario import Scenario, Simulation
 from collision.cases import FREE, REMEMBERING, VARIED
 from docs.pages import AS_DOCTEST, PAGES, ROOT, blocks, code, read, rows, section, without_fences
 

@@ -8,7 +8,7 @@ import numpy as np
 
 import bumpstop as bs
 from bumpstop.identification import JointMotion, held_share, motor_current
-from bumpstop.identification.drive_rows import without_rotors
+from bumpstop.identification.segments.drive_samples import without_rotors
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording

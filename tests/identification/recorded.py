@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import bumpstop as bs
-from bumpstop.identification.drive_rows import slope
+from bumpstop.identification.segments.drive_samples import slope
 from bumpstop.recording import Recording
 from bumpstop.signal import zero_phase_lowpass
 from identification.drives import Motion

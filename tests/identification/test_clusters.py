@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bumpstop.identification.clusters import blocks_of, clustered_covariance
+from bumpstop.identification.statistics.clusters import blocks_of, clustered_covariance
 
 
 def test_intervals_of_few_blocks_hold_the_truth() -> None:

@@ -18,7 +18,7 @@ from bumpstop.identification import (
     load_fit,
     save_fit,
 )
-from bumpstop.identification.essential import essential_values
+from bumpstop.identification.statistics.essential_parameters import essential_values
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from identification.recorded import TX40_COLUMNS

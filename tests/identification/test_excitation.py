@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory import Trajectory
-from bumpstop.identification.excitation import Excitation, ExcitationSettings, base_columns, plan_excitation
-from bumpstop.identification.regressor import inertial_regressor
-from bumpstop.study.retiming import retime
+from bumpstop.collision.trajectory.trajectory import Trajectory
+from bumpstop.identification.design.excitation import Excitation, ExcitationSettings, base_columns, plan_excitation
+from bumpstop.identification.dynamics.regressor import inertial_regressor
+from bumpstop.study.speed.retiming import retime
 
 GRAVITY = (0.0, 0.0, -9.80665)
 SETTINGS = ExcitationSettings(rounds=120, seed=3, speed_share=0.5, acceleration=3.0)

@@ -27,10 +27,10 @@ from bumpstop.identification import (
     save_fit,
     with_payload,
 )
-from bumpstop.identification.current_shift import shift_of, tell_shifts
-from bumpstop.identification.motion import EvenMotion
-from bumpstop.identification.recorded_columns import clipped_share
-from bumpstop.identification.seen_motion import SeenMotion
+from bumpstop.identification.segments.current_shift import shift_of, tell_shifts
+from bumpstop.identification.segments.motion import EvenMotion
+from bumpstop.identification.segments.recorded_columns import clipped_share
+from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from cli.support import run, strict_json

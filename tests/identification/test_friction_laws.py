@@ -11,8 +11,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.identification import DynamicsFit, Payload, identify_dynamics, identify_gains, load_fit, save_fit
-from bumpstop.identification.rest import resting, used_rows
-from bumpstop.identification.torque_rows import TorqueRows
+from bumpstop.identification.segments.rest import resting, used_rows
+from bumpstop.identification.segments.torque_samples import TorqueRows
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from identification.test_dynamics_fit import COULOMB, ROTOR, VISCOUS, excited, parameter, planted
@@ -175,7 +175,7 @@ def test_ends_stay_out() -> None:
 def test_cut_offs_are_compared_on_the_same_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a long recording, too: every candidate is judged at the same times, and by as much of them."""
     robot = bs.Robot.load("ur5e")
-    monkeypatch.setattr("bumpstop.identification.dynamics_settings.ENOUGH_TO_CHOOSE", 1500)
+    monkeypatch.setattr("bumpstop.identification.dynamics.dynamics_model_selection.ENOUGH_TO_CHOOSE", 1500)
     seen: list[Any] = []
     made = TorqueRows.of.__func__  # type: ignore[attr-defined]
 

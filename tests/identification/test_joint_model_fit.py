@@ -16,8 +16,8 @@ from bumpstop.identification import (
     motor_current,
     with_payload,
 )
-from bumpstop.identification.current_law import CurrentLaw
-from bumpstop.identification.drive_rows import DriveRows, without_rotors
+from bumpstop.identification.drive.drive_model import CurrentLaw
+from bumpstop.identification.segments.drive_samples import DriveRows, without_rotors
 from bumpstop.identification.validation import compare_estimates
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
 from bumpstop.model import inverse_dynamics

@@ -10,9 +10,9 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.identification import identify_payload, inertial_regressor, with_payload
-from bumpstop.identification.drive_rows import without_rotors
-from bumpstop.identification.payload_fit import parameters_of, pseudo_inertia
-from bumpstop.identification.robust_fit import visible_share
+from bumpstop.identification.payload.payload_fit import parameters_of, pseudo_inertia
+from bumpstop.identification.segments.drive_samples import without_rotors
+from bumpstop.identification.statistics.robust_fit import visible_share
 from bumpstop.model import LinkInertia, inverse_dynamics
 from bumpstop.recording import Recording
 from identification.drives import driven, drives, fourier

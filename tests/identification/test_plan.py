@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory_file import read_rows
-from bumpstop.identification.clearance import Clearance
-from bumpstop.identification.gravity_pose import Unseen, find_gravity_pose
-from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, plan_identification
-from bumpstop.identification.plan_file import load_plan, save_plan
-from bumpstop.identification.timed_path import TimedPath
-from bumpstop.identification.trajectory_files import joint_trajectory, trajectory_csv
+from bumpstop.collision.trajectory.trajectory_file import read_rows
+from bumpstop.identification.design.clearance import Clearance
+from bumpstop.identification.design.gravity_pose import Unseen, find_gravity_pose
+from bumpstop.identification.design.plan import IdentificationPlan, ProtocolSettings, plan_identification
+from bumpstop.identification.design.plan_file import load_plan, save_plan
+from bumpstop.identification.design.timed_path import TimedPath
+from bumpstop.identification.design.trajectory_files import joint_trajectory, trajectory_csv
 
 SHORT = ProtocolSettings(repeats=1, ramp_repeats=1, holds=1, hold_s=4.0)
 EARTH = (0.0, 0.0, -9.80665)
@@ -121,7 +121,7 @@ def test_what_leaves_no_way_is_said() -> None:
 def test_capsules_keep_the_distance_that_mujoco_finds() -> None:
     """Least distances between capsules, against MuJoCo's geometry."""
     rng = np.random.default_rng(2)
-    from bumpstop.identification.clearance import _segment_distance
+    from bumpstop.identification.design.clearance import _segment_distance
 
     for _ in range(20):
         a0, a1, b0, b1 = rng.uniform(-1, 1, size=(4, 3))

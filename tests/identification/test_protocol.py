@@ -11,20 +11,20 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
-from bumpstop.cli.protocol import protocol_json
-from bumpstop.identification import beside as beside_room
-from bumpstop.identification.beside import GeneralBeside, general_beside
-from bumpstop.identification.current_law import inverse_map
-from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, plan_identification
-from bumpstop.identification.plan_file import save_plan
-from bumpstop.identification.protocol import ProtocolFit, ProtocolJoint, identify_protocol
-from bumpstop.identification.protocol_steps import joint_torque
-from bumpstop.identification.protocol_verdict import judge_protocol
-from bumpstop.identification.simulated import SensorNoise, currents, simulated_recording
+from bumpstop.cli.schroeder2013.protocol import protocol_json
+from bumpstop.identification.design.plan import IdentificationPlan, ProtocolSettings, plan_identification
+from bumpstop.identification.design.plan_file import save_plan
+from bumpstop.identification.design.simulated import SensorNoise, currents, simulated_recording
+from bumpstop.identification.drive.drive_model import inverse_map
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.model import JointParameters, Parameter
 from bumpstop.recording import Recording
-from bumpstop.report.protocol import write_protocol_report
+from bumpstop.reproduction.schroeder2013 import fit_comparison
+from bumpstop.reproduction.schroeder2013.fit_comparison import GeneralBeside, general_beside
+from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit, ProtocolJoint, identify_protocol
+from bumpstop.reproduction.schroeder2013.protocol_page import write_protocol_report
+from bumpstop.reproduction.schroeder2013.protocol_steps import joint_torque
+from bumpstop.reproduction.schroeder2013.protocol_verdict import judge_protocol
 
 SETTINGS = ProtocolSettings(
     speed_shares=(0.1, 0.2, 0.35, 0.5, 0.7), repeats=2, ramp_repeats=2, holds=2, hold_s=6.0, acceleration=4.5
@@ -141,9 +141,9 @@ def test_a_joint_that_cannot_be_fitted_leaves_the_others(fit: ProtocolFit, recor
             raise bs.InputError("joint shoulder_lift_joint", "its map is not monotone")
         return fitted(fit, logs, joints, progress)  # type: ignore[arg-type]
 
-    fitted = beside_room._fitted
+    fitted = fit_comparison._fitted
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(beside_room, "_fitted", refused)
+        patch.setattr(fit_comparison, "_fitted", refused)
         found = general_beside(fit, recordings)
     assert [pair.general.name for pair in found.joints] == ["elbow_joint"]
     assert found.why_not == "joint shoulder_lift_joint: its map is not monotone"

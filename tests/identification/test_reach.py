@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from bumpstop.identification.motion import REACH_SHARE, EvenMotion, lowpass, lowpass_reach
-from bumpstop.identification.reach import Reach
+from bumpstop.identification.segments.motion import REACH_SHARE, EvenMotion, lowpass, lowpass_reach
+from bumpstop.identification.segments.padded_segments import Reach
 
 RATE = 10.0
 # Of a signal of 1000 rows: its beginning, which has no margin before it, then two blocks with margins.

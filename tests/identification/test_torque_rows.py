@@ -19,10 +19,10 @@ from bumpstop.identification import (
     identify_payload,
     with_payload,
 )
-from bumpstop.identification.dynamics_system import FIT_PER_CUTOFF, System
-from bumpstop.identification.motion import REACH_SHARE, lowpass
-from bumpstop.identification.torque_columns import torque_columns, torque_of
-from bumpstop.identification.torque_rows import TorqueRows
+from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF, System
+from bumpstop.identification.dynamics.regressor_columns import torque_columns, torque_of
+from bumpstop.identification.segments.motion import REACH_SHARE, lowpass
+from bumpstop.identification.segments.torque_samples import TorqueRows
 from bumpstop.identification.validation import compare_dynamics
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
@@ -172,7 +172,7 @@ def test_a_long_recording_gives_the_parameters_of_all_its_rows(monkeypatch: pyte
     robot = bs.Robot.load("ur10e")
     log = planted(robot, 1, seconds=90.0)
     whole = identify_dynamics(log, robot, cutoff_hz=8.0)
-    monkeypatch.setattr("bumpstop.identification.dynamics_fit.ENOUGH_TO_FIT", 3000)
+    monkeypatch.setattr("bumpstop.identification.dynamics.dynamics_fit.ENOUGH_TO_FIT", 3000)
     few = identify_dynamics(log, robot, cutoff_hz=8.0)
     # Twelve rows at either end, a period of the cut-off, are left away.
     assert few.rows_whole == whole.rows_whole == whole.rows_used == 8975

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.collision.trajectory import Trajectory
+from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.model import Joint, LinkInertia, Robot
 from bumpstop.plant import Command, along
 

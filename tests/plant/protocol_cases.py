@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings, plan_identification
-from bumpstop.identification.protocol import ProtocolFit, identify_protocol
+from bumpstop.identification.design.plan import IdentificationPlan, ProtocolSettings, plan_identification
 from bumpstop.plant import Gears, Plant, Sensors
-from bumpstop.plant.rehearsal import follow, planned_arm, planned_experiments
+from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit, identify_protocol
+from bumpstop.reproduction.schroeder2013.simulate_protocol import follow, planned_arm, planned_experiments
 from plant.cases import ROTORS, joint_model, source_arm
 
 Floats = npt.NDArray[np.float64]

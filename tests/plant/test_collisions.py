@@ -17,8 +17,15 @@ from bumpstop.errors import InputError
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
 from bumpstop.plant import Gears, Plant, Sensors
-from bumpstop.plant.collision_table import CollisionTable
-from bumpstop.plant.collisions import ARMING_S, PERIOD_S, POSE, ROTORS, CollisionExperiment, experiments
+from bumpstop.reproduction.schroeder2013.collision_table import CollisionTable
+from bumpstop.reproduction.schroeder2013.collisions import (
+    ARMING_S,
+    PERIOD_S,
+    POSE,
+    ROTORS,
+    CollisionExperiment,
+    experiments,
+)
 from bumpstop.signal import differences
 from plant.cases import joint_model
 

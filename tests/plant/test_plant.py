@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory import load_motion
+from bumpstop.collision.trajectory.trajectory import load_motion
 from bumpstop.errors import InputError
 from bumpstop.model import inverse_dynamics
 from bumpstop.plant import Gears, Plant, PlantObject, PlantReaction, Sample, Sensors, Servo, along, line

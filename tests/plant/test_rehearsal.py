@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.identification.plan import IdentificationPlan, ProtocolSettings
+from bumpstop.identification.design.plan import IdentificationPlan, ProtocolSettings
 from bumpstop.model import inverse_dynamics
 from bumpstop.plant import Experiment, Plant, PlantReaction, Sensors, line
-from bumpstop.plant.rehearsal import follow, planned_arm, rehearse
+from bumpstop.reproduction.schroeder2013.simulate_protocol import follow, planned_arm, rehearse
 from plant.cases import ROTORS, STANDARD, source_arm, source_plant
 from plant.protocol_cases import recovered, source_plan
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bumpstop import InputError, Robot
 from bumpstop.model import Joint
 from bumpstop.recording import Recording
-from bumpstop.recording.checks import _disorder
+from bumpstop.recording.checks.checks import _disorder
 from recording.cases import COLUMNS, lines, recording, written
 
 
@@ -68,7 +68,7 @@ def test_fields_are_counted_across_the_pieces_of_a_text(
     whole = Recording.load(path, columns=COLUMNS, max_bad=0.1)
     assert whole.report.rows_read == 199
     assert [row for row, _ in whole.report.dropped] == [4, 42, 71]
-    monkeypatch.setattr("bumpstop.recording.delimited._AT_ONCE", size)
+    monkeypatch.setattr("bumpstop.recording.formats.csv._AT_ONCE", size)
     found = Recording.load(path, columns=COLUMNS, max_bad=0.1)
     assert found.report == whole.report
     assert (found.q == whole.q).all()

@@ -11,7 +11,7 @@ import pytest
 import scipy.io
 
 from bumpstop import InputError, Robot
-from bumpstop.cli.residuals import holds_residuals
+from bumpstop.cli.detection.residuals import holds_residuals
 from bumpstop.detection import ResidualSeries
 from bumpstop.recording import Recording
 from recording.cases import COLUMNS, JOINTS, lines, recording, workbook, written

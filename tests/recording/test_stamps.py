@@ -14,7 +14,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, residual_record
 from bumpstop.model import Robot
 from bumpstop.recording import Recording
-from bumpstop.recording.stamps import even_times, mean_period, stamped_by_a_pc
+from bumpstop.recording.checks.stamps import even_times, mean_period, stamped_by_a_pc
 from detection.moving_arms import moving
 
 UR5E = Robot.load("ur5e")

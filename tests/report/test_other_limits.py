@@ -3,8 +3,8 @@
 import matplotlib.figure
 import pytest
 
-from bumpstop.report.page import Page
-from bumpstop.report.verdict import VerdictSection
+from bumpstop.report.collision.page import Page
+from bumpstop.report.collision.verdict import VerdictSection
 from report.cases import Outline, evaluate
 
 

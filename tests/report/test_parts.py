@@ -13,23 +13,23 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import bumpstop as bs
-from bumpstop.collision.verdict import percent
+from bumpstop.collision.verdict.verdict import percent
 from bumpstop.detection import Label, score
 from bumpstop.identification.validation import Comparison
 from bumpstop.joint.model import Parameter
 from bumpstop.recording import Recording
-from bumpstop.report.area import AreaSection
-from bumpstop.report.arm import ArmSection
-from bumpstop.report.chain import _numbers, chain_picture
-from bumpstop.report.detection import DetectionSection
-from bumpstop.report.distribution import DistributionSection, bins
+from bumpstop.report.collision.area import AreaSection
+from bumpstop.report.collision.arm import ArmSection
+from bumpstop.report.collision.chain import _numbers, chain_picture
+from bumpstop.report.collision.detection import DetectionSection
+from bumpstop.report.collision.distribution import DistributionSection, bins
+from bumpstop.report.collision.tables import ProvenanceSection
+from bumpstop.report.detection.scoring import DetectionsPart
+from bumpstop.report.formatting import number, with_error
+from bumpstop.report.identification.recording import recording_picture
+from bumpstop.report.identification.validation import OverTimePart, WherePart
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import WIDTH, Picture, axes, spread
-from bumpstop.report.recording import recording_picture
-from bumpstop.report.records import ProvenanceSection
-from bumpstop.report.scoring import DetectionsPart
-from bumpstop.report.validation import OverTimePart, WherePart
-from bumpstop.report.words import number, with_error
 from report.cases import evaluate
 
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.verdict import percent
+from bumpstop.collision.verdict.verdict import percent
 from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError
 from bumpstop.report import write_report
-from bumpstop.report.page import FIGURES, Page
-from bumpstop.report.rollout import Rollouts
+from bumpstop.report.collision.page import FIGURES, Page
+from bumpstop.report.collision.rollout import Rollouts
 from report.cases import Outline, evaluate, with_limits
 
 _SECTIONS = [

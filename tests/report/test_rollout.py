@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 import bumpstop as bs
 from bumpstop.kernels import core
-from bumpstop.report.force_over_time import ForceOverTimeSection
-from bumpstop.report.rollout import Rollouts
+from bumpstop.report.collision.force_over_time import ForceOverTimeSection
+from bumpstop.report.collision.rollout import Rollouts
 from collision.cases import FREE, OUTLASTING
 from report.cases import evaluate
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import polars as pl
 import pytest
 
-from bumpstop.report.study_atlas import SuggestionPart
+from bumpstop.report.studies.speed_limits import SuggestionPart
 
 ROWS = pl.DataFrame({"t_s": [0.0, 0.5, 1.0]})
 

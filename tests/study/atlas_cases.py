@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bumpstop.collision import load_scenario
-from bumpstop.study.atlas import TrajectoryAtlas
+from bumpstop.study.speed.atlas import TrajectoryAtlas
 
 PICK = Path(__file__).resolve().parents[2] / "examples/06_pick_and_place_trajectory.toml"
 

@@ -15,16 +15,16 @@ from scipy.interpolate import CubicHermiteSpline
 
 import bumpstop as bs
 from bumpstop.collision import Problem, evaluate_batch, load_scenario
-from bumpstop.collision.trajectory import Trajectory
+from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.errors import InputError
 from bumpstop.study import run
-from bumpstop.study.atlas import TrajectoryAtlas, WorkspaceAtlas
 from bumpstop.study.null_space import feel_better
-from bumpstop.study.retiming import retime
-from bumpstop.study.risk import allowed_force
-from bumpstop.study.speed_limit import speed_limits
-from bumpstop.study.trajectory_writing import write_csv, write_ros
-from bumpstop.study.worst_direction import worst_directions
+from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.speed.atlas import TrajectoryAtlas, WorkspaceAtlas
+from bumpstop.study.speed.retiming import retime
+from bumpstop.study.speed.speed_limit import speed_limits
+from bumpstop.study.speed.trajectory_writing import write_csv, write_ros
+from bumpstop.study.speed.worst_direction import worst_directions
 from study.atlas_cases import PICK, begin, few_rows
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -9,8 +9,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.study import run
-from bumpstop.study.effectiveness import EffectivenessStudy
-from bumpstop.study.requirement import require
+from bumpstop.study.parameters.effectiveness import EffectivenessStudy
+from bumpstop.study.requirement.requirement import require
 from collision.cases import control_group, ur10e
 
 BODIES = ["hand_finger", "lower_arm_wrist", "upper_arm_elbow"]

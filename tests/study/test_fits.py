@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.study.fits import fit_laws
+from bumpstop.study.parameters.fits import fit_laws
 from collision.cases import control_group
 
 # Of the control group over the lowest [1].

@@ -10,10 +10,10 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.study import run
-from bumpstop.study.equal_risk import allowed_force
-from bumpstop.study.guide import cheapest
-from bumpstop.study.parameters import ParameterStudy
-from bumpstop.study.requirement import require
+from bumpstop.study.parameters.equal_risk import allowed_force
+from bumpstop.study.parameters.parameters import ParameterStudy
+from bumpstop.study.requirement.design_guide import cheapest
+from bumpstop.study.requirement.requirement import require
 from bumpstop.study.variable import Variable
 from collision.cases import control_group, ur10e
 

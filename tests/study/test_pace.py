@@ -13,12 +13,12 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 import bumpstop as bs
 from bumpstop.collision import evaluate_batch
 from bumpstop.study import run
-from bumpstop.study.atlas import TrajectoryAtlas
-from bumpstop.study.pace import least_of_ranges, lowest_between
-from bumpstop.study.retiming import retime
-from bumpstop.study.risk import allowed_force
-from bumpstop.study.speed_limit import speed_limits
-from bumpstop.study.trajectory_writing import write_csv
+from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.speed.atlas import TrajectoryAtlas
+from bumpstop.study.speed.path_speed import least_of_ranges, lowest_between
+from bumpstop.study.speed.retiming import retime
+from bumpstop.study.speed.speed_limit import speed_limits
+from bumpstop.study.speed.trajectory_writing import write_csv
 from study.atlas_cases import begin, few_rows
 
 

@@ -11,8 +11,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.study import run
-from bumpstop.study.fits import R2_WANTED
-from bumpstop.study.parameters import SOURCE, ParameterStudy, _difference
+from bumpstop.study.parameters.fits import R2_WANTED
+from bumpstop.study.parameters.parameters import SOURCE, ParameterStudy, _difference
 from collision.cases import control_group, ur10e
 
 

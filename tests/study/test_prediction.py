@@ -11,7 +11,7 @@ import pytest
 from bumpstop.collision import Problem, evaluate_batch, stopping_curve
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
-from bumpstop.study.prediction import foretold_scenario, predict, predict_batch
+from bumpstop.study.workspace.prediction import foretold_scenario, predict, predict_batch
 from study.prediction_cases import draw
 
 QUANTILE = 0.999

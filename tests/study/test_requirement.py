@@ -12,9 +12,9 @@ import pytest
 import bumpstop as bs
 from bumpstop.cli.main import main
 from bumpstop.errors import InputError
-from bumpstop.study.requirement import HIGHER_IS_HARSHER, _Answer, require, require_curve
-from bumpstop.study.risk import Risk
-from bumpstop.study.risk_search import RiskSearch
+from bumpstop.study.requirement.requirement import HIGHER_IS_HARSHER, _Answer, require, require_curve
+from bumpstop.study.requirement.risk import Risk
+from bumpstop.study.requirement.risk_search import RiskSearch
 from bumpstop.study.variable import Range, Variable
 from collision.cases import control_group, ur10e
 

@@ -342,7 +342,7 @@ def test_a_file_whose_writing_breaks_off_is_not_there(
 def test_a_line_of_code_is_a_part_of_the_fingerprint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows of two builds are not mixed, whichever file of the package differs."""
     package = tmp_path / "bumpstop"
-    for name in ("study/study.py", "collision/law.py", "collision/data/table.toml", "errors.py", "kernel.so"):
+    for name in ("study/study.py", "collision/result.py", "collision/data/table.toml", "errors.py", "kernel.so"):
         (package / name).parent.mkdir(parents=True, exist_ok=True)
         (package / name).write_text("x = 1\n")
     monkeypatch.setattr("bumpstop.study.study.__file__", str(package / "study/study.py"))

@@ -13,13 +13,13 @@ import pytest
 import bumpstop as bs
 from bumpstop.detection import blind_force_along
 from bumpstop.kernels import core
-from bumpstop.report.study_workspace import pages_of
-from bumpstop.study import foretold as foretelling
+from bumpstop.report.studies.workspace import pages_of
 from bumpstop.study import run
-from bumpstop.study import workspace as workspace_module
 from bumpstop.study.capsules import self_collision
 from bumpstop.study.directions import draw_directions, spread_directions
-from bumpstop.study.workspace import WorkspaceStudy
+from bumpstop.study.workspace import workspace as workspace_module
+from bumpstop.study.workspace.workspace import WorkspaceStudy
+from bumpstop.study.workspace.workspace import foretold as foretelling
 from collision.cases import control_group, ur10e
 
 SLOW = control_group(motion__velocity_mm_s=[0.0, 0.0, -10.0])

@@ -12,24 +12,12 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import (
-    atlas,
-    bodies,
-    detect,
-    evaluate,
-    experiment,
-    identify,
-    plan,
-    plant,
-    recording,
-    require,
-    robots,
-    score,
-    sensitivity,
-    study,
-    tune,
-)
+from bumpstop.cli import bodies, plant, robots
+from bumpstop.cli.collision import evaluate, require, speed_limits, study
 from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.detection import detect, score, sensitivity, tune
+from bumpstop.cli.identification import identify, plan, recording
+from bumpstop.cli.schroeder2013 import experiment
 from bumpstop.errors import BumpstopError, InputError
 
 app = typer.Typer(
@@ -42,7 +30,7 @@ app = typer.Typer(
 app.command("evaluate")(evaluate.command)
 app.add_typer(robots.app, name="robots")
 app.add_typer(recording.app, name="recording")
-study.app.command("atlas")(atlas.atlas)
+study.app.command("atlas")(speed_limits.atlas)
 app.add_typer(study.app, name="study")
 app.add_typer(plant.app, name="plant")
 app.command("require")(require.require)

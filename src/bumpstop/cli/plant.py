@@ -97,8 +97,8 @@ def run(
 def _rehearse(found: Experiment, plan_file: Path, joints: list[int], out: Path | None, as_json: bool) -> None:
     """Run the trajectories of a plan; every joint's files go into a folder of its own."""
     from bumpstop.cli.progress import progress
-    from bumpstop.identification.plan_file import load_plan
-    from bumpstop.plant.rehearsal import planned_experiments, rehearse
+    from bumpstop.identification.design.plan_file import load_plan
+    from bumpstop.reproduction.schroeder2013.simulate_protocol import planned_experiments, rehearse
 
     plan = load_plan(plan_file)
     count = len(planned_experiments(plan, joints))

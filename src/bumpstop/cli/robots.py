@@ -168,6 +168,6 @@ def _limits(joint: Joint) -> tuple[str, str]:
 
 
 def _draw(robot: Robot, path: Path) -> None:
-    from bumpstop.report.chain import chain_picture
+    from bumpstop.report.collision.chain import chain_picture
 
     save_picture(chain_picture(robot), path)

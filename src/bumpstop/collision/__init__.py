@@ -2,12 +2,12 @@
 
 from bumpstop.collision.batch import BatchLaws, evaluate_batch
 from bumpstop.collision.curve import StoppingCurve, stopping_curve
-from bumpstop.collision.distribution import Distribution
-from bumpstop.collision.law import ForceLaw, evaluate, exact_law, sampled_law
+from bumpstop.collision.distribution.distribution import Distribution
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.scenario import Scenario
-from bumpstop.collision.scenario_file import load_scenario
-from bumpstop.collision.verdict import Verdict
+from bumpstop.collision.result import ForceLaw, evaluate, exact_law, sampled_law
+from bumpstop.collision.scenario.scenario import Scenario
+from bumpstop.collision.scenario.scenario_file import load_scenario
+from bumpstop.collision.verdict.verdict import Verdict
 
 __all__ = [
     "BatchLaws",

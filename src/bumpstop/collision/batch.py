@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.scenario import Scenario, as_scenario
+from bumpstop.collision.scenario.scenario import Scenario, as_scenario
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.collision.alarm_rate import alarm_rate
-from bumpstop.collision.distribution import NEGLIGIBLE
-from bumpstop.collision.two_phase import FIRST_PHASE_S
-from bumpstop.collision.unused_keys import unused_notes
-from bumpstop.collision.verdict import percent
+from bumpstop.collision.distribution.distribution import NEGLIGIBLE
+from bumpstop.collision.scenario.unused_keys import unused_notes
+from bumpstop.collision.verdict.alarm_rate import alarm_rate
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.collision.verdict.verdict import percent
 
 if TYPE_CHECKING:
-    from bumpstop.collision.law import ForceLaw
+    from bumpstop.collision.result import ForceLaw
 
 # Of so many runs the standard error is a third.
 _FEWEST = 10

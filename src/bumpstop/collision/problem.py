@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.scenario import Scenario
-from bumpstop.collision.scenario_file import robot_of
+from bumpstop.collision.scenario.scenario import Scenario
+from bumpstop.collision.scenario.scenario_file import robot_of
 from bumpstop.contact import ContactLimits, LimitTable
 from bumpstop.detection import ResidualRecord
 from bumpstop.errors import InputError
@@ -20,7 +20,7 @@ from bumpstop.model import Robot
 from bumpstop.model.pose_limits import check_pose
 
 if TYPE_CHECKING:
-    from bumpstop.collision.trajectory import Trajectory
+    from bumpstop.collision.trajectory.trajectory import Trajectory
 
 # A day of ticks at a kilohertz would exhaust memory long before anything is learned from it.
 MOST_STEPS = 2_000_000
@@ -100,7 +100,7 @@ class Problem:
             notes.append(f"Reaction latency rounded up to {latency * step * 1e3:g} ms, whole simulation steps.")
         trajectory = None
         if scenario.motion.kind == "trajectory":
-            from bumpstop.collision.trajectory import load_trajectory
+            from bumpstop.collision.trajectory.trajectory import load_trajectory
 
             trajectory = load_trajectory(scenario, robot)
         problem = cls(
@@ -298,7 +298,7 @@ class Problem:
             return 0.0
         if self.scenario.contact.arm == "position_driven":
             return self.body_mass
-        from bumpstop.collision.free_law import arm_mass, reduced_mass
+        from bumpstop.collision.distribution.transient_contact import arm_mass, reduced_mass
 
         if self.robot.inertia_doubts:
             problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_doubts[0]}"

@@ -11,7 +11,7 @@ from bumpstop.arrays import FloatArray
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.collision.law import ForceLaw
+    from bumpstop.collision.result import ForceLaw
 
 
 def law_table(law: ForceLaw) -> pl.DataFrame:
@@ -103,7 +103,7 @@ def _contacts(law: ForceLaw) -> tuple[FloatArray, FloatArray]:
     problem, curve, offset = law.problem, law.curve, law.runs["offset"]
     if problem.trajectory is None:
         return curve.start + offset[:, None] * curve.normal, np.tile(curve.normal, (offset.size, 1))
-    from bumpstop.collision.contact_begin import approach
+    from bumpstop.collision.trajectory.onset import approach
 
     begin, contact = law.runs["contact_time"], law.scenario.contact
     poses = problem.robot.pose(problem.trajectory.at(begin), contact.link, contact.point_m)

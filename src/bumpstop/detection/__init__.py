@@ -3,10 +3,9 @@
 from bumpstop.detection.detector import Detector
 from bumpstop.detection.detector_file import describe_detector, save_detector
 from bumpstop.detection.events import DetectionRun, Event
-from bumpstop.detection.labels import Label, load_labels
-from bumpstop.detection.residual_file import ResidualSeries
-from bumpstop.detection.residuals import ResidualRecord
-from bumpstop.detection.scoring import Roc, Score, Tolerance, event_times, gaps, roc, scaled_residual, score
+from bumpstop.detection.offline import detect, residual_record
+from bumpstop.detection.scoring.labels import Label, load_labels
+from bumpstop.detection.scoring.scoring import Roc, Score, Tolerance, event_times, gaps, roc, scaled_residual, score
 from bumpstop.detection.sensitivity import (
     BlindForces,
     BlindStretch,
@@ -17,10 +16,11 @@ from bumpstop.detection.sensitivity import (
     largest_undetected_torque,
     required_torque,
 )
-from bumpstop.detection.series import detect, residual_record
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
-from bumpstop.detection.tuning import FARTHEST, Tuning, tune
+from bumpstop.detection.tuning.residual_file import ResidualSeries
+from bumpstop.detection.tuning.residual_record import ResidualRecord
+from bumpstop.detection.tuning.tuning import FARTHEST, Tuning, tune
 
 __all__ = [
     "FARTHEST",

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.detection.drive_matching import MatchedDrives
 from bumpstop.detection.events import FAULTS, DetectionRun, Event, bits, check_rearm, frozen_notes
-from bumpstop.detection.matched_drives import MatchedDrives
 from bumpstop.detection.rate import check_rates, period_of
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.standing import checked_stiction
@@ -19,7 +19,7 @@ from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.model import unit_of
-from bumpstop.recording.stamps import stamped_by_a_pc
+from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -241,7 +241,7 @@ class DetectionRun:
         Raises:
             InputError: the file cannot be written.
         """
-        from bumpstop.detection.residuals import write_residuals
+        from bumpstop.detection.tuning.residual_record import write_residuals
 
         seen = ~self.blind
         if not seen.any():

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.detection.residual_file import ResidualSeries
-from bumpstop.detection.series import detect
+from bumpstop.detection.offline import detect
 from bumpstop.detection.thresholds import Thresholds
+from bumpstop.detection.tuning.residual_file import ResidualSeries
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.detection.settings import DetectorSettings
-    from bumpstop.identification.dynamics_fit import DynamicsFit
+    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.matched_drives import MatchedDrives
+from bumpstop.detection.drive_matching import MatchedDrives
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bumpstop.identification.dynamics_fit import DynamicsFit
+    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
 
@@ -92,7 +92,7 @@ def standing_share(t: npt.ArrayLike, q: npt.ArrayLike, rest_speed: float | npt.A
 
 def _coulomb(fit: DynamicsFit) -> FloatArray:
     """(dof,) Coulomb friction of fitted dynamics, with that of shared motors [Nm or N]."""
-    from bumpstop.identification.torque_columns import column_names
+    from bumpstop.identification.dynamics.regressor_columns import column_names
 
     names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
     values = np.zeros(len(names))

@@ -1,19 +1,19 @@
 """What recordings say of an arm: drives, inertia, friction, payload, and how well they are predicted."""
 
-from bumpstop.identification.consistent import ConsistentFit, consistent_inertias
-from bumpstop.identification.current_law import JointMotion, held_share, motor_current
-from bumpstop.identification.current_scores import CurrentComparison, compare_currents
-from bumpstop.identification.dynamics_fit import DynamicsFit, JointScore, identify_dynamics
-from bumpstop.identification.dynamics_verdict import judge_dynamics, judge_predictions
-from bumpstop.identification.fit_file import load_fit, save_fit
+from bumpstop.identification.drive.current_scores import CurrentComparison, compare_currents
+from bumpstop.identification.drive.drive_model import JointMotion, held_share, motor_current
+from bumpstop.identification.drive.joint_fit import Candidate, JointFit
+from bumpstop.identification.drive.joint_model_fit import JointModelFit, identify_joint_model
+from bumpstop.identification.drive.joint_model_verdict import judge_currents, judge_joint_model, judge_payload
+from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit, JointScore, identify_dynamics
+from bumpstop.identification.dynamics.dynamics_verdict import judge_dynamics, judge_predictions
+from bumpstop.identification.dynamics.fit_file import load_fit, save_fit
+from bumpstop.identification.dynamics.gains_fit import identify_gains
+from bumpstop.identification.dynamics.physical_consistency import ConsistentFit, consistent_inertias
+from bumpstop.identification.dynamics.regressor import inertial_names, inertial_regressor
 from bumpstop.identification.fit_verdict import FitVerdict
-from bumpstop.identification.gains_fit import identify_gains
-from bumpstop.identification.joint_fit import Candidate, JointFit
-from bumpstop.identification.joint_model_fit import JointModelFit, identify_joint_model
-from bumpstop.identification.joint_model_verdict import judge_currents, judge_joint_model, judge_payload
-from bumpstop.identification.payload import Payload, with_payload
-from bumpstop.identification.payload_fit import PayloadFit, identify_payload
-from bumpstop.identification.regressor import inertial_names, inertial_regressor
+from bumpstop.identification.payload.payload import Payload, with_payload
+from bumpstop.identification.payload.payload_fit import PayloadFit, identify_payload
 
 __all__ = [
     "Candidate",

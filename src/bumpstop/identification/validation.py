@@ -15,17 +15,17 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics_fit import JointScore, share_predicted
-from bumpstop.identification.motion import lowpass
-from bumpstop.identification.torque_rows import near_gaps, recorded_motion
+from bumpstop.identification.dynamics.dynamics_fit import JointScore, share_predicted
+from bumpstop.identification.segments.motion import lowpass
+from bumpstop.identification.segments.torque_samples import near_gaps, recorded_motion
 from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bumpstop.identification.current_scores import CurrentComparison
-    from bumpstop.identification.dynamics_fit import DynamicsFit
-    from bumpstop.identification.payload import Payload
+    from bumpstop.identification.drive.current_scores import CurrentComparison
+    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.identification.payload.payload import Payload
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 

@@ -14,7 +14,7 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
 
 if TYPE_CHECKING:
-    from bumpstop.collision.trajectory import Trajectory
+    from bumpstop.collision.trajectory.trajectory import Trajectory
     from bumpstop.model import Robot
 
 # Of the source's controller: rates are resolved every 0.2 ms, positions given every 1 ms.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from bumpstop.collision.scenario_words import as_written
+from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot
@@ -223,7 +223,7 @@ class Experiment(ExperimentTable):
         if motion is None:
             raise InputError("motion", "is missing", "an experiment needs it, or a plan (--plan)")
         if motion.kind == "trajectory":
-            from bumpstop.collision.trajectory import load_motion
+            from bumpstop.collision.trajectory.trajectory import load_motion
 
             assert motion.file is not None
             return along(load_motion(self.folder / motion.file, robot), robot, hold=motion.hold_s)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.collision.trajectory import Trajectory
+from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.errors import InputError
 from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction, along, line
 

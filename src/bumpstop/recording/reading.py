@@ -12,11 +12,11 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
-from bumpstop.recording.checks import checked
-from bumpstop.recording.choose import choose
+from bumpstop.recording.checks.checks import checked
 from bumpstop.recording.columns import Columns
-from bumpstop.recording.memory import check_memory
-from bumpstop.recording.table import RawRecording, Table
+from bumpstop.recording.formats.memory import check_memory
+from bumpstop.recording.formats.table import RawRecording, Table
+from bumpstop.recording.select_columns import choose
 
 _BY_ENDING = {
     ".csv": "csv",
@@ -68,7 +68,7 @@ def read(
     if kind not in ("ros2bag", "mcap"):
         raw = _in_order(raw, given, robot)
     if rate_hz is not None:
-        from bumpstop.recording.stamps import retimed
+        from bumpstop.recording.checks.stamps import retimed
 
         raw = retimed(raw, rate_hz)
     values, report = checked(replace(raw, notes=(*notes, *raw.notes)), robot, max_bad, path)
@@ -110,7 +110,7 @@ def _check_places(columns: Columns, kind: str) -> None:
 
 def _raw(path: Path, kind: str, columns: Columns, robot: Robot | None, topic: str | None) -> RawRecording:
     if kind in ("ros2bag", "mcap"):
-        from bumpstop.recording.ros import read_bag
+        from bumpstop.recording.formats.ros import read_bag
 
         return read_bag(path, columns, robot, topic)
     if topic is not None:
@@ -118,7 +118,7 @@ def _raw(path: Path, kind: str, columns: Columns, robot: Robot | None, topic: st
     if path.is_dir():
         raise InputError(str(path), "is a folder", "wanted a file, or the folder of a bag")
     if kind == "mat":
-        from bumpstop.recording.matlab import read_matlab
+        from bumpstop.recording.formats.matlab import read_matlab
 
         return read_matlab(path, columns)
     open_table = _opener(kind, columns.header)
@@ -132,10 +132,10 @@ def _opener(kind: str, header: bool | None) -> Callable[[Path], Table]:
         if path.stat().st_size == 0:
             raise InputError(str(path), "is empty")
         if kind == "csv":
-            from bumpstop.recording.delimited import read_delimited
+            from bumpstop.recording.formats.csv import read_delimited
 
             return read_delimited(path, header)
-        from bumpstop.recording.frames import read_excel, read_parquet
+        from bumpstop.recording.formats.parquet_excel import read_excel, read_parquet
 
         return read_parquet(path) if kind == "parquet" else read_excel(path, header)
 

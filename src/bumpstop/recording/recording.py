@@ -104,7 +104,7 @@ class Recording:
         Raises:
             InputError: another ending, or the file cannot be written.
         """
-        from bumpstop.recording.writing import write
+        from bumpstop.recording.formats.writing import write
         from bumpstop.text_files import as_path
 
         write(self, as_path(path, "path"))

@@ -1,5 +1,5 @@
 """Reports: a collision's force law as one page a person can read, print and file."""
 
-from bumpstop.report.page import write_report
+from bumpstop.report.collision.page import write_report
 
 __all__ = ["write_report"]

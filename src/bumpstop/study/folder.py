@@ -11,8 +11,8 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.scenario import MADE_BY
-from bumpstop.collision.settings_file import scenario_data
+from bumpstop.collision.scenario.scenario import MADE_BY
+from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError
 from bumpstop.study.study import plain, versions
 from bumpstop.text_files import to_toml

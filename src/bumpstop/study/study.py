@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from bumpstop import kernels
-from bumpstop.collision.scenario import Scenario
-from bumpstop.collision.settings_file import files_of, scenario_data
+from bumpstop.collision.scenario.scenario import Scenario
+from bumpstop.collision.scenario.settings_file import files_of, scenario_data
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:

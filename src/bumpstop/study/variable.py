@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.arrays import as_name
 from bumpstop.errors import InputError, near_matches
-from bumpstop.study.horizon import duration_s
+from bumpstop.study.speed.motion_duration import duration_s
 from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
-    from bumpstop.collision.scenario import Scenario
+    from bumpstop.collision.scenario.scenario import Scenario
 
 # Names for what is more than one key: with unit, and what they mean.
 ALIASES = {
@@ -74,7 +74,7 @@ class Variable:
             unit = next((unit for ending, unit in _UNITS.items() if self.key.endswith(ending)), "")
         if unit not in _SLIDING:
             return unit
-        from bumpstop.collision.scenario_file import robot_of
+        from bumpstop.collision.scenario.scenario_file import robot_of
         from bumpstop.model import unit_of
 
         joints = robot_of(scenario).joints
@@ -254,7 +254,7 @@ def _key_of(name: str) -> str:
 
 def names() -> list[str]:
     """Names of all variables, aliases first; those of lists stand for their items too."""
-    from bumpstop.collision.scenario import Scenario
+    from bumpstop.collision.scenario.scenario import Scenario
 
     found = list(ALIASES)
     for table in ("motion", "contact", "detector", "reaction", "simulation", "verdict"):
@@ -321,7 +321,7 @@ class Range:
             steps = f" in steps of {step:g}" if step else ""
             only = "only one value" if taken else "no value"
             raise InputError("--vary", f"{variable.name!r} has {only}{steps}", "wanted at least 2")
-        from bumpstop.collision.unused_keys import keys_without_effect
+        from bumpstop.collision.scenario.unused_keys import keys_without_effect
 
         for value in (taken[0], taken[-1]):
             unused = keys_without_effect(variable.apply(scenario, value))

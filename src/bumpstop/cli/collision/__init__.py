@@ -1,0 +1,1 @@
+"""Commands that ask how hard a collision is: evaluate, require, study."""

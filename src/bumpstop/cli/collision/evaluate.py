@@ -1,0 +1,115 @@
+"""``bumpstop evaluate``: from a scenario file to a verdict."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
+
+_MAX_LIST = 10_000  # characters
+NOT_ACCEPTABLE = 3
+INCONCLUSIVE = 4
+MOST_SAMPLES = 100_000_000
+MOST_THREADS = 256
+
+
+def whole(low: int, high: int) -> Callable[[str | int], int]:
+    """Reads a whole number; typer's own messages leave out what was written."""
+
+    def read(written: str | int) -> int:
+        text = str(written)  # defaults come here too
+        # The length first: thousands of digits are refused by int itself.
+        if not re.fullmatch(r"[+-]?[0-9]{1,30}", text) or not low <= int(text) <= high:
+            raise typer.BadParameter(f"{text!r} cannot be used; wanted a whole number from {low} to {high}")
+        return int(text)
+
+    return read
+
+
+def command(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Write report.html, figures, law.parquet and settings.toml there."),
+    ] = None,
+    sampled: Annotated[
+        int | None,
+        typer.Option(
+            parser=whole(1, MOST_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of the exact law."
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled law.")
+    ] = 0,
+    threads: Annotated[
+        int,
+        typer.Option(
+            parser=whole(1, MOST_THREADS), metavar="NUMBER", help="Threads of the sampled law; they do not change it."
+        ),
+    ] = 1,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
+    ] = None,
+) -> int:
+    """Work out the force law of a scenario and judge it.
+
+    Exit status: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input.
+    """
+    from bumpstop.cli.progress import progress
+    from bumpstop.collision import evaluate, load_scenario
+
+    checked = load_scenario(scenario, dict(change(text) for text in changes or []))
+    try:
+        with progress("drawing" if sampled else "evaluating") as share:
+            law = evaluate(checked, samples=sampled, seed=seed, threads=threads, progress=share)
+    except MemoryError:
+        if sampled is None:
+            problem = "is not given, and the exact law of so many feedback ticks needs more memory than there is"
+            raise InputError("--sampled", problem, "try --sampled 100000") from None
+        raise InputError("--sampled", f"{sampled} collisions need more memory than there is", "give fewer") from None
+    report = None
+    if out is not None:
+        from bumpstop.cli.collision.output import write_outputs
+
+        report = write_outputs(law, out)
+    if as_json:
+        typer.echo(json.dumps(law.to_json(), allow_nan=False, indent=2))
+    else:
+        from bumpstop.cli.collision.summary import print_summary
+
+        print_summary(law, report)
+    # Without a body region there is nothing to judge, and no verdict that could fail.
+    return {"not_acceptable": NOT_ACCEPTABLE, "inconclusive": INCONCLUSIVE}.get(law.verdict.conclusion, 0)
+
+
+def change(text: str) -> tuple[str, Any]:
+    """``key=value`` with a TOML value or numbers with commas between them, else a bare string."""
+    key, equals, value = text.partition("=")
+    key = re.sub(r"\s*\.\s*", ".", key.strip())
+    if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
+        raise InputError("--set", f"{text[:200]!r} is not KEY=VALUE", "for example --set contact.area_cm2=2")
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+    except (ValueError, RecursionError):  # bad TOML, a number of thousands of digits, thousands of brackets
+        return key, _numbers(value) or value.strip()
+    # More than one line may hold more than one value.
+    return key, parsed["value"] if len(parsed) == 1 else value.strip()
+
+
+def _numbers(text: str) -> list[float] | None:
+    """Of a list without brackets, as other options take it; None where it is none."""
+    items = list_items(text)
+    try:
+        return [float(item) for item in items] if len(items) > 1 and len(text) < _MAX_LIST else None
+    except ValueError:
+        return None

@@ -1,0 +1,63 @@
+"""The files of ``bumpstop evaluate --out``."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.collision import ForceLaw
+
+
+def write_outputs(law: ForceLaw, folder: Path) -> Path:
+    """Write report.html with its figures, law.parquet and settings.toml; returns the report's path.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    from bumpstop.collision.tables import law_table
+    from bumpstop.report import write_report
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "settings.toml").write_bytes(settings_toml(law).encode("utf-8"))
+        law_table(law).write_parquet(folder / "law.parquet")
+        return write_report(law, folder)
+    except UnicodeEncodeError as error:
+        text = error.object[max(0, error.start - 20) : error.end]
+        raise InputError("scenario", f"{text!r} is no text", "wanted names of files in UTF-8") from None
+    except OSError as error:
+        raise InputError(
+            "--out",
+            # The Parquet writer puts everything into the message.
+            f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror or error})",
+            "give another folder",
+        ) from None
+
+
+def settings_toml(law: ForceLaw) -> str:
+    """Scenario, law and versions: enough to repeat the evaluation.
+
+    The file is itself a scenario: its reader passes over the table ``[made_by]``.
+    """
+    from bumpstop.collision.scenario.scenario import MADE_BY
+    from bumpstop.collision.scenario.settings_file import scenario_data
+    from bumpstop.kernels import target
+    from bumpstop.text_files import to_toml
+
+    made_by: dict[str, Any] = {"law": law.kind}
+    if law.kind == "sampled":
+        made_by |= {"samples": law.samples, "seed": law.seed}
+    made_by |= {
+        "bumpstop": version("bumpstop"),
+        "numpy": version("numpy"),
+        "python": platform.python_version(),
+    }
+    made_by["instruction_set"] = target
+    data = scenario_data(law.scenario)
+    options = f" --sampled {law.samples} --seed {law.seed}" if law.kind == "sampled" else ""
+    return f"# To repeat: bumpstop evaluate settings.toml{options}\n" + to_toml(data | {MADE_BY: made_by})

@@ -1,0 +1,107 @@
+"""``bumpstop require``: how far one thing may go before a scenario is no longer acceptable."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE
+from bumpstop.cli.collision.study import AsJson, Changes, ScenarioFile, load
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
+
+_COUNT = 8  # of the second variable's values, where none is given
+
+
+def require(
+    scenario: ScenarioFile,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            metavar="KEY[=LOW:HIGH]",
+            help="What is varied, and between which values; a second one makes a trade curve.",
+            show_default=False,
+        ),
+    ],
+    risk: Annotated[
+        float | None, typer.Option(metavar="PROBABILITY", help="Accepted; default: verdict.risk.", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+    changes: Changes = None,
+) -> int:
+    """Find the harshest value that meets the limits, and with it every milder one.
+
+    Keys: motion.speed, detector.thresholds, detector.feedback_period_s, reaction.joint_acceleration_rad_s2,
+    contact.padding. Exit status: 0 found, 3 no value meets the limits or alarms are too probable there, 2 bad input.
+    """
+    from bumpstop.cli.progress import progress
+    from bumpstop.study import plain
+    from bumpstop.study.requirement.requirement import require as solve
+    from bumpstop.study.requirement.requirement import require_curve
+    from bumpstop.study.variable import Range, Variable
+
+    checked = load(scenario, changes)
+    if len(vary) > 2:
+        raise InputError("--vary", f"is given {len(vary)} times", "wanted one variable, or two for a trade curve")
+    name, low, high = _ends(vary[0], checked)
+    if len(vary) == 1:
+        with progress("searching"):
+            found = solve(checked, name, risk=risk, low=low, high=high)
+        if as_json:
+            typer.echo(json.dumps(plain(found.to_json()), allow_nan=False, indent=2))
+        else:
+            bound = "at most" if found.harsher == "higher" else "at least"
+            typer.echo(f"{name}: " + ("no value" if found.value is None else f"{bound} {found.value:g} {found.unit}"))
+            if name == "detector.thresholds" and found.value is not None:
+                typer.echo(f"the lowest; by joint {_thresholds(checked, found.value)}")
+            typer.echo(found.reason)
+            typer.echo(f"risk there {found.risk_at_value:.3g}, accepted {found.risk:g}; exact law")
+        return NOT_ACCEPTABLE if found.value is None or not found.false_alarm_ok else 0
+    if "=" not in vary[1]:
+        raise InputError("--vary", f"{vary[1]!r} has no range", f"wanted {vary[1]}=LOW:HIGH")
+    against = Range.parse(vary[1], checked, count=_COUNT)
+    with progress("searching"):
+        rows = require_curve(checked, name, against, risk=risk, low=low, high=high)
+    if as_json:
+        typer.echo(json.dumps(plain({"curve": rows}), allow_nan=False, indent=2))
+    else:
+        _print_curve(rows, Variable(name).label(checked), against.variable.label(checked))
+    return 0 if any(row["value"] is not None and row["false_alarm_ok"] for row in rows) else NOT_ACCEPTABLE
+
+
+def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | None]:
+    from bumpstop.study.requirement.requirement import check_name
+    from bumpstop.study.variable import Range, canonical
+
+    name, given, span = (part.strip() for part in text.partition("="))
+    name = canonical(name)
+    check_name(name)
+    if not given:
+        return name, None, None
+    if span.count(":") != 1 or span.startswith("["):
+        # Which values are looked at between the ends is for the search to say.
+        raise InputError("--vary", f"{text!r} is not KEY=LOW:HIGH", f"for example --vary {name}=10:200")
+    ends = Range.parse(text, scenario)
+    return name, ends.low, ends.high
+
+
+def _thresholds(scenario: Scenario, lowest: float) -> str:
+    from bumpstop.collision.scenario.scenario_file import robot_of
+    from bumpstop.model import unit_of
+    from bumpstop.study.variable import Variable
+
+    each = Variable("detector.thresholds").changes(scenario, lowest)["detector.thresholds_Nm"]
+    unit = unit_of(*robot_of(scenario).joints)
+    return ", ".join(f"{threshold:.6g}" for threshold in each) + f" {unit}"
+
+
+def _print_curve(rows: list[dict[str, Any]], required: str, against: str) -> None:
+    typer.echo(f"{against:>36}  {required:>36}  fails by")
+    for row in rows:
+        value = "no value" if row["value"] is None else f"{row['value']:.4g}"
+        alarms = "" if row["false_alarm_ok"] else f"; alarms before contact {row['false_alarm_at_value']:.2g}"
+        typer.echo(f"{row['against']['value']:>36.6g}  {value:>36}  {row['binding']}{alarms}")

@@ -1,0 +1,200 @@
+"""``bumpstop study atlas``: how fast the arm may move, along a trajectory or all over its workspace."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE, whole
+from bumpstop.cli.collision.study import AsJson, Changes, Out, ScenarioFile, Seed, Threads, execute, load
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.study.speed.atlas import TrajectoryAtlas
+    from bumpstop.study.speed.retiming import Retimed
+
+_MOST_POSES = 10_000_000
+_NOTES = (
+    "At every row the tool moves on a straight line through the pose, and the body is clamped; where the scenario does "
+    "not say how far away, one feedback period of travel or less, evenly.",
+    "Speeds come from exact laws: each one written here meets the accepted risk, and a speed at most 1 % higher does "
+    "not, unless another cause is named.",
+)
+
+
+def atlas(
+    scenario: ScenarioFile,
+    poses: Annotated[
+        int | None,
+        typer.Option(
+            parser=whole(1, _MOST_POSES),
+            metavar="NUMBER",
+            help="Random poses, for a scenario of a line.",
+            show_default=False,
+        ),
+    ] = None,
+    cone: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="Half angle of the cone of directions; default: 0 along a trajectory, else 180.",
+            show_default=False,
+        ),
+    ] = None,
+    cap: Annotated[float, typer.Option(metavar="MM_S", help="No speed above it is looked at.")] = 1000.0,
+    null_space: Annotated[
+        bool, typer.Option("--null-space", help="Suggest joint positions that feel better, for arms of seven joints.")
+    ] = False,
+    out: Out = None,
+    as_json: AsJson = False,
+    threads: Threads = 2,
+    seed: Seed = 0,
+    changes: Changes = None,
+) -> int:
+    """Find the highest safe speed at every waypoint of a trajectory, and slow the trajectory down to it.
+
+    A scenario of a line gives the highest safe speed at random poses instead. Exit status: 0 done, 3 the trajectory is
+    too fast as it is, 2 bad input.
+    """  # fmt: skip
+    from bumpstop.study.speed.atlas import TrajectoryAtlas, WorkspaceAtlas
+
+    checked = load(scenario, changes)
+    if checked.motion.kind == "line":
+        if null_space:
+            raise InputError("--null-space", "has no meaning without a trajectory", "leave it out")
+        study = WorkspaceAtlas(
+            checked,
+            cap_mm_s=cap,
+            cone_deg=180.0 if cone is None else cone,
+            poses=200 if poses is None else poses,
+            seed=seed,
+        )
+
+        def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
+            from bumpstop.report.studies.speed_limits import WorkspaceAtlasPart
+
+            return "Safe speed over the workspace", [WorkspaceAtlasPart(rows, summary)], _NOTES
+
+        execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_workspace_lines)
+        return 0
+    if poses is not None:
+        raise InputError("--poses", "has no meaning with a trajectory", "leave it out")
+    if seed:
+        raise InputError("--seed", "has no meaning with a trajectory, where nothing is drawn", "leave it out")
+    return _along(TrajectoryAtlas(checked, cap_mm_s=cap, cone_deg=cone or 0.0), null_space, out, as_json, threads)
+
+
+def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: bool, threads: int) -> int:
+    if null_space:
+        from bumpstop.study.null_space import check_redundant
+
+        if out is None:
+            raise InputError("--null-space", "has no place for its suggestions", "give --out as well")
+        check_redundant(study.problem)
+
+    files: list[str] = []
+
+    def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
+        from bumpstop.report.studies.speed_limits import SuggestionPart, TrajectoryAtlasPart
+
+        assert out is not None
+        retimed = study.slowed(rows).retimed
+        if retimed is not None:
+            from bumpstop.study.speed.trajectory_writing import write_csv, write_ros
+
+            write_csv(out / "retimed.csv", retimed)
+            write_ros(out / "retimed.json", retimed, study.problem.robot)
+            files.extend(("retimed.csv", "retimed.json"))
+        else:
+            # Left from another run they would be taken for this trajectory's.
+            for name in ("retimed.csv", "retimed.json"):
+                (out / name).unlink(missing_ok=True)
+        rows.select("waypoint", "t_s", "limit_mm_s").write_csv(out / "speed_limit.csv")
+        files.append("speed_limit.csv")
+        parts: list[Any] = [TrajectoryAtlasPart(rows, summary, _speeds(study, retimed, rows))]
+        if null_space:
+            waypoints = rows.filter(~rows["between"])
+            suggestions = _suggest(study, waypoints)
+            suggestions.write_parquet(out / "suggestions.parquet")
+            files.append("suggestions.parquet")
+            parts.append(SuggestionPart(waypoints, suggestions))
+        return "Safe speed along a trajectory", parts, _NOTES
+
+    summary = execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_trajectory_lines)
+    if files and not as_json:
+        typer.echo(f"files: {', '.join(str(out / name) for name in files if out is not None)}")
+    return 0 if summary["acceptable"] else NOT_ACCEPTABLE
+
+
+def _trajectory_lines(summary: dict[str, Any]) -> list[str]:
+    none, places = summary["none_safe"], summary["waypoints"] + summary["moments_between"]
+    over, moments, singular = summary["over_between"], summary["moments_between"], summary["singular"]
+    lines = [
+        f"as given, {summary['duration_s']:.4g} s: {verdict_words(summary['verdict'])}",
+        f"{summary['over']} of {summary['waypoints']} waypoints are passed faster than is safe there",
+    ]
+    if moments:
+        lines.append(f"between them the arm is faster than is safe at {over} of {moments} moments")
+    if singular:
+        lines.append(
+            f"at {singular} of {places} places, at or near a singularity, no straight line can be followed: their "
+            "limits are by the trajectory's own law"
+        )
+    if none:
+        lines.append(f"at {none} of {places} places no speed is safe")
+    lines.append(
+        f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
+        f"({summary['lowest_at_s']:.4g} s)"
+    )
+    lines.append(f"directions: {summary['directions']}")
+    if summary["retimed_duration_s"] is None:
+        lines.append(f"there is no slower trajectory: {summary['not_retimed_because']}")
+    else:
+        lines.append(
+            f"slowed down, {summary['retimed_duration_s']:.4g} s instead of {summary['duration_s']:.4g} s: "
+            f"{verdict_words(summary['retimed_verdict'])}"
+        )
+    return lines
+
+
+def verdict_words(verdict: dict[str, Any]) -> str:
+    """A verdict of the summary in a sentence."""
+    word = {True: "ACCEPTABLE", False: "NOT ACCEPTABLE", None: "NO VERDICT"}[verdict["acceptable"]]
+    return f"{word}. {verdict['reason']}"
+
+
+def _speeds(study: TrajectoryAtlas, retimed: Retimed | None, rows: pl.DataFrame) -> Any:
+    """Speed of the slowed tip at the rows [mm/s]; None where there is no slower trajectory."""
+    import numpy as np
+
+    if retimed is None:
+        return None
+    rate = study.trajectory.at(study.trajectory.time, 1)
+    new = np.linalg.norm(retimed.velocity[retimed.waypoint], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.nan_to_num(new / np.linalg.norm(rate, axis=1))
+    return share * rows["speed_mm_s"].to_numpy()
+
+
+def _suggest(study: TrajectoryAtlas, rows: pl.DataFrame) -> pl.DataFrame:
+    import polars as pl
+
+    from bumpstop.study.null_space import feel_better
+
+    direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
+    found = feel_better(study.problem, study.given.position, direction)
+    columns = {f"q_{j + 1}": found.q[:, j] for j in range(found.q.shape[1])}
+    return pl.DataFrame({"waypoint": rows["waypoint"], **columns, "unnoticed_N": found.unnoticed, "gain": found.gain})
+
+
+def _workspace_lines(summary: dict[str, Any]) -> list[str]:
+    return [
+        f"in {summary['none_safe']} of {summary['poses']} poses no speed is safe",
+        f"half of all poses are safe up to {summary['limit_p50_mm_s']:.4g} mm/s, one in twenty up to "
+        f"{summary['limit_p95_mm_s']:.4g} mm/s",
+        f"directions: {summary['directions']}",
+    ]

@@ -1,0 +1,311 @@
+"""``bumpstop study``: many laws with a question."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from bumpstop.cli.collision.evaluate import MOST_THREADS, change, whole
+from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.progress import progress
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.collision import Scenario
+    from bumpstop.report.section import Part
+    from bumpstop.study import Study
+
+app = typer.Typer(
+    cls=CommandGroup,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    no_args_is_help=False,
+    help="Ask many laws a question: what makes collisions harmless, for whom, and where.",
+)
+
+ScenarioFile = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Write report.html, figures, rows, summary and settings there; taken up again."),
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
+]
+Threads = Annotated[
+    int, typer.Option(parser=whole(1, MOST_THREADS), metavar="NUMBER", help="Threads; they do not change the result.")
+]
+Seed = Annotated[int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of what is drawn.")]
+
+
+def load(path: Path, changes: list[str] | None) -> Scenario:
+    """The scenario of a command, with its ``--set``."""
+    from bumpstop.collision import load_scenario
+
+    return load_scenario(path, dict(change(text) for text in changes or []))
+
+
+def execute(
+    study: Study,
+    *,
+    out: Path | None,
+    as_json: bool,
+    threads: int,
+    report: Callable[[pl.DataFrame, dict[str, Any]], tuple[str, Sequence[Part], Sequence[str]]],
+    lines: Callable[[dict[str, Any]], Sequence[str]],
+) -> dict[str, Any]:
+    """Run a study, write its files and print what it found.
+
+    Args:
+        study: what is run.
+        out: folder for its files, or None.
+        as_json: print the summary as JSON and nothing else on stdout.
+        threads: of this process.
+        report: title of the page, its parts and its notes, from rows and summary.
+        lines: what a person reads on the terminal, from the summary.
+
+    Returns:
+        The summary.
+    """
+    from bumpstop.study import plain, run
+    from bumpstop.text_files import running_command
+
+    begin = time.perf_counter()
+    with progress(study.title) as share:
+        rows, summary = run(
+            study, out, threads=threads, progress=lambda done, total: share(done / total), command=running_command()
+        )
+    seconds = time.perf_counter() - begin
+    page = None
+    if out is not None:
+        from bumpstop.report.studies.study import write_study_report
+
+        title, parts, notes = report(rows, summary)
+        page = write_study_report(study, title, parts, out, notes=notes)
+    if as_json:
+        typer.echo(json.dumps(plain(summary) | {"seconds": round(seconds, 3)}, allow_nan=False, indent=2))
+        return summary
+    for line in lines(summary):
+        typer.echo(line)
+    typer.echo(f"{rows.height} rows in {seconds:.1f} s")
+    if page is not None:
+        typer.echo(f"report: {page}")
+    return summary
+
+
+@app.command("parameters")
+def parameters(
+    scenario: ScenarioFile,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=LOW:HIGH", help="Vary a key, e.g. --vary motion.speed=10:200; default: the source's."
+        ),
+    ] = None,
+    pair: Annotated[
+        list[str] | None, typer.Option(metavar="KEY,KEY", help="Curves of equal risk over two varied keys.")
+    ] = None,
+    price: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=PRICE", help="What one unit of change costs, for the cheapest way to meet the limits."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    out: Out = None,
+    threads: Threads = 2,
+    changes: Changes = None,
+) -> None:
+    """Vary one parameter after the other: peak force, fits, derivatives, and the cheapest way to meet the limits."""
+    from bumpstop.study.parameters.parameters import ParameterStudy
+
+    study = ParameterStudy.of(load(scenario, changes), vary, pair, price)
+
+    def report(rows: pl.DataFrame, summary: dict[str, Any]) -> tuple[str, Sequence[Part], Sequence[str]]:
+        from bumpstop.report.studies.parameters import pages_of
+
+        return pages_of(study, rows, summary)
+
+    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_parameter_lines)
+
+
+@app.command("effectiveness")
+def effectiveness(
+    scenario: ScenarioFile,
+    body: Annotated[list[str] | None, typer.Option(help="A body region of either table; default: all.")] = None,
+    direction: Annotated[
+        list[str] | None, typer.Option(help="down, up, forward, back, left or right; default: down and left.")
+    ] = None,
+    speed: Annotated[
+        list[float] | None, typer.Option(metavar="MM_S", help="A speed; default: 10, 25, 50, 75 and 100 mm/s.")
+    ] = None,
+    area: Annotated[
+        list[float] | None, typer.Option(metavar="CM2", help="A contact area; default: 1 and 2 cm².")
+    ] = None,
+    highest_speed: Annotated[
+        float, typer.Option(metavar="MM_S", help="Speed up to which a safe one is looked for.")
+    ] = 250.0,
+    as_json: AsJson = False,
+    out: Out = None,
+    threads: Threads = 2,
+    changes: Changes = None,
+) -> None:
+    """Judge body parts by direction, speed and contact area, and find the highest safe speed of each."""
+    from bumpstop.study.parameters.effectiveness import EffectivenessStudy
+
+    study = EffectivenessStudy.of(load(scenario, changes), body, direction, speed, area, highest_speed)
+
+    def report(rows: pl.DataFrame, summary: dict[str, Any]) -> tuple[str, Sequence[Part], Sequence[str]]:
+        from bumpstop.report.studies.effectiveness import pages_of
+
+        return pages_of(study, rows, summary)
+
+    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_effectiveness_lines)
+
+
+@app.command("workspace")
+def workspace(
+    scenario: ScenarioFile,
+    poses: Annotated[
+        int, typer.Option(parser=whole(0, 100_000_000), metavar="NUMBER", help="Number of random poses.")
+    ] = 0,
+    grid: Annotated[
+        int, typer.Option(parser=whole(0, 1000), metavar="NUMBER", help="Instead: values of every moving joint.")
+    ] = 0,
+    grid_directions: Annotated[
+        int, typer.Option(parser=whole(1, 1_000_000), metavar="NUMBER", help="Directions at every pose of the grid.")
+    ] = 1,
+    directions: Annotated[
+        str, typer.Option(help="sphere (even), polar (even polar angle, as the source) or scenario (its own).")
+    ] = "sphere",
+    speed_sd: Annotated[float, typer.Option(metavar="MM_S", help="Spread of the speed about the scenario's.")] = 0.0,
+    joint_limits: Annotated[
+        str, typer.Option(help="respect: they end a motion; ignore: the arm moves on.")
+    ] = "respect",
+    velocity_limits: Annotated[
+        str, typer.Option(help="respect: joints at their limit slow the arm; ignore: the tip keeps its speed.")
+    ] = "respect",
+    link_radius: Annotated[
+        float, typer.Option(metavar="MM", help="Avoid self-collision of links this thick; 0: do not look for it.")
+    ] = 0.0,
+    foretell: Annotated[
+        bool, typer.Option("--foretell", help="Foretell forces from the pose, in its direction and in the worst one.")
+    ] = False,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    out: Out = None,
+    threads: Threads = 2,
+    changes: Changes = None,
+) -> None:
+    """Work out the laws of poses and directions all over the arm's reach."""
+    from typing import get_args
+
+    from bumpstop.errors import InputError, near_matches
+    from bumpstop.study.directions import DirectionLaw
+    from bumpstop.study.workspace.workspace import WorkspaceStudy
+
+    for option, value, valid in (
+        ("--directions", directions, get_args(DirectionLaw)),
+        ("--joint-limits", joint_limits, ("respect", "ignore")),
+        ("--velocity-limits", velocity_limits, ("respect", "ignore")),
+    ):
+        if value not in valid:
+            raise InputError(option, f"{value!r} is unknown", near_matches(value, valid))
+    study = WorkspaceStudy(
+        load(scenario, changes),
+        poses=poses,
+        grid=grid,
+        grid_directions=grid_directions,
+        directions=cast(Any, directions),
+        speed_sd_mm_s=speed_sd,
+        joint_limits=cast(Any, joint_limits),
+        velocity_limits=cast(Any, velocity_limits),
+        link_radius_mm=link_radius,
+        foretell=foretell,
+        seed=seed,
+    )
+
+    def report(rows: pl.DataFrame, summary: dict[str, Any]) -> tuple[str, Sequence[Part], Sequence[str]]:
+        from bumpstop.report.studies.workspace import pages_of
+
+        return pages_of(study, rows, summary)
+
+    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_workspace_lines)
+
+
+def _parameter_lines(summary: dict[str, Any]) -> list[str]:
+    from bumpstop.study.variable import per
+
+    lines = [
+        f"peak force of the scenario: mean {summary['control']['mean_N']:.4g} N, sd {summary['control']['sd_N']:.3g} N"
+    ]
+    for each in summary["parameters"]:
+        name = each.get("better_law") or each.get("source_law")
+        fit = next((fit for fit in each["fits"] if fit["name"] == name), None)
+        shape = f"{name}, R2 {fit['r2']:.4f}: {fit['formula']}" if fit else "no fit"
+        lines.append(f"{each['key']} {each['low']:g} to {each['high']:g} {each['unit']}: {each['direction']}; {shape}")
+        unit = per("N", each["unit"])
+        lines.append(f"  dF/dx at {each['control']:g}: {each['derivative']['mean']:.4g} {unit}")
+    guide = summary.get("guide")
+    if guide:
+        plan = guide["together"]
+        if plan is None or not guide["alone"]:
+            lines.append(guide["reason"])
+        if plan is not None and guide["alone"]:
+            values = ", ".join(f"{key} = {value:.6g}" for key, value in plan["values"].items())
+            lines.append(f"cheapest way to meet the limits, at a cost of {plan['cost']:.4g}: {values}")
+    return lines
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if math.isfinite(share) else "none"
+
+
+def _effectiveness_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [f"highest safe speed, mm/s (P(over a limit) at most {summary['risk']:g})"]
+    for each in summary["safe_speeds"]:
+        speed = each["safe_speed_mm_s"]
+        found = each["reason"]
+        if speed is not None:
+            binding = each["binding"].replace("_", " ")
+            found = f"{speed:g} or more" if binding == "none" else f"{speed:g}, bound by {binding}"
+        lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm²: {found}")
+    return lines
+
+
+def _workspace_lines(summary: dict[str, Any]) -> list[str]:
+    from bumpstop.report.formatting import correlation
+
+    lines = [f"{summary['laws']} laws; {summary['singular_starts']} poses start at a singularity and have none"]
+    if not summary["laws"]:
+        return lines
+    if summary["never_touch"]:
+        of = summary["laws"]
+        lines.append(f"{summary['never_touch']} of {of} motions never touch anything: they say nothing about safety")
+    for name, limit in zip(("force", "pressure"), summary["limits"].values(), strict=False):
+        share = summary[f"p_over_{name}"]
+        lines.append(
+            f"P(over the {name} limit, {limit:g} N): {share['mean']:.4f}, standard error {share['standard_error']:.4f}"
+        )
+        touching = summary[f"p_over_{name}_of_touching"]
+        if summary["never_touch"] and touching:
+            lines.append(f"  of the motions that touch: {touching['mean']:.4f}")
+    for name, found in summary.get("predictors", {}).items():
+        missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
+        rank = f"rank correlation {correlation(found['rank_correlation'])}"
+        lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, refuses {refused} of safe")
+    low, high = summary["distribution"]["mode_of_collisions_N"]
+    lines.append(f"most common peak force: {low:g} to {high:g} N")
+    ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)
+    lines.append(f"undetected: {summary['undetected']['mean']:.4f}; motions end by: {ends}")
+    if summary["self_collisions"]["looked_for"]:
+        lines.append(f"poses discarded for self-collision: {summary['self_collisions']['poses_discarded']}")
+    return lines

@@ -1,0 +1,105 @@
+"""What ``bumpstop evaluate`` prints for a person."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bumpstop.collision import Distribution, ForceLaw
+    from bumpstop.contact import ContactLimits
+
+
+def print_summary(law: ForceLaw, report: Path | None) -> None:
+    """Print verdict, figures and notes; ``report`` is the page that was written, if any."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from bumpstop.collision.distribution.distribution import finite_mean
+    from bumpstop.collision.notes import sample_notes
+    from bumpstop.collision.scenario.unused_keys import unused_notes
+    from bumpstop.collision.verdict.alarm_rate import alarm_rate
+
+    console = Console(highlight=False, markup=False)
+    verdict = law.verdict
+    word, style = {
+        "acceptable": ("ACCEPTABLE", "bold black on bright_cyan"),
+        "not_acceptable": ("NOT ACCEPTABLE", "bold white on red"),
+        "inconclusive": ("INCONCLUSIVE", "bold black on yellow"),
+        "no_limits": ("NO LIMITS TO JUDGE BY", "bold"),
+    }[verdict.conclusion]
+    robot, limits = law.problem.robot, law.problem.limits
+    body = f"{limits.label} ({limits.table})" if limits else f"a spring of {law.problem.stiffness:g} N/m"
+    console.print(f"{robot.title or robot.name} {law.problem.motion_in_words} against {body}", style="bold")
+    console.print(Text(f" {word} ", style=style), verdict.reason)
+    for warning in law.warnings:
+        console.print(f"warning: {warning}")
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for heading in ("mean", "sd", "p50", "p95", "p99", "p99.9", "limit", "P(over)"):
+        table.add_column(heading, justify="right")
+    contact_time = law.contact_time
+    first = verdict.transient
+    rows: list[tuple[str, Distribution | None, float, str, float | None]] = [
+        ("peak force, N", law.peak_force, 1, _limits(first, limits, "force_N"), verdict.p_over_force),
+        ("pressure, N/cm²", law.pressure, 1, _limits(first, limits, "pressure_N_cm2"), verdict.p_over_pressure),
+        ("compression, mm", law.compression, 1, "", None),
+        ("felt at force, N", law.force_at_detection, 1, "", None),
+        ("felt after, ms", law.detection_delay, 1e3, "", None),
+        ("contact lasts, ms", contact_time, 1e3, "", None),
+    ]
+    for name, quantity, factor, limit, over in rows:
+        if quantity is None:
+            continue
+        figures = quantity.scaled(factor).to_json()
+        # Short, or the table does not fit into 80 columns.
+        nothing = "none" if math.isnan(quantity.mean) else "inf"
+        cells = [nothing if value is None else _figure(value) for value in figures.values()]
+        table.add_row(name, *cells, limit, "" if over is None else _probability(over))
+    # Small figures are long: rather columns that are closer than names in two lines.
+    table.collapse_padding = console.measure(table, options=console.options.update(width=1000)).maximum > console.width
+    console.print(table)
+
+    if math.isinf(law.peak_force.mean):
+        mean = finite_mean(law.peak_force)
+        console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")
+    felt = [
+        f"{j} ({100 * p:.3g} %)"
+        for j, p in sorted(enumerate(law.trigger_joint_probability, start=1), key=lambda item: -item[1])
+        if p >= 0.0005
+    ]
+    console.print("felt by joint " + ", ".join(felt) if felt else "felt by no joint", end="")
+    console.print(
+        f"; false alarm before contact {_probability(law.false_alarm_probability)}; "
+        f"never detected {_probability(law.undetected_probability)}"
+    )
+    console.print(alarm_rate(law.problem).words)
+    # What the figures above are not about; what was assumed otherwise is in the report.
+    for note in (*unused_notes(law.scenario), *sample_notes(law), *law.end_notes()):
+        console.print(f"note: {note}")
+    kind = "exact law" if law.kind == "exact" else f"sampled law, {law.samples} runs, seed {law.seed}"
+    console.print(f"{kind}; {law.notes[-1][0].lower()}{law.notes[-1][1:]}", style="dim")
+    if report is not None:
+        # Not wrapped, so that it can be copied or clicked.
+        console.print(f"report: {report}", soft_wrap=True)
+
+
+def _limits(first: ContactLimits | None, later: ContactLimits | None, name: str) -> str:
+    """A limit by the name of its field; of two phases both, that of the first before the other."""
+    figures = [getattr(limits, name) for limits in (first, later) if limits is not None]
+    return "/".join(f"{figure:g}" for figure in figures if figure is not None)
+
+
+def _figure(value: float) -> str:
+    """Four significant digits; what is below a millionth in units of the table is rounding, and zero."""
+    return "0" if abs(value) < 1e-6 else f"{value:.4g}"
+
+
+def _probability(p: float) -> str:
+    if p == 0 or p >= 0.001:
+        return f"{p:.4f}"
+    return f"{p:.1e}" if p > 1e-12 else "< 1e-12"

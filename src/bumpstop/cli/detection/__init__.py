@@ -1,0 +1,1 @@
+"""Commands about detection: tune, detect, detector, score and the undetectable forces."""

@@ -1,0 +1,274 @@
+"""``bumpstop detect`` and ``bumpstop detector``: collisions in a recording, and the detector of a control loop."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE
+from bumpstop.cli.detection.residual_source import (
+    DETECTOR_OPTIONS,
+    Arming,
+    Origin,
+    Watcher,
+    takes_origin,
+    thresholds_of,
+)
+from bumpstop.cli.folders import check_folder, writing
+from bumpstop.cli.option_names import as_options
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.detection import DetectionRun, DetectorSettings, Event, Thresholds
+    from bumpstop.model import Robot
+
+Limits = Annotated[
+    str, typer.Option("--thresholds", help="Numbers like 20,10,inf, or a file of thresholds.", show_default=False)
+]
+PayloadChange = Annotated[
+    float, typer.Option("--payload-change", help="Look for an undeclared mass of at least this [kg]; 0: do not.")
+]
+Direction = Annotated[
+    str, typer.Option("--direction", metavar="LIST", help="In which the force of an alarm is given, base frame.")
+]
+At = Annotated[str | None, typer.Option("--link", help="Link the force is given at.", show_default="the tip")]
+Where = Annotated[str, typer.Option("--point-m", metavar="LIST", help="Where, in that link's frame.")]
+
+
+@takes_origin
+def detect(
+    recording: Annotated[Path, typer.Argument(help="Recording with currents or joint torques.", show_default=False)],
+    thresholds: Limits,
+    *,
+    origin: Origin,
+    arming_delay: Arming = 0.0,
+    payload_change: PayloadChange = 0.0,
+    direction: Direction = "0,0,-1",
+    link: At = None,
+    point_m: Where = "0,0,0",
+    blind_force: Annotated[
+        float | None,
+        typer.Option("--blind-force", help="Tell poses where more than this could go unnoticed [N]."),
+    ] = None,
+    stiction: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST", help="What friction holds of a standing joint [Nm], one or all.", show_default="the model's"
+        ),
+    ] = None,
+    rearm: Annotated[float, typer.Option(help="An alarm ends once all was quiet for so long [s].")] = 0.5,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write report.html, figures, events and residuals into it.")
+    ] = None,
+) -> int:
+    """Run a collision detector over a recording: alarms, and when it was blind."""
+    from bumpstop.cli.detection.sensitivity import stiction_of
+    from bumpstop.detection import blind_stretches
+    from bumpstop.detection import detect as run_detector
+    from bumpstop.detection.standing import hidden_torques
+
+    given, arm = origin.parts
+    law = thresholds_of(thresholds, arm)
+    settings = _settings(origin, law, arming_delay, payload_change, link, point_m, direction)
+    if stiction is not None:
+        settings = replace(settings, stiction=stiction_of(stiction, arm.dof))
+    check_folder(out)
+    log = origin.recording(recording)
+    with as_options(DETECTOR_OPTIONS):
+        run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
+    stretches = None
+    if blind_force is not None:
+        if not 0 < blind_force < math.inf:
+            raise InputError("--blind-force", f"is {blind_force}", "wanted more than zero")
+        hidden = hidden_torques(arm, given, settings.stiction)
+        stretches = blind_stretches(
+            arm, log.t, log.q, law.constant, blind_force, link=link, point=settings.point, dead_zone=hidden
+        )
+    more = {
+        "rows_dropped": log.report.rows_dropped,
+        "blind_poses": None if stretches is None else [one.to_json() for one in stretches],
+    }
+    text = json.dumps(run.to_json() | more, allow_nan=False, indent=2)
+    if out is not None:
+        _write(run, arm, text, out, {"recording": str(recording), "thresholds": thresholds}, recording.name)
+    status = NOT_ACCEPTABLE if run.inactive else 0
+    if as_json:
+        typer.echo(text)
+        return status
+    _print(run, arm, settings)
+    for one in stretches or ():
+        typer.echo(
+            f"from {one.start_s:.4f} to {one.end_s:.4f} s up to {one.largest_N:.4g} N could go unnoticed"
+            if math.isfinite(one.largest_N)
+            else f"from {one.start_s:.4f} to {one.end_s:.4f} s any force could go unnoticed in some direction"
+        )
+    if stretches == ():
+        typer.echo(f"at no time could more than {blind_force:g} N go unnoticed")
+    if log.report.rows_dropped:
+        typer.echo(f"rows dropped while reading: {log.report.rows_dropped} of {log.report.rows_read}")
+    if out is not None:
+        missing = ", no residuals.parquet: the detector was blind all the time" if run.blind.all() else ""
+        typer.echo(f"report: {out / 'report.html'}{missing}")
+    return status
+
+
+@takes_origin
+def detector(
+    file: Annotated[Path, typer.Argument(help="Where to write it.", show_default=False)],
+    thresholds: Limits,
+    period: Annotated[
+        float | None,
+        typer.Option(help="Between the samples of the loop [s].", show_default="what the thresholds were found at"),
+    ] = None,
+    *,
+    origin: Watcher,
+    arming_delay: Arming = 0.0,
+    payload_change: PayloadChange = 0.0,
+    direction: Direction = "0,0,-1",
+    link: At = None,
+    point_m: Where = "0,0,0",
+) -> None:
+    """Write robot, joint model and thresholds as one file for the control loop (detector_description.hpp)."""
+    from bumpstop.detection import Detector, save_detector
+    from bumpstop.detection.detector import window_notes
+    from bumpstop.identification import DynamicsFit
+
+    given, arm = origin.parts
+    law = thresholds_of(thresholds, arm)
+    if isinstance(given, DynamicsFit):
+        raise InputError("--model", "fitted dynamics look ahead and cannot run in a loop", "give a joint model")
+    settings = _settings(origin, law, arming_delay, payload_change, link, point_m, direction)
+    with as_options(DETECTOR_OPTIONS):
+        if period is not None or law.period_s is not None:
+            settings = replace(settings, period_s=law.period_s if period is None else period)
+        made = Detector(arm, given, law, settings)
+    if settings.period_s is None:
+        raise InputError("--period", "is missing", "the thresholds do not say at what rate they were found")
+    save_detector(made, file)
+    typer.echo(f"detector: {file}")
+    summary = made.summary(settings.period_s)
+    typer.echo(f"settings: {', '.join(f'{name} {_said(value)}' for name, value in summary.items())}")
+    differs = law.differences(settings)
+    for note in differs:
+        typer.echo(f"warning: {note}", err=True)
+    for note in (*(note for note in made.notes if note not in differs), *window_notes(settings, settings.period_s)):
+        typer.echo(f"note: {note}")
+
+
+def _settings(
+    origin: Watcher,
+    law: Thresholds,
+    arming_delay: float,
+    payload_change: float,
+    link: str | None,
+    point_m: str,
+    direction: str,
+) -> DetectorSettings:
+    """Of options that ``detect`` and ``detector`` have in common."""
+    from bumpstop.cli.detection.sensitivity import three, unit
+
+    return origin.settings_for(
+        law,
+        arming_delay_s=arming_delay,
+        payload_change_kg=payload_change,
+        link=link,
+        point=three(point_m, "--point-m"),
+        direction=unit(direction, "--direction"),
+    )
+
+
+def _said(value: object) -> str:
+    if value is None:
+        return "never"
+    return f"{value:g}" if isinstance(value, float) else str(value).lower()
+
+
+def _units(arm: Robot) -> tuple[str, ...]:
+    from bumpstop.model import unit_of
+
+    return tuple(unit_of(joint) for joint in arm.joints)
+
+
+def _print(run: DetectionRun, arm: Robot, settings: DetectorSettings) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from bumpstop.report.detection.events import conclusion
+
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console.print(conclusion(run))
+    if run.events:
+        table = Table(box=None, pad_edge=False)
+        for heading in (
+            "begin, s",
+            "end, s",
+            "joints",
+            "residual",
+            "largest",
+            "force, N",
+            "likeliest link",
+            "possible links",
+        ):
+            table.add_column(
+                heading, justify="right" if heading in ("begin, s", "end, s", "force, N") else "left", overflow="fold"
+            )
+        units = _units(arm)
+        for event in run.events:
+            joints = sorted({*event.joints, *event.fast_joints})
+            residuals = ", ".join(f"{event.residual[j]:.3g} {units[j]}" for j in joints)
+            at = event.largest_joint
+            table.add_row(
+                f"{event.t:.4f}",
+                f"{event.end:.4f}",
+                ", ".join(str(j + 1) for j in joints),
+                residuals,
+                "-" if at is None else f"{event.largest_residual[at]:.3g} {units[at]} (joint {at + 1})",
+                _force(event),
+                event.link or "-",
+                ", ".join(event.possible_links) or "none",
+            )
+        console.print(table)
+        for event in run.events:
+            if event.standing:
+                held = ", ".join(f"{j + 1} up to {event.hidden[j]:.3g} {units[j]}" for j in event.standing)
+                console.print(f"at {event.t:.4f} s joints stood still, and friction may hide of joint {held}")
+        console.print(
+            f"force at {settings.link or arm.tip_name} along {list(settings.direction)}, of the arm on the body"
+        )
+    why = ", ".join(f"{name} {rows}" for name, rows in run.blind_rows().items())
+    console.print(f"blind: {run.blind_s:.4g} s" + (f" ({why})" if why else ""))
+    console.print(f"settings: {', '.join(f'{name} {_said(value)}' for name, value in run.settings.items())}")
+    if run.arming_s:
+        console.print(f"arming: {run.arming_s:.4g} s; over a threshold meanwhile: {int(run.unseen.sum())} rows")
+    if run.late.any():
+        console.print(f"late: {int(run.late.sum())} rows came after lost ones")
+    if run.payload_changed.any():
+        first = float(run.t[int(run.payload_changed.argmax())])
+        console.print(f"payload changed: recognised from {first:.4f} s on")
+    for note in run.notes:
+        console.print(f"note: {note}")
+
+
+def _force(event: Event) -> str:
+    """Along the direction, with two standard deviations; nothing where no joint tells anything of it."""
+    if not math.isfinite(event.force_along_sd):
+        return "not felt"
+    return f"{event.force_along:.3g} +- {2 * event.force_along_sd:.2g}"
+
+
+def _write(run: DetectionRun, arm: Robot, events: str, folder: Path, asked: dict[str, str], name: str) -> None:
+    from bumpstop.report.detection.events import write_events
+
+    write_events(run, arm, _units(arm), folder, asked=asked, name=name)
+    with writing(folder):
+        (folder / "events.json").write_text(events + "\n", encoding="utf-8")
+        # Those of an earlier run are none of this one.
+        (folder / "residuals.parquet").unlink(missing_ok=True)
+        if not run.blind.all():
+            run.save_residuals(folder / "residuals.parquet")

@@ -1,0 +1,298 @@
+"""What makes residuals of a recording: options that ``detect``, ``tune`` and ``score`` have in common."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cached_property, wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from bumpstop.cli.option_names import as_options
+from bumpstop.cli.robots import load_robot
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.detection import DetectorSettings, Thresholds
+    from bumpstop.identification import DynamicsFit
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+ModelFile = Annotated[
+    str | None,
+    typer.Option("--model", help="Joint model (TOML or built-in name), or fitted dynamics; without: recorded torque."),
+]
+RobotName = Annotated[
+    str | None, typer.Option("--robot", help="A built-in name, or the path of a URDF file; default: the model's.")
+]
+Base = Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")]
+Tip = Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")]
+Columns = Annotated[Path | None, typer.Option(help="Column file of the recording (TOML).")]
+Topic = Annotated[str | None, typer.Option(help="Topic of a bag that has several with joint states.")]
+MaxBad = Annotated[float, typer.Option(metavar="SHARE", help="Share of bad rows up to which they are dropped.")]
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", help="Rows were sampled evenly at this rate; a PC stamped them later [Hz]."),
+]
+Begin = Annotated[float | None, typer.Option("--from", help="Begin at this time of the recording [s].")]
+Until = Annotated[float | None, typer.Option("--until", help="End at this time of the recording [s].")]
+# What a file of thresholds says of these holds where the option is not given: None is not given.
+Kind = Annotated[
+    str | None, typer.Option("--residual", help="direct or observer.", show_default="the thresholds' kind, or direct")
+]
+Gain = Annotated[
+    float | None,
+    typer.Option("--observer-gain", help="Gain of the observer [1/s].", show_default="the thresholds' gain, or 50"),
+]
+Carried = Annotated[
+    float | None,
+    typer.Option(
+        "--payload", help="Mass at the tip that the robot lacks [kg].", show_default="the thresholds' load, or 0"
+    ),
+]
+MeasuredRates = Annotated[
+    bool | None,
+    typer.Option(
+        "--measured-rates",
+        help="Take joint speeds from the recording.",
+        show_default="the thresholds' way, or positions",
+    ),
+]
+Margin = Annotated[
+    float | None,
+    typer.Option(
+        "--limit-margin",
+        help="Positions this far outside their limits are impossible [rad or m].",
+        show_default="the thresholds' margin, or 0.1",
+    ),
+]
+Window = Annotated[
+    float | None,
+    typer.Option(
+        "--window",
+        help="Time that rates and accelerations are fitted over [s].",
+        show_default="the thresholds' window, or 0.07",
+    ),
+]
+Frozen = Annotated[
+    float | None,
+    typer.Option(
+        "--frozen",
+        help="Feedback that repeats for longer is a fault [s]; inf: never.",
+        show_default="the thresholds' time, or 0.1",
+    ),
+]
+Arming = Annotated[float, typer.Option("--arming-delay", help="Nothing is judged so long after a motion begins [s].")]
+# Fields that are not called as their options are.
+_OPTIONS = {"begin": "from"}
+# The same of a detector's settings.
+DETECTOR_OPTIONS = {
+    "residual": "--residual",
+    "window_s": "--window",
+    "frozen_s": "--frozen",
+    "observer_gain_1_s": "--observer-gain",
+    "limit_margin": "--limit-margin",
+    "measured_rates": "--measured-rates",
+    "arming_delay_s": "--arming-delay",
+    "payload_kg": "--payload",
+    "payload_change_kg": "--payload-change",
+    "period_s": "--period",
+    "rearm_s": "--rearm",
+    "link": "--link",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watcher:
+    """The arm and the residual, of a recording or in a loop; each field is an option under its name.
+
+    Attributes:
+        model, robot, base, tip: as :func:`load_model` takes them.
+        residual, observer_gain, window, payload, measured_rates, limit_margin, frozen: of the detector; None: not
+            given.
+    """
+
+    model: ModelFile = None
+    robot: RobotName = None
+    base: Base = None
+    tip: Tip = None
+    residual: Kind = None
+    observer_gain: Gain = None
+    window: Window = None
+    payload: Carried = None
+    measured_rates: MeasuredRates = None
+    limit_margin: Margin = None
+    frozen: Frozen = None
+
+    @cached_property
+    def parts(self) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
+        """The model, if there is one, and the robot."""
+        return load_model(self.model, self.robot, self.base, self.tip)
+
+    @property
+    def arm(self) -> str:
+        """The robot in words, for the head of a page; empty where neither a robot nor a model is named."""
+        if self.model is None and self.robot is None:
+            return ""
+        robot = self.parts[1]
+        return robot.title or robot.name
+
+    @property
+    def names(self) -> list[str]:
+        """Of the robot's joints."""
+        return [joint.name for joint in self.parts[1].joints]
+
+    @property
+    def settings(self) -> DetectorSettings:
+        """Of the detector whose residuals they are."""
+        return self.settings_for(None)
+
+    def settings_for(self, thresholds: Thresholds | None, **more: Any) -> DetectorSettings:
+        """Of a detector with these thresholds: options that were given, else what the thresholds were found with.
+
+        Args:
+            thresholds: or None, where there are none yet.
+            more: settings that have options of their own.
+
+        Raises:
+            InputError: what no detector can have, or the gain of an observer where there is none.
+        """
+        from bumpstop.detection import DetectorSettings
+        from bumpstop.identification import DynamicsFit
+
+        given = {
+            "residual": self.residual,
+            "observer_gain_1_s": self.observer_gain,
+            "window_s": self.window,
+            "payload_kg": self.payload,
+            "measured_rates": self.measured_rates,
+            "limit_margin": self.limit_margin,
+            "frozen_s": self.frozen,
+        }
+        tuned = {} if thresholds is None else thresholds.settings
+        if isinstance(self.parts[0], DynamicsFit):
+            tuned = {name: value for name, value in tuned.items() if name in ("residual", "frozen_s")}
+        chosen = tuned | {name: value for name, value in given.items() if value is not None} | more
+        with as_options(DETECTOR_OPTIONS):
+            settings = DetectorSettings(**chosen)
+        if settings.residual == "direct" and self.observer_gain is not None:
+            valid = "give --residual observer as well"
+            raise InputError("--observer-gain", "has no meaning with --residual direct", valid)
+        return settings
+
+    @property
+    def held(self) -> dict[str, Any]:
+        """What a file of thresholds says of the detector whose residuals they were found with."""
+        from bumpstop.identification import DynamicsFit
+
+        settings = self.settings
+        names = ["residual", "frozen_s"]
+        if not isinstance(self.parts[0], DynamicsFit):
+            names += ["window_s", "measured_rates", "limit_margin", "payload_kg"]
+        if settings.residual == "observer":
+            names.append("observer_gain_1_s")
+        return {name: getattr(settings, name) for name in names}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin(Watcher):
+    """The same, and the part of a recording.
+
+    Attributes:
+        columns, topic, max_bad, rate: of the recording.
+        begin, until: the part that counts, from the recording's beginning [s].
+    """
+
+    columns: Columns = None
+    topic: Topic = None
+    max_bad: MaxBad = 0.01
+    rate: Rate = None
+    begin: Begin = None
+    until: Until = None
+
+    def recording(self, path: Path) -> Recording:
+        """The part of a recording that counts."""
+        from bumpstop.cli.identification.arm_recordings import part_of
+
+        return part_of(path, self.columns, self.parts[1], self.begin, self.until, self.topic, self.max_bad, self.rate)
+
+    def refuse(self, what: str, but: tuple[str, ...] = ()) -> None:
+        """Refuse options that have no meaning with a file of another kind.
+
+        Args:
+            what: the file holds.
+            but: fields that do have a meaning.
+
+        Raises:
+            InputError: one of the other options was given.
+        """
+        for field in fields(self):
+            if field.name not in but and getattr(self, field.name) != field.default:
+                option = "--" + _OPTIONS.get(field.name, field.name).replace("_", "-")
+                raise InputError(option, f"has no meaning with {what}", "leave it out")
+
+
+def takes_origin(command: Callable[..., int | None]) -> Callable[..., int | None]:
+    """A command for typer whose keyword ``origin``, an Origin or a Watcher, is made of its options."""
+    signature = inspect.signature(command, eval_str=True)
+    kind = signature.parameters["origin"].annotation
+    hints = get_type_hints(kind, include_extras=True)
+    options = {
+        field.name: inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
+        )
+        for field in fields(kind)
+    }
+    parameters: list[inspect.Parameter] = []
+    for parameter in signature.parameters.values():
+        parameters += options.values() if parameter.name == "origin" else [parameter]
+
+    @wraps(command)
+    def run(**given: Any) -> int | None:
+        origin = kind(**{name: given.pop(name) for name in options})
+        return command(origin=origin, **given)
+
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def load_model(
+    model: str | None, robot: str | None, base: str | None, tip: str | None
+) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
+    """What ``--model`` and ``--robot`` name; the robot of the model where none is named.
+
+    Raises:
+        InputError: neither says which robot, or a file is neither kind of model.
+    """
+    from bumpstop.cli.identification.arm_recordings import is_dynamics
+    from bumpstop.identification import load_fit
+    from bumpstop.joint import JointTorqueModel
+
+    named = None if robot is None else load_robot(robot, base, tip)
+    if model is None:
+        if named is None:
+            raise InputError("--robot", "is missing", "give a robot, or a model that names one")
+        return None, named
+    if is_dynamics(model):
+        for option, given in (("--base", base), ("--tip", tip)):
+            if given is not None:
+                raise InputError(option, "has no meaning with fitted dynamics, which know their robot", "leave it out")
+        fit = load_fit(model)
+        if named is not None and named.dof != fit.robot.dof:
+            raise InputError("--robot", f"{named.name} has {named.dof} joints, the model {fit.robot.dof}")
+        return fit, fit.robot
+    joints = JointTorqueModel.load(model)
+    return joints, named if named is not None else load_robot(joints.robot, base, tip)
+
+
+def thresholds_of(text: str, joints: Robot | int) -> Thresholds:
+    """What ``--thresholds`` says, numbers or a file, of a robot's joints or of so many."""
+    from bumpstop.detection import Thresholds
+
+    dof, names = (joints, []) if isinstance(joints, int) else (joints.dof, [joint.name for joint in joints.joints])
+    with as_options({"thresholds": "--thresholds"}):
+        return Thresholds.of(Thresholds.parse(text, names), dof)

@@ -1,0 +1,133 @@
+"""Where ``tune`` and ``score`` get residuals from: a file of them, or a recording with a model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bumpstop.cli.detection.residual_source import DETECTOR_OPTIONS, Origin
+from bumpstop.cli.identification.arm_recordings import span_of
+from bumpstop.cli.option_names import as_options
+from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
+
+if TYPE_CHECKING:
+    from bumpstop.detection import DetectionRun, ResidualSeries, Thresholds
+    from bumpstop.recording import Recording
+
+# What also has a meaning for residuals that are there already.
+OF_RESIDUALS = ("begin", "until")
+
+
+def load_series(path: Path, origin: Origin, *, motion: bool = False) -> tuple[ResidualSeries, list[str]]:
+    """Residuals of a file that holds them, or of a contact-free recording; and what a reader must know of them.
+
+    Args:
+        path: of the file.
+        origin: of a recording's residuals.
+        motion: take speeds and accelerations of the joints, too.
+
+    Raises:
+        InputError: a file that cannot be used, or options for residuals that need none.
+    """
+    from bumpstop.detection import ResidualSeries, residual_record
+    from bumpstop.detection.motion_rows import with_motion
+
+    if holds_residuals(path):
+        if motion:
+            raise InputError("--terms", f"{str(path)!r} holds residuals without the motion", "give the recording")
+        return residuals_of(path, origin), []
+    model, arm = origin.parts
+    log = origin.recording(path)
+    with as_options(DETECTOR_OPTIONS):
+        record = residual_record(log, arm, model, settings=origin.settings)
+    assert record.t is not None
+    notes = [note for note in record.notes if "blocks of" not in note]
+    series = ResidualSeries(record.t, record.rows, str(path))
+    if motion:
+        series = with_motion(series, log, arm, model, origin.settings)
+    return series, [*dropped(log, path), *notes]
+
+
+def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
+    """Of a file that holds them: the part between ``--from`` and ``--until``.
+
+    Raises:
+        InputError: other options of the origin were given, or nothing is left.
+    """
+    import numpy as np
+
+    from bumpstop.detection import ResidualSeries
+
+    origin.refuse(f"the residuals of {str(path)!r}", but=OF_RESIDUALS)
+    series = ResidualSeries.load(path)
+    if origin.begin is None and origin.until is None:
+        return series
+    start, length = float(series.t[0]), float(series.t[-1] - series.t[0])
+    low, high = span_of(origin.begin, origin.until, length)
+    first, last = np.searchsorted(series.t, [start + low, math.nextafter(start + high, math.inf)])
+    if last - first < 2:
+        raise InputError("--from", f"{low:g} leaves nothing before {high:g}", f"valid: 0 to {length:.6g} s")
+    return replace(series, t=series.t[first:last], rows=series.rows[first:last])
+
+
+def load_run(
+    path: Path, thresholds: Thresholds, origin: Origin, arming_delay_s: float, rearm_s: float, log: Recording
+) -> tuple[ResidualSeries | None, DetectionRun, list[str]]:
+    """Residuals of a recording without its blind rows, what the detector made of them, and what to know of them.
+
+    There are none where fewer than two rows are left.
+    """
+    from bumpstop.detection import ResidualSeries, detect
+
+    model, arm = origin.parts
+    log = origin.recording(path)
+    settings = origin.settings_for(thresholds, arming_delay_s=arming_delay_s)
+    with as_options(DETECTOR_OPTIONS):
+        run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
+    seen, notes = ~run.blind, [*dropped(log, path), *run.notes]
+    if seen.sum() < 2:
+        dark = f"{run.t.size - seen.sum()} of {run.t.size} rows"
+        return None, run, [*notes, f"Other thresholds are not compared: the detector was blind in {dark}."]
+    return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run, notes
+
+
+def dropped(log: Recording, path: Path) -> list[str]:
+    """A note of the rows that a reader dropped, if it did."""
+    report = log.report
+    return [f"{path}: {report.rows_dropped} of {report.rows_read} rows dropped while reading."] * (
+        report.rows_dropped > 0
+    )
+
+
+def holds_residuals(path: Path) -> bool:
+    """Whether a file is Parquet with a column ``residual_1``.
+
+    Raises:
+        InputError: there is no such file, or it is damaged: before anything else is asked for.
+    """
+    wanted = "wanted a recording, or Parquet with residuals"
+    try:
+        there = path.exists()
+    except OSError as error:  # as of a name that is too long for any
+        raise InputError(str(path), f"cannot be read ({error.strerror})", wanted) from None
+    if not there:
+        raise InputError(str(path), "there is no such file", wanted)
+    if path.suffix != ".parquet" or not path.is_file():
+        return False
+    from bumpstop.recording.formats.parquet_excel import read_parquet
+
+    return any(name.startswith("residual_") for name in read_parquet(path).names)
+
+
+def joint_numbers(text: str, dof: int) -> list[int]:
+    """Numbers from 0 of the joints that a person lists from 1."""
+    try:
+        numbers = [int(part) for part in list_items(text)]
+    except ValueError:
+        numbers = []
+    if not numbers or not all(1 <= number <= dof for number in numbers):
+        raise InputError("--joints", f"{text[:80]!r} cannot be used", f"wanted numbers from 1 to {dof}, as 1,2,3")
+    return [number - 1 for number in numbers]

@@ -1,0 +1,197 @@
+"""``bumpstop score``: events against labels."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.detection.residual_source import Arming, Origin, takes_origin, thresholds_of
+from bumpstop.cli.detection.residuals import holds_residuals, load_run, residuals_of
+from bumpstop.cli.folders import check_folder
+from bumpstop.errors import InputError
+from bumpstop.text_files import read_text
+
+if TYPE_CHECKING:
+    from bumpstop.detection import Label, ResidualSeries, Roc, Score, Tolerance
+    from bumpstop.detection.scoring.scoring import Interval
+    from bumpstop.recording import Recording
+
+_MOST_BYTES = 100_000_000  # of events
+_REARM_S = 0.5
+# From a quarter of the thresholds to four times, in steps of a quarter of an octave.
+_FACTORS = tuple(2 ** (k / 4) for k in range(-8, 9))
+
+
+@takes_origin
+def command(
+    file: Annotated[
+        Path, typer.Argument(help="Events (JSON of detect), residuals (Parquet), or a recording.", show_default=False)
+    ],
+    labels: Annotated[Path, typer.Option(help="CSV with start_s,end_s[,kind].", show_default=False)],
+    thresholds: Annotated[
+        str | None, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm], for residuals or a recording.")
+    ] = None,
+    *,
+    origin: Origin,
+    arming_delay: Arming = 0.0,
+    early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
+    late: Annotated[float, typer.Option(help="An event so long after a label still belongs to it [s].")] = 0.25,
+    rearm: Annotated[float, typer.Option(help="Quiet time before there may be another event [s].")] = _REARM_S,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write report.html and its figures into this folder.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Compare events with labelled contacts: delays, misses, false alarms, and what other thresholds would do."""
+    from bumpstop.detection import Tolerance, load_labels
+
+    for option, value in (("--early", early), ("--late", late), ("--rearm", rearm)):
+        if not 0 <= value < math.inf:
+            raise InputError(option, f"is {value}", "wanted zero or more")
+    check_folder(out)
+    tolerance = Tolerance(early, late)
+    known = load_labels(labels)
+    notes: list[str] = []
+    if file.suffix == ".json":
+        origin.refuse(f"the events of {str(file)!r}")
+        for option, given in (
+            ("--thresholds", thresholds is not None),
+            ("--arming-delay", arming_delay != 0),
+            ("--rearm", rearm != _REARM_S),
+        ):
+            if given:
+                raise InputError(option, f"has no meaning with the events of {str(file)!r}", "leave it out")
+        found, roc = _of_events(file, known, tolerance), None
+    else:
+        if thresholds is None:
+            raise InputError("--thresholds", "is missing", "residuals and recordings need it: numbers or a file")
+        found, roc, notes = _of_residuals(file, known, thresholds, origin, arming_delay, rearm, tolerance)
+    report = None
+    if out is not None:
+        from bumpstop.report.detection.scoring import write_scoring
+
+        asked = f"{file.name} against the labels of {labels.name}"
+        report = write_scoring(found, roc, out, "; ".join(filter(None, (origin.arm, asked))))
+    if as_json:
+        whole = found.to_json() | ({"roc": roc.to_json()} if roc is not None else {}) | {"notes": notes}
+        typer.echo(json.dumps(whole, allow_nan=False, indent=2))
+        return
+    _print(found, roc)
+    for note in notes:
+        typer.echo(f"note: {note}")
+    if report is not None:
+        typer.echo(f"report: {report}")
+
+
+def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> Score:
+    from bumpstop.detection import score
+
+    wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, blind"
+    text = read_text(file, wanted, most_bytes=_MOST_BYTES)
+    try:
+        data: Any = json.loads(text)
+        events = [float(event["t"]) for event in data["events"]]
+        watched = (float(data["start_s"]), float(data["end_s"]))
+        blind: list[Interval] = [(float(a), float(b)) for a, b in data["blind"]]
+    except KeyError as error:
+        raise InputError(str(file), f"has no {error.args[0]!r}", wanted) from None
+    except (ValueError, TypeError, OverflowError, RecursionError):
+        raise InputError(str(file), "holds no events", wanted) from None
+    return score(events, labels, watched, blind=blind, tolerance=tolerance)
+
+
+def _print(found: Score, roc: Roc | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from bumpstop.detection.scoring.labels import time_text
+    from bumpstop.report.formatting import hours_in_words
+
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    data = found.to_json()
+    low, high = found.false_alarms_per_hour_interval()
+    dark = f" ({data['missed_blind']} while blind)" if data["missed_blind"] else ""
+    console.print(f"detected {found.detected} of {len(found.labels)}; missed {found.missed}{dark}")
+    console.print(
+        f"false alarms: {found.false_alarms.size} in {hours_in_words(found.hours)} without contact, "
+        f"95 % interval {low:.3g} to {high:.3g} an hour; blind {found.blind_s:.4g} s"
+    )
+    if found.detected:
+        delays = ", ".join(f"{key} {1e3 * value:.4g}" for key, value in data["delay_s"].items())
+        console.print(f"delay, ms: {delays}")
+    if found.forces is not None:
+        forces = data["forces"]
+        told = {key: "-" if value is None else f"{value:.4g}" for key, value in forces["at_detection_N"].items()}
+        console.print(f"force at detection, N: {', '.join(f'{key} {value}' for key, value in told.items())}")
+        if forces["largest_missed_N"] is not None:
+            console.print(f"largest force of a missed contact: {forces['largest_missed_N']:.4g} N")
+    for start in data["false_alarm_times_s"][:20]:
+        console.print(f"  false alarm at {time_text(start)} s")
+    for label, late in zip(found.labels, found.delay_s, strict=True):
+        if math.isnan(late):
+            console.print(f"  missed: {time_text(label.start_s)} to {time_text(label.end_s)} s {label.kind}".rstrip())
+    if found.repeated:
+        console.print(f"{found.repeated} more events inside labels that were detected before")
+    if found.outside:
+        console.print(f"{found.outside} labels lie outside the recording and are left out")
+    if roc is None:
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("factor", "detected", "false alarms an hour", "median delay, ms"):
+        table.add_column(heading, justify="right")
+    for row in roc.to_json():
+        rate, delay = row["false_alarms_per_hour"], row["median_delay_s"]
+        cells = ("-" if rate is None else f"{rate:.4g}", "-" if delay is None else f"{1e3 * delay:.4g}")
+        table.add_row(f"{row['factor']:.3g}", f"{row['detected']} of {roc.labels}", *cells)
+    console.print(table)
+
+
+def _of_residuals(
+    file: Path,
+    labels: tuple[Label, ...],
+    thresholds: str,
+    origin: Origin,
+    arming_delay_s: float,
+    rearm_s: float,
+    tolerance: Tolerance,
+) -> tuple[Score, Roc | None, list[str]]:
+    """Events of a recording are those of the detector; residuals alone are compared with constant thresholds."""
+    import numpy as np
+
+    from bumpstop.detection import DetectorSettings, event_times, gaps, roc, scaled_residual, score
+    from bumpstop.detection.rate import period_of
+    from bumpstop.detection.scoring.contact_forces import contact_forces
+
+    series: ResidualSeries | None
+    log: Recording | None = None
+    notes: list[str] = []
+    # As a run of the detector has them: a false alarm hides no contact behind it while it stands.
+    apart_s = min(rearm_s, DetectorSettings.event_pause_s)
+    if holds_residuals(file):
+        series = residuals_of(file, origin)
+        if arming_delay_s:
+            raise InputError("--arming-delay", f"has no meaning with the residuals of {str(file)!r}", "leave it out")
+        given = thresholds_of(thresholds, series.dof)
+        period_of(series.t, DetectorSettings(), given)
+        times = event_times(series, scaled_residual(series, given.constant), 1.0, apart_s)
+        watched, blind = (float(series.t[0]), float(series.t[-1])), gaps(series)
+    else:
+        given = thresholds_of(thresholds, origin.parts[1])
+        log = origin.recording(file)
+        series, run, notes = load_run(file, given, origin, arming_delay_s, rearm_s, log)
+        times = np.array([event.t for event in run.events])
+        watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()
+    whole = score(times, labels, watched, blind=blind, tolerance=tolerance)
+    if log is not None and log.wrench is not None:
+        whole = replace(whole, forces=contact_forces(whole.labels, whole.delay_s, log.t, log.wrench))
+    if series is None:
+        return whole, None, notes
+    factors = roc(
+        series, given.constant, labels, _FACTORS, rearm_s=apart_s, tolerance=tolerance, watched=watched, blind=blind
+    )
+    return whole, factors, notes

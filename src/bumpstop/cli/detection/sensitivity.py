@@ -1,0 +1,308 @@
+"""``bumpstop sensitivity``: forces that no threshold notices at a pose."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.detection.residual_source import thresholds_of
+from bumpstop.cli.robots import load_robot
+from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.model import Robot
+
+    Vector = tuple[float, float, float]
+
+_DIRECTION = "0,0,-1"
+_PERIOD = 0.004
+
+
+def command(
+    robot: Annotated[str, typer.Argument(help="A built-in name, or the path of a URDF file.", show_default=False)],
+    pose_deg: Annotated[
+        str, typer.Option("--pose-deg", metavar="LIST", help="Joint positions [deg, or m]: 0,30,0.", show_default=False)
+    ],
+    thresholds: Annotated[
+        str, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm]: 20,10,inf, or a file.", show_default=False)
+    ],
+    direction: Annotated[str, typer.Option(metavar="LIST", help="In which the arm pushes, base frame.")] = _DIRECTION,
+    link: Annotated[str | None, typer.Option(help="Link the force acts on.", show_default="the tip")] = None,
+    point_m: Annotated[str, typer.Option("--point-m", metavar="LIST", help="Where, in that link's frame.")] = "0,0,0",
+    noise_sd: Annotated[str, typer.Option(metavar="LIST", help="Noise of the residual [Nm].")] = "0",
+    noise_mean: Annotated[str, typer.Option(metavar="LIST", help="Its mean [Nm].")] = "0",
+    z: Annotated[float, typer.Option(help="Move the thresholds out by this many standard deviations.")] = 0.0,
+    stiffness: Annotated[float, typer.Option(help="Of what is hit [N/m], for the torque's growth.")] = 0.0,
+    speed_mm_s: Annotated[float, typer.Option("--speed-mm-s", help="At which it is hit.")] = 0.0,
+    period: Annotated[float, typer.Option(help="Between two samples [s].")] = _PERIOD,
+    model: Annotated[
+        str | None,
+        typer.Option(help="Joint model or fitted dynamics, for what friction holds of a standing arm."),
+    ] = None,
+    stiction: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="The same stated [Nm], one or all; or a share of the model's: 50%."),
+    ] = None,
+    base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
+    tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Tell which forces at a pose go unnoticed: the largest, along a direction, and those that no joint feels."""
+    import numpy as np
+
+    from bumpstop.model.pose_limits import check_pose
+
+    arm = load_robot(robot, base, tip)
+    for name, value in (("--stiffness", stiffness), ("--speed-mm-s", speed_mm_s), ("--period", period), ("--z", z)):
+        if not 0 <= value < math.inf:
+            raise InputError(name, f"is {value}", "wanted zero or more")
+    _refuse_half_of_what_is_needed(noise_sd, z, stiffness, speed_mm_s, period)
+    pose = numbers(pose_deg, "--pose-deg", arm.dof)
+    q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
+    check_pose(arm, np.array(q), "--pose-deg", in_degrees=True)
+    limits, along = thresholds_of(thresholds, arm).constant, unit(direction, "--direction")
+    hidden = _hidden(arm, model, stiction)
+    found = _found(
+        arm,
+        q,
+        limits.tolist(),
+        along,
+        about := {
+            "link": link,
+            "point": numbers(point_m, "--point-m", 3),
+            "noise_sd": _one_or_all(noise_sd, "--noise-sd", arm.dof),
+            "noise_mean": _one_or_all(noise_mean, "--noise-mean", arm.dof),
+            "z": z,
+        },
+        stiffness * speed_mm_s / 1e3,
+        period,
+    )
+    found |= {"standing": None if hidden is None else _standing(arm, q, limits, hidden, along, about)}
+    if as_json:
+        typer.echo(json.dumps(_finite(found), allow_nan=False, indent=2))
+    else:
+        _print(found, arm)
+
+
+def stiction_of(text: str, dof: int) -> tuple[float, ...]:
+    """What ``--stiction`` says in Nm, of every joint."""
+    values = _one_or_all(text, "--stiction", dof)
+    if min(values) < 0:
+        raise InputError("--stiction", f"{text[:80]!r} cannot be used", "wanted zero or more")
+    return tuple(values)
+
+
+def _hidden(arm: Robot, model: str | None, stiction: str | None) -> FloatArray | None:
+    """(dof,) torque that friction holds of standing joints; None: nothing says how much."""
+    import numpy as np
+
+    from bumpstop.cli.detection.residual_source import load_model
+    from bumpstop.cli.identification.arm_recordings import is_dynamics
+    from bumpstop.detection.standing import hidden_torques
+    from bumpstop.joint import JointTorqueModel
+
+    share = 1.0
+    if stiction is not None and not stiction.endswith("%"):
+        if model is not None:
+            raise InputError("--stiction", "has no meaning with --model", "give one, or a share of the model's: 50%")
+        return np.array(stiction_of(stiction, arm.dof))
+    if stiction is not None:
+        (percent,) = numbers(stiction.removesuffix("%"), "--stiction", 1)
+        if not 0 <= percent <= 1000:
+            raise InputError("--stiction", f"is {stiction}", "wanted 0 to 1000 %")
+        if model is None:
+            raise InputError("--stiction", f"{stiction} of what is not known", "give --model, or Nm")
+        share = percent / 100
+    if model is None:
+        return None
+    known, its_arm = load_model(model, None, None, None) if is_dynamics(model) else (JointTorqueModel.load(model), arm)
+    if its_arm.dof != arm.dof:
+        raise InputError("--model", f"is for {its_arm.dof} joints", f"{arm.name} has {arm.dof}")
+    return share * hidden_torques(arm, known)
+
+
+def _standing(
+    arm: Robot, q: list[float], limits: FloatArray, hidden: FloatArray, along: Vector, about: dict[str, Any]
+) -> dict[str, Any]:
+    """What goes unnoticed while all joints stand still: thresholds and what friction holds."""
+    from bumpstop.detection import blind_force_along, blind_forces
+
+    wide = limits + hidden
+    blind = blind_forces(arm, q, wide, **about)
+    return {
+        "dead_zone_Nm": hidden.tolist(),
+        "largest_force_N": float(blind.largest),
+        "largest_felt_force_N": float(blind.largest_felt),
+        "force_along_N": float(blind_force_along(arm, q, along, wide, **about)),
+    }
+
+
+def _refuse_half_of_what_is_needed(noise_sd: str, z: float, stiffness: float, speed: float, period: float) -> None:
+    """Options that count in pairs alone; the torque grows at a rate only where both stiffness and speed are known."""
+    for option, given, other, wanted in (
+        ("--noise-sd", noise_sd != "0", "--z", z > 0),
+        ("--z", z > 0, "--noise-sd", noise_sd != "0"),
+        ("--stiffness", stiffness > 0, "--speed-mm-s", speed > 0),
+        ("--speed-mm-s", speed > 0, "--stiffness", stiffness > 0),
+        ("--period", period != _PERIOD, "--stiffness and --speed-mm-s", stiffness > 0),
+    ):
+        if given and not wanted:
+            raise InputError(option, f"has no effect without {other}", "give both, or neither")
+
+
+def numbers(text: str, option: str, count: int) -> list[float]:
+    """Finite numbers with commas between them."""
+    try:
+        values = [float(part) for part in list_items(text)]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise InputError(option, f"{text[:80]!r} cannot be used", f"wanted {count} numbers with commas between them")
+    return values
+
+
+def three(text: str, option: str) -> tuple[float, float, float]:
+    """A vector of three."""
+    x, y, z = numbers(text, option, 3)
+    return x, y, z
+
+
+def unit(text: str, option: str) -> tuple[float, float, float]:
+    """A direction: a vector of three, made as long as one."""
+    x, y, z = three(text, option)
+    if not (length := math.hypot(x, y, z)) > 0:
+        raise InputError(option, "has no length", "for example 0,0,-1")
+    return x / length, y / length, z / length
+
+
+def _one_or_all(text: str, option: str, dof: int) -> list[float]:
+    return numbers(text, option, dof) if "," in text else numbers(text, option, 1) * dof
+
+
+def _found(
+    robot: Robot,
+    q: list[float],
+    thresholds: list[float],
+    direction: tuple[float, float, float],
+    about: dict[str, Any],
+    force_rate: float,
+    period: float,
+) -> dict[str, Any]:
+    import numpy as np
+
+    from bumpstop.detection import (
+        blind_force_along,
+        blind_forces,
+        largest_undetected_force,
+        largest_undetected_torque,
+    )
+    from bumpstop.model import singular_values
+
+    link, point = about["link"], about["point"]
+    along = np.array(direction)
+    blind = blind_forces(robot, q, thresholds, **about)
+    columns = robot.jacobian(q, link, point)[:3]
+    per_newton = columns.T @ along
+    # What is left of a lever that is none is a rounding.
+    per_newton[np.abs(per_newton) <= 1e-12 * np.linalg.norm(columns, axis=0).max()] = 0.0
+    torques = largest_undetected_torque(thresholds, per_newton * force_rate, period)
+    forces = largest_undetected_force(torques, per_newton)
+    linear = singular_values(robot, q, link, point)
+    six = singular_values(robot, q, link, point, rows="all")
+    joints = zip(robot.joints, thresholds, per_newton, torques, forces, strict=True)
+    return {
+        "largest_force_N": float(blind.largest),
+        "largest_felt_force_N": float(blind.largest_felt),
+        "farthest_force_N": blind.farthest.tolist(),
+        "null_space": blind.null_space.tolist(),
+        "direction": along.tolist(),
+        "force_along_N": float(blind_force_along(robot, q, along, thresholds, **about)),
+        "worst_case_force_along_N": float(forces.min()),
+        "singular_values_watched": blind.singular_values.tolist(),
+        "singular_values_linear": linear.tolist(),
+        "condition_number_linear": _ratio(linear.tolist()),
+        "singular_values_six_rows": six.tolist(),
+        "condition_number_six_rows": _ratio(six.tolist()),
+        "joints": [
+            {
+                "name": joint.name,
+                "threshold_Nm": threshold,
+                "torque_per_newton_Nm_N": float(share),
+                "largest_undetected_torque_Nm": float(torque),
+                "largest_undetected_force_N": float(force),
+            }
+            for joint, threshold, share, torque, force in joints
+        ],
+    }
+
+
+def _ratio(values: list[float]) -> float:
+    return values[0] / values[-1] if values[-1] > 1e-12 * values[0] else math.inf
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _print(found: dict[str, Any], arm: Robot) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from bumpstop.model import unit_of
+
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    farthest = _row(found["farthest_force_N"])
+    if math.isfinite(found["largest_force_N"]):
+        console.print(f"largest force that goes unnoticed: {found['largest_force_N']:.4g} N, as ({farthest}) N")
+    else:
+        console.print("largest force that goes unnoticed: no bound")
+        for axis in found["null_space"]:
+            console.print(f"  not felt at all: along ({_row(axis)})")
+        if found["largest_felt_force_N"] > 0:
+            console.print(f"  across that: {found['largest_felt_force_N']:.4g} N, as ({farthest}) N")
+    console.print(
+        f"along ({_row(found['direction'])}): {_newtons(found['force_along_N'])}; from anywhere between thresholds "
+        f"{_newtons(found['worst_case_force_along_N'])}"
+    )
+    if (standing := found["standing"]) is None:
+        console.print(
+            "These are for joints that move. Of a standing joint friction hides more: give --model or --stiction."
+        )
+    else:
+        hidden = ", ".join(f"{value:.3g}" for value in standing["dead_zone_Nm"])
+        console.print(
+            f"standing still, where friction holds {hidden} {unit_of(*arm.joints)}: largest "
+            f"{_newtons(standing['largest_force_N'])}; along the direction {_newtons(standing['force_along_N'])}"
+        )
+    table = Table(box=None, pad_edge=False)
+    torque = unit_of(*arm.joints)
+    for heading in ("joint", "threshold", f"{torque} per N", f"undetected {torque}", "as force, N"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    for joint in found["joints"]:
+        table.add_row(joint["name"], *(_figure(value) for key, value in joint.items() if key != "name"))
+    console.print(table)
+    for words, key in (("linear", "linear"), ("all six, m and rad mixed", "six_rows")):
+        values = " ".join(f"{value:.4g}" for value in found[f"singular_values_{key}"])
+        number = _figure(found[f"condition_number_{key}"])
+        console.print(f"singular values ({words}): {values}; condition number {number}")
+
+
+def _row(values: list[float]) -> str:
+    return ", ".join(f"{round(value, 4) + 0.0:.4g}" for value in values)
+
+
+def _newtons(value: float) -> str:
+    return f"{value:.4g} N" if math.isfinite(value) else "no bound"
+
+
+def _figure(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "no bound"

@@ -1,0 +1,210 @@
+"""``bumpstop tune``: thresholds for a wanted number of false alarms an hour."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bumpstop.cli.detection.residual_source import Origin, takes_origin
+from bumpstop.cli.detection.residuals import holds_residuals, joint_numbers, load_series
+from bumpstop.cli.folders import check_file, check_folder
+from bumpstop.errors import InputError, near_matches
+from bumpstop.text_files import list_items, toml_value, write_text
+
+if TYPE_CHECKING:
+    from bumpstop.cli.detection.operating_curve import TradePoint
+    from bumpstop.detection import ResidualSeries, Tuning
+    from bumpstop.detection.tuning.tuning import Term
+
+THRESHOLD_KEYS = ("thresholds_Nm", "per_speed_Nm_s", "per_acceleration_Nm_s2", "fast_Nm")
+"""Of a file of thresholds, as far as they are tuned."""
+
+
+@takes_origin
+def command(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(help="Contact-free recordings, or Parquet with residuals.", show_default=False),
+    ],
+    per_hour: Annotated[
+        float | None,
+        typer.Option(
+            help="Wanted false alarms an hour, of all joints together.",
+            show_default="one in ten times the recordings' length, at least 1",
+        ),
+    ] = None,
+    *,
+    origin: Origin,
+    joints: Annotated[str | None, typer.Option(metavar="LIST", help="Watch these joints only: 1,2,3.")] = None,
+    confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
+    terms: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="What to tune beside constant thresholds: fast,speed,acceleration."),
+    ] = None,
+    trim_start: Annotated[
+        float, typer.Option("--trim-start", help="Leave out so much at the start of every recording [s].")
+    ] = 0.0,
+    trim_end: Annotated[
+        float, typer.Option("--trim-end", help="Leave out so much at the end of every recording [s].")
+    ] = 0.0,
+    scenario: Annotated[
+        list[Path] | None, typer.Option(help="Show the trade against the forces of this scenario; may be repeated.")
+    ] = None,
+    save: Annotated[Path | None, typer.Option(help="Write the thresholds there (TOML), for --thresholds.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write report.html and its figures into this folder.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Choose thresholds from contact-free recordings, with intervals, and show what they cost in newtons."""
+    from bumpstop.cli.detection.operating_curve import check_joints, load_scenarios, notes, trade
+    from bumpstop.cli.detection.scenario_noise import ScenarioNoise
+    from bumpstop.detection import tune
+
+    wanted = _terms(terms)
+    for option, value in (("--trim-start", trim_start), ("--trim-end", trim_end)):
+        if not 0 <= value < math.inf:
+            raise InputError(option, f"is {value}", "wanted zero or more")
+    check_folder(out)
+    check_file(save, "--save")
+    scenarios = load_scenarios(scenario or [])
+    loaded = [load_series(path, origin, motion="speed" in wanted or "acceleration" in wanted) for path in recordings]
+    series = [_trimmed(one, trim_start, trim_end) for one, _ in loaded]
+    check_joints(scenarios, series[0].dof)
+    recorded = not all(holds_residuals(path) for path in recordings)
+    watched = joint_numbers(joints, series[0].dof) if joints is not None else None
+    try:
+        tuning = tune(series, per_hour, joints=watched, confidence=confidence, terms=wanted)
+    except InputError as error:
+        options = {"per_hour": "--per-hour", "confidence": "--confidence", "terms": "--terms"}
+        option = options.get(error.field, error.field)
+        raise InputError(option, error.problem, error.valid) from None
+    tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, told in loaded for note in told)))
+    names = origin.names if recorded else []
+    with ScenarioNoise(series, origin.settings.residual if recorded else None) as noise:
+        points = trade(tuning, scenarios, noise)
+    tuning = replace(tuning, notes=(*tuning.notes, *notes(points, scenarios, noise)))
+    if save is not None:
+        _save(tuning, series, save, origin if recorded else None)
+    report = None
+    if out is not None:
+        from bumpstop.model import unit_of
+        from bumpstop.report.detection.tuning import write_tuning
+
+        unit = unit_of(*origin.parts[1].joints) if recorded else "Nm"
+        asked = f"contact-free recordings: {', '.join(path.name for path in recordings)}"
+        about = "; ".join(filter(None, (origin.arm, asked)))
+        report = write_tuning(tuning, [point.to_json() for point in points], out, names, unit, about)
+    if as_json:
+        held = _hold_for(series, origin if recorded else None)
+        found = tuning.to_json() | {key: None if value == math.inf else value for key, value in held.items()}
+        found |= {"trade": [point.to_json() for point in points]} if scenario else {}
+        typer.echo(json.dumps(found, allow_nan=False, indent=2))
+        return
+    _print(tuning, points if scenario else [], names)
+    for what, path in (("thresholds", save), ("report", report)):
+        if path is not None:
+            typer.echo(f"{what}: {path}")
+
+
+def _hold_for(series: list[ResidualSeries], origin: Origin | None) -> dict[str, Any]:
+    """What a file of thresholds says of the detector they are for: the rate, and the residual where it is known."""
+    held: dict[str, Any] = {"period_s": float(f"{series[0].period:.12g}")}
+    if origin is not None:
+        held |= origin.held
+    return held
+
+
+def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, origin: Origin | None) -> None:
+    import bumpstop
+
+    low, high = tuning.per_hour_interval()
+    times = tuning.extrapolation()
+    told = [
+        f"bumpstop {bumpstop.__version__} tune, {tuning.target:g} false alarms an hour wanted",
+        f"rate {100 * tuning.confidence:g} % interval: {low:.4g} to {high:.4g} an hour",
+        f"from {tuning.tail.hours:.6g} h; one alarm is expected in {times:.4g} times that",
+        *(f"recording: {json.dumps(one.source)}" for one in series),
+        *tuning.notes,
+    ]
+    found = tuning.to_json()
+    lines = [f"# {' '.join(line.split())}" for line in told]
+    for key in THRESHOLD_KEYS:
+        if key in found:
+            values = ", ".join("inf" if x is None else repr(x) for x in found[key])
+            lines.append(f"{key} = [{values}]")
+    lines += [f"{key} = {toml_value(value)}" for key, value in _hold_for(series, origin).items()]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _terms(text: str | None) -> tuple[Term, ...]:
+    from typing import get_args
+
+    from bumpstop.detection.tuning.tuning import Term
+
+    known = get_args(Term)
+    names = [] if text is None else list_items(text)
+    for name in names:
+        if name not in known:
+            raise InputError("--terms", f"{name[:40]!r} is none", near_matches(name, known))
+    return tuple(term for term in known if term in names)
+
+
+def _trimmed(series: ResidualSeries, start_s: float, end_s: float) -> ResidualSeries:
+    """What is left of a recording's residuals, counted from its first and its last row."""
+    import numpy as np
+
+    begin, end = float(series.t[0]) + start_s, float(series.t[-1]) - end_s
+    first, last = np.searchsorted(series.t, begin), np.searchsorted(series.t, end, side="right")
+    if last - first < 2:
+        length = float(series.t[-1] - series.t[0])
+        option = "--trim-start" if start_s >= end_s else "--trim-end"
+        raise InputError(option, f"leaves nothing of {series.source}", f"it is {length:.6g} s long")
+    return series.only(slice(int(first), int(last)))
+
+
+def _print(tuning: Tuning, points: list[TradePoint], names: list[str]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, markup=False)
+    low, high = tuning.per_hour_interval()
+    percent = f"{100 * tuning.confidence:g} %"
+    console.print(f"{tuning.target:.4g} false alarms an hour; {percent} interval {low:.3g} to {high:.3g}")
+    table = Table(box=None, pad_edge=False)
+    more = tuning.columns()
+    for heading in ("joint", "threshold", f"{percent} interval", *more):
+        table.add_column(heading, justify="left" if heading == "joint" and names else "right")
+    ends = tuning.thresholds_interval()
+    for j, (value, below, above) in enumerate(zip(tuning.thresholds(), *ends, strict=True), start=1):
+        cells = [f"{value:.4g}", f"{below:.4g} to {above:.4g}"] if math.isfinite(value) else ["not watched", ""]
+        cells += [f"{column[j - 1]:.4g}" if math.isfinite(value) else "" for column in more.values()]
+        table.add_row(" ".join((str(j), *names[j - 1 : j])), *cells)
+    console.print(table)
+    if points:
+        console.print(_trade_table(points))
+    for note in tuning.notes:
+        console.print(f"note: {note}", soft_wrap=True)
+
+
+def _trade_table(points: list[TradePoint]) -> Any:
+    from rich.table import Table
+
+    from bumpstop.report.formatting import acceptable
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("alarms an hour", "scenario", "peak N p50", "p95", "p99.9", "unnoticed N", "acceptable"):
+        table.add_column(heading, justify="left" if heading == "scenario" else "right")
+    for point in points:
+        rate = f"{point.per_hour:.4g}" + (" *" if point.extrapolated else "")
+        for name, forces in point.forces.items():
+            cells = ("-" if forces[k] is None else f"{forces[k]:.4g}" for k in ("p50", "p95", "p999", "anywhere"))
+            table.add_row(rate, Path(name).stem, *cells, acceptable(forces, "-"))
+    if any(point.extrapolated for point in points):
+        table.caption = "* more than 100 times what was recorded"
+    return table

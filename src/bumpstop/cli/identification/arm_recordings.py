@@ -1,0 +1,168 @@
+"""An arm by name or URDF, its recordings, and what it carried in them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bumpstop.errors import InputError
+from bumpstop.text_files import is_path, list_items
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.identification import Payload
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+_FREE_FALL = (9.7, 9.9)  # on this planet, at any height that robots stand at [m/s2]
+
+
+def built_in_or_path(robot: str) -> str:
+    """The name of a built-in robot, or the whole path of a URDF."""
+    return str(Path(robot).resolve()) if is_path(robot) else robot
+
+
+def arm_of(robot: str, base: str | None, tip: str | None) -> Robot:
+    """The robot of ``--robot``, ``--base`` and ``--tip``."""
+    from bumpstop.cli.robots import load_robot
+
+    return load_robot(robot, base, tip)
+
+
+def is_dynamics(model: str | Path) -> bool:
+    """Whether a file holds fitted dynamics; a joint model has no ``kind``."""
+    from bumpstop.text_files import parse_toml, read_text
+
+    try:
+        return "kind" in parse_toml(read_text(model, ""), "")
+    except InputError:
+        return False  # whoever reads it as a joint model says what is wrong
+
+
+def span_of(begin: float | None, until: float | None, length: float, start: float = 0.0) -> tuple[float, float]:
+    """What ``--from`` and ``--until`` leave of a recording of ``length`` seconds, counted from its beginning [s].
+
+    ``start`` is the time of the beginning as the recording counts it.
+    """
+    valid = f"valid: 0 to {length:.6g} s"
+    if start != 0:
+        valid += f", counted from its beginning, which is {start:.6g} s of its own time"
+    for option, value in (("--from", begin), ("--until", until)):
+        if value is not None and not value >= 0:
+            raise InputError(option, f"is {value:g}", valid)
+    low, high = begin or 0.0, length if until is None else min(until, length)
+    if not low < high:
+        raise InputError("--from", f"{low:.6g} leaves nothing before {high:.6g}", valid)
+    return low, high
+
+
+def load_parts(
+    paths: Sequence[Path],
+    columns: Path | None,
+    arm: Robot,
+    begin: float | None,
+    until: float | None,
+    topic: str | None,
+    max_bad: float,
+) -> list[Recording]:
+    """Read recordings, and the part of each that is asked for."""
+    return [part_of(path, columns, arm, begin, until, topic, max_bad) for path in paths]
+
+
+def part_of(
+    path: Path,
+    columns: Path | None,
+    arm: Robot,
+    begin: float | None = None,
+    until: float | None = None,
+    topic: str | None = None,
+    max_bad: float = 0.01,
+    rate_hz: float | None = None,
+) -> Recording:
+    """A recording, or what lies between two times of it, counted from its beginning [s]."""
+    from bumpstop.recording import Recording
+
+    try:
+        log = Recording.load(path, columns=columns, robot=arm, topic=topic, max_bad=max_bad, rate_hz=rate_hz)
+    except InputError as error:
+        if error.field in ("topic", "max_bad", "columns", "rate_hz"):
+            raise InputError(
+                f"--{error.field.removesuffix('_hz').replace('_', '-')}", error.problem, error.valid
+            ) from None
+        raise
+    start, end = float(log.t[0]), float(log.t[-1])
+    if begin is None and until is None:
+        return log
+    low, high = span_of(begin, until, end - start, start)
+    return log.between(start + low, end if high == end - start else start + high)
+
+
+def carried_of(given: Sequence[str] | None, recordings: int) -> list[Payload | None]:
+    """What was carried in each recording.
+
+    Args:
+        given: ``MASS[,X,Y,Z]`` for all recordings, or ``NUMBER:MASS[,X,Y,Z]`` for one, from 1.
+        recordings: number of them.
+    """
+    from bumpstop.identification.payload.payload import Payload
+    from bumpstop.model.inertia import vector3
+
+    found: list[Payload | None] = [None] * recordings
+    for text in given or []:
+        number, colon, figures = text.rpartition(":")
+        try:
+            which = range(recordings) if not colon else [int(number) - 1]
+            mass, *center = (float(figure) for figure in list_items(figures))
+            usable = len(center) in (0, 3) and all(0 <= place < recordings for place in which)
+        except ValueError:
+            usable = False
+        if not usable:
+            valid = f"for example 1.5,0,0,0.06, or 2:1.5; recordings are 1 to {recordings}"
+            raise InputError("--payload", f"{text!r} cannot be used", valid)
+        for place in which:
+            found[place] = Payload(mass, vector3(center or (0.0, 0.0, 0.0)))
+    return found
+
+
+def gravity_of(given: str | None) -> tuple[float, float, float] | None:
+    """Acceleration of free fall in the base frame from ``X,Y,Z`` [m/s2]; None: an upright base."""
+    from bumpstop.model.inertia import vector3
+
+    if given is None:
+        return None
+    try:
+        found = [float(figure) for figure in list_items(given)]
+    except ValueError:
+        found = []
+    low, high = _FREE_FALL
+    if len(found) != 3 or not low <= math.hypot(*found) <= high:
+        size = f"is {math.hypot(*found):.4g} m/s2 in all" if len(found) == 3 else f"{given!r} cannot be used"
+        valid = f"wanted X,Y,Z of {low:g} to {high:g} in all, as 0,0,9.80665 on a ceiling or -9.80665,0,0 on a wall"
+        raise InputError("--gravity", size, valid)
+    return vector3(found)
+
+
+def payloads_of(given: Sequence[str] | None, arm: Robot, recordings: int) -> list[Robot]:
+    """The arm with what it carried, for each recording; arguments as for :func:`carried_of`."""
+    from bumpstop.identification.payload.payload import with_payload
+
+    carried = carried_of(given, recordings)
+    return [arm if load is None else with_payload(arm, load.mass, load.center) for load in carried]
+
+
+def known_of(given: Sequence[str] | None) -> dict[str, dict[str, float]]:
+    """Parameters by joint from ``JOINT.NAME=VALUE``."""
+    found: dict[str, dict[str, float]] = {}
+    for text in given or []:
+        name, equals, figure = text.partition("=")
+        joint, dot, parameter = name.rpartition(".")
+        try:
+            value = float(figure)
+        except ValueError:
+            equals = ""
+        if not (equals and dot):
+            raise InputError("--known", f"{text!r} cannot be used", "for example --known elbow_joint.inertia=0.8")
+        found.setdefault(joint, {})[parameter] = value
+    return found

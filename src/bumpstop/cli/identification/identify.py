@@ -1,0 +1,299 @@
+"""``bumpstop identify`` and ``bumpstop validate``: what recordings say of an arm, and how well it is predicted."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from bumpstop.cli.folders import check_file, check_folder
+from bumpstop.cli.identification.arm_recordings import (
+    arm_of,
+    built_in_or_path,
+    carried_of,
+    gravity_of,
+    load_parts,
+    payloads_of,
+)
+from bumpstop.cli.identification.fit_verdict import with_faults
+from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
+
+if TYPE_CHECKING:
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+Files = Annotated[list[Path], typer.Argument(help="Recordings with motor currents or joint torques.")]
+Columns = Annotated[Path | None, typer.Option(help="Column file of the recordings (TOML).")]
+Begin = Annotated[float | None, typer.Option("--from", help="Begin at this time of each recording [s].")]
+Until = Annotated[float | None, typer.Option(help="End at this time of each recording [s].")]
+Payload = Annotated[
+    list[str] | None, typer.Option(help="What the arm carries: MASS[,X,Y,Z] [kg, m], or NUMBER:... for one recording.")
+]
+Base = Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")]
+Tip = Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")]
+Topic = Annotated[str | None, typer.Option(help="Topic of a bag that has several with joint states.")]
+MaxBad = Annotated[float, typer.Option(metavar="SHARE", help="Share of bad rows up to which they are dropped.")]
+Gravity = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="Free fall in the base frame [m/s2]: 0,0,9.80665 of an arm on the ceiling; default: 0,0,-9.80665.",
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+
+def identify(
+    recordings: Files,
+    robot: Annotated[str, typer.Option(help="A built-in name, or the path of a URDF file.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Write the model there: a .toml, or a folder for it and a report."),
+    ] = None,
+    columns: Columns = None,
+    begin: Begin = None,
+    until: Until = None,
+    model: Annotated[
+        Literal["joint", "dynamics", "payload"] | None,
+        typer.Option(
+            help="What to fit: joint (from currents), dynamics (from torques, or from currents with gains) or payload; "
+            "default: by what is recorded."
+        ),
+    ] = None,
+    payload: Payload = None,
+    known: Annotated[
+        list[str] | None,
+        typer.Option(metavar="JOINT.NAME=VALUE", help="A parameter of a drive that is not to be fitted."),
+    ] = None,
+    cutoff: Annotated[float | None, typer.Option(help="Cut-off of the filter [Hz]; default: the best.")] = None,
+    gravity: Gravity = None,
+    shared_motor: Annotated[
+        list[str] | None, typer.Option(help="Joints that share a motor, e.g. 5,6 or 5:1,6:-1.")
+    ] = None,
+    consistent: Annotated[
+        bool, typer.Option("--consistent", help="Of dynamics: also fit inertias that bodies can have, as a URDF.")
+    ] = False,
+    joint_model: Annotated[
+        str | None, typer.Option(help="Of a payload: joint model that turns currents into torques, a name or a path.")
+    ] = None,
+    dynamics: Annotated[
+        Path | None,
+        typer.Option(
+            help="Of a payload: dynamics that identify wrote, of the arm without it; --robot's inertia is not used."
+        ),
+    ] = None,
+    mass: Annotated[
+        float | None, typer.Option(help="Of a payload: its mass where it is known [kg]; its centre is looked for.")
+    ] = None,
+    second_moments: Annotated[
+        bool, typer.Option("--second-moments", help="Of a payload: fit its inertia too, not that of a point.")
+    ] = False,
+    protocol: Annotated[
+        Path | None, typer.Option(help="Plan that was followed: fit step by step as the source.")
+    ] = None,
+    base: Base = None,
+    tip: Tip = None,
+    topic: Topic = None,
+    max_bad: MaxBad = 0.01,
+    as_json: AsJson = False,
+) -> int:
+    """Find a joint torque model from motor currents, inertia, friction and rotors from joint torques, or a payload.
+
+    Exit status: 0 usable, 3 not usable, 2 bad input.
+    """
+    if out is not None and out.suffix == ".toml":
+        check_file(out)
+    else:
+        check_folder(out)
+    if protocol is not None:
+        from bumpstop.cli.schroeder2013.protocol import identify_by_protocol
+
+        _refuse("is not for a protocol", "leave it out", consistent, joint_model, second_moments, dynamics, mass)
+        if model is not None:
+            raise InputError("--model", "is not for a protocol", "leave it out: it finds a joint model")
+        _refuse_for_a_plan("leave it out", {"--known": known, "--cutoff": cutoff, "--shared-motor": shared_motor})
+        said: dict[str, object] = {"--payload": payload, "--base": base, "--tip": tip, "--gravity": gravity}
+        _refuse_for_a_plan("leave it out: the plan says it", said)
+
+        def load(arm: Robot) -> list[Recording]:
+            return load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+
+        return identify_by_protocol(protocol, load, robot, out, as_json)
+    _frequency("--cutoff", cutoff)
+    falls = gravity_of(gravity)
+    arm = arm_of(robot, base, tip)
+    logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+    for log in logs:
+        if log.current is None and log.tau is None:
+            problem = f"{log.source} has neither motor currents nor joint torques"
+            raise InputError("recording", problem, "wanted current_1 .. or tau_1 .., or a column file that names them")
+    if model is None:
+        model = "joint" if all(log.current is not None and log.tau is None for log in logs) else "dynamics"
+    with with_faults(logs):
+        if model == "joint":
+            from bumpstop.cli.identification.identify_joint import identify_joint
+
+            if shared_motor:
+                raise InputError("--shared-motor", "is for dynamics", "currents are taken joint by joint")
+            _refuse("is not for joint models", "leave it out", consistent, joint_model, second_moments, dynamics, mass)
+            arms = payloads_of(payload, arm, len(logs))
+            return identify_joint(
+                logs,
+                arms,
+                robot=built_in_or_path(robot),
+                known=known,
+                cutoff_hz=cutoff,
+                gravity=falls,
+                out=out,
+                as_json=as_json,
+            )
+        if model == "payload":
+            if known:
+                raise InputError("--known", "is for joint models", "leave it out")
+            from bumpstop.cli.identification.identify_payload import identify_what_is_carried
+
+            if shared_motor:
+                raise InputError("--shared-motor", "is for dynamics", "a payload is fitted to an arm that is known")
+            if payload:
+                raise InputError("--payload", "is what this fit looks for", "leave it out")
+            _refuse("is for dynamics", "leave it out", consistent)
+            return identify_what_is_carried(
+                logs,
+                arm,
+                joint_model=joint_model,
+                dynamics=dynamics,
+                mass=mass,
+                inertia=second_moments,
+                cutoff_hz=cutoff,
+                gravity=falls,
+                out=out,
+                as_json=as_json,
+            )
+        _refuse("is for a payload", "give --model payload", False, joint_model, second_moments, dynamics, mass)
+        from bumpstop.cli.identification.identify_dynamics import identify_dynamics_of
+
+        named = {"robot": built_in_or_path(robot)}
+        named |= {key: value for key, value in (("base", base), ("tip", tip)) if value is not None}
+        return identify_dynamics_of(
+            logs,
+            arm,
+            named=named,
+            groups=[_group(text, arm.dof) for text in shared_motor or []],
+            carried=carried_of(payload, len(logs)),
+            known=known,
+            cutoff_hz=cutoff,
+            gravity=falls,
+            consistent=consistent,
+            out=out,
+            as_json=as_json,
+        )
+
+
+def _refuse(
+    problem: str,
+    valid: str,
+    consistent: bool,
+    joint_model: str | None = None,
+    second_moments: bool = False,
+    dynamics: Path | None = None,
+    mass: float | None = None,
+) -> None:
+    """Refuse options that belong to another kind of fit."""
+    for option, given in (
+        ("--consistent", consistent),
+        ("--joint-model", joint_model is not None),
+        ("--second-moments", second_moments),
+        ("--dynamics", dynamics is not None),
+        ("--mass", mass is not None),
+    ):
+        if given:
+            raise InputError(option, problem, valid)
+
+
+def _refuse_for_a_plan(valid: str, options: dict[str, object]) -> None:
+    for option, value in options.items():
+        if value not in (None, []):
+            raise InputError(option, "is not for a protocol", valid)
+
+
+def validate(
+    model: Annotated[Path, typer.Argument(help="Model that identify wrote.", show_default=False)],
+    recordings: Files,
+    robot: Annotated[
+        str | None, typer.Option(help="A built-in name, or the path of a URDF file; default: the model's.")
+    ] = None,
+    columns: Columns = None,
+    begin: Begin = None,
+    until: Until = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write a report into this folder.")] = None,
+    contact_joint: Annotated[
+        int | None,
+        typer.Option(help="Joint whose torque tells the contact force; default: the one that feels it most."),
+    ] = None,
+    filter_hz: Annotated[
+        float | None, typer.Option("--filter", help="Cut-off at which they are compared [Hz]; default: the model's.")
+    ] = None,
+    payload: Payload = None,
+    gravity: Gravity = None,
+    base: Base = None,
+    tip: Tip = None,
+    topic: Topic = None,
+    max_bad: MaxBad = 0.01,
+    as_json: AsJson = False,
+) -> int:
+    """Compare what a model predicts with recordings: currents of a joint model, torques of dynamics.
+
+    Exit status: 0 usable, 3 not usable there, 2 bad input.
+    """
+    from bumpstop.cli.identification.arm_recordings import is_dynamics
+
+    check_folder(out)
+    _frequency("--filter", filter_hz)
+    falls = gravity_of(gravity)
+    if not is_dynamics(model):
+        from bumpstop.cli.identification.identify_joint import validate_joint
+        from bumpstop.joint import JointTorqueModel
+
+        if contact_joint is not None:
+            raise InputError("--contact-joint", "is for dynamics", "currents are compared without contact")
+        drives = JointTorqueModel.load(model)
+        arm = arm_of(robot or drives.robot, base, tip)
+        logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+        arms = payloads_of(payload, arm, len(logs))
+        return validate_joint(drives, logs, arms, filter_hz=filter_hz, gravity=falls, out=out, as_json=as_json)
+    from bumpstop.cli.identification.identify_dynamics import validate_dynamics
+
+    if contact_joint is not None and out is None:
+        raise InputError("--contact-joint", "has no effect without --out: forces are compared in the report",
+                         "give --out as well")  # fmt: skip
+    for option, given in (("--robot", robot), ("--base", base), ("--tip", tip), ("--gravity", gravity)):
+        if given:
+            raise InputError(option, "is for joint models", "dynamics know their robot and how it was mounted")
+
+    def load(arm: Robot) -> list[Recording]:
+        return load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+
+    return validate_dynamics(
+        model, load, payload=payload, contact_joint=contact_joint, filter_hz=filter_hz, out=out, as_json=as_json
+    )
+
+
+def _frequency(option: str, value: float | None) -> None:
+    if value is not None and not 0 < value < math.inf:
+        raise InputError(option, f"is {value}", "wanted a frequency above 0 [Hz]")
+
+
+def _group(text: str, dof: int) -> list[tuple[int, float]]:
+    group = []
+    for part in list_items(text):
+        number, _, share = part.partition(":")
+        try:
+            joint, factor = int(number), float(share or 1)
+        except ValueError:
+            valid = f"for example 5,6 or 5:1,6:-1; joints are 1 to {dof}"
+            raise InputError("--shared-motor", f"{text!r} cannot be used", valid) from None
+        group.append((joint - 1, factor))
+    return group

@@ -1,0 +1,282 @@
+"""``bumpstop identify`` and ``validate`` of dynamics: from joint torques, or from currents with their gains."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import typer
+
+from bumpstop.cli.collision.shares import or_null, share_text
+from bumpstop.cli.identification.arm_recordings import carried_of, known_of
+from bumpstop.cli.identification.consistent_inertia import bodies_json, print_bodies
+from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
+from bumpstop.cli.identification.model_report import dynamics_report
+from bumpstop.cli.option_names import as_options
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from bumpstop.identification import DynamicsFit, JointScore, Payload
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+
+def identify_dynamics_of(
+    logs: Sequence[Recording],
+    arm: Robot,
+    *,
+    named: dict[str, str],
+    groups: Sequence[Sequence[tuple[int, float]]],
+    carried: Sequence[Payload | None],
+    known: Sequence[str] | None,
+    cutoff_hz: float | None,
+    gravity: tuple[float, float, float] | None,
+    consistent: bool,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Fit dynamics, with the gains of the drives where only currents were recorded; write and print what was found."""
+    from bumpstop.identification import consistent_inertias, identify_dynamics, identify_gains, judge_dynamics, save_fit
+    from bumpstop.identification.segments.motion import GRAVITY
+    from bumpstop.model import write_urdf
+
+    falls = GRAVITY if gravity is None else gravity
+
+    if any(log.tau is None for log in logs) and all(log.current is not None for log in logs):
+        if groups:
+            raise InputError("--shared-motor", "is for torques", "currents are taken joint by joint")
+        fit = identify_gains(logs, arm, payloads=carried, known=_known_gains(known), cutoff_hz=cutoff_hz, gravity=falls)
+    else:
+        if known:
+            raise InputError("--known", "is for drives, and torques were recorded", "leave it out")
+        with as_options({"couplings": "--shared-motor"}):
+            fit = identify_dynamics(logs, arm, cutoff_hz=cutoff_hz, couplings=groups, payloads=carried, gravity=falls)
+    bodies = consistent_inertias(logs, fit, payloads=carried) if consistent else None
+    scores = fit.score(logs if fit.fitted is None else None, payloads=carried)
+    verdict = judge_dynamics(fit, logs)
+    model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
+    urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
+    if model_file is not None and out is not None:
+        if model_file != out:
+            dynamics_report(
+                fit,
+                logs,
+                out,
+                where="on the rows of the fit",
+                filter_hz=None,
+                contact_joint=None,
+                bodies=bodies,
+                payloads=carried,
+                verdict=verdict,
+            )
+        if urdf is not None and bodies is not None:
+            write_urdf(bodies.robot, urdf)
+        save_fit(fit, model_file, robot=named, created_from=[log.source for log in logs], verdict=verdict.status)
+    if as_json:
+        found = {"verdict": verdict.to_json()} | _identified(fit, scores, logs)
+        found |= {} if bodies is None else {"consistent": bodies_json(bodies)}
+        typer.echo(json.dumps(found, allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
+    _print_scores(fit, scores, fit.cutoff_hz, "on the rows of the fit")
+    _print_gains(fit)
+    if fit.held_out:
+        tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
+        typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
+    whole = "" if fit.rows_whole <= fit.rows_used else f" of {fit.rows_whole}, in blocks spread over the time"
+    typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows{whole}")
+    _print_left(fit.rows_left, fit.rows_beside_gaps, fit.cutoff_hz)
+    for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
+        weak = "" if abs(value) >= 2 * error else "  (not told from zero)"
+        typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}{weak}")
+    _print_laws(fit)
+    if fit.unseen:
+        typer.echo(f"not visible in this motion: {', '.join(fit.unseen)}")
+    if bodies is not None:
+        print_bodies(bodies)
+    print_reading(logs)
+    if model_file is not None:
+        typer.echo(f"model: {model_file}")
+        if urdf is not None:
+            typer.echo(f"inertias: {urdf}")
+        if model_file != out:
+            typer.echo(f"report: {model_file.parent / 'report.html'}")
+    return exit_status(verdict)
+
+
+def validate_dynamics(
+    model: Path,
+    load: Callable[[Robot], list[Recording]],
+    *,
+    payload: Sequence[str] | None,
+    contact_joint: int | None,
+    filter_hz: float | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Compare predicted with recorded torques.
+
+    ``load`` reads the recordings of the model's robot.
+    """
+    from bumpstop.identification import judge_predictions, load_fit
+
+    fit = load_fit(model)
+    logs = load(fit.robot)
+    carried = carried_of(payload, len(logs))
+    rows = fit.rows(logs, payloads=carried)
+    scores = fit.score_rows(rows, filter_hz=filter_hz)
+    verdict = judge_predictions(fit, rows, scores, filter_hz or fit.cutoff_hz, logs)
+    where = f"on {logs[0].source}" if len(logs) == 1 else f"on {len(logs)} recordings"
+    contact = ""
+    if out is not None:
+        contact = dynamics_report(
+            fit,
+            logs,
+            out,
+            where=where,
+            filter_hz=filter_hz,
+            contact_joint=contact_joint,
+            payloads=carried,
+            verdict=verdict,
+        )
+    if as_json:
+        joints = [_score_json(fit, j, score) for j, score in enumerate(scores)]
+        left = {"rows_left": rows.rows_left, "rows_beside_gaps": rows.rows_beside_gaps}
+        typer.echo(json.dumps({"verdict": verdict.to_json(), "joints": joints} | left, allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
+    _print_scores(fit, scores, filter_hz or fit.cutoff_hz, where)
+    _print_left(rows.rows_left, rows.rows_beside_gaps, fit.cutoff_hz)
+    if contact:
+        typer.echo(contact)
+    print_reading(logs)
+    if out is not None:
+        typer.echo(f"report: {out / 'report.html'}")
+    return exit_status(verdict)
+
+
+def _print_left(rows_left: int, beside_gaps: int, cutoff_hz: float) -> None:
+    if rows_left:
+        typer.echo(f"note: {rows_left} rows lie in stretches between gaps too short to use")
+    if beside_gaps:
+        typer.echo(f"note: {beside_gaps} rows within {1 / cutoff_hz:.2g} s of gaps are left away")
+
+
+def _print_laws(fit: DynamicsFit) -> None:
+    """Joints whose friction is more than Coulomb's and viscous, and what was left out of the fit."""
+    bent = [] if fit.top_speed is None else np.flatnonzero(np.isfinite(fit.top_speed[: fit.robot.dof])).tolist()
+    for what, joints in (("bends with the speed", bent), ("grows with the load", list(fit.loaded))):
+        if joints:
+            typer.echo(f"friction {what}: {', '.join(fit.robot.joints[j].name for j in joints)}")
+    if fit.rows_at_ends:
+        typer.echo(f"note: {fit.rows_at_ends} rows at the ends of recordings are left away")
+    for joint, rows in zip(fit.robot.joints, () if fit.rows_at_rest is None else fit.rows_at_rest, strict=False):
+        if rows:
+            typer.echo(f"note: {joint.name} rests in {rows} of the {fit.rows_used} rows; they stay out of its fit")
+
+
+def _units(fit: DynamicsFit) -> list[str]:
+    from bumpstop.model import unit_of
+
+    return [unit_of(joint) for joint in fit.robot.joints]
+
+
+def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence[Recording]) -> dict[str, Any]:
+    found = {
+        name.split()[0]: {"value": float(value), "standard_error": float(error)}
+        for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
+    }
+    joints = []
+    for j, score in enumerate(scores, start=1):
+        own: dict[str, Any] = {
+            what: found[f"{what}_{j}"] for what in ("coulomb", "viscous", "rotor", "offset") if f"{what}_{j}" in found
+        }
+        scaled = _scaled(fit, j - 1)
+        if fit.gains is not None and fit.gain_errors is not None:
+            gain, error = float(fit.gains[j - 1]), float(fit.gain_errors[j - 1])
+            own["B"] = {"value": gain if scaled else None, "standard_error": error if scaled else None}
+        joints.append(
+            {
+                "name": score.name,
+                "observable": bool(own) and scaled,
+                "parameters": own,
+                "r2": or_null(score.r2),
+                "rmse_Nm": score.rmse if scaled else None,
+            }
+        )
+    base = [
+        {"name": name, "value": float(value), "standard_error": float(error)}
+        for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
+    ]
+    return {
+        "joints": joints,
+        "base_parameters": base,
+        "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
+        "not_visible": list(fit.unseen),
+        "hardly_moved": list(fit.still),
+        "rows_used": fit.rows_used,
+        "rows_whole": fit.rows_whole,
+        "rows_left": fit.rows_left,
+        "rows_beside_gaps": fit.rows_beside_gaps,
+        "rows_at_ends": fit.rows_at_ends,
+        "rows_at_rest": [] if fit.rows_at_rest is None else [int(rows) for rows in fit.rows_at_rest],
+        "rows_dropped": sum(log.report.rows_dropped for log in logs),
+    }
+
+
+def _score_json(fit: DynamicsFit, j: int, score: JointScore) -> dict[str, Any]:
+    errors: dict[str, float | None] = {"mean": score.mean, "sd": score.sd, "rmse": score.rmse}
+    if not _scaled(fit, j):
+        errors = dict.fromkeys(errors)
+    shares = {"r2": or_null(score.r2), "r2_raw": or_null(score.r2_raw)}
+    return {"name": score.name, **shares, **errors, "unit": _units(fit)[j]}
+
+
+def _scaled(fit: DynamicsFit, j: int) -> bool:
+    """Whether the torque of joint ``j`` has a scale."""
+    return fit.gain_errors is None or bool(np.isfinite(fit.gain_errors[j]))
+
+
+def _known_gains(given: Sequence[str] | None) -> dict[str, float]:
+    found = {}
+    for joint, parameters in known_of(given).items():
+        for name, value in parameters.items():
+            if name != "B":
+                raise InputError(
+                    "--known", f"{joint}.{name} is no gain", "beside dynamics a gain can be known: JOINT.B"
+                )
+            found[joint] = value
+    return found
+
+
+def _print_gains(fit: DynamicsFit) -> None:
+    if fit.gains is None or fit.gain_errors is None:
+        return
+    typer.echo("gains, torque per motor current:")
+    for joint, gain, error, unit in zip(fit.robot.joints, fit.gains, fit.gain_errors, _units(fit), strict=True):
+        if not np.isfinite(error):
+            typer.echo(f"  {joint.name}: cannot be seen, the scale of its torque means nothing")
+        else:
+            how = f"+- {error:.2g}" if error > 0 else "(given)"
+            typer.echo(f"  {joint.name}: {gain:.5g} {how} {unit}/A")
+
+
+def _print_scores(fit: DynamicsFit, scores: tuple[JointScore, ...], cutoff_hz: float, where: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    for j, score in enumerate(scores):
+        errors = [f"{error:.4g}" for error in (score.mean, score.sd, score.rmse)]
+        if not _scaled(fit, j):
+            errors = ["unknown gain", "", ""]
+        table.add_row(score.name, *map(share_text, (score.r2, score.r2_raw)), *errors)
+    console = Console(highlight=False, markup=False)
+    console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered")
+    console.print(table)

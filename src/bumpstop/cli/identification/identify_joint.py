@@ -1,0 +1,233 @@
+"""``bumpstop identify`` and ``validate`` where motor currents were recorded."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bumpstop.cli.collision.shares import or_null, share_text
+from bumpstop.cli.folders import writing
+from bumpstop.cli.identification.arm_recordings import known_of
+from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
+from bumpstop.cli.identification.model_report import joint_model_report
+from bumpstop.cli.progress import progress
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.identification import CurrentComparison, JointFit, JointModelFit, JointScore
+    from bumpstop.identification.segments.drive_samples import DriveRows
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+
+def identify_joint(
+    logs: Sequence[Recording],
+    arms: Sequence[Robot],
+    *,
+    robot: str,
+    known: Sequence[str] | None,
+    cutoff_hz: float | None,
+    gravity: tuple[float, float, float] | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Fit a joint torque model, write it, and print what was found."""
+    from bumpstop.identification import compare_currents, identify_joint_model, judge_joint_model
+    from bumpstop.identification.segments.motion import GRAVITY
+
+    falls = GRAVITY if gravity is None else gravity
+    with progress("fitting") as report:
+        try:
+            fit = identify_joint_model(
+                logs, arms, cutoff_hz=cutoff_hz, known=known_of(known), gravity=falls, progress=report
+            )
+        except InputError as error:
+            if error.field.startswith("known.") or error.field == "cutoff_hz":
+                field = "--known " + error.field[6:] if error.field != "cutoff_hz" else "--cutoff"
+                raise InputError(field, error.problem, error.valid) from None
+            raise
+    verdict = judge_joint_model(fit, logs)
+    model = replace(fit.model, robot=robot)
+    model_file = out if out is None or out.suffix == ".toml" else out / "joint_model.toml"
+    if model_file is not None:
+        with writing(None if model_file == out else out):
+            model.save(model_file)
+        if out is not None and model_file != out:
+            found = compare_currents(model, logs, arms, cutoff_hz=fit.cutoff_hz, gravity=falls)
+            joint_model_report(found, arms[0], out, where="on the recordings of the fit", verdict=verdict, fit=fit)
+    if as_json:
+        typer.echo(json.dumps({"verdict": verdict.to_json()} | _identified(fit, logs), allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
+    _print_fit(fit)
+    _print_left(fit.rows)
+    print_reading(logs)
+    if model_file is not None:
+        typer.echo(f"model: {model_file}")
+    return exit_status(verdict)
+
+
+def validate_joint(
+    model: JointTorqueModel,
+    logs: Sequence[Recording],
+    arms: Sequence[Robot],
+    *,
+    filter_hz: float | None,
+    gravity: tuple[float, float, float] | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Print how well a joint model predicts currents, and torques from them; write a page on the torques."""
+    from bumpstop.identification import compare_currents, judge_currents
+    from bumpstop.identification.segments.motion import GRAVITY
+
+    with progress("comparing"):
+        falls = GRAVITY if gravity is None else gravity
+        found = compare_currents(model, logs, arms, filter_hz=filter_hz, gravity=falls)
+        currents, torques = found.current_scores(), found.torque_scores()
+        verdict = judge_currents(found, logs)
+    if out is not None:
+        on = "on " + ", ".join(Path(log.source).name for log in logs)
+        joint_model_report(found, arms[0], out, where=on, verdict=verdict)
+    if as_json:
+        compared = _validated(found, arms[0], currents, torques)
+        typer.echo(json.dumps({"verdict": verdict.to_json()} | compared, allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
+    where = ", ".join(log.source for log in logs)
+    at = f"at {found.filter_hz:g} Hz, errors unfiltered"
+    _print_scores(found, currents, f"predicted current [{model.unit}] on {where}, compared {at}")
+    _print_scores(found, torques, f"torque estimated from current against Newton-Euler, {at}")
+    _print_left(found.rows)
+    for note in found.notes:
+        typer.echo(f"note: {note}")
+    print_reading(logs)
+    if out is not None:
+        typer.echo(f"report: {out / 'report.html'}")
+    return exit_status(verdict)
+
+
+def _print_left(rows: DriveRows) -> None:
+    if rows.rows_left:
+        typer.echo(f"note: {rows.rows_left} rows lie in stretches between gaps too short to use")
+    typer.echo(
+        f"note: {rows.rows_at_ends} rows within {1 / rows.cutoff_hz:.2g} s of the ends of stretches are left away"
+    )
+
+
+def _identified(fit: JointModelFit, logs: Sequence[Recording]) -> dict[str, Any]:
+    return {
+        "kind": "joint_model",
+        "joints": [_joint(joint) for joint in fit.joints],
+        "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
+        "loss": "huber",
+        "warnings": list(fit.warnings),
+        "rows_used": fit.rows_used,
+        "rows_at_ends": fit.rows_at_ends,
+        "rows_dropped": fit.rows_left + sum(log.report.rows_dropped for log in logs),
+    }
+
+
+def _joint(joint: JointFit) -> dict[str, Any]:
+    own = joint.parameters
+    nothing = {"value": None, "standard_error": None}
+    return {
+        "name": joint.name,
+        "observable": joint.observable,
+        "map": own.map,
+        "friction": own.friction,
+        "parameters": {
+            name: nothing if found is None else {"value": found.value, "standard_error": found.standard_error}
+            for name, found in own.parameters.items()
+        },
+        "unseen": dict(joint.unseen),
+        "r2": or_null(joint.r2),
+        "rmse_A": joint.rmse,
+        "current_range": None if own.current_range is None else list(own.current_range),
+        "speed_range": None if own.speed_range is None else list(own.speed_range),
+        "rest_speed": own.rest_speed,
+        "candidates": [
+            {"map": tried.map, "friction": tried.friction, "held_out_A": tried.held_out, "refused": tried.refused}
+            for tried in joint.candidates
+        ],
+    }
+
+
+def _validated(
+    found: CurrentComparison,
+    arm: Robot,
+    currents: Sequence[JointScore | None],
+    torques: Sequence[JointScore | None],
+) -> dict[str, Any]:
+    from bumpstop.model import unit_of
+
+    joints = []
+    for joint, drive, current, torque in zip(arm.joints, found.model.joints, currents, torques, strict=True):
+        score = _score(torque, unit_of(joint))
+        joints.append({"name": drive.name, **_score(current, found.model.unit), "torque": score})
+    left = {"rows_left": found.rows.rows_left, "rows_at_ends": found.rows.rows_at_ends}
+    return {"joints": joints, "filter_hz": found.filter_hz, **left, "notes": list(found.notes)}
+
+
+def _score(score: JointScore | None, unit: str) -> dict[str, Any]:
+    names = ("r2", "r2_raw", "mean", "sd", "rmse")
+    return {name: None if score is None else or_null(getattr(score, name)) for name in names} | {"unit": unit}
+
+
+def _print_fit(fit: JointModelFit) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    unit = fit.model.unit
+    typer.echo(f"joint model from {fit.rows_used} rows, filtered at {fit.cutoff_hz:g} Hz, Huber's loss")
+    if fit.held_out:
+        tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
+        typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", "R2", f"rmse, {unit}", "map", "friction"):
+        table.add_column(heading, justify="right" if heading[0] in "Rr" else "left")
+    for joint in fit.joints:
+        own = joint.parameters
+        table.add_row(joint.name, share_text(joint.r2), f"{joint.rmse:.4g}", own.map, own.friction)
+    Console(highlight=False, markup=False).print(table)
+    typer.echo("parameters, with their standard errors:")
+    for joint in fit.joints:
+        figures = (
+            f"{name} {found.value:.4g}" + ("" if found.standard_error is None else f" +- {found.standard_error:.2g}")
+            for name, found in joint.parameters.parameters.items()
+            if found is not None
+        )
+        typer.echo(f"  {joint.name}: {', '.join(figures) or 'none seen'}")
+    typer.echo(f"error on held-out fifths, rms {unit}, by map and friction:")
+    for joint in fit.joints:
+        errors = (
+            f"{tried.map}/{tried.friction} " + (f"{tried.held_out:.4g}" if tried.held_out is not None else "refused")
+            for tried in joint.candidates
+        )
+        typer.echo(f"  {joint.name}: {', '.join(errors) or 'none tried'}")
+    for warning in fit.warnings:
+        typer.echo(f"warning: {warning}")
+
+
+def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None], title: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    for joint, score in zip(found.model.joints, scores, strict=True):
+        if score is None:
+            table.add_row(joint.name, *["unknown gain"], *[""] * 4)
+            continue
+        errors = (score.mean, score.sd, score.rmse)
+        table.add_row(score.name, share_text(score.r2), share_text(score.r2_raw), *(f"{error:.4g}" for error in errors))
+    console = Console(highlight=False, markup=False)
+    console.print(title)
+    console.print(table)

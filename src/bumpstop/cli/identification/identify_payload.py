@@ -1,0 +1,153 @@
+"""``bumpstop identify --model payload``: what an arm of known inertia carries."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bumpstop.cli.folders import writing
+from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
+from bumpstop.cli.option_names import as_options
+from bumpstop.errors import InputError
+from bumpstop.text_files import toml_value, write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.identification import PayloadFit
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+_UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # second moments: kg m2
+
+
+def identify_what_is_carried(
+    logs: Sequence[Recording],
+    arm: Robot,
+    *,
+    joint_model: str | None,
+    dynamics: Path | None,
+    mass: float | None,
+    inertia: bool,
+    cutoff_hz: float | None,
+    gravity: tuple[float, float, float] | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Fit a payload, write it and its page, and print what was found."""
+    from bumpstop.identification import identify_payload, judge_payload, load_fit
+    from bumpstop.joint import JointTorqueModel
+
+    if len(logs) != 1:
+        raise InputError("recording", f"{len(logs)} of them", "a payload is fitted to one")
+    log = logs[0]
+    drives = None
+    if joint_model is not None:
+        drives = JointTorqueModel.load(joint_model)
+        names = [joint.name for joint in arm.joints]
+        if [joint.name for joint in drives.joints] != names:
+            given = ", ".join(joint.name for joint in drives.joints)
+            raise InputError("--joint-model", f"is of joints {given}", f"wanted {', '.join(names)}")
+    elif log.tau is None and dynamics is None:
+        raise InputError("--joint-model", "is missing", "currents become torques by a joint model that identify wrote")
+    if cutoff_hz is not None and not 0 < cutoff_hz < 0.4 * log.rate_hz:
+        raise InputError("--cutoff", f"is {cutoff_hz:g}", f"wanted above 0 and below {0.4 * log.rate_hz:g} Hz")
+    fit = None if dynamics is None else load_fit(dynamics)
+    with as_options({"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model"}):
+        found = identify_payload(
+            log, arm, model=drives, dynamics=fit, mass=mass, inertia=inertia, cutoff_hz=cutoff_hz, gravity=gravity
+        )
+    verdict = judge_payload(found, log, arm)
+    model_file = out if out is None or out.suffix == ".toml" else out / "payload.toml"
+    if model_file is not None and out is not None:
+        with writing(None if model_file == out else out):
+            write_text(model_file, _toml(found, arm, log))
+        if model_file != out:
+            from bumpstop.report.identification.payload import write_payload_report
+
+            write_payload_report(found, arm, out, source=Path(log.source).name, verdict=verdict)
+    if as_json:
+        typer.echo(json.dumps({"verdict": verdict.to_json()} | _payload_json(found, log), allow_nan=False, indent=2))
+        return exit_status(verdict)
+    print_verdict(verdict)
+    _print(found, arm)
+    print_reading([log])
+    if model_file is not None:
+        typer.echo(f"payload: {model_file}")
+        if model_file != out:
+            typer.echo(f"report: {model_file.parent / 'report.html'}")
+    return exit_status(verdict)
+
+
+def _pair(value: float | None, error: float | None) -> dict[str, float | None]:
+    return {"value": value, "standard_error": error}
+
+
+def _payload_json(found: PayloadFit, log: Recording) -> dict[str, Any]:
+    center = None
+    if found.center is not None and found.center_errors is not None:
+        center = {"value": list(found.center), "standard_error": list(found.center_errors)}
+    return {
+        "kind": "payload",
+        "parameters": {name: _pair(found.values[name], found.standard_errors[name]) for name in found.values},
+        "center_m": center,
+        "unseen": list(found.unseen),
+        "joints": [
+            {"name": name, "rmse_Nm": float(rmse), "rmse_without_payload_Nm": float(without)}
+            for name, rmse, without in zip(found.joints, found.rmse, found.rmse_without, strict=True)
+        ],
+        "joints_left_out": list(found.joints_left_out),
+        "rows_used": found.rows_used,
+        "rows_left": found.rows_left,
+        "rows_dropped": log.report.rows_dropped,
+    }
+
+
+def _toml(found: PayloadFit, arm: Robot, log: Recording) -> str:
+    """The figures that were seen, with standard errors; what was not is left out and listed."""
+    lines = [
+        "# Payload at the tip, in its frame: kg, kg m, kg m2.",
+        f"robot = {toml_value(arm.name)}",
+        f"created_from = {toml_value(log.source)}",
+    ]
+    for name, value in found.values.items():
+        error = found.standard_errors[name]
+        if value is not None and error is not None and math.isfinite(error):
+            lines.append(_figure(name, value, error))
+    if found.center is not None and found.center_errors is not None:
+        lines.append(_figure("center_m", found.center, found.center_errors))
+    lines.append(f"unseen = {toml_value(found.unseen)}")
+    return "\n".join(lines) + "\n"
+
+
+def _figure(name: str, value: Any, error: Any) -> str:
+    return f"{name} = {{ value = {toml_value(value)}, standard_error = {toml_value(error)} }}"
+
+
+def _print(found: PayloadFit, arm: Robot) -> None:
+    from bumpstop.model import unit_of
+
+    units = {joint.name: unit_of(joint) for joint in arm.joints}
+    typer.echo(
+        f"payload at the tip from {found.rows_used} rows; {found.rows_left} recorded ones are left away at the ends, "
+        "beside gaps, or in stretches too short to use"
+    )
+    for name, value in found.values.items():
+        unit = _UNITS.get(name, "kg m2")
+        error = found.standard_errors[name]
+        shown = "not visible in this motion"
+        if value is not None and error is not None:
+            shown = f"{value:.4g} {'(given)' if error == 0 else f'+- {error:.2g}'} {unit}"
+        typer.echo(f"  {name:<4}{shown}")
+    if found.center is not None and found.center_errors is not None:
+        at = ", ".join(f"{x:.4g} +- {e:.2g}" for x, e in zip(found.center, found.center_errors, strict=True))
+        typer.echo(f"centre of mass [m]: {at}")
+        typer.echo(f"for --payload: {found.values['m']:.4g}," + ",".join(f"{x:.4g}" for x in found.center))
+    for name, rmse, without in zip(found.joints, found.rmse, found.rmse_without, strict=True):
+        typer.echo(f"  {name}: {rmse:.3g} {units[name]} left, {without:.3g} {units[name]} without the payload")
+    if found.joints_left_out:
+        typer.echo(f"left out, of unknown gain: {', '.join(found.joints_left_out)}")

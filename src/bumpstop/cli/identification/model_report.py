@@ -1,0 +1,128 @@
+"""Pages of ``bumpstop identify --out`` and ``bumpstop validate --out``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.identification import (
+        ConsistentFit,
+        CurrentComparison,
+        DynamicsFit,
+        FitVerdict,
+        JointModelFit,
+        Payload,
+    )
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+    from bumpstop.report.section import Part
+
+
+def dynamics_report(
+    fit: DynamicsFit,
+    logs: Sequence[Recording],
+    folder: Path,
+    *,
+    where: str,
+    filter_hz: float | None,
+    contact_joint: int | None,
+    bodies: ConsistentFit | None = None,
+    payloads: Sequence[Payload | None] = (),
+    verdict: FitVerdict | None = None,
+) -> str:
+    """Write the page on a fit and recordings; what was found of contact, in a sentence, or nothing.
+
+    Args:
+        fit: the model.
+        logs: with torques; of a single one that has a wrench, contact is compared, too.
+        folder: of the page.
+        where: on which rows, in words.
+        filter_hz: where both are compared filtered; default: the fit's.
+        contact_joint: whose torque the contact comparison uses, from 1; default: the one that feels it most.
+        bodies: inertias that bodies can have, or None.
+        payloads: what each recording carried beyond what the arm of the fit did; default: nothing.
+        verdict: on the fit or on the model, or None.
+    """
+    from bumpstop.identification.validation import compare_dynamics, contact_of
+    from bumpstop.model import unit_of
+    from bumpstop.report.identification.fit_verdict import VerdictPart
+    from bumpstop.report.identification.inertias import BodiesPart
+    from bumpstop.report.identification.validation import SelectionPart, write_validation_report
+
+    comparison = compare_dynamics(fit, logs, filter_hz=filter_hz, payloads=payloads)
+    contact = None
+    if len(logs) == 1 and not any(payloads):
+        contact = contact_of(fit, logs[0], joint=None if contact_joint is None else contact_joint - 1)
+        if contact is None and contact_joint is not None:
+            raise InputError("--contact-joint", f"has no effect: {logs[0].source} has no wrench", "leave it out")
+    elif contact_joint is not None:
+        raise InputError("--contact-joint", "is for one recording without a declared payload", "leave it out")
+    selection = SelectionPart(
+        {f"{cutoff:g} Hz": 100 * share for cutoff, share in fit.held_out.items()},
+        f"{fit.cutoff_hz:g} Hz",
+        "The cut-off of the motion's filter is chosen by the error on fifths of the recording, each predicted from the "
+        "other four: the largest that does as well as the best.",
+        "unexplained on held-out fifths [%]",
+    )
+    name = (Path(logs[0].source).name or "a recording") if len(logs) == 1 else f"{len(logs)} recordings"
+    title = f"{fit.robot.title or fit.robot.name}: predicted torque, {name}"
+    parts: list[Part] = [] if verdict is None else [VerdictPart(verdict)]
+    parts += [] if bodies is None else [BodiesPart(bodies)]
+    write_validation_report(
+        comparison, folder, title=title, where=where, contact=contact, selection=selection, parts=parts
+    )
+    if contact is None:
+        return ""
+    error, joint = contact.error[contact.judged], fit.robot.joints[contact.joint]
+    most = f"{abs(error).mean():.3g} N on average, {abs(error).max():.3g} N at most" if error.size else "none judged"
+    return (
+        f"contact force by {joint.name}: error {most}; {contact.not_judged} rows not judged, their torque is below "
+        f"{contact.least_torque:.3g} {unit_of(joint)}"
+    )
+
+
+def joint_model_report(
+    found: CurrentComparison,
+    robot: Robot,
+    folder: Path,
+    *,
+    where: str,
+    verdict: FitVerdict,
+    fit: JointModelFit | None = None,
+) -> None:
+    """Write the page on torques that a joint model makes of currents.
+
+    Args:
+        found: the model beside recordings.
+        robot: whose joints it is of.
+        folder: of the page.
+        where: on which recordings, in words.
+        verdict: on the fit or on the model.
+        fit: how the model was chosen, or None.
+    """
+    from bumpstop.identification.validation import compare_estimates
+    from bumpstop.report.identification.fit_verdict import VerdictPart
+    from bumpstop.report.identification.validation import SelectionPart, write_validation_report
+
+    selection = None
+    if fit is not None and fit.held_out:
+        selection = SelectionPart(
+            {f"{cutoff:g} Hz": 100 * share for cutoff, share in fit.held_out.items()},
+            f"{fit.cutoff_hz:g} Hz",
+            "The cut-off of the motion's filter is chosen by the error of currents on held-out fifths.",
+            "unexplained on held-out fifths [%]",
+        )
+    title = f"{robot.title or robot.name}: torque estimated from current"
+    write_validation_report(
+        compare_estimates(found, robot),
+        folder,
+        title=title,
+        where=where,
+        selection=selection,
+        parts=[VerdictPart(verdict)],
+    )

@@ -1,0 +1,1 @@
+"""Commands that only reproduce Schroeder (2013): experiment, and identify by its protocol."""

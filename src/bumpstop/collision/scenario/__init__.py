@@ -1,0 +1,1 @@
+"""Scenarios: the tables a person writes, read and checked."""

@@ -1,0 +1,68 @@
+"""Scenario files, and the robot that one names."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.collision.scenario.scenario import Scenario, set_keys
+from bumpstop.errors import InputError
+from bumpstop.text_files import as_path, read_text
+
+if TYPE_CHECKING:
+    from bumpstop.model import Robot
+
+# Beyond this it is no scenario, but perhaps a recording or a device that never ends.
+_MOST_BYTES = 1_000_000
+_MOST_DOTS = 500  # in a line
+
+
+def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Scenario:
+    """Read a scenario file.
+
+    Args:
+        path: of a TOML file.
+        changes: dotted keys and values that replace those of the file before it is checked.
+
+    Raises:
+        InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
+    """
+    path = as_path(path, "scenario")
+    data = _parse(read_text(path, "wanted a scenario file", most_bytes=_MOST_BYTES), str(path))
+    set_keys(data, changes or {})
+    return Scenario.from_dict(data, path.parent)
+
+
+def _parse(text: str, path: str) -> dict[str, Any]:
+    shallow = "tables one level deep"
+    # The parser takes time with the square of a key's depth.
+    if any(line.partition("#")[0].count(".") > _MOST_DOTS for line in text.splitlines()):
+        raise InputError(path, "is nested too deeply", f"wanted {shallow}")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(path, f"is not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(path, "is nested too deeply", f"wanted {shallow}") from None
+    except ValueError:
+        raise InputError(path, "holds a number of thousands of digits", "wanted numbers below 1e10") from None
+
+
+def robot_of(scenario: Scenario) -> Robot:
+    """The arm of a scenario.
+
+    Raises:
+        InputError: there is none of that name, or its file cannot be used.
+    """
+    from bumpstop.model import Robot
+
+    path = scenario.robot_path
+    if path is None:
+        return Robot.load(scenario.robot)
+    try:
+        return Robot.from_urdf(path, scenario.base, scenario.tip)
+    except InputError as error:
+        if error.field in ("base", "tip"):
+            raise
+        raise InputError("robot", f"{error.field}: {error.problem}", error.valid) from None

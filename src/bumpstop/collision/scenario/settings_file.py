@@ -1,0 +1,34 @@
+"""Settings files: a scenario written out in full, with what made a result beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario.scenario import Scenario
+
+
+def files_of(scenario: Scenario) -> dict[str, Path]:
+    """Files that a scenario names, by their dotted keys: URDF, own limit table, measured residuals, trajectory."""
+    contact, files = scenario.contact, {}
+    if scenario.robot_path is not None:
+        files["robot"] = scenario.robot_path
+    if contact.body is not None and (contact.limits.endswith(".toml") or "/" in contact.limits):
+        files["contact.limits"] = scenario.folder / contact.limits
+    if scenario.detector.residuals is not None:
+        files["detector.residuals"] = scenario.folder / scenario.detector.residuals
+    if scenario.motion.file is not None:
+        files["motion.file"] = scenario.folder / scenario.motion.file
+    return files
+
+
+def scenario_data(scenario: Scenario) -> dict[str, Any]:
+    """The keys of a scenario, defaults spelt out and paths absolute: a copy of it may stand in any folder."""
+    from bumpstop.collision.scenario.scenario import set_key
+
+    data = scenario.to_dict()
+    for key, path in files_of(scenario).items():
+        # Relative paths start at the scenario's folder, which the copy has left.
+        set_key(data, key, str(path.resolve()))
+    return data

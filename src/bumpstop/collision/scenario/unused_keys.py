@@ -1,0 +1,42 @@
+"""Keys of a scenario that change nothing beside its other keys."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario.scenario import Scenario
+
+
+def keys_without_effect(scenario: Scenario) -> dict[str, str]:
+    """Dotted keys whose value changes nothing in this scenario, given or not, and why, to follow "has no effect"."""
+    contact, detector = scenario.contact, scenario.detector
+    found: dict[str, str] = {}
+    if contact.body is None:
+        nothing = "without contact.body: there is no limit to judge by"
+        found |= dict.fromkeys(("contact.limits", "contact.pressure_area", "verdict.clamped_limit"), nothing)
+    elif contact.kind == "free":
+        found["verdict.clamped_limit"] = 'with contact.kind = "free", which transient limits judge'
+    if contact.offset_law != "half_normal":
+        found["contact.offset_sd_s"] = f'with contact.offset_law = "{contact.offset_law}"'
+    if detector.residual == "direct":
+        found["detector.observer_gain_1_s"] = 'with detector.residual = "direct"'
+    if detector.residuals is not None:
+        found["detector.noise_sd_Nm"] = "with detector.residuals, whose noise counts"
+    return found
+
+
+def given_without_effect(scenario: Scenario) -> dict[str, str]:
+    """Those of them that somebody wrote, perhaps in the belief that they count."""
+    return {key: why for key, why in keys_without_effect(scenario).items() if _is_given(scenario, key)}
+
+
+def unused_notes(scenario: Scenario) -> list[str]:
+    """A sentence about each key that was given and changes nothing."""
+    return [f"{key} has no effect {why}." for key, why in given_without_effect(scenario).items()]
+
+
+def _is_given(scenario: Scenario, key: str) -> bool:
+    table, _, name = key.partition(".")
+    keys = getattr(scenario, table)
+    return name in keys.model_fields_set and getattr(keys, name) is not None

@@ -1,0 +1,1 @@
+"""Verdicts: a result against the limits, and the notes beside it."""

@@ -1,0 +1,105 @@
+"""Whether steps and sub-steps of the simulated controller are fine enough for the force that is said."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.collision.result import ForceLaw
+    from bumpstop.collision.scenario.scenario import Scenario
+
+# A step is cut into so many, and so is a sub-step of the shorter step.
+_FINER = 4
+# More steps than these are not looked at again: they are fine, or the motion goes on for minutes.
+_MOST_STEPS = 100_000
+_LEAST_STEP_S, _LEAST_SUBSTEP_S, _MOST_SUBSTEPS = 1e-5, 1e-6, 1000
+# A force that finer steps raise by less than this share is told well enough.
+_RISE = 0.02
+
+
+def finer_steps(law: ForceLaw) -> list[str]:
+    """Compare a law with that of finer steps; where it hits harder, say how much.
+
+    A reaction takes effect at the ends of sub-steps and the farthest point is looked for at the ends of steps, so that
+    coarse ones make a braking distance shorter by up to half the speed times a sub-step.
+    """
+    given, trajectory = law.scenario, law.problem.trajectory
+    duration = given.motion.duration_s if trajectory is None else trajectory.duration
+    changes = _finer(given)
+    if not changes:
+        return []
+    if law.problem.residuals is not None or duration / given.simulation.step_s * _FINER > _MOST_STEPS:
+        return _by_formula(law)
+    from bumpstop.collision.result import evaluate
+
+    at = law.contact_alone()
+    step, substeps = changes["simulation.step_s"], changes["simulation.substeps"]
+    try:
+        coarse = law if law.kind == "exact" and not at else evaluate(given.with_values(at))
+        fine = evaluate(given.with_values(at | changes | _same_phase(law, given.simulation.step_s - step)))
+    except InputError:  # an edge that only the finer steps reach, or only the coarse ones miss
+        return []
+    p = 1 - given.verdict.risk
+    before, after = coarse.peak_force.quantile(p), fine.peak_force.quantile(p)
+    if not math.isfinite(before):
+        p = 0.5
+        before, after = coarse.peak_force.quantile(p), fine.peak_force.quantile(p)
+    if not after > (1 + _RISE) * before:
+        return []
+    rise = f"{after:.4g} N, not {before:.4g} N" if math.isfinite(after) else f"without a bound, not {before:.4g} N"
+    which = "" if not at else f" of the contact {at['motion.contact_time']:.4g} s after the start"
+    verdict = ""
+    if coarse.verdict.acceptable is True and fine.verdict.acceptable is False:
+        verdict = ", and the verdict is NOT ACCEPTABLE"
+    return [
+        f"Simulation steps are coarse: with simulation.step_s = {step:g} and simulation.substeps = {substeps} the peak "
+        f"force{which} (p{100 * p:.6g}) is {rise}{verdict}."
+    ]
+
+
+def _by_formula(law: ForceLaw) -> list[str]:
+    """Where there is no other law to compare with: half the speed times a sub-step, as a force."""
+    simulation = law.scenario.simulation
+    way = law.curve.approach_speed * simulation.step_s / simulation.substeps / 2
+    force = law.problem.stiffness * way
+    said = law.peak_force.quantile(1 - law.scenario.verdict.risk)
+    if not math.isfinite(said) or not force > _RISE * said:
+        return []
+    return [
+        f"Simulation sub-steps of {simulation.step_s / simulation.substeps:g} s are coarse: braking distances are up "
+        f"to {1e3 * way:.3g} mm shorter for them, which is {force:.3g} N. Give a smaller simulation.step_s or more "
+        "simulation.substeps."
+    ]
+
+
+def _same_phase(law: ForceLaw, earlier: float) -> dict[str, float]:
+    """Keys that move a single contact as far ahead as the control cycles, which follow the first step [s].
+
+    The delay from contact to the next cycle is the same then, and what differs is due to the steps.
+    """
+    scenario = law.scenario
+    if alone := law.contact_alone():
+        return {key: max(0.0, begin - earlier) for key, begin in alone.items()}
+    contact = scenario.contact
+    if contact.offset_law != "fixed" or contact.offset_mm is None:
+        return {}
+    distance, step = law.curve.distance, scenario.simulation.step_s
+    touch = int(np.argmax(distance > contact.offset_mm / 1e3))
+    speed = float(distance[touch] - distance[touch - 1]) / step if touch else law.problem.approach_speed
+    return {"contact.offset_mm": max(0.0, contact.offset_mm - 1e3 * speed * earlier)}
+
+
+def _finer(scenario: Scenario) -> dict[str, Any]:
+    """Finer steps and sub-steps, as far as they may be; empty where these are the finest."""
+    step, substeps = scenario.simulation.step_s, scenario.simulation.substeps
+    finer = step / _FINER if step / _FINER >= _LEAST_STEP_S else step
+    most = min(_MOST_SUBSTEPS, int(finer / _LEAST_SUBSTEP_S * (1 + 1e-9)))
+    more = max(1, min(substeps * _FINER, most))
+    if finer / more >= step / substeps * (1 - 1e-9):
+        return {}
+    return {"simulation.step_s": finer, "simulation.substeps": more}

@@ -1,0 +1,104 @@
+"""Clamped contact judged in two phases: a transient limit at first, the quasi-static one for what lasts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision.distribution.contact_duration import ContactSpans, exact_cells
+from bumpstop.collision.distribution.distribution import Distribution, SampledDistribution
+from bumpstop.collision.distribution.mixture import MixtureDistribution
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision.result import ForceLaw
+    from bumpstop.contact import ContactLimits
+
+# How long the transient limit holds after contact: ISO/TS 15066, 5.5.5.3, through the facts of the limit table [s].
+FIRST_PHASE_S = 0.5
+# Into how many parts a cell is cut that holds the limit: far out, its probability falls by a multiple across it.
+_PARTS_AT_LIMIT = 32
+
+
+@dataclass(frozen=True, eq=False)
+class TwoPhaseUse:
+    """How far a collision uses its limits: the greater of both phases' share, 1 being the limit itself.
+
+    Attributes:
+        force, pressure: distributions of the share, of detected collisions; pressure None without a pressure limit.
+        weight: probability of those collisions; all others are counted by who asks.
+    """
+
+    force: Distribution
+    pressure: Distribution | None
+    weight: float
+
+    @classmethod
+    def of(cls, law: ForceLaw, transient: ContactLimits, lasting: ContactLimits) -> TwoPhaseUse:
+        """Work out the shares of a law of clamped contact.
+
+        Args:
+            law: exact or sampled.
+            transient: limits of the first half second of contact.
+            lasting: quasi-static limits, for what comes after.
+        """
+        contact = law.scenario.contact
+        per_newton = contact.peak_factor / contact.area_cm2
+        force = law.phase_shares(1 / transient.force_N, 1 / lasting.force_N)
+        pressure = None
+        if transient.pressure_N_cm2 is not None and lasting.pressure_N_cm2 is not None:
+            pressure = law.phase_shares(per_newton / transient.pressure_N_cm2, per_newton / lasting.pressure_N_cm2)
+        return cls(force[0], None if pressure is None else pressure[0], force[1])
+
+    def over(self, share: Distribution, undetected: float) -> float:
+        """P(some limit is passed), undetected collisions counting as over."""
+        return min(1.0, (self.weight * share.exceedance(1.0) if self.weight > 0 else 0.0) + undetected)
+
+
+def phase_shares(law: ForceLaw, first: float, later: float) -> tuple[Distribution, float]:
+    """Of a law on a line; see :meth:`bumpstop.ForceLaw.phase_shares`."""
+    stiffness = law.problem.stiffness
+
+    def share(spans: ContactSpans, tick: int, offset: FloatArray) -> FloatArray:
+        early, late = spans.phases(tick, offset.ravel(), FIRST_PHASE_S)
+        return (stiffness * np.maximum(early * first, late * later)).reshape(offset.shape)
+
+    kernel = law.curve.kernel
+    if law.kind == "sampled":
+        assert law.runs is not None
+        tick, offset = law.runs["tick"], law.runs["offset"]
+        if law.curve.end in ("joint_limit", "singularity"):
+            # Bodies that the arm reaches only while it brakes at the end of its line.
+            braking = (tick < 0) & (offset >= law.curve.distance.max()) & (law.runs["peak_force"] > 0)
+            tick = np.where(braking, kernel.ticks, tick)
+        detected = tick >= 0
+        values = np.zeros(int(detected.sum()))
+        ticks = np.unique(tick[detected])
+        if ticks.size:
+            own = {int(k): np.flatnonzero(tick[detected] == k) for k in ticks}
+            offsets = offset[detected]
+            least = np.array([offsets[own[int(k)]].min() for k in ticks])
+            spans = ContactSpans(law.problem, kernel, ticks, least)
+            for k, runs in own.items():
+                values[runs] = share(spans, k, offsets[runs])
+        return SampledDistribution(values), float(detected.mean())
+    parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
+    for cells in exact_cells(law.problem, kernel, law.kernel):
+        value = share(cells.spans, cells.tick, cells.node)
+        low, high = _between(share(cells.spans, cells.tick, cells.edge))
+        at_limit = (low < 1) & (high > 1)
+        parts.append((low[~at_limit], high[~at_limit], cells.mass[~at_limit], value.ravel(), cells.node_mass.ravel()))
+        if at_limit.any():
+            edge, mass = cells.finer(at_limit, _PARTS_AT_LIMIT)
+            low, high = _between(share(cells.spans, cells.tick, edge))
+            nothing = np.zeros(0)
+            parts.append((low.ravel(), high.ravel(), mass.ravel(), nothing, nothing))
+    joined = MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    return joined, joined.total
+
+
+def _between(ends: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest value in the cells between neighbouring ends (pieces, cells)."""
+    return np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])

@@ -1,0 +1,192 @@
+"""Slips of unit: values that a scenario may hold and an arm hardly has, one function for each."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision.verdict.verdict import percent
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision.result import ForceLaw
+
+# Softer than any body region of the limit tables by a factor of ten [N/m], and deeper than a body can be pressed [mm].
+_SOFTEST_N_M, _DEEPEST_MM = 1000.0, 50.0
+# Joint angles within a turn in radians are a small pose in degrees.
+_TURN = 2 * math.pi
+# Slower than this an arm creeps [mm/s]; m/s were written.
+_SLOWEST_MM_S = 5.0
+# Faster than any industrial arm turns its joints [rad/s], where their own limit is not known.
+_FASTEST_RAD_S = 15.0
+# Braking that no industrial arm reaches [rad/s2]; degrees were written.
+_HARDEST_RAD_S2 = 100.0
+# The limit of pressure is this many times farther from being reached than that of the force, or nearer.
+_AREA_AT_ODDS = 10.0
+_SMALLEST_AREA_CM2 = 0.05
+_LIGHTEST_KG = 0.1
+
+
+def unit_slips(law: ForceLaw) -> list[str]:
+    """A sentence about each value that looks like one of another unit."""
+    return [
+        *_point(law),
+        *_stiffness(law),
+        *_deformation(law),
+        *_angles(law),
+        *_slow(law),
+        *_fast_joints(law),
+        *_braking(law),
+        *_area(law),
+        *_mass(law),
+        *_thresholds(law),
+    ]
+
+
+def _point(law: ForceLaw) -> list[str]:
+    contact, robot = law.scenario.contact, law.problem.robot
+    away = math.hypot(*contact.point_m)
+    if not away > robot.span:
+        return []
+    return [
+        f"contact.point_m lies {away:.4g} m from {contact.link or robot.tip_name}, farther than the whole arm of "
+        f"{robot.span:.4g} m reaches: it is in metres, in the frame of its link."
+    ]
+
+
+def _stiffness(law: ForceLaw) -> list[str]:
+    contact = law.scenario.contact
+    soft = {"contact.stiffness_N_m": contact.stiffness_N_m, "contact.padding_N_m": contact.padding_N_m}
+    return [
+        f"{key} = {value:g} N/m is softer than any body: N/mm are 1000 times as much (contact.stiffness_N_mm)."
+        if "stiffness" in key
+        else f"{key} = {value:g} N/m is softer than any padding: N/mm are 1000 times as much."
+        for key, value in soft.items()
+        if value is not None and value < _SOFTEST_N_M
+    ]
+
+
+def _deformation(law: ForceLaw) -> list[str]:
+    risk = law.scenario.verdict.risk
+    deep = law.compression.quantile(1 - risk)
+    deep = deep if math.isfinite(deep) else law.compression.quantile(0.5)
+    if not (math.isfinite(deep) and deep > _DEEPEST_MM):
+        return []
+    return [
+        f"The body is deformed by {deep:.4g} mm: no body region is a linear spring so far. Check stiffness, speed and "
+        "units."
+    ]
+
+
+def _turning(law: ForceLaw) -> FloatArray:
+    """Which joints turn (dof,)."""
+    return np.array([joint.kind == "revolute" for joint in law.problem.robot.joints])
+
+
+def _angles(law: ForceLaw) -> list[str]:
+    scenario, turns = law.scenario, _turning(law)
+    if scenario.pose_deg is not None:
+        angles = np.abs(np.array(scenario.pose_deg))[turns]
+        broken = (angles != np.round(angles)).any()
+        if angles.size and 0 < angles.max() <= _TURN and broken:
+            return [
+                f"pose_deg has no joint beyond {angles.max():.4g} degrees: these look like radians, which are pose_rad."
+            ]
+    if scenario.pose_rad is not None:
+        angles = np.abs(np.array(scenario.pose_rad))[turns]
+        if angles.size and angles.max() > 2 * _TURN:
+            return [f"pose_rad has a joint at {angles.max():.4g} rad: this looks like degrees, which are pose_deg."]
+    return []
+
+
+def _slow(law: ForceLaw) -> list[str]:
+    if law.problem.trajectory is not None:
+        return []
+    speed = 1e3 * math.hypot(*law.scenario.motion.velocity)
+    if speed >= _SLOWEST_MM_S:
+        return []
+    return [f"The tip moves at {speed:.4g} mm/s: an arm so slow hardly works. Speeds are in mm/s."]
+
+
+def _fast_joints(law: ForceLaw) -> list[str]:
+    problem = law.problem
+    limit = problem.robot.velocity
+    if problem.trajectory is not None:
+        t = np.linspace(0, problem.trajectory.duration, 500)
+        rates, what = np.abs(problem.trajectory.at(t, 1)).max(axis=0), "The trajectory"
+    else:
+        rates, what = np.abs(_rates_asked(law)), "The speed asked for"
+    most = np.where(np.isfinite(limit), limit, np.where(_turning(law), _FASTEST_RAD_S, np.inf))
+    excess = rates / most
+    joint = int(np.argmax(excess))
+    if not excess[joint] > 1 + 1e-6:
+        return []
+    unit = "rad/s" if _turning(law)[joint] else "m/s"
+    needs = f"{what} needs joint {joint + 1} at {rates[joint]:.4g} {unit}"
+    if not math.isfinite(limit[joint]):
+        return [f"{needs}; its limit is not known, and no industrial arm is so fast."]
+    slower = "" if problem.trajectory is not None else f": it collides at {percent(1 / excess[joint])} of the speed"
+    return [f"{needs}, beyond its limit of {limit[joint]:.4g} {unit}{slower}."]
+
+
+def _rates_asked(law: ForceLaw) -> FloatArray:
+    """Joint rates of least norm that the velocity asks for at the start of a line, without any limit (dof,)."""
+    problem, motion = law.problem, law.scenario.motion
+    free = [j for j in range(problem.robot.dof) if j not in problem.held]
+    rows = 6 if motion.task == "pose" else 3
+    jacobian = problem.robot.jacobian(problem.q)[:rows, free]
+    target = np.concatenate([problem.velocity, np.zeros(rows - 3)])
+    rates = np.zeros(problem.robot.dof)
+    square = jacobian @ jacobian.T + motion.damping**2 * np.eye(rows)
+    rates[free] = jacobian.T @ np.linalg.lstsq(square, target, rcond=None)[0]
+    return rates
+
+
+def _braking(law: ForceLaw) -> list[str]:
+    acceleration = law.problem.joint_acceleration[_turning(law)]
+    if not (acceleration.size and acceleration.max() > _HARDEST_RAD_S2):
+        return []
+    return [
+        f"reaction.joint_acceleration_rad_s2 = {acceleration.max():g} is more than industrial arms brake with: it is "
+        "in rad/s2, not in degrees."
+    ]
+
+
+def _area(law: ForceLaw) -> list[str]:
+    """Mean pressure is force over area: a wrong area makes pressure vanish, or decide alone."""
+    limits, contact = law.problem.limits, law.scenario.contact
+    if limits is None or not limits.permitted or not limits.pressure_N_cm2:
+        return []
+    crossing = limits.force_N / limits.pressure_N_cm2 * contact.peak_factor
+    if contact.area_cm2 > _AREA_AT_ODDS * crossing:
+        return [
+            f"contact.area_cm2 = {contact.area_cm2:g} is {contact.area_cm2 / crossing:.3g} times the area at which "
+            f"both limits are reached together ({crossing:.3g} cm²): the pressure never decides. It is in cm², and "
+            "100 mm² are 1 cm²."
+        ]
+    if contact.area_cm2 < _SMALLEST_AREA_CM2:
+        return [
+            f"contact.area_cm2 = {contact.area_cm2:g} is a point of {100 * contact.area_cm2:g} mm2: a mean pressure "
+            "says little about an edge."
+        ]
+    return []
+
+
+def _mass(law: ForceLaw) -> list[str]:
+    mass = law.problem.body_mass
+    if mass is None or mass >= _LIGHTEST_KG:
+        return []
+    return [f"contact.body_mass_kg = {mass:g} is lighter than any body region: it is in kg."]
+
+
+def _thresholds(law: ForceLaw) -> list[str]:
+    """A residual without noise never alarms by itself, which no detector does."""
+    problem = law.problem
+    watched = np.isfinite(problem.thresholds)
+    silent = [str(j + 1) for j in np.flatnonzero(watched & (problem.noise_sd <= 0))]
+    if not silent:
+        return []
+    joints = f"joint {silent[0]}" if len(silent) == 1 else f"joints {', '.join(silent)}"
+    return [f"detector.noise_sd_Nm is 0 at {joints}: no false alarm is counted there, and none delays a detection."]

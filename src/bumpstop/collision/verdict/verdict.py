@@ -1,0 +1,251 @@
+"""Verdicts: a force law against the limits of the body it hits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from bumpstop.collision.distribution.distribution import Distribution
+    from bumpstop.collision.scenario.scenario import VerdictSettings
+    from bumpstop.contact import ContactLimits
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Whether a collision stays under the limits often enough.
+
+    Attributes:
+        limits: what it is judged by, or None where no body was named.
+        transient: what the first phase of clamped contact is judged by, where it is judged in two; ``limits`` then hold
+            for what comes after.
+        p_over_force, p_over_pressure: probability that the peak passes its limit; collisions never detected count
+            as over where their force has no bound. None where there is no limit.
+        false_alarm_probability, risk, max_false_alarm: as found, and as accepted.
+        false_alarms_per_hour: of free motion.
+        nothing_hit: why most cases touch nothing, so that there is no verdict; empty where they do.
+        reason: one sentence.
+    """
+
+    limits: ContactLimits | None
+    transient: ContactLimits | None = None
+    p_over_force: float | None
+    p_over_pressure: float | None
+    false_alarm_probability: float
+    risk: float
+    max_false_alarm: float
+    false_alarms_per_hour: float
+    nothing_hit: str = ""
+    reason: str
+
+    @property
+    def false_alarm_ok(self) -> bool:
+        """Alarms before contact are no more probable than accepted."""
+        return self.false_alarm_probability <= self.max_false_alarm
+
+    @property
+    def acceptable(self) -> bool | None:
+        """Force, pressure and false alarms are all within what is accepted; None without limits or inconclusive."""
+        return {"acceptable": True, "not_acceptable": False}.get(self.conclusion)
+
+    @property
+    def conclusion(self) -> Conclusion:
+        """The verdict in a word. Where most cases touch nothing, what is not over a limit was not put to the test."""
+        if self.p_over_force is None:
+            return "no_limits"
+        if self.fails_by:
+            return "not_acceptable"
+        return "inconclusive" if self.nothing_hit else "acceptable"
+
+    @property
+    def fails_by(self) -> tuple[str, ...]:
+        """What is not within what is accepted, of ``"force"``, ``"pressure"`` and ``"false_alarm"``."""
+        over = {"force": self.p_over_force, "pressure": self.p_over_pressure}
+        limits = tuple(name for name, p in over.items() if p is not None and not p <= self.risk)
+        return limits if self.false_alarm_ok else (*limits, "false_alarm")
+
+    def to_json(self) -> dict[str, Any]:
+        """The ``verdict`` object of ``bumpstop evaluate --json``."""
+        limits = self.limits
+        result: dict[str, Any] = {
+            "acceptable": self.acceptable,
+            "conclusion": self.conclusion,
+            "reason": self.reason,
+            "limit_force_N": limits.force_N if limits else None,
+            "limit_pressure_N_cm2": limits.pressure_N_cm2 if limits else None,
+            "p_over_force": self.p_over_force,
+            "p_over_pressure": self.p_over_pressure,
+            "false_alarm_ok": self.false_alarm_ok,
+            "false_alarms_per_hour": self.false_alarms_per_hour,
+            "risk": self.risk,
+            "max_false_alarm": self.max_false_alarm,
+        }
+        if limits:
+            result |= {
+                "limit_table": limits.table,
+                "limit_kind": "quasi_static" if limits.kind == "clamped" else "transient",
+                "limit_force_source": limits.force_source,
+                "limit_force_status": limits.force_status,
+                "limit_pressure_area": limits.pressure_area,
+                "limit_pressure_source": limits.pressure_source,
+                "limit_pressure_status": limits.pressure_status,
+            }
+        if self.transient:
+            result |= {
+                "limit_kind": "two_phase",
+                "limit_transient_force_N": self.transient.force_N,
+                "limit_transient_pressure_N_cm2": self.transient.pressure_N_cm2,
+            }
+        return result
+
+
+Conclusion = Literal["acceptable", "not_acceptable", "inconclusive", "no_limits"]
+
+_NEXT_TO_NOTHING = 1e-6  # a probability that is not spelt out
+
+
+def judge(
+    peak_force: Distribution,
+    pressure: Distribution | None,
+    limits: ContactLimits | None,
+    false_alarm_probability: float,
+    undetected_probability: float,
+    settings: VerdictSettings,
+    transient: ContactLimits | None = None,
+    over: tuple[float, float | None] | None = None,
+    *,
+    unbounded_because: str = "",
+    nothing_hit: str = "",
+    false_alarms_per_hour: float = math.nan,
+) -> Verdict:
+    """Judge peak force [N] and pressure [N/cm²] by limits.
+
+    Args:
+        peak_force: distribution [N].
+        pressure: distribution [N/cm²].
+        limits: None without a body region.
+        false_alarm_probability: alarm before contact.
+        undetected_probability: contact, no detection, and no bound on the force.
+        settings: what is accepted.
+        transient: limits of the first phase of contact, where it has two.
+        over: the probabilities of passing force and pressure limits in either phase, then.
+        unbounded_because: why those have no bound, to follow "not detected".
+        nothing_hit: why most cases touch nothing; empty where they do.
+        false_alarms_per_hour: of free motion.
+    """
+    p_force = p_pressure = None
+    if limits is not None and over is not None:
+        p_force, p_pressure = over
+    elif limits is not None:
+        p_force = peak_force.exceedance(limits.force_N)
+        if limits.pressure_N_cm2 is not None and pressure is not None:
+            p_pressure = pressure.exceedance(limits.pressure_N_cm2)
+    words = _Words(settings)
+    faults = words.faults(
+        limits, transient, (p_force, p_pressure), false_alarm_probability, (undetected_probability, unbounded_because)
+    )
+    reason = faults or nothing_hit or words.within(limits, p_force, p_pressure)
+    if limits is None:
+        reason = "No body region is named, so there is no limit to judge by."
+    return Verdict(
+        limits=limits,
+        transient=transient,
+        p_over_force=p_force,
+        p_over_pressure=p_pressure,
+        false_alarm_probability=false_alarm_probability,
+        risk=settings.risk,
+        max_false_alarm=settings.max_false_alarm,
+        false_alarms_per_hour=false_alarms_per_hour,
+        nothing_hit=nothing_hit,
+        reason=reason,
+    )
+
+
+class _Words:
+    """The sentence that gives the reason."""
+
+    def __init__(self, settings: VerdictSettings) -> None:
+        self._settings = settings
+        # Where what is accepted is itself next to nothing, figures must be told apart there.
+        self._tiny = min(settings.risk, settings.max_false_alarm) < _NEXT_TO_NOTHING
+
+    def _said(self, p: float) -> str:
+        return f"{100 * p:.2g} %" if self._tiny and 0 < p < _NEXT_TO_NOTHING else percent(p)
+
+    def faults(
+        self,
+        limits: ContactLimits | None,
+        transient: ContactLimits | None,
+        over: tuple[float | None, float | None],
+        false_alarm: float,
+        undetected: tuple[float, str],
+    ) -> str:
+        """What is not within what is accepted; empty where all is."""
+        if limits is None:
+            return ""
+        for judge_of in (limits, transient):
+            if judge_of is not None and not judge_of.permitted:
+                return judge_of.reason
+        settings, said = self._settings, self._said
+        force, pressure = f"{limits.force_N:g} N", f"{limits.pressure_N_cm2 or 0:g} N/cm²"
+        if transient is not None:
+            force = f"{transient.force_N:g} N at first or {force} later"
+            pressure = f"{transient.pressure_N_cm2 or 0:g} N/cm² at first or {pressure} later"
+        p_force, p_pressure = over
+        missed, because = undetected
+        faults = []
+
+        def listed(over: float | None) -> bool:
+            """Too probable, and not for those alone of which the sentence says that nobody notices them."""
+            if over is None or not over > settings.risk:
+                return False
+            return not missed > settings.risk or over - missed > settings.risk
+
+        if listed(p_force):
+            assert p_force is not None
+            faults.append(f"the peak force exceeds {force} with probability {said(p_force)}")
+        if listed(p_pressure):
+            assert p_pressure is not None
+            faults.append(f"the pressure exceeds {pressure} with probability {said(p_pressure)}")
+        accepted = f", more than the accepted {said(settings.risk)}" if faults or missed > settings.risk else ""
+        if missed > settings.risk:
+            faults.append(f"{said(missed)} of collisions are not detected {because} and count as over every limit")
+        if false_alarm > settings.max_false_alarm:
+            faults.append(
+                f"a false alarm comes before contact with probability {said(false_alarm)} (accepted: "
+                f"{said(settings.max_false_alarm)})"
+            )
+        if not faults:
+            return ""
+        sentence = " and ".join(faults[:2]) + accepted
+        if len(faults) > 2:
+            sentence += "; also " + " and ".join(faults[2:])
+        return sentence[0].upper() + sentence[1:] + "."
+
+    def within(self, limits: ContactLimits | None, p_force: float | None, p_pressure: float | None) -> str:
+        """How far the worst figure is from being too much."""
+        if limits is None or p_force is None:
+            return ""
+        worst = max(p_force, p_pressure or 0.0)
+        what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
+        return (
+            f"{what} the limits for {limits.label} with probability {self._said(worst)}, "
+            f"within the accepted {self._said(self._settings.risk)}."
+        )
+
+
+def percent(p: float) -> str:
+    """A probability in percent that never rounds to certainty, nor to impossibility."""
+    if math.isnan(p):
+        return "none"
+    if p <= 0 or p >= 1:  # sums of many shares may pass one by a rounding
+        return "0 %" if p <= 0 else "100 %"
+    if p < _NEXT_TO_NOTHING:
+        return "less than 0.0001 %"
+    if p > 1 - 1e-6:
+        return "over 99.9999 %"
+    if p < 0.1:
+        return f"{float(f'{100 * p:.2g}'):.7g} %"
+    # Beyond 99.9 % it is the distance from certainty that tells.
+    return f"{100 * p:.3g} %" if p <= 0.999 else f"{math.floor(1e6 * p) / 1e4:.6g} %"

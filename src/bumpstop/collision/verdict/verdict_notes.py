@@ -1,0 +1,116 @@
+"""Notes beside a verdict: what makes it mean less than it says, one function for each."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision.verdict.finer_steps import finer_steps
+from bumpstop.collision.verdict.unit_slips import unit_slips
+from bumpstop.collision.verdict.verdict import percent
+
+if TYPE_CHECKING:
+    from bumpstop.collision.result import ForceLaw
+
+# Where more than this share of cases presses nothing, there is no verdict.
+MOST_UNTOUCHED = 0.5
+# A smaller share is worth no word, unless it hides a risk.
+_MUCH_UNTOUCHED = 0.1
+# A normal farther from the motion than this is approached at less than half the speed.
+_LEAST_COSINE = 0.5
+# An arm that starts from rest is as good as at full speed from this share on.
+_FULL_SPEED = 0.9
+
+
+def verdict_notes(law: ForceLaw) -> list[str]:
+    """All of them, in the order in which they are read."""
+    return [
+        *_nothing_hit_note(law),
+        *_pressure_note(law),
+        *_normal_note(law),
+        *_rest_note(law),
+        *finer_steps(law),
+        *unit_slips(law),
+    ]
+
+
+def nothing_hit(law: ForceLaw) -> str:
+    """Why most cases press nothing; empty where most do."""
+    untouched = untouched_share(law)
+    if not untouched > MOST_UNTOUCHED:
+        return ""
+    share = percent(untouched)
+    if law.no_contact_probability < untouched / 2:
+        return f"In {share} of cases a false alarm keeps the arm from the body: too few collisions to judge."
+    return f"In {share} of cases nothing is hit, as the motion ends before contact{law.why_no_contact()}."
+
+
+def untouched_share(law: ForceLaw) -> float:
+    """Probability that no force at all is exerted."""
+    touched = law.peak_force.exceedance(0.0)
+    return 0.0 if math.isnan(touched) else 1 - touched
+
+
+def _nothing_hit_note(law: ForceLaw) -> list[str]:
+    """Cases without any force dilute the probability of exceeding a limit."""
+    untouched, limits, verdict = untouched_share(law), law.problem.limits, law.verdict
+    if limits is None or not limits.permitted or untouched > MOST_UNTOUCHED:
+        return []
+    over = max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
+    alone = over / (1 - untouched)
+    hides = over <= verdict.risk < alone
+    if not (hides or untouched > _MUCH_UNTOUCHED):
+        return []
+    more = f", more than the accepted {percent(verdict.risk)}" if hides else ""
+    return [
+        f"In {percent(untouched)} of cases nothing is hit; they count as below every limit. Of the others alone "
+        f"{percent(alone)} exceed one{more}."
+    ]
+
+
+def _pressure_note(law: ForceLaw) -> list[str]:
+    limits = law.problem.limits
+    if limits is None or not limits.permitted or limits.pressure_N_cm2 is not None:
+        return []
+    return [
+        f"{limits.table} has no pressure limit for {limits.label}: the force alone is judged, however small the "
+        "contact area."
+    ]
+
+
+def _normal_note(law: ForceLaw) -> list[str]:
+    """A force along a normal that lies across the motion is that of a fraction of the speed."""
+    if law.scenario.contact.normal is None:
+        return []
+    cosine = law.approach_cosine()
+    if not cosine < _LEAST_COSINE:
+        return []
+    angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+    return [
+        f"contact.normal lies {angle:.3g} degrees off the motion: the body is approached at {percent(cosine)} of the "
+        "speed, and the force is that of this share. Leave contact.normal out for a body across the motion."
+    ]
+
+
+def _rest_note(law: ForceLaw) -> list[str]:
+    """From rest the gap decides how fast the arm is when it touches."""
+    if law.problem.trajectory is not None or law.scenario.motion.start != "rest":
+        return []
+    problem, distance = law.problem, law.curve.distance
+    # The farthest bodies but one in a thousand.
+    scale = 3.29 if problem.offset_kind == "half_normal" else 1.0
+    farthest = min(scale * problem.offset_size, float(distance.max()))
+    ahead = int(np.argmax(distance >= farthest * (1 - 1e-12)))
+    speed = float(np.diff(distance[: ahead + 1]).max(initial=0.0)) / problem.scenario.simulation.step_s
+    share = speed / problem.approach_speed
+    if share >= _FULL_SPEED:
+        return []
+    contact = law.scenario.contact
+    gap = "at the distance given" if contact.offset_law == "fixed" else f"within the gap of {1e3 * farthest:.3g} mm"
+    return [
+        f"From rest the arm has reached no more than {percent(share)} of its speed when it touches, {gap}: a body "
+        'farther away is hit harder. Give contact.offset_law = "fixed" and contact.offset_mm, or '
+        'motion.start = "moving".'
+    ]

@@ -1,0 +1,251 @@
+"""Residuals of a recording: by a joint model as the loop would have them, or by fitted dynamics afterwards."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.detection.detector import Detector
+from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun, check_rearm, frozen_notes
+from bumpstop.detection.rate import period_of
+from bumpstop.detection.settings import DetectorSettings
+from bumpstop.detection.standing import hidden_torques
+from bumpstop.detection.thresholds import Thresholds
+from bumpstop.detection.tuning.residual_record import ResidualRecord
+from bumpstop.errors import InputError
+from bumpstop.kernels import core
+from bumpstop.model import unit_of
+from bumpstop.recording.checks.stamps import stamped_by_a_pc
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+_LEAST_REPEATS = 4  # of a row that count as frozen, as in sample_guard.hpp
+_TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
+
+
+def detect(
+    recording: Recording,
+    robot: Robot,
+    model: JointTorqueModel | DynamicsFit | None,
+    thresholds: Thresholds | npt.ArrayLike,
+    settings: DetectorSettings | None = None,
+    *,
+    rearm_s: float = 0.5,
+) -> DetectionRun:
+    """Run a detector over a recording.
+
+    With fitted dynamics the residual is recorded minus predicted torque. Prediction uses zero-phase filters, which look
+    ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct. It is
+    blind inside a gap, where rows are made up, and within a period of the cut-off beside one of more than 0.1 s and ten
+    intervals, where the filter knows one side of the motion only.
+
+    Args:
+        recording: with currents for a joint model, with joint torque otherwise.
+        robot: with inertia, unless dynamics are fitted.
+        model: of currents; or fitted dynamics; or None, where the robot's own inertia predicts recorded torque.
+        thresholds: by joint.
+        settings: everything else.
+        rearm_s: as for :meth:`Detector.run`.
+
+    Raises:
+        InputError: parts that do not belong together, or another rate than what they are made for; with fitted
+            dynamics an observer, payloads, measured rates, a largest signal or a margin of limits.
+    """
+    # Fits are a tenth of the time that laws take to start, and these need none.
+    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.identification.segments.torque_samples import near_gaps
+
+    if not isinstance(model, DynamicsFit):
+        return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
+    given = settings or DetectorSettings()
+    if given.window_s != DetectorSettings.window_s:
+        raise InputError("window_s", "is not available with fitted dynamics: they filter both ways", "leave it out")
+    if given.stiction is None and model.robot.dof == robot.dof:
+        # A standing joint's motor shows nothing of what its Coulomb friction holds.
+        given = replace(given, stiction=tuple(hidden_torques(robot, model).tolist()))
+    if given.residual != "direct":
+        raise InputError("residual", f"{given.residual!r} is not available with fitted dynamics", "valid: 'direct'")
+    for name in ("payload_kg", "payload_change_kg", "measured_rates", "largest_signal"):
+        if getattr(given, name):
+            raise InputError(name, "is not available with fitted dynamics", "leave it out, or give a joint model")
+    if given.limit_margin != DetectorSettings.limit_margin:
+        raise InputError("limit_margin", "is not available with fitted dynamics: they know no limits", "leave it out")
+    if model.robot.dof != robot.dof:
+        raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
+    check_rearm(rearm_s)
+    law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
+    if law.model_errors > 0:
+        raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
+    doubt = stamped_by_a_pc(recording)
+    motion, residual = model.residual(recording)
+    detector = Detector(_with_some_inertia(robot), None, law, given)
+    period = period_of(motion.t, given, law)
+    unscaled = np.zeros(robot.dof, dtype=bool) if model.gain_errors is None else np.isinf(model.gain_errors)
+    if unscaled.any():
+        # What is no torque in Nm says nothing of a force.
+        noise = np.where(unscaled, np.inf, detector.noise_sd)
+        detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
+    dark = near_gaps(motion.t, recording.t, 1 / model.cutoff_hz)
+    frozen = _frozen(recording, motion.t, given.frozen_s)
+    dark |= frozen
+    seen = np.flatnonzero(~dark)
+    decision = core.DecisionSettings()
+    detector.fill_decision(decision)
+    if math.isinf(rearm_s):
+        decision.event_pause = math.inf
+    after_gap = np.diff(seen, prepend=-1) > 1
+    judged = core.judge(
+        decision,
+        motion.t[seen],
+        residual[seen],
+        motion.qd[seen],
+        motion.qdd[seen],
+        after_gap.astype(np.float64),
+        rearm_s,
+    )
+    *columns, rows, over, over_fast, spans = judged
+    # In a blind row: no residual, and the threshold of the row before, none at the beginning.
+    before = np.cumsum(~dark)
+    fast, threshold, state, unseen = (
+        np.concatenate([np.zeros_like(c, shape=(1, *c.shape[1:])), c])[before] for c in columns
+    )
+    residual[dark] = fast[dark] = math.nan
+    state[dark] = BLIND
+    fault = np.where(dark, FAULTS.index("gap"), 0).astype(np.uint8)
+    fault[frozen] = FAULTS.index("frozen")
+    events = tuple(
+        detector.event_of(
+            detector.explain(motion.q[row], residual[row], motion.qd[row]),
+            spans[k],
+            hidden=detector.hidden(motion.qd[row]),
+            t=float(motion.t[row]),
+            joints=tuple(j for j in range(robot.dof) if over[k] >> j & 1),
+            fast_joints=tuple(j for j in range(robot.dof) if over_fast[k] >> j & 1),
+            residual=residual[row],
+            threshold=threshold[row],
+            q=motion.q[row],
+        )
+        for k, row in enumerate(seen[rows])
+    )
+    nothing = np.zeros(motion.t.size, dtype=bool)
+    notes = ["Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."]
+    if unscaled.any():
+        unseen = [robot.joints[j] for j in np.flatnonzero(unscaled)]
+        names, unit = ", ".join(joint.name for joint in unseen), unit_of(*unseen)
+        notes.append(f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them.")
+    return DetectionRun(
+        t=motion.t,
+        residual=residual,
+        fast=fast,
+        threshold=threshold,
+        state=state,
+        fault=fault,
+        stop=state == STATES.index("alarm"),
+        late=nothing,
+        unseen=(unseen != 0) & ~dark,
+        payload_changed=nothing,
+        events=events,
+        notes=(
+            *recording.report.notes,
+            *([doubt] if doubt else []),
+            *notes,
+            *detector.notes,
+            *frozen_notes(motion.t, frozen),
+        ),
+        settings={
+            name: detector.summary(period)[name] for name in ("residual", "period_s", "frozen_s", "arming_delay_s")
+        },
+        watched=tuple(law.watched),
+    )
+
+
+def _frozen(recording: Recording, t: FloatArray, frozen_s: float) -> npt.NDArray[np.bool_]:
+    """Times (N,) at which positions and signals of the recording had stood still for longer than ``frozen_s``.
+
+    As the loop's guard has it of an arm at rest: at least five rows are the same.
+    """
+    signals = [one for one in (recording.q, recording.current, recording.tau, recording.qd) if one is not None]
+    same = np.all([(np.diff(one, axis=0) == 0).all(axis=1) for one in signals], axis=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    found = np.zeros(t.size, dtype=bool)
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        begin, end = recording.t[first] + frozen_s, recording.t[last]
+        if last - first >= _LEAST_REPEATS and end > begin:
+            found |= (t > max(begin, recording.t[first + _LEAST_REPEATS - 1])) & (t <= end)
+    return found
+
+
+def residual_record(
+    recording: Recording,
+    robot: Robot,
+    model: JointTorqueModel | DynamicsFit | None,
+    *,
+    settings: DetectorSettings | None = None,
+    feedback_period_s: float | None = None,
+) -> ResidualRecord:
+    """Residuals of a contact-free recording, to be resampled as a scenario's noise or to tune thresholds by.
+
+    Args:
+        recording: in which nothing is touched.
+        robot: with inertia, unless dynamics are fitted.
+        model: as for :func:`detect`.
+        settings: of the detector whose residual it is.
+        feedback_period_s: keep a row every so often, a whole number of the recording's periods [s]; None: all.
+
+    Returns:
+        Rows with their times; blind rows are left out, and a note counts them.
+
+    Raises:
+        InputError: as :func:`detect`; fewer than 100 rows that are not blind; a feedback period that is no multiple of
+            the recording's.
+    """
+    from bumpstop.identification.segments.torque_samples import STILL
+
+    run = detect(recording, robot, model, np.full(robot.dof, math.inf), settings)
+    seen = np.flatnonzero(~run.blind)
+    if not seen.size:
+        why = ", ".join(f"{name} {rows}" for name, rows in run.blind_rows().items())
+        beyond = " ".join(note for note in run.notes if "beyond its limits" in note)
+        raise InputError("recording", f"the detector is blind in all {run.t.size} rows ({why})", beyond)
+    notes = tuple(note for note in run.notes if not note.startswith("No joint is watched"))
+    still = np.flatnonzero(np.ptp(recording.q, axis=0) < STILL)
+    if still.size:
+        names = ", ".join(robot.joints[j].name for j in still)
+        notes = (
+            *notes,
+            f"{names}: hardly moved in this recording; what motion adds to residuals is not in it.",
+        )
+    if seen.size < run.t.size:
+        notes = (*notes, f"{run.t.size - seen.size} of {run.t.size} rows are left out: the detector was blind.")
+    if feedback_period_s is not None:
+        period = float(np.median(np.diff(run.t)))
+        stride = max(1, round(feedback_period_s / period))
+        if abs(stride * period - feedback_period_s) > _TOLERANCE * feedback_period_s:
+            raise InputError(
+                "feedback_period_s",
+                f"{feedback_period_s:g} is no multiple of the rows' period, {period:.6g} s",
+                f"for example {stride * period:.6g}",
+            )
+        seen = seen[::stride]
+    return ResidualRecord.from_rows(np.ascontiguousarray(run.residual[seen]), notes, run.t[seen])
+
+
+def _with_some_inertia(robot: Robot) -> Robot:
+    """The robot itself, or with massless links where some inertia is not known: only its geometry is used."""
+    from bumpstop.model import LinkInertia
+
+    if all(joint.inertia is not None for joint in robot.joints):
+        return robot
+    nothing = LinkInertia(mass=0.0, center=(0.0, 0.0, 0.0), tensor=((0.0,) * 3,) * 3)
+    joints = tuple(replace(joint, inertia=joint.inertia or nothing) for joint in robot.joints)
+    return replace(robot, joints=joints)

@@ -1,0 +1,1 @@
+"""Scores: events against labels, and against measured contact forces."""

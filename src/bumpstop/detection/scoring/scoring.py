@@ -1,0 +1,359 @@
+"""How well events agree with labels: what was detected and how late, what was missed, what was false."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.detection.scoring.contact_forces import ContactForces
+from bumpstop.detection.scoring.labels import Label, checked_labels, time_text
+from bumpstop.detection.thresholds import Thresholds
+from bumpstop.detection.tuning.residual_file import ResidualSeries
+from bumpstop.errors import InputError
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far an event may lie outside a label and still belong to it.
+
+    Attributes:
+        early_s: before its start, as labels are set by hand [s].
+        late_s: after its end, as filters are late [s].
+    """
+
+    early_s: float = 0.05
+    late_s: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name in ("early_s", "late_s"):
+            if not as_number(getattr(self, name), name) >= 0:
+                raise InputError(name, f"is {getattr(self, name)}", "wanted zero or more")
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Events against labels.
+
+    Attributes:
+        labels: contacts inside the time watched, in order.
+        delay_s: (labels,) from a label's start to its first event [s], negative for an event before it; NaN: missed.
+        blind: (labels,) whether the detector was blind during the whole of the label; such a label is missed.
+        false_alarms: times of events that belong to no label [s].
+        repeated: events after the first of a label; they count as nothing.
+        hours: watched without contact: the time in which an event would be false [h].
+        blind_s: time in which the detector was blind [s].
+        outside: labels that lie outside the time watched and are left out.
+        forces: of a sensor at the labels; None: there was none.
+    """
+
+    labels: tuple[Label, ...]
+    delay_s: FloatArray
+    blind: npt.NDArray[np.bool_]
+    false_alarms: FloatArray
+    repeated: int
+    hours: float
+    blind_s: float
+    outside: int
+    forces: ContactForces | None = None
+
+    @property
+    def detected(self) -> int:
+        """Labels with an event."""
+        return int(np.isfinite(self.delay_s).sum())
+
+    @property
+    def missed(self) -> int:
+        """Labels without one."""
+        return len(self.labels) - self.detected
+
+    @property
+    def false_alarms_per_hour(self) -> float:
+        """Infinite without any time in which there could be one; NaN where there was none either."""
+        if self.hours > 0:
+            return self.false_alarms.size / self.hours
+        return math.inf if self.false_alarms.size else math.nan
+
+    def false_alarms_per_hour_interval(self, confidence: float = 0.95) -> Interval:
+        """Exact Poisson interval of the rate."""
+        from scipy.stats import chi2
+
+        n, tail = self.false_alarms.size, (1 - confidence) / 2
+        if not self.hours > 0:
+            return 0.0, math.inf
+        low = float(chi2.ppf(tail, 2 * n)) / 2 if n else 0.0
+        return low / self.hours, float(chi2.ppf(1 - tail, 2 * n + 2)) / 2 / self.hours
+
+    def to_json(self) -> dict[str, Any]:
+        """What ``bumpstop score --json`` prints: no NaN, no infinity."""
+        delays = np.sort(self.delay_s[np.isfinite(self.delay_s)])
+        delay: dict[str, float | None] = dict.fromkeys(("mean", "p50", "p95", "max"))
+        if delays.size:
+            # The quantile that is one of the delays: the smallest that so many do not exceed.
+            p50, p95 = (float(delays[math.ceil(p * delays.size) - 1]) for p in (0.5, 0.95))
+            delay = {"mean": float(delays.mean()), "p50": p50, "p95": p95, "max": float(delays[-1])}
+        kinds: dict[str, dict[str, int]] = {}
+        for label, late in zip(self.labels, self.delay_s, strict=True):
+            count = kinds.setdefault(label.kind or "unnamed", {"detected": 0, "missed": 0})
+            count["detected" if math.isfinite(late) else "missed"] += 1
+        return {
+            "detected": self.detected,
+            "missed": self.missed,
+            "missed_blind": int(self.blind.sum()),
+            "false_alarms": int(self.false_alarms.size),
+            "false_alarm_times_s": self.false_alarms.tolist(),
+            "repeated": self.repeated,
+            "hours": self.hours,
+            "false_alarms_per_hour": _finite(self.false_alarms_per_hour),
+            "false_alarms_per_hour_interval": [_finite(x) for x in self.false_alarms_per_hour_interval()],
+            "blind_s": self.blind_s,
+            "labels_outside": self.outside,
+            "delay_s": delay,
+            "kinds": kinds,
+        } | ({} if self.forces is None else {"forces": self.forces.to_json()})
+
+
+@dataclass(frozen=True, eq=False)
+class Roc:
+    """What a factor on all thresholds does.
+
+    Attributes:
+        factor: (M,) rising.
+        detected: (M,) labels detected.
+        labels: of how many.
+        false_alarms_per_hour: (M,); NaN without any time for one.
+        median_delay_s: (M,) of those detected [s]; NaN: none.
+    """
+
+    factor: FloatArray
+    detected: npt.NDArray[np.int64]
+    labels: int
+    false_alarms_per_hour: FloatArray
+    median_delay_s: FloatArray
+
+    def to_json(self) -> list[dict[str, float | int | None]]:
+        """One object for each factor."""
+        columns = zip(self.factor, self.detected, self.false_alarms_per_hour, self.median_delay_s, strict=True)
+        return [
+            {
+                "factor": float(factor),
+                "detected": int(detected),
+                "missed": self.labels - int(detected),
+                "false_alarms_per_hour": _finite(float(rate)),
+                "median_delay_s": _finite(float(delay)),
+            }
+            for factor, detected, rate, delay in columns
+        ]
+
+
+def score(
+    events: npt.ArrayLike,
+    labels: Sequence[Label],
+    watched: Interval,
+    *,
+    blind: Sequence[Interval] = (),
+    tolerance: Tolerance | None = None,
+) -> Score:
+    """Compare the times of events with labels.
+
+    - An event belongs to a label if it lies between ``early_s`` before its start and ``late_s`` after its end. Where
+      that holds for two labels, it belongs to the one it lies inside, else to the one whose edge is nearer, the earlier
+      one of two as near.
+    - The first event of a label is its detection; more of them count as nothing. Events of no label are false alarms.
+    - A label without an event is missed, also where the detector was blind meanwhile: that is what blindness costs.
+    - Labels not wholly inside the time watched are left out, and so are the events that belong to them.
+    - Hours are the time watched without labels, their tolerance, and blind time.
+
+    Args:
+        events: (K,) times, any order [s].
+        labels: contacts.
+        watched: first and last time of the recording [s].
+        blind: times from and to when the detector was blind, any order; may overlap [s].
+        tolerance: default: 0.05 s early, 0.25 s late.
+
+    Raises:
+        InputError: an event outside the time watched, times that run backwards, labels that overlap.
+    """
+    times = np.sort(as_float_array(events, "events", (None,)))
+    edges = tolerance or Tolerance()
+    begin, end = (as_number(value, "watched") for value in watched)
+    if not 0 < end - begin < math.inf:
+        raise InputError(
+            "watched", f"{time_text(begin)} to {time_text(end)} s is no time", "wanted an end after its start"
+        )
+    if times.size and not begin <= times[0] <= times[-1] <= end:
+        wrong = times[0] if times[0] < begin else times[-1]
+        valid = f"the recording is from {time_text(begin)} to {time_text(end)} s"
+        raise InputError("events", f"one is at {time_text(wrong)} s", valid)
+    dark = _merged(blind, begin, end)
+    ordered = checked_labels(labels)
+    inside = np.array([begin <= label.start_s and label.end_s <= end for label in ordered], dtype=bool)
+    owner = np.array([_owner(time, ordered, edges) for time in times], dtype=np.int64)
+    delay = np.full(len(ordered), math.nan)
+    repeated = 0
+    for time, number in zip(times, owner, strict=True):
+        if number < 0 or not inside[number]:
+            continue
+        if math.isfinite(delay[number]):
+            repeated += 1
+        else:
+            delay[number] = time - ordered[number].start_s
+    covered = [any(a <= label.start_s and label.end_s <= b for a, b in dark) for label in ordered]
+    excluded = [(label.start_s - edges.early_s, label.end_s + edges.late_s) for label in ordered] + dark
+    contact = sum(b - a for a, b in _merged(excluded, begin, end))
+    kept = tuple(label for label, keep in zip(ordered, inside, strict=True) if keep)
+    return Score(
+        kept,
+        delay[inside],
+        np.array(covered, dtype=bool)[inside] & np.isnan(delay[inside]),
+        times[owner < 0],
+        repeated,
+        max(0.0, end - begin - contact) / 3600,
+        sum(b - a for a, b in dark),
+        int((~inside).sum()),
+    )
+
+
+def roc(
+    series: ResidualSeries,
+    thresholds: npt.ArrayLike,
+    labels: Sequence[Label],
+    factors: npt.ArrayLike,
+    *,
+    rearm_s: float = 0.5,
+    tolerance: Tolerance | None = None,
+    watched: Interval | None = None,
+    blind: Sequence[Interval] | None = None,
+) -> Roc:
+    """Score the residuals of a recording at thresholds times each of several factors.
+
+    Events are those of :func:`event_times`.
+
+    Args:
+        series: residuals.
+        thresholds: (dof,) [Nm or N]; infinite: not watched.
+        labels: contacts.
+        factors: (M,) positive.
+        rearm_s: quiet time after which there may be another event [s].
+        tolerance: as of :func:`score`.
+        watched: first and last time of the recording, where not all its rows are residuals; default: theirs [s].
+        blind: times from and to when there are no residuals; default: the gaps between them [s].
+
+    Raises:
+        InputError: no factor, one that is not positive, or thresholds of another number of joints.
+    """
+    scaled = scaled_residual(series, thresholds)
+    steps = np.sort(as_float_array(factors, "factors", (None,)))
+    if not steps.size or not steps[0] > 0:
+        raise InputError("factors", f"{steps[:1].tolist()}", "wanted at least one, all more than 0")
+    scores = [
+        score(
+            event_times(series, scaled, float(factor), rearm_s),
+            labels,
+            watched or (float(series.t[0]), float(series.t[-1])),
+            blind=gaps(series) if blind is None else blind,
+            tolerance=tolerance,
+        )
+        for factor in steps
+    ]
+    delays = [one.delay_s[np.isfinite(one.delay_s)] for one in scores]
+    return Roc(
+        steps,
+        np.array([one.detected for one in scores], dtype=np.int64),
+        len(scores[0].labels),
+        np.array([one.false_alarms_per_hour for one in scores]),
+        np.array([float(np.median(late)) if late.size else math.nan for late in delays]),
+    )
+
+
+def scaled_residual(series: ResidualSeries, thresholds: npt.ArrayLike) -> FloatArray:
+    """(N,) largest residual of any joint in units of its threshold: an alarm where it is over 1.
+
+    Args:
+        series: residuals.
+        thresholds: (dof,) [Nm or N]; infinite: not watched.
+    """
+    theta = Thresholds.of(thresholds, series.dof).constant
+    largest: FloatArray = np.abs(series.rows / theta).max(axis=1)
+    return largest
+
+
+def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm_s: float) -> FloatArray:
+    """Times of events: the first row over ``factor`` after ``rearm_s`` without one, as a detector's run has them.
+
+    An event that has not ended at a gap goes on behind it, and quiet counts anew there.
+
+    Args:
+        series: residuals.
+        scaled: (N,) of :func:`scaled_residual`.
+        factor: on all thresholds.
+        rearm_s: quiet time after which there may be another event [s].
+
+    Returns:
+        (events,) [s].
+
+    Raises:
+        InputError: a quiet time below zero, or none that is finite.
+    """
+    if as_number(rearm_s, "rearm_s") < 0:
+        raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")
+    found, lasting = [], False
+    for part in series.stretches():
+        t = series.t[part]
+        loud = np.flatnonzero(scaled[part] > factor)
+        if lasting:
+            loud = np.concatenate([[-1], loud])
+        if not loud.size:
+            continue
+        # The last row before the next loud one ends the event, if it is not that loud row itself, and late enough.
+        quiet = np.append(loud[1:], t.size) - 1
+        ended = (quiet > loud) & (t[quiet] - t[np.maximum(loud, 0)] >= rearm_s)
+        begins = np.concatenate([[not lasting], ended[:-1]])
+        found.append(t[loud[begins]])
+        lasting = not ended[-1]
+    return np.concatenate(found) if found else np.empty(0)
+
+
+def gaps(series: ResidualSeries) -> list[Interval]:
+    """Times without rows [s]."""
+    parts = itertools.pairwise(series.stretches())
+    return [(float(series.t[a.stop - 1]), float(series.t[b.start])) for a, b in parts]
+
+
+def _owner(time: float, labels: Sequence[Label], edges: Tolerance) -> int:
+    best, nearest = -1, math.inf
+    for number, label in enumerate(labels):
+        if not label.start_s - edges.early_s <= time <= label.end_s + edges.late_s:
+            continue
+        distance = max(label.start_s - time, time - label.end_s, 0.0)
+        if distance < nearest:
+            best, nearest = number, distance
+    return best
+
+
+def _merged(intervals: Sequence[Interval], begin: float, end: float) -> list[Interval]:
+    """Parts of begin..end that any interval covers, without overlap."""
+    merged: list[Interval] = []
+    for a, b in sorted(intervals):
+        if not a <= b:
+            raise InputError("blind", f"from {time_text(a)} to {time_text(b)} s", "wanted an end after its start")
+        low, high = max(a, begin), min(b, end)
+        if low >= high:
+            continue
+        if merged and low <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(high, merged[-1][1]))
+        else:
+            merged.append((low, high))
+    return merged
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

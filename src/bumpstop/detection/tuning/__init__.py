@@ -1,0 +1,1 @@
+"""Tuning: thresholds from the residuals of contact-free motion."""

@@ -1,0 +1,127 @@
+"""Single moments of recordings that decide a threshold: abrupt starts, ends, or one event."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.detection.scoring.labels import time_text
+from bumpstop.detection.tuning.proportions import Stretch
+from bumpstop.errors import InputError
+
+_LONG_S = (1.0, 3.0)  # starts and ends of runs, and to either side of a moment [s]
+_RULES = 1.25  # a threshold that is so many times what it would be without a moment is ruled by it
+_NEAR_S = 5.0  # from a run's first or last row: cutting that much off costs little
+_FEWEST_ROWS = 10  # of what is left of a stretch
+
+Rows = list[npt.NDArray[np.bool_]]
+
+
+def ruling_moments(
+    stretches: Sequence[Stretch],
+    names: Sequence[str],
+    joints: Sequence[int],
+    thresholds: FloatArray,
+    without: Callable[[list[Stretch]], FloatArray],
+) -> list[str]:
+    """Notes of moments without which a threshold would be lower by a fifth or more.
+
+    Tried are the first and the last second of all runs, where there are several, and the largest residual of every
+    joint with a second to either side; then three seconds instead of one.
+
+    Args:
+        stretches: that the thresholds were found from.
+        names: of their runs.
+        joints: numbers from 0 of the columns.
+        thresholds: (dof,) constant ones, of these columns [Nm or N].
+        without: thresholds (dof,) of the stretches that are left.
+    """
+    notes: list[str] = []
+    told: Rows = [np.zeros(len(part.t), dtype=bool) for part in stretches]
+    for words, seconds, rows in _candidates(stretches, len(joints)):
+        if any((of & before).any() for of, before in zip(rows, told, strict=True)):
+            continue  # a start, an end or another joint's moment has told of it
+        found = _ruled(stretches, rows, thresholds, without)
+        if found is None:
+            continue
+        j, lower = found
+        told = [one | of for one, of in zip(told, rows, strict=True)]
+        k, row = _largest(stretches, rows, j)
+        part = stretches[k]
+        run = [one for one in stretches if one.run == part.run]
+        after, before = float(part.t[row] - run[0].t[0]), float(run[-1].t[-1] - part.t[row])
+        near = f"{after:.3g} s after its first row" if after <= before else f"{before:.3g} s before its last row"
+        notes.append(
+            f"{words} the thresholds: joint {joints[j] + 1} has {abs(float(part.residual[row, j])):.3g} at "
+            f"{time_text(float(part.t[row]))} s of {names[part.run]}, {near}; without it the threshold would be "
+            f"{lower:.3g} instead of {thresholds[j]:.3g}. If alarms should not be judged by it, "
+            f"{_remedy(after, before, seconds)}."
+        )
+    return notes
+
+
+def _remedy(after: float, before: float, seconds: float) -> str:
+    near = min(after, before)
+    if near > _NEAR_S:
+        return "tune on what lies before and after it (--from, --until)"
+    option = "--trim-start" if after <= before else "--trim-end"
+    return f"leave it out with {option} {max(seconds, math.ceil(near + seconds / 2)):g}"
+
+
+def _ruled(
+    stretches: Sequence[Stretch], rows: Rows, thresholds: FloatArray, without: Callable[[list[Stretch]], FloatArray]
+) -> tuple[int, float] | None:
+    """The joint whose threshold some rows rule most, and what it would be without them; None: they rule none."""
+    sizes = [np.abs(part.residual) for part in stretches]
+    inside = np.max([size[of].max(axis=0, initial=0.0) for size, of in zip(sizes, rows, strict=True)], axis=0)
+    outside = np.max([size[~of].max(axis=0, initial=0.0) for size, of in zip(sizes, rows, strict=True)], axis=0)
+    if not (inside > _RULES * outside).any():
+        return None
+    try:
+        lower = without(_left(stretches, rows))
+    except InputError:  # too little is left to tell
+        return None
+    j = int(np.argmax(thresholds / lower))
+    return (j, float(lower[j])) if thresholds[j] > _RULES * lower[j] else None
+
+
+def _candidates(stretches: Sequence[Stretch], dof: int) -> Iterator[tuple[str, float, Rows]]:
+    """What may rule, how long it lasts to a side, and its rows."""
+    runs = {part.run for part in stretches}
+    first = {run: min(float(part.t[0]) for part in stretches if part.run == run) for run in runs}
+    last = {run: max(float(part.t[-1]) for part in stretches if part.run == run) for run in runs}
+    everything = [np.ones(len(part.t), dtype=bool) for part in stretches]
+    largest = [_largest(stretches, everything, j) for j in range(dof)]
+    for long in _LONG_S:
+        if len(runs) > 1:
+            # One of several starts does not rule alone: the others would still be there.
+            yield "The starts of recordings rule", long, [part.t <= first[part.run] + long for part in stretches]
+            yield "The ends of recordings rule", long, [part.t >= last[part.run] - long for part in stretches]
+        for k, row in largest:
+            run, time = stretches[k].run, stretches[k].t[row]
+            rows = [(part.run == run) & (np.abs(part.t - time) <= long) for part in stretches]
+            yield "One moment rules", long, rows
+
+
+def _largest(stretches: Sequence[Stretch], rows: Rows, joint: int) -> tuple[int, int]:
+    """Stretch and row of a joint's largest residual among some rows."""
+    sizes = [np.where(of, np.abs(part.residual[:, joint]), -1.0) for part, of in zip(stretches, rows, strict=True)]
+    k = int(np.argmax([size.max() for size in sizes]))
+    return k, int(np.argmax(sizes[k]))
+
+
+def _left(stretches: Sequence[Stretch], rows: Rows) -> list[Stretch]:
+    """The other rows, parted where some were left away; runs are counted anew."""
+    found = []
+    for part, of in zip(stretches, rows, strict=True):
+        kept = np.flatnonzero(~of)
+        for numbers in np.split(kept, np.flatnonzero(np.diff(kept) > 1) + 1):
+            if numbers.size >= _FEWEST_ROWS:
+                found.append(part.only(numbers))
+    runs = sorted({part.run for part in found})
+    return [replace(part, run=runs.index(part.run)) for part in found]

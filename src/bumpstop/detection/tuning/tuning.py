@@ -1,0 +1,379 @@
+"""Thresholds for a wanted number of false alarms an hour, from residuals of contact-free motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray, as_number
+from bumpstop.detection.band_pass_channel import fast_channel
+from bumpstop.detection.thresholds import Thresholds
+from bumpstop.detection.tuning.extreme_values import FEWEST_ROWS, PeaksOverThreshold
+from bumpstop.detection.tuning.joint_scales import block_rows, too_few
+from bumpstop.detection.tuning.moments import ruling_moments
+from bumpstop.detection.tuning.proportions import Proportions, Stretch, largest_unseen, proportions
+from bumpstop.detection.tuning.residual_file import ResidualSeries
+from bumpstop.detection.tuning.run_spread import RunSpread
+from bumpstop.errors import InputError, near_matches
+
+FARTHEST = 100
+"""Rates below one in so many times the recorded hours are flagged as extrapolated."""
+Term = Literal["fast", "speed", "acceleration"]
+"""What may be tuned beside constant thresholds."""
+# What is asked for where no rate is given: so many an hour, or one alarm in so many times the recordings' length.
+_DEFAULT_PER_HOUR, _DEFAULT_REACH = 1.0, 10.0
+_BIASED = 0.3  # of a threshold
+_KEYS = {"fast": "fast_Nm", "per speed": "per_speed_Nm_s", "per acceleration": "per_acceleration_Nm_s2"}
+_APART = 0.1  # spread of runs from which it is told
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """Thresholds, the rate of false alarms they stand for, and how well both are known.
+
+    Attributes:
+        shares: (dof,) constant thresholds at factor 1 [Nm or N]; infinite: that joint is not watched.
+        growth: (2, dof) what a joint's speed and acceleration add to them at factor 1 [Nm s/rad, Nm s2/rad].
+        fast_shares: (dof,) thresholds of the fast channel at factor 1 [Nm or N]; infinite: not tuned.
+        tail: of the largest residual of any joint in units of its threshold at factor 1.
+        spread: of a new run's residuals against these runs'.
+        target: wanted false alarms an hour.
+        confidence: of the intervals.
+        period_s: between rows [s].
+        terms: what was tuned beside constant thresholds.
+        notes: what a person should know.
+    """
+
+    shares: FloatArray
+    growth: FloatArray
+    fast_shares: FloatArray
+    tail: PeaksOverThreshold
+    spread: RunSpread
+    target: float
+    confidence: float
+    period_s: float
+    terms: tuple[Term, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def thresholds(self, per_hour: float | None = None) -> FloatArray:
+        """Constant thresholds (dof,) for a rate, default the target [Nm or N]; all keep their proportion."""
+        return self.shares * self.tail.level_of(self._checked(per_hour))
+
+    def law(self, per_hour: float | None = None) -> Thresholds:
+        """All thresholds for a rate, default the target, with what they were found at."""
+        factor = self.tail.level_of(self._checked(per_hour))
+        return Thresholds(
+            factor * self.shares,
+            speed=factor * self.growth[0],
+            acceleration=factor * self.growth[1],
+            fast=factor * self.fast_shares,
+            period_s=float(f"{self.period_s:.12g}"),
+        )
+
+    def thresholds_interval(self, per_hour: float | None = None) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper ends (dof,) of the constant thresholds that give the rate in a new run [Nm or N]."""
+        rate = self._checked(per_hour)
+        level = self.tail.level_of(rate)
+        low, high = self.tail.level_interval(rate, self.confidence)
+        run = self.spread.half_width(self.confidence)
+        below, above = math.hypot(math.log(level / low), run), math.hypot(math.log(high / level), run)
+        return self.shares * level * math.exp(-below), self.shares * level * math.exp(above)
+
+    def per_hour_interval(self, per_hour: float | None = None) -> tuple[float, float]:
+        """Interval of the rate that ``thresholds(per_hour)`` have in a new run; of a single run, in more of it."""
+        rate = self._checked(per_hour)
+        level = self.tail.level_of(rate)
+        low, high = self.tail.per_hour_interval(level, self.confidence)
+        run = self.spread.half_width(self.confidence)
+        if not run > 0:
+            return low, high
+        least, most = (self.tail.per_hour(level * math.exp(side * run)) for side in (1, -1))
+        below = math.hypot(math.log(rate / low), math.log(rate / least)) if low > 0 and least > 0 else math.inf
+        above = math.hypot(math.log(high / rate), math.log(most / rate))
+        # More often than a cluster is long there is no alarm.
+        return rate * math.exp(-below), min(rate * math.exp(above), 3600 / (self.cluster_rows * self.period_s))
+
+    def extrapolation(self, per_hour: float | None = None) -> float:
+        """Time between two alarms over time recorded: above 1 nothing like it was recorded even once."""
+        return 1 / (self._checked(per_hour) * self.tail.hours)
+
+    def columns(self, per_hour: float | None = None) -> dict[str, FloatArray]:
+        """What was tuned beside constant thresholds, in words: each (dof,) [Nm or N; Nm s/rad; Nm s2/rad]."""
+        law = self.law(per_hour)
+        found = {"fast": law.fast, "per speed": law.speed, "per acceleration": law.acceleration}
+        return {
+            name: values
+            for name, values in found.items()
+            if values is not None and name.removeprefix("per ") in self.terms
+        }
+
+    @property
+    def cluster_rows(self) -> int:
+        """Rows from one alarm to another that count as one."""
+        return self.tail.cluster_rows
+
+    def to_json(self) -> dict[str, Any]:
+        """What ``bumpstop tune --json`` prints: no NaN, no infinity."""
+        low, high = self.thresholds_interval()
+        times = self.extrapolation()
+        return {
+            "thresholds_Nm": _finite(self.thresholds()),
+            **{_KEYS[name]: _finite(values) for name, values in self.columns().items()},
+            "thresholds_interval_Nm": [list(pair) for pair in zip(_finite(low), _finite(high), strict=True)],
+            "per_hour": self.target,
+            "per_hour_interval": list(self.per_hour_interval()),
+            "confidence": self.confidence,
+            "runs": self.spread.runs,
+            "run_spread": self.spread.sd,
+            "extrapolation": times,
+            "extrapolated_too_far": times > FARTHEST,
+            "hours": self.tail.hours,
+            "peaks": int(self.tail.excess.size),
+            "tail_shape": self.tail.shape,
+            "notes": list(self.notes),
+        }
+
+    def _checked(self, per_hour: float | None) -> float:
+        rate = self.target if per_hour is None else as_number(per_hour, "per_hour")
+        if not 0 < rate < self.tail.rate:
+            problem = f"{rate:g} false alarms an hour cannot be tuned for"
+            raise InputError("per_hour", problem, f"wanted more than 0 and less than {self.tail.rate:.4g}")
+        return rate
+
+
+def tune(
+    series: ResidualSeries | Sequence[ResidualSeries],
+    per_hour: float | None = None,
+    *,
+    joints: Sequence[int] | None = None,
+    confidence: float = 0.95,
+    terms: Sequence[Term] = (),
+) -> Tuning:
+    """Choose thresholds that residuals of contact-free motion pass a wanted number of times an hour.
+
+    1. The proportion of the thresholds: each joint's is the level that its own residuals pass as often as those of any
+       other joint, ``per_hour / n`` times an hour, n being the number of watched joints and channels (see
+       ``joint_scales``).
+    2. The largest residual of any joint, each in units of its threshold, is one series. Its tail gives the factor at
+       which any joint alarms ``per_hour`` times an hour, whatever the joints have in common. The units of a part of the
+       rows come from the other parts (see ``largest_unseen``).
+    3. Intervals join what the tail does not tell, by profile likelihood, with how much runs differ (see ``RunSpread``):
+       they are those of a new run. Every series is a run. A single one is cut into parts; then the interval holds for
+       more of that run only.
+
+    Alarms that follow each other closely count as one (see ``PeaksOverThreshold``). Thresholds are symmetric; a mean of
+    the residual counts.
+
+    Args:
+        series: one or several recordings with the same joints and rate.
+        per_hour: wanted false alarms an hour, of all joints together; default: what the recordings can carry, one alarm
+            in ten times their length, but no fewer than one an hour.
+        joints: numbers from 0 of those to watch; default: all whose residual ever changes.
+        confidence: of the intervals, between 0.5 and 0.999.
+        terms: what to tune beside constant thresholds: ``"fast"``, those of the fast channel, with as many alarms as
+            the others; ``"speed"`` and ``"acceleration"``, what the motion of a joint adds.
+
+    Raises:
+        InputError: recordings that do not go together, a joint in ``joints`` without noise, too few independent peaks,
+            a rate that is not between 0 and that of the peaks, or terms of motion that the series do not hold.
+    """
+    parts = [series] if isinstance(series, ResidualSeries) else list(series)
+    dof, period = _common(parts)
+    if not 0.5 <= as_number(confidence, "confidence") <= 0.999:
+        raise InputError("confidence", f"is {confidence}", "wanted 0.5 to 0.999")
+    wanted = _terms(terms, parts)
+    supported = default_per_hour(parts)
+    asked, per_hour = per_hour, supported if per_hour is None else per_hour
+    if not as_number(per_hour, "per_hour") > 0:
+        raise InputError("per_hour", f"is {per_hour}", "wanted more than 0")
+    still = [j for j in range(dof) if not np.ptp(np.concatenate([part.rows[:, j] for part in parts])) > 0]
+    watched = sorted(set([j for j in range(dof) if j not in still] if joints is None else joints))
+    if len(still) == dof:
+        raise InputError("residuals", "of no joint ever change", "wanted those of contact-free motion")
+    if not watched or not 0 <= watched[0] <= watched[-1] < dof:
+        raise InputError("joints", f"{[j + 1 for j in watched]} are not all joints", f"wanted some of 1 to {dof}")
+    for j in still:
+        if j in watched:
+            raise InputError(f"residual of joint {j + 1}", "never changes", "leave that joint out")
+    rows = [one for number, part in enumerate(parts) for one in _stretches(part, number, watched, wanted)]
+    found, tail, units = _tail(rows, period, per_hour)
+    lengths = [sum(len(one.t) for one in rows if one.run == number) for number in range(len(parts))]
+    tuning = Tuning(
+        _of_all(found.constant, watched, dof, math.inf),
+        np.stack([_of_all(found.speed, watched, dof, 0.0), _of_all(found.acceleration, watched, dof, 0.0)]),
+        _of_all(found.fast, watched, dof, math.inf),
+        tail,
+        replace(RunSpread.of(tail, lengths), units=units),
+        float(per_hour),
+        confidence,
+        period,
+        wanted,
+    )
+    thresholds = tuning.thresholds()
+    notes = _notes(tuning, thresholds, rows, watched, parts)
+    notes += [f"The residual of joint {j + 1} never changes." for j in still]
+
+    def without(left: list[Stretch]) -> FloatArray:
+        fewer, its_tail, _ = _tail(left, period, per_hour)
+        return fewer.constant * its_tail.level_of(per_hour)
+
+    notes += ruling_moments(rows, [part.source for part in parts], watched, thresholds[watched], without)
+    if asked is None and supported > _DEFAULT_PER_HOUR:
+        notes.append(
+            f"No rate was given: {tail.hours:.3g} h carry one alarm in {_DEFAULT_REACH:g} times that, {supported:.3g}"
+            " an hour. For fewer, record for longer or give the rate."
+        )
+    return replace(tuning, notes=tuple(notes))
+
+
+def _tail(rows: Sequence[Stretch], period: float, per_hour: float) -> tuple[Proportions, PeaksOverThreshold, float]:
+    """The proportion of thresholds, the tail of the largest residual in units of them, and how sure these units are.
+
+    Where the rows are too few for tails, a part of them does not know what joints do in the others, and units of other
+    rows would raise all thresholds far. They are those of all rows then, and the interval carries the difference.
+
+    Returns:
+        Proportions, tail, and the logarithm of how much larger residuals are in units of other rows; 0: they are.
+
+    Raises:
+        InputError: too few rows or peaks.
+    """
+    count = sum(len(one.t) for one in rows)
+    if count < FEWEST_ROWS:
+        raise InputError("residuals", f"{count} rows", f"wanted at least {FEWEST_ROWS}")
+    residual = [np.abs(one.residual) for one in rows]
+    size = block_rows(residual)
+    few = too_few(residual, size, period)
+    passed = None if few else per_hour / residual[0].shape[1] * count * period / 3600
+    whole = proportions(rows, passed, size)
+    unseen = PeaksOverThreshold.fit(largest_unseen(rows, whole, passed, size), period)
+    if not few:
+        return whole, unseen, 0.0
+    tail = PeaksOverThreshold.fit([whole.largest(one) for one in rows], period)
+    if not per_hour < min(tail.rate, unseen.rate):  # refused where the rate is asked for
+        return whole, tail, 0.0
+    return whole, tail, abs(math.log(unseen.level_of(per_hour) / tail.level_of(per_hour)))
+
+
+def _stretches(part: ResidualSeries, run: int, watched: Sequence[int], terms: Sequence[Term]) -> list[Stretch]:
+    """Rows of a recording between its gaps, with what the terms need."""
+    fast = fast_channel(part) if "fast" in terms else None
+    columns = list(watched)
+
+    def of(values: FloatArray | None, rows: slice, wanted: bool) -> FloatArray | None:
+        return np.abs(values[rows][:, columns]) if wanted and values is not None else None
+
+    return [
+        Stretch(
+            run,
+            part.t[rows],
+            part.rows[rows][:, columns],
+            of(fast, rows, "fast" in terms),
+            of(part.qd, rows, "speed" in terms),
+            of(part.qdd, rows, "acceleration" in terms),
+        )
+        for rows in part.stretches()
+    ]
+
+
+def _terms(given: Sequence[Term], parts: Sequence[ResidualSeries]) -> tuple[Term, ...]:
+    known = get_args(Term)
+    for term in given:
+        if term not in known:
+            raise InputError("terms", f"{str(term)[:40]!r} is none", near_matches(str(term), known))
+    for term, field in (("speed", "qd"), ("acceleration", "qdd")):
+        for part in parts:
+            if term in given and getattr(part, field) is None:
+                raise InputError("terms", f"{part.source} does not hold the {term} of the joints", "give recordings")
+    return tuple(term for term in known if term in given)
+
+
+def _of_all(values: FloatArray, watched: Sequence[int], dof: int, otherwise: float) -> FloatArray:
+    found = np.full(dof, otherwise)
+    found[list(watched)] = values
+    return found
+
+
+def default_per_hour(parts: Sequence[ResidualSeries]) -> float:
+    """False alarms an hour that are wanted if none are told: one in ten times the recordings, at least one an hour."""
+    hours = sum(len(part.rows) * part.period for part in parts) / 3600
+    return max(_DEFAULT_PER_HOUR, 1 / (_DEFAULT_REACH * hours)) if hours > 0 else _DEFAULT_PER_HOUR
+
+
+def _common(parts: Sequence[ResidualSeries]) -> tuple[int, float]:
+    if not parts:
+        raise InputError("residuals", "there are none", "wanted at least one recording")
+    first = parts[0]
+    for part in parts[1:]:
+        if part.dof != first.dof:
+            raise InputError(part.source, f"has {part.dof} joints", f"{first.source} has {first.dof}")
+        if abs(part.period - first.period) > 0.01 * first.period:
+            raise InputError(
+                part.source, f"has a row every {part.period:.6g} s", f"{first.source} every {first.period:.6g} s"
+            )
+    for one, other in combinations(parts, 2):
+        if np.array_equal(one.rows, other.rows):
+            # Each would count as hours of its own, and intervals would be too narrow.
+            raise InputError(
+                "residuals", f"of {one.source} and {other.source} are the same", "give each recording once"
+            )
+    return first.dof, first.period
+
+
+def _notes(
+    tuning: Tuning,
+    thresholds: FloatArray,
+    rows: Sequence[Stretch],
+    watched: Sequence[int],
+    parts: Sequence[ResidualSeries],
+) -> list[str]:
+    tail, spread = tuning.tail, tuning.spread
+    notes = [
+        f"{tail.excess.size} independent peaks in {tail.hours:.4g} h; alarms within "
+        f"{tail.cluster_rows * tuning.period_s:.3g} s of each other count as one."
+    ]
+    if spread.runs == 1:
+        notes.append(
+            "One recording: the interval holds for more of the same run only. Other days, speeds and payloads are not "
+            "in it; give several recordings to have them."
+        )
+    elif spread.sd > _APART:
+        notes.append(
+            f"From recording to recording residuals differ by {100 * spread.sd:.0f} %: the interval is that of a new "
+            "one. A model that fits all of them, or thresholds for each kind of motion, would allow lower ones."
+        )
+    residual = [np.abs(one.residual) for one in rows]
+    if too_few(residual, block_rows(residual), tuning.period_s):
+        notes.append(
+            "Too short to tell how joints' tails differ: thresholds stand to each other as the largest residuals. "
+            "Record for longer."
+        )
+    times = tuning.extrapolation()
+    if times > FARTHEST:
+        notes.append(
+            f"Extrapolated too far: one alarm in {1 / tuning.target:.4g} h is {times:.4g} times what was recorded, "
+            f"more than {FARTHEST} times. Record for at least {1 / tuning.target / FARTHEST:.3g} h."
+        )
+    mean = np.concatenate([one.residual for one in rows]).mean(axis=0)
+    for j, bias in zip(watched, mean, strict=True):
+        if abs(bias) > _BIASED * thresholds[j]:
+            notes.append(
+                f"The residual of joint {j + 1} has a mean of {bias:.3g}, much of its threshold of "
+                f"{thresholds[j]:.3g}: a model that fits better would allow a lower one."
+            )
+    gaps = sum(len(part.stretches()) - 1 for part in parts)
+    if gaps:
+        notes.append(f"{gaps} gaps in time: peaks on either side count as separate, and the gaps not as hours.")
+    unwatched = [str(j + 1) for j in np.flatnonzero(np.isinf(tuning.shares))]
+    if unwatched:
+        notes.append(f"Not watched: joint {', '.join(unwatched)}.")
+    return notes
+
+
+def _finite(values: FloatArray) -> list[float | None]:
+    return [float(value) if math.isfinite(value) else None for value in values]

@@ -1,0 +1,1 @@
+"""Design of experiments: motions that make parameters identifiable, and their files."""

@@ -1,0 +1,1 @@
+"""Drives: from motor current to joint torque, one joint at a time."""

@@ -1,0 +1,163 @@
+"""The verdict on joint models from currents, on their validation, and on payloads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.identification.drive.observability import OPPOSITE_SIGN
+from bumpstop.identification.fit_verdict import FitVerdict, named, reading_faults
+from bumpstop.identification.segments.current_shift import tell_shifts
+from bumpstop.identification.segments.recorded_columns import doubtful_columns
+
+if TYPE_CHECKING:
+    from bumpstop.identification.drive.current_scores import CurrentComparison
+    from bumpstop.identification.drive.joint_fit import JointFit
+    from bumpstop.identification.drive.joint_model_fit import JointModelFit
+    from bumpstop.identification.payload.payload_fit import PayloadFit
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+# Share of a current's or torque's variance that is left unexplained.
+_WORTHLESS, _POOR = 1.0, 0.3
+_ILL_CONDITIONED = 1000.0
+# Rows outside, as a share of all, that are worth a word: single ones are noise of the current.
+_TOLD = 0.05
+# A payload's mass is hardly known where its standard error is above this share of it.
+_HARDLY = 0.3
+
+
+def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> FitVerdict:
+    """Judge a joint torque model by what was seen of each joint and by its errors on held-out rows.
+
+    Args:
+        fit: of ``identify_joint_model``.
+        recordings: that it was fitted to.
+    """
+    faults = reading_faults(recordings)
+    warnings: list[str] = []
+    opposite = [joint.name for joint in fit.joints if joint.unseen.get("B") == OPPOSITE_SIGN]
+    if opposite:
+        faults.append(
+            f"the gain of {named(opposite)} is opposite: the current falls as the torque rises; give its sign in the "
+            "column file ([coupling] sign), or look whether it is the right column"
+        )
+    hidden = [joint.name for joint in fit.joints if not joint.observable and joint.name not in opposite]
+    if len(hidden) + len(opposite) == len(fit.joints):
+        faults.append("no joint shows its gain in this motion")
+    elif hidden:
+        warnings.append(f"the gain of {named(hidden)} cannot be seen in this motion: its torque stays unknown")
+    shares = []
+    for joint in fit.joints:
+        unexplained = _held_out(joint)
+        if unexplained is not None:
+            shares.append(unexplained)
+            if unexplained > _POOR:
+                (faults if unexplained > _WORTHLESS else warnings).append(
+                    f"{100 * unexplained:.3g} % of the current of {joint.name} is unexplained on held-out rows"
+                )
+        if "D" in joint.unseen and "F" in joint.unseen:
+            warnings.append(f"{joint.name} rests: its friction stays unknown")
+        at_zero = [
+            name
+            for name in ("D", "coulomb", "viscous", "inertia")
+            if name not in joint.unseen and _at_zero(joint, name)
+        ]
+        if at_zero:
+            warnings.append(f"{named(at_zero)} of {joint.name} would come out negative and is held at 0")
+        if joint.observable and joint.condition > _ILL_CONDITIONED:
+            warnings.append(f"the motion of {joint.name} hardly tells its parameters apart ({joint.condition:.3g})")
+    if fit.in_dispute:
+        warnings.append(
+            f"the recordings want different gains of {named(fit.in_dispute)}: did the arm carry something undeclared?"
+        )
+    tell_shifts(recordings, fit.robot, "current", faults, warnings)
+    warnings += doubtful_columns(recordings, fit.robot, "current")
+    conditions = [joint.condition for joint in fit.joints if joint.observable]
+    return FitVerdict(
+        faults=tuple(faults),
+        warnings=tuple(warnings),
+        condition=max(conditions, default=None),
+        held_out=float(np.mean(shares)) if shares else None,
+    )
+
+
+def _held_out(joint: JointFit) -> float | None:
+    """Share of the current's variance that the chosen map and friction leave on held-out fifths."""
+    own = joint.parameters
+    chosen = [tried for tried in joint.candidates if (tried.map, tried.friction) == (own.map, own.friction)]
+    spread = float(joint.measured.var())
+    if not chosen or chosen[-1].held_out is None or not spread > 0:
+        return None
+    return chosen[-1].held_out ** 2 / spread
+
+
+def _at_zero(joint: JointFit, name: str) -> bool:
+    found = joint.parameters.parameters.get(name)
+    return found is not None and found.value == 0 and found.standard_error is not None
+
+
+def judge_currents(found: CurrentComparison, recordings: Sequence[Recording] = ()) -> FitVerdict:
+    """Judge a joint torque model on recordings that it was not fitted to.
+
+    Args:
+        found: the model beside them.
+        recordings: the same, for what reading them found; may be left out.
+    """
+    faults = reading_faults(recordings)
+    warnings: list[str] = []
+    scores = [score for score in found.current_scores() if score is not None]
+    if not scores:
+        faults.append("the model knows the gain of no joint")
+    for score in scores:
+        if math.isfinite(score.r2) and 1 - score.r2 > _POOR:
+            text = (
+                f"{100 * (1 - score.r2):.3g} % of the current of {score.name} is not predicted, below "
+                f"{found.filter_hz:g} Hz"
+            )
+            (faults if score.r2 < 0 else warnings).append(text)
+    for shares, words in (
+        (found.outside_current, "lie outside the joint currents of the fit"),
+        (found.outside_speed, "are faster than the fit saw"),
+    ):
+        for joint, share in zip(found.model.joints, [] if shares is None else shares.tolist(), strict=False):
+            if share > _TOLD:
+                warnings.append(f"{joint.name}: {100 * share:.3g} % of the rows {words}")
+    return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
+
+
+def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitVerdict:
+    """Judge a payload by whether its mass was seen and could be one, and by what it explains.
+
+    Args:
+        found: of ``identify_payload``.
+        recording: that it was fitted to.
+        robot: that carried it.
+    """
+    faults = reading_faults([recording])
+    warnings: list[str] = []
+    mass, error = found.values.get("m"), found.standard_errors.get("m")
+    if mass is None:
+        faults.append("the motion does not show the payload's mass")
+    elif error is not None and mass < -2 * error:
+        faults.append(f"the payload's mass comes out as {mass:.3g} kg: are the arm's inertia and the signs right?")
+    elif error is not None and error > _HARDLY * abs(mass):
+        warnings.append(f"the payload's mass is hardly known: {mass:.3g} +- {error:.2g} kg")
+    unseen = [name for name in found.unseen if name != "m"]
+    if unseen:
+        warnings.append(f"the motion does not show {named(unseen)}")
+    if found.center is not None and max(map(abs, found.center)) > 1.0:
+        far = ", ".join(f"{x:.3g}" for x in found.center)
+        warnings.append(f"the centre of mass lies at ({far}) m, farther from the tip than tools reach")
+    if found.joints_left_out:
+        warnings.append(f"{named(found.joints_left_out)} of unknown gain is left out")
+    left = (found.rmse**2).sum() / max(float((found.rmse_without**2).sum()), 1e-300)
+    if mass is not None and error is not None and abs(mass) > 2 * error and left > 1 - 0.05:
+        warnings.append(f"the payload explains {100 * (1 - left):.2g} % of what the arm leaves open")
+    warnings += doubtful_columns([recording], robot, "tau" if recording.tau is not None else "current")
+    return FitVerdict(
+        faults=tuple(faults), warnings=tuple(warnings), condition=found.condition, held_out=found.unexplained
+    )

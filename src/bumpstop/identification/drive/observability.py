@@ -1,0 +1,278 @@
+"""What the motion of a joint can show of its model, where a fit begins, and within what bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.identification.drive.drive_model import CurrentLaw
+from bumpstop.identification.drive.drive_model_selection import linear_columns
+from bumpstop.identification.segments.drive_samples import DriveRows
+from bumpstop.identification.statistics.robust_fit import RobustFit, long_run_errors
+
+if TYPE_CHECKING:
+    from bumpstop.model import Robot
+
+# A gain whose standard error is above this share of it is not seen.
+_SURE = 0.25
+# Moving rows whose speeds, between the 10 % and the 90 % quantile, differ by less than this factor are of one speed.
+_ONE_SPEED = 1.3
+# An exponent is seen when its standard error is below this.
+_SURE_EXPONENT = 0.5
+# An inertia is seen when its standard error is below this share of itself or of the link's inertia about the joint.
+_SURE_INERTIA = 0.5
+# Hysteresis is seen when a joint rests this often, at least so long [s], and rests after motion both ways.
+_RESTS, _REST_S = 4, 0.25
+# A map's bend is seen when its effect at the largest torque is known to this share of that torque.
+_SURE_BEND = 0.1
+# Columns that the others make up to this share of their length say nothing.
+_DEPENDENT = 1e-3
+_TOO_LITTLE = "the torque varies too little against the noise of the current, its gain stays unknown"
+OPPOSITE_SIGN = "current falls as torque rises: is its sign right? The gain stays unknown"
+_NOT_FROM_GAIN = "it cannot be told from the gain"
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What a joint's motion can show, by a linear map with Coulomb and viscous friction.
+
+    Attributes:
+        name: of the joint.
+        gain, acceleration, coulomb, viscous: of the linear fit: current per torque, per acceleration, constant and per
+            rate.
+        blind: the gain cannot be seen.
+        one_speed, never_moves: what it says.
+        hysteresis: whether it can be seen.
+        unseen: parameters that cannot be seen, with reasons.
+        fixed: what is put in their place.
+        speeds: (2,) quartiles of the speeds of moving rows.
+        speed_range: slowest and fastest of them; or None.
+        link_inertia: mean inertia of the arm about the joint [kg m2 or kg].
+        torque: largest absolute torque [Nm or N].
+    """
+
+    name: str
+    gain: float
+    acceleration: float
+    coulomb: float
+    viscous: float
+    blind: bool
+    one_speed: bool
+    never_moves: bool
+    hysteresis: bool
+    unseen: Mapping[str, str]
+    fixed: Mapping[str, float]
+    speeds: tuple[float, float]
+    speed_range: tuple[float, float] | None
+    link_inertia: float
+    torque: float
+    rest_speed: float
+
+    def refused(self, law: CurrentLaw, fit: RobustFit) -> str:
+        """Why the parameters of a law cannot be told apart in this motion; or empty."""
+        values = {**law.fixed, **dict(zip(law.names, fit.values.tolist(), strict=True))}
+        errors = dict(zip(law.names, fit.standard_errors.tolist(), strict=True))
+        for name, share in zip(law.names, fit.visible.tolist(), strict=True):
+            if share < _DEPENDENT and name not in ("inertia", "F"):
+                return f"{name} cannot be told from the others in this motion"
+        if "A" in errors and errors["A"] * (self.torque / values["B"]) > _SURE_BEND * values["B"]:
+            return "A cannot be told from B: the torques are too small or too much alike"
+        if "stribeck_speed" in errors and not errors["stribeck_speed"] < values["stribeck_speed"]:
+            return "the speed of the Stribeck effect cannot be seen"
+        return ""
+
+    def unclear(self, law: CurrentLaw, fit: RobustFit) -> dict[str, tuple[float, str]]:
+        """Parameters of a fit that it leaves open: what to put in their place, and why."""
+        values = {**law.fixed, **dict(zip(law.names, fit.values.tolist(), strict=True))}
+        errors = dict(zip(law.names, fit.standard_errors.tolist(), strict=True))
+        found: dict[str, tuple[float, str]] = {}
+        if "F" in errors and not errors["F"] < _SURE_EXPONENT:
+            found["F"] = (0.0, "friction hardly changes with speed in this motion, F is fixed at 0 (friction D)")
+        if "inertia" in errors:
+            sure = _SURE_INERTIA * max(values["inertia"], self.link_inertia)
+            if not errors["inertia"] < sure:
+                found["inertia"] = (0.0, "the joint hardly accelerates, its inertia stays unknown and counts as 0")
+        share = dict(zip(law.names, fit.visible.tolist(), strict=True)).get("A", 1.0)
+        if "A" in errors and not (share >= _DEPENDENT and errors["A"] * self.torque < _SURE_BEND * values["B"] ** 2):
+            found["A"] = (0.0, "the torques are too small or too much alike to show the map's bend, A is fixed at 0")
+        return found
+
+    def without_gain(self, law: CurrentLaw, fit: RobustFit) -> Sight | None:
+        """What is seen where the whole fit leaves the gain open, as a linear one did not; None: it does not either."""
+        errors = dict(zip(law.names, fit.standard_errors.tolist(), strict=True))
+        gain = dict(zip(law.names, fit.values.tolist(), strict=True)).get("B")
+        if self.blind or gain is None or errors["B"] < _SURE * gain:
+            return None
+        reasons = {"B": _TOO_LITTLE, "inertia": _NOT_FROM_GAIN}
+        return replace(self, blind=True, unseen={**self.unseen, **reasons})
+
+
+# A torque that varies by less than this share of its size, while the joint rests, says nothing of the gain.
+_SAME = 0.02
+_HELD_STILL = "the joint rests and its torque stays the same, friction may carry any part of it: its gain stays unknown"
+
+
+def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[str, float]) -> Sight:
+    """Find out what the motion of joint ``j`` can show."""
+    from bumpstop.model import mass_matrix
+
+    name = arm.joints[j].name
+    raw = linear_columns(rows, j, rest_speed)
+    speed = np.abs(raw[:, 3])
+    moving = np.sort(speed[speed > 2 * rest_speed])
+    never = moving.size < 0.01 * speed.size
+    quantile = np.quantile(moving, [0.1, 0.25, 0.75, 0.9]) if moving.size else np.full(4, rest_speed)
+    one_speed = bool(quantile[3] < _ONE_SPEED * quantile[0])
+    unseen: dict[str, str] = {}
+    fixed: dict[str, float] = {}
+    if never:
+        unseen["D"] = "the joint does not move, D and F are fixed at 0"
+        unseen["F"] = unseen["D"]
+        fixed |= {"D": 0.0, "F": 0.0}
+    elif one_speed:
+        unseen["F"] = (
+            f"all speeds lie about {np.median(moving):.3g} rad/s, F is fixed at 0: D is the friction at that speed"
+        )
+        fixed["F"] = 0.0
+    hysteresis = _rests(rows, raw[:, 4])
+    if not hysteresis and "hysteresis" not in known:
+        unseen["hysteresis"] = f"the joint does not rest {_RESTS} times after motion both ways"
+    values, errors = _linear_fit(rows, j, raw, hysteresis, known)
+    gain = float(values[0])
+    # Friction at rest may carry any part of a torque that never changes, or changes by the noise of the encoders alone.
+    held = never and "B" not in known
+    if held and float(raw[:, 0].std()) >= _SAME * float(np.abs(raw[:, 0]).max()):
+        beside, unsure = _linear_fit(rows, j, raw, hysteresis, known, constant=True)
+        held = not unsure[0] < _SURE * abs(float(beside[0]))
+    blind = "B" not in known and (held or not (gain > 0 and errors[0] < _SURE * gain))
+    if blind:
+        unseen["B"] = _HELD_STILL if held else _why_blind(gain, float(errors[0]), raw)
+        unseen["inertia"] = _NOT_FROM_GAIN
+    near = rows.q[:: max(1, rows.t.size // 50)]
+    return Sight(
+        name=name,
+        gain=gain if gain > 0 else 1 / known.get("B", 1.0),
+        acceleration=float(values[1]),
+        coulomb=max(float(values[2]), 0.0),
+        viscous=max(float(values[3]), 0.0),
+        blind=blind,
+        one_speed=one_speed,
+        never_moves=never,
+        hysteresis=hysteresis,
+        unseen={key: reason for key, reason in unseen.items() if key not in known},
+        fixed=fixed,
+        speeds=(float(quantile[1]), float(quantile[2])),
+        speed_range=(float(moving[0]), float(moving[-1])) if moving.size > 1 and moving[0] < moving[-1] else None,
+        link_inertia=float(mass_matrix(arm, near)[:, j, j].mean()),
+        torque=float(np.abs(raw[:, 0]).max()),
+        rest_speed=rest_speed,
+    )
+
+
+def starting_values(sight: Sight, fixed: Mapping[str, float]) -> dict[str, float]:
+    """Where fits begin, by name."""
+    slow, fast = sight.speeds
+    fast = max(fast, 1.05 * slow)
+    lower, upper = (max(sight.coulomb + sight.viscous * speed, 1e-6) for speed in (slow, fast))
+    exponent = float(np.clip(np.log(upper / lower) / np.log(fast / slow), 0.02, 2.0))
+    exponent = fixed.get("F", exponent)
+    B = fixed.get("B", 1 / sight.gain)
+    return {
+        "torque": sight.gain,
+        "acceleration": sight.acceleration,
+        "A": 0.0,
+        "B": B,
+        "inertia": max(sight.acceleration * B, 0.0),
+        "D": float(0.5 * (lower / slow**exponent + upper / fast**exponent)),
+        "F": exponent,
+        "coulomb": sight.coulomb,
+        "viscous": sight.viscous,
+        "stribeck": 0.2 * sight.coulomb,
+        "stribeck_speed": max(0.5 * slow, 2 * sight.rest_speed),
+        "load": 0.02,
+        "hysteresis": 0.0,
+    }
+
+
+def bounds(names: Sequence[str], sight: Sight) -> tuple[FloatArray, FloatArray]:
+    """Least and largest values of parameters."""
+    B = 1 / sight.gain
+    own = {
+        "B": (1e-2 * B, 1e2 * B),
+        "D": (0.0, np.inf),
+        "F": (0.0, 3.0),
+        "coulomb": (0.0, np.inf),
+        "viscous": (0.0, np.inf),
+        "stribeck": (0.0, np.inf),
+        "stribeck_speed": (0.5 * sight.rest_speed, 10 * max(sight.speeds[1], sight.rest_speed)),
+        "load": (0.0, 0.9),
+        "inertia": (0.0, np.inf),
+    }
+    pairs = [own.get(name, (-np.inf, np.inf)) for name in names]
+    return np.array([low for low, _ in pairs]), np.array([high for _, high in pairs])
+
+
+def _rests(rows: DriveRows, held: FloatArray) -> bool:
+    """Whether the joint rests often enough, after motion both ways."""
+    after = {1.0: 0, -1.0: 0}
+    for stretch, rate in zip(rows.stretches, rows.rate_hz, strict=True):
+        own = held[stretch]
+        for run in np.split(own, np.flatnonzero(np.diff(own)) + 1):
+            if abs(run[0]) == 1 and run.size >= max(2.0, _REST_S * rate):
+                after[float(run[0])] += 1
+    return min(after.values()) > 0 and sum(after.values()) >= _RESTS
+
+
+def _linear_fit(
+    rows: DriveRows,
+    j: int,
+    raw: FloatArray,
+    hysteresis: bool,
+    known: Mapping[str, float],
+    *,
+    constant: bool = False,
+) -> tuple[FloatArray, FloatArray]:
+    """Values and standard errors of a linear map's columns; an inertia that is known goes with the torque.
+
+    With ``constant`` a current that never changes has a column of its own.
+    """
+    both = rows.filtered(np.column_stack([raw, np.ones(raw.shape[0]), rows.current[:, j]]))
+    columns, current = both[:, :6], both[:, 6]
+    free = [0, 1, 2, 3, *([4] if hysteresis else []), *([5] if constant else [])]
+    if "inertia" in known:
+        columns = columns.copy()
+        columns[:, 0] += known["inertia"] * columns[:, 1]
+        free.remove(1)
+    length = np.linalg.norm(columns, axis=0)
+    free = [c for c in free if length[c] > 1e-9 * np.sqrt(current.size) and length[c] > 0]
+    values, errors = np.zeros(6), np.full(6, np.inf)
+    if free:
+        scaled = columns[:, free] / length[free]
+        found, *_ = np.linalg.lstsq(scaled, current, rcond=1e-8)
+        residual = current - scaled @ found
+        spread = float(np.median(np.abs(residual))) * 1.4826
+        values[free] = found / length[free]
+        errors[free] = long_run_errors(scaled, residual, max(2.5 * spread, 1e-12))[0] / length[free]
+        for place, c in enumerate(free):
+            others = np.delete(scaled, place, axis=1)
+            if others.shape[1]:
+                rest = scaled[:, place] - others @ np.linalg.lstsq(others, scaled[:, place], rcond=1e-8)[0]
+                if np.linalg.norm(rest) < _DEPENDENT:
+                    errors[c] = np.inf
+    return values, errors
+
+
+def _why_blind(gain: float, error: float, raw: FloatArray) -> str:
+    torque, acceleration = raw[:, 0], raw[:, 1]
+    if np.abs(torque).max() < 1e-6:
+        return "nothing that the arm does takes torque of this joint, its gain stays unknown"
+    if gain < -2 * error:
+        return OPPOSITE_SIGN
+    own = np.std(torque) * np.std(acceleration)
+    if own > 0 and abs(float(np.mean((torque - torque.mean()) * (acceleration - acceleration.mean())))) > 0.9 * own:
+        return "its torque is little but its own acceleration, as that of reflected inertia is: the gain stays unknown"
+    return _TOO_LITTLE

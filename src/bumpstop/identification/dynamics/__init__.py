@@ -1,0 +1,1 @@
+"""Dynamics of a whole arm: base parameters, friction, rotor inertia and gains."""

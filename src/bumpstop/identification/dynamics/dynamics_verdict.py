@@ -1,0 +1,212 @@
+"""The verdict on fitted dynamics: what the fit knows of motions that it did not see, and whether a body could be so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.identification.dynamics.regressor_columns import column_names, torque_columns
+from bumpstop.identification.fit_verdict import NOT_USABLE, FitVerdict, named, reading_faults
+from bumpstop.identification.segments.current_shift import tell_shifts
+from bumpstop.identification.segments.motion import EvenMotion
+from bumpstop.identification.segments.recorded_columns import doubtful_columns
+from bumpstop.model import unit_of
+
+if TYPE_CHECKING:
+    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit, JointScore
+    from bumpstop.identification.segments.torque_samples import TorqueRows
+    from bumpstop.recording import Recording
+
+# Standard error of the torque elsewhere inside the ranges of the fit, as a share of the torque that was recorded.
+_UNKNOWN, _UNSURE = 1.0, 0.3
+# Condition numbers that planned excitations stay below by far; beyond the second, which is near where columns count as
+# dependent, noise decides what the parameters are.
+_ILL_CONDITIONED, _UNDECIDED = 500.0, 5000.0
+# Share of the variance left unexplained on held-out rows.
+_WORTHLESS, _POOR = 1.0, 0.3
+# A figure counts as negative when it is so many standard errors below zero.
+_SURELY = 3.0
+# Friction against the motion of this share of a joint's torque is a matter of sign, not of an imperfect model.
+_OPPOSITE = 0.1
+_SOME, _NEARLY_ALL = 0.05, 0.9  # shares of poses
+# Share of a joint's torque left unexplained by which one of the wrong sign shows.
+_MISFIT = 0.1
+_POSES = 400
+_OPPOSITE_SIGN = ": its torque or current may have the opposite sign ([coupling] sign in a column file)"
+
+
+def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerdict:
+    """Judge a fit by what it says about motions inside the ranges it saw, and by its own figures.
+
+    Single-joint sweeps, for example, explain themselves by parameters that mean nothing elsewhere. So torques are
+    predicted for random motions inside the ranges of positions, speeds and accelerations of the fit, with the standard
+    error that the parameters' covariance gives them.
+
+    Args:
+        fit: of ``identify_dynamics`` or ``identify_gains``.
+        recordings: that it was fitted to.
+    """
+    faults = reading_faults(recordings)
+    warnings: list[str] = []
+    names = [joint.name for joint in fit.robot.joints]
+    moving = [name not in fit.still for name in names]
+    if fit.condition is not None and fit.condition > _ILL_CONDITIONED:
+        (faults if fit.condition > _UNDECIDED else warnings).append(
+            f"the motion hardly tells parameters apart (condition number {fit.condition:.3g}, below 100 is good): move "
+            "several joints at once, as bumpstop plan excitation does"
+        )
+    _elsewhere(fit, moving, faults, warnings)
+    _bodies(fit, moving, faults, warnings)
+    _gains(fit, faults, warnings)
+    if fit.unexplained is not None:
+        for name, moves, share in zip(names, moving, fit.unexplained, strict=True):
+            if moves and np.isfinite(share) and share > _POOR:
+                (faults if share > _WORTHLESS else warnings).append(
+                    f"{100 * share:.3g} % of what {name} took is unexplained on held-out rows"
+                )
+    for name in fit.still:
+        warnings.append(f"{name} hardly moves: its friction, its rotor and what only its motion shows are noise")
+    tell_shifts(recordings, fit.robot, "tau" if fit.gains is None else "current", faults, warnings)
+    warnings += doubtful_columns(recordings, fit.robot, "tau" if fit.gains is None else "current")
+    held_out = None
+    if fit.unexplained is not None and np.isfinite(fit.unexplained).any():
+        held_out = float(np.nanmean(np.where(moving, fit.unexplained, np.nan)))
+    return FitVerdict(faults=tuple(faults), warnings=tuple(warnings), condition=fit.condition, held_out=held_out)
+
+
+def judge_predictions(
+    fit: DynamicsFit,
+    rows: TorqueRows,
+    scores: Sequence[JointScore],
+    filter_hz: float,
+    recordings: Sequence[Recording] = (),
+) -> FitVerdict:
+    """Judge a model on recordings that it was not fitted to.
+
+    Args:
+        fit: the model.
+        rows: of the recordings, as the fit filters them.
+        scores: of the joints on these rows.
+        filter_hz: cut-off of the comparison.
+        recordings: the same, for what reading them found; may be left out.
+    """
+    faults = reading_faults(recordings)
+    warnings: list[str] = []
+    if fit.verdict == NOT_USABLE:
+        warnings.append(f"the fit itself was judged: {fit.verdict}")
+    for score in scores:
+        if np.isfinite(score.r2) and 1 - score.r2 > _POOR:
+            text = (
+                f"{100 * (1 - score.r2):.3g} % of the torque of {score.name} is not predicted, below {filter_hz:g} Hz"
+            )
+            (faults if score.r2 < 0 else warnings).append(text)
+    if fit.seen is not None:
+        warnings += fit.seen.outside(rows.motion, [joint.name for joint in fit.robot.joints])
+    else:
+        warnings.append("the model's file does not say what motion it was fitted to: fit it again to know")
+    return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
+
+
+def _motion(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> EvenMotion:
+    return EvenMotion(np.arange(float(len(q))), q, qd, qdd, 1.0)
+
+
+def _columns(fit: DynamicsFit, motion: EvenMotion) -> FloatArray:
+    motion = replace(motion, gravity=fit.gravity)
+    loads = fit.loads(motion)
+    every = torque_columns(fit.robot, motion, fit.sign_speed, fit.couplings, fit.top_speed, loads=loads)
+    return every[:, :, list(fit.columns)]
+
+
+def _spread(columns: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Standard error of torques (...,) with columns (..., p)."""
+    variance = np.einsum("...p,pq,...q->...", columns, covariance, columns, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _elsewhere(fit: DynamicsFit, moving: Sequence[bool], faults: list[str], warnings: list[str]) -> None:
+    if fit.covariance is None or fit.seen is None or fit.usual_torque is None:
+        return
+    error = _spread(_columns(fit, _motion(*fit.seen.random(_POSES))), fit.covariance)
+    share = np.median(error, axis=0) / np.maximum(fit.usual_torque, 1e-12)
+    for bound, kind, words in ((_UNKNOWN, faults, "is not known"), (_UNSURE, warnings, "is hardly known")):
+        which = [
+            j
+            for j, (moves, own) in enumerate(zip(moving, share, strict=True))
+            if moves and own > bound and (bound == _UNKNOWN or own <= _UNKNOWN)
+        ]
+        if which:
+            worst = max(which, key=lambda j: float(share[j]))
+            joint = fit.robot.joints[worst]
+            error_there, usual = float(np.median(error[:, worst])), float(fit.usual_torque[worst])
+            kind.append(
+                f"the torque of {named([fit.robot.joints[j].name for j in which])} {words} beside the recorded "
+                f"motion, in others within the same ranges: at {joint.name} its standard error is {error_there:.3g} "
+                f"{unit_of(joint)}, and {usual:.3g} {unit_of(joint)} were usual; record a motion of several joints at "
+                "once"
+            )
+
+
+def _bodies(fit: DynamicsFit, moving: Sequence[bool], faults: list[str], warnings: list[str]) -> None:
+    """Inertia about a joint, and friction, that nothing in nature has."""
+    if fit.covariance is None or fit.seen is None or fit.usual_torque is None:
+        return
+    values = fit.values if fit.predicting is None else fit.predicting
+    q = fit.seen.random(_POSES)[0]
+    none = np.zeros_like(q)
+    at_rest = _columns(fit, _motion(q, none, none))
+    all_names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
+    own_names = [all_names[c] for c in fit.columns]
+    for j, joint in enumerate(fit.robot.joints):
+        if not moving[j]:
+            continue
+        unit = unit_of(joint)
+        sped_up = none.copy()
+        sped_up[:, j] = 1.0
+        column = (_columns(fit, _motion(q, none, sped_up)) - at_rest)[:, j]
+        inertia, error = column @ values, _spread(column, fit.covariance)
+        negative = (inertia < -_SURELY * error) & (inertia < 0)
+        # All its poses, and a torque that does not fit the other joints': as a torque with the wrong sign does.
+        left = 0.0 if fit.unexplained is None else float(fit.unexplained[j])
+        turned = bool(negative.mean() > _NEARLY_ALL) and left > _MISFIT
+        if negative.mean() > _SOME:
+            (faults if turned else warnings).append(
+                f"inertia about {joint.name} is negative in {100 * negative.mean():.3g} % of poses within the ranges, "
+                f"down to {inertia.min():.3g} {unit_of(joint, turning='kg m2', sliding='kg')}"
+                + (_OPPOSITE_SIGN if turned else "")
+            )
+        speed = 0.5 * float(fit.seen.speed[j])
+        against = none[:1].copy()
+        against[:, j] = speed
+        part = np.array([name.split("_")[0] in ("coulomb", "viscous", "bend", "load") for name in own_names])
+        column = (_columns(fit, _motion(q[:1], against, none[:1])) * part)[0, j]
+        friction, unsure = float(column @ values), float(_spread(column, fit.covariance))
+        if friction < -_SURELY * unsure and friction < 0:
+            # Inertia of the wrong sign, too: everything that is the joint's own is turned round.
+            severe = -friction > _OPPOSITE * float(fit.usual_torque[j]) or bool(negative.mean() > _NEARLY_ALL)
+            rate = unit_of(joint, turning="rad/s", sliding="m/s")
+            (faults if severe else warnings).append(
+                f"friction of {joint.name} is negative, {friction:.3g} {unit} at {speed:.3g} {rate}"
+                + (_OPPOSITE_SIGN if severe else "")
+            )
+
+
+def _gains(fit: DynamicsFit, faults: list[str], warnings: list[str]) -> None:
+    if fit.gains is None or fit.gain_errors is None:
+        return
+    seen = np.isfinite(fit.gain_errors)
+    names = [joint.name for joint in fit.robot.joints]
+    hidden = [name for name, one in zip(names, seen, strict=True) if not one]
+    if hidden:
+        warnings.append(f"the gain of {named(hidden)} cannot be seen: the scale of that torque means nothing")
+    negative = [name for name, gain, one in zip(names, fit.gains, seen, strict=True) if one and gain < 0]
+    if negative:
+        how = "negative" if len(negative) == int(seen.sum()) else "negative, unlike the others"
+        warnings.append(
+            f"the gain of {named(negative)} is {how}: the current falls as the torque rises; give its sign in the "
+            "column file ([coupling] sign)"
+        )

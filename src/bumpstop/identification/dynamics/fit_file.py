@@ -1,0 +1,191 @@
+"""Files of fitted dynamics: TOML, read as strictly as it is written."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit, checked_group
+from bumpstop.identification.dynamics.regressor_columns import column_names
+from bumpstop.identification.segments.motion import GRAVITY
+from bumpstop.identification.segments.seen_motion import SeenMotion
+from bumpstop.model import Robot
+from bumpstop.model.inertia import vector3
+from bumpstop.text_files import is_path, parse_toml, read_text, toml_value, write_text
+
+_KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
+_KEYS |= {"rows_used", "sign_speed", "top_speed", "loaded", "predicted_by_all", "couplings", "parameter", "gain"}
+_KEYS |= {"gravity", "seen", "verdict"}
+_SEEN = ("low", "high", "speed", "acceleration")
+
+
+def save_fit(
+    fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], created_from: list[str], verdict: str = ""
+) -> None:
+    """Write a fit.
+
+    Args:
+        fit: what was found.
+        path: of the file.
+        robot: ``robot`` as a scenario names it, with ``base`` and ``tip`` where a URDF needs them.
+        created_from: the recordings.
+        verdict: on the fit, for whoever reads the file; empty: it was not judged.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    lines = ['kind = "dynamics"', *(f"{key} = {toml_value(value)}" for key, value in robot.items())]
+    lines += [
+        f"created_from = {toml_value(created_from)}",
+        f"cutoff_hz = {toml_value(float(fit.cutoff_hz))}  # of the zero-phase filter of the motion",
+        f"rows_used = {fit.rows_used}",
+        f"sign_speed = {toml_value(fit.sign_speed.tolist())}  # rad/s or m/s, over which Coulomb friction turns",
+        f"couplings = {toml_value([[[j + 1, share] for j, share in group] for group in fit.couplings])}",
+    ]
+    if fit.top_speed is not None:
+        tops = np.where(np.isfinite(fit.top_speed), fit.top_speed, 0.0).tolist()
+        lines.append(f"top_speed = {toml_value(tops)}  # up to which friction bends; 0: it is straight")
+    if fit.loaded:
+        lines.append(f"loaded = {toml_value([j + 1 for j in fit.loaded])}  # joints whose friction grows with the load")
+    if fit.gravity != GRAVITY:
+        lines.append(f"gravity = {toml_value(list(fit.gravity))}  # acceleration of free fall, base frame [m/s2]")
+    if verdict:
+        lines.append(f"verdict = {toml_value(verdict)}")
+    if fit.predicted_by_all:
+        lines.append(f"predicted_by_all = {toml_value([j + 1 for j in fit.predicted_by_all])}  # joints, by all values")
+    if fit.seen is not None:
+        lines += ["", "[seen]  # motion of the fit: rad or m, and per second"]
+        lines += [f"{name} = {toml_value(getattr(fit.seen, name).tolist())}" for name in _SEEN]
+    if fit.gains is not None and fit.gain_errors is not None:
+        for joint, gain, error in zip(fit.robot.joints, fit.gains, fit.gain_errors, strict=True):
+            seen = "" if np.isfinite(error) else "  # not seen: the scale of this joint's torque means nothing"
+            lines += ["", "[[gain]]", f"joint = {toml_value(joint.name)}", f"value = {float(gain)!r}{seen}"]
+            lines += [f"standard_error = {float(error)!r}"]
+    names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
+    for place, (column, name) in enumerate(zip(fit.columns, fit.names, strict=True)):
+        lines += [
+            "",
+            "[[parameter]]",
+            f"column = {toml_value(names[column])}",
+            f"name = {toml_value(name)}",
+            f"value = {float(fit.values[place])!r}",
+            f"standard_error = {float(fit.standard_errors[place])!r}",
+        ]
+        if fit.predicting is not None:
+            lines.append(f"predicting = {float(fit.predicting[place])!r}  # value in predictions; 0: left out")
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def load_fit(path: str | Path) -> DynamicsFit:
+    """Read a fit.
+
+    Raises:
+        InputError: the file is absent, damaged, or not of this kind.
+    """
+    where = str(path)
+    data = parse_toml(read_text(path, "wanted a file that identify wrote"), where)
+    unknown = sorted(set(data) - _KEYS)
+    if data.get("kind") != "dynamics" or unknown:
+        problem = f"has an unknown key {unknown[0]!r}" if unknown else "is no file of fitted dynamics"
+        raise InputError(where, problem, 'wanted kind = "dynamics", as identify writes it')
+    robot = chain_of(data, Path(path).parent)
+    try:
+        couplings = tuple(
+            checked_group([(int(j) - 1, float(share)) for j, share in group], robot.dof) for group in data["couplings"]
+        )
+        sign_speed, cutoff_hz = _finite(data["sign_speed"]), float(data["cutoff_hz"])
+        if sign_speed.size not in (robot.dof, robot.dof + len(couplings)) or not (sign_speed > 0).all():
+            raise ValueError("sign_speed is not one above 0 for each joint, or each joint and shared motor")
+        if not 0 < cutoff_hz < math.inf:
+            raise ValueError("cutoff_hz is no frequency above 0")
+        top_speed = _finite(data["top_speed"]) if "top_speed" in data else None
+        if top_speed is not None:
+            if top_speed.size != robot.dof + len(couplings) or (top_speed < 0).any():
+                raise ValueError("top_speed is not one of 0 or above for each joint and each shared motor")
+            top_speed = np.where(top_speed > 0, top_speed, np.nan)
+        loaded, by_all = (_joints(data.get(key, ()), key, robot.dof) for key in ("loaded", "predicted_by_all"))
+        names = column_names(robot, couplings, top_speed, loaded)
+        gravity = vector3(_finite(data.get("gravity", GRAVITY)))
+        parameters = data["parameter"]
+        gains, gain_errors = _gains(data.get("gain"), robot)
+        predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]
+        if predicting and len(predicting) < len(parameters):
+            raise ValueError("only some parameters have a value in predictions")
+        return DynamicsFit(
+            robot=robot,
+            columns=tuple(names.index(parameter["column"]) for parameter in parameters),
+            names=tuple(str(parameter["name"]) for parameter in parameters),
+            values=_finite([parameter["value"] for parameter in parameters]),
+            standard_errors=_finite([parameter["standard_error"] for parameter in parameters]),
+            sign_speed=sign_speed,
+            couplings=couplings,
+            cutoff_hz=cutoff_hz,
+            held_out={},
+            unseen=(),
+            rows_used=int(data["rows_used"]),
+            top_speed=top_speed,
+            predicting=_finite(predicting) if predicting else None,
+            predicted_by_all=by_all,
+            loaded=loaded,
+            gravity=gravity,
+            gains=gains,
+            gain_errors=gain_errors,
+            seen=_seen(data.get("seen"), robot),
+            verdict=str(data.get("verdict", "")),
+        )
+    except KeyError as error:
+        raise InputError(where, f"has no key {error.args[0]!r}", "wanted a file that identify wrote") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(where, f"cannot be used ({error})", "wanted a file that identify wrote") from None
+
+
+def _joints(numbers: Any, key: str, dof: int) -> tuple[int, ...]:
+    """Joints from 0 out of numbers from 1, each once and in their order."""
+    found = [int(number) for number in numbers]
+    if found != sorted(set(found)) or not all(1 <= number <= dof for number in found):
+        raise ValueError(f"{key} is no list of joints from 1 to {dof}")
+    return tuple(number - 1 for number in found)
+
+
+def _gains(tables: Any, robot: Robot) -> tuple[FloatArray | None, FloatArray | None]:
+    """Gains and their standard errors (n,), which may be infinite; None where there are none."""
+    if tables is None:
+        return None, None
+    if [table["joint"] for table in tables] != [joint.name for joint in robot.joints]:
+        raise ValueError("the gains are not those of the robot's joints")
+    errors = np.array([float(table["standard_error"]) for table in tables])
+    if not (errors >= 0).all():
+        raise ValueError("a standard error of a gain is no number")
+    return _finite([table["value"] for table in tables]), errors
+
+
+def _seen(table: Any, robot: Robot) -> SeenMotion | None:
+    """The ranges of the fit's motion, (n,) each; None: a file that has none."""
+    if table is None:
+        return None
+    ranges = [_finite(table[name]) for name in _SEEN]
+    if any(one.shape != (robot.dof,) for one in ranges) or not (ranges[0] <= ranges[1]).all():
+        raise ValueError("seen is not one range for each joint")
+    return SeenMotion(*ranges)
+
+
+def chain_of(data: dict[str, Any], folder: Path) -> Robot:
+    """The robot that a file of this room names; relative paths start at the file's folder."""
+    name = data.get("robot")
+    if not isinstance(name, str):
+        raise InputError("robot", "is missing", "wanted a built-in name or the path of a URDF")
+    if is_path(name):
+        return Robot.from_urdf(folder / name, data.get("base"), data.get("tip"))
+    return Robot.load(name)
+
+
+def _finite(values: Any) -> Any:
+    array = np.array([float(value) for value in values])
+    if not np.isfinite(array).all():
+        raise ValueError("a figure is not finite")
+    return array

@@ -1,0 +1,1 @@
+"""Payloads: declared, or identified."""

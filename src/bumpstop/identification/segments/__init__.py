@@ -1,0 +1,1 @@
+"""Segments of recordings that a fit uses, and what is wrong with some of them."""

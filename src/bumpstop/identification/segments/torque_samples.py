@@ -1,0 +1,346 @@
+"""Rows that dynamics are fitted to and compared on: filtered motion and torque, stretch by stretch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.identification.payload.payload_fit import payload_torque
+from bumpstop.identification.segments.covariance_blocks import Stretch, blocks_of_stretches
+from bumpstop.identification.segments.drive_samples import stretches_of
+from bumpstop.identification.segments.motion import (
+    GRAVITY,
+    LEAST_ROWS,
+    EvenGrid,
+    EvenMotion,
+    even_motion,
+    lowpass,
+    lowpass_reach,
+    onto,
+)
+from bumpstop.identification.segments.padded_segments import Reach
+from bumpstop.identification.segments.rest import resting, used_rows
+from bumpstop.recording.checks.checks import gaps_of
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from bumpstop.identification.payload.payload import Payload
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+# A stretch is used when it has so many rows and lasts so many periods of the cut-off.
+_LEAST_PERIODS = 5.0
+_LEAST_KEPT = 16  # behind the filter, as torques pass another
+# Beside a gap, and where a recording begins or ends, the filter has one side of the motion only to go by: so many
+# periods of the cut-off are left away, at the ends no more than a share of the stretch.
+_SEAM_PERIODS, _MOST_AT_END = 1.0, 0.05
+# A joint that moves less far stands still [rad or m]: encoders make some of it, and no planned motion is so small.
+STILL = 0.01
+_SAME_TIME = 1e-3  # of a period
+
+
+class RecordedTorque(NamedTuple):
+    """Torque of a stretch and its margins, unfiltered and not thinned out.
+
+    Attributes:
+        torque: (K, n) on the even grid at the recorded rate [Nm or N]; currents [A] where these are rows of currents.
+        rate_hz: rows a second.
+        stride: of how many rows one is kept.
+        kept: of these kept rows those of the stretch itself.
+    """
+
+    torque: FloatArray
+    rate_hz: float
+    stride: int
+    kept: slice
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueRows:
+    """Stretches of recordings one after another. Filters never reach from one into the next.
+
+    Of a long recording blocks stand for the whole, each a stretch of its own. Beside a block lie margins, as far as the
+    filters reach that it is made for: these go through them with it and are cut off behind, so that filtered or not its
+    rows are those of the whole recording.
+
+    Attributes:
+        reach: motion and carried torque of stretches and margins.
+        recorded: torque of each stretch.
+        rows_left: recorded rows in stretches too short to use.
+        rows_beside_gaps: recorded rows of the others that are left away within a period of the cut-off of a gap.
+        rows_at_ends: recorded rows left away where recordings begin and end.
+        rows_whole: rows that the filter leaves of all stretches; more than N where blocks stand for them.
+        rests: (N, n) rows at which each joint rests.
+        currents: these are rows of motor currents.
+    """
+
+    reach: Reach
+    recorded: tuple[RecordedTorque, ...]
+    rows_left: int
+    rows_beside_gaps: int
+    rows_at_ends: int
+    rows_whole: int
+    rests: npt.NDArray[np.bool_]
+    currents: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        recordings: Sequence[Recording],
+        robot: Robot,
+        cutoff_hz: float,
+        payloads: Sequence[Payload | None] = (),
+        *,
+        gains: FloatArray | None = None,
+        currents: bool = False,
+        limit: int | None = None,
+        filters_hz: Sequence[float] = (),
+        rate_hz: float | None = None,
+        trim_s: float | None = None,
+        ends: bool = False,
+        gravity: tuple[float, float, float] = GRAVITY,
+    ) -> TorqueRows:
+        """Filter motions at a cut-off, and put torques beside them.
+
+        No more rows are kept than the filter leaves something to say in. Where that is more than ``limit``, blocks
+        spread evenly over the time are kept. Every recording has one, or more by its length. Beside a gap one period of
+        the cut-off is left away: the filter knows only one side of the motion there. So it is where a recording begins
+        and ends, but no more than a twentieth of it: a fit would take what the filter makes there for the arm's. A
+        comparison keeps these rows.
+
+        Args:
+            recordings: with torques, or with currents where ``gains`` or ``currents`` are given.
+            robot: the chain.
+            cutoff_hz: of the zero-phase filter.
+            payloads: what each recording carried; default: nothing.
+            gains: (n,) torque per current of each motor [Nm/A or N/A], for recordings without torque.
+            currents: take the currents as they are, whatever else is recorded.
+            limit: rows that are enough; no more than twice as many are kept. None: all.
+            filters_hz: cut-offs of the filters that rows of blocks are to pass as the whole would; through others they
+                pass with what margins they have.
+            rate_hz: rows a second to keep, at least; default: ten a period of the cut-off.
+            trim_s: left away at the ends and beside gaps; default: one period of the cut-off. With ``rate_hz`` the rows
+                are the same ones whatever the cut-off.
+            ends: keep the rows where recordings begin and end.
+            gravity: acceleration of free fall in the base frame [m/s2].
+
+        Raises:
+            InputError: no torque, other joints, no stretch that is long enough, another number of payloads.
+        """
+        if not 0 < cutoff_hz < math.inf:
+            raise InputError("cutoff_hz", f"is {cutoff_hz}", "wanted a frequency above 0 [Hz]")
+        if payloads and len(payloads) != len(recordings):
+            raise InputError("payloads", f"{len(payloads)} for {len(recordings)} recordings", "wanted one for each")
+        usable: list[Stretch] = []
+        torques = []
+        left = beside_gaps = at_ends = seams = 0
+        trim = _SEAM_PERIODS / cutoff_hz if trim_s is None else trim_s
+        for number, recording in enumerate(recordings):
+            recording.check_robot(robot)
+            torques.append(_current_of(recording) if currents else _torque_of(recording, gains))
+            whole = stretches_of(recording.t)
+            seams += len(whole)
+            for rows in whole:
+                t = recording.t[rows]
+                if t.size < LEAST_ROWS or (len(whole) > 1 and t[-1] - t[0] < _LEAST_PERIODS * trim):
+                    left += t.size
+                    continue
+                stretch, lost, cut = _stretch(number, rows, recording.t, cutoff_hz, rate_hz, trim, ends)
+                usable.append(stretch)
+                beside_gaps += lost
+                at_ends += cut
+        if not usable:
+            problem = f"{left} rows" if seams == 1 else f"{left} rows in {seams} stretches too short to use"
+            raise InputError(
+                "recording",
+                problem,
+                f"wanted at least {LEAST_ROWS} and {_LEAST_PERIODS * trim:.3g} s without a gap",
+            )
+        motions, carried, stretches, kept, recorded, rests = [], [], [], [], [], []
+        start = 0
+        for stretch, own in blocks_of_stretches(usable, limit):
+            if own.stop - own.start < _LEAST_KEPT:
+                span = recordings[stretch.recording].t[stretch.rows]
+                problem = f"{cutoff_hz:g} Hz leaves {own.stop - own.start} rows of {span[-1] - span[0]:.3g} s to fit to"
+                raise InputError("cutoff_hz", problem, f"wanted at least {_LEAST_KEPT}: a higher one")
+            recording = recordings[stretch.recording]
+            around = _with_margins(stretch, own, filters_hz)
+            qd = None if recording.qd is None else recording.qd[stretch.rows]
+            own_motion = stretch.grid.motion(recording.q[stretch.rows], qd, cutoff_hz, around, stretch.stride)
+            motions.append(replace(own_motion, gravity=gravity))
+            payload = payloads[stretch.recording] if payloads else None
+            held = np.zeros_like(motions[-1].q) if payload is None else payload_torque(robot, payload, motions[-1])
+            carried.append(held)
+            every = slice(around.start * stretch.stride, around.stop * stretch.stride)
+            torque = stretch.grid.columns(torques[stretch.recording][stretch.rows], every)
+            inside = slice(own.start - around.start, own.stop - around.start)
+            still = resting(stretch.grid.columns(recording.q[stretch.rows], every), stretch.grid.rate_hz)
+            rests.append(still[:: stretch.stride][inside])
+            recorded.append(RecordedTorque(torque, stretch.grid.rate_hz, stretch.stride, inside))
+            stretches.append(slice(start, start + motions[-1].t.size))
+            kept.append(slice(start + inside.start, start + inside.stop))
+            start = stretches[-1].stop
+        columns = [np.concatenate([getattr(motion, name) for motion in motions]) for name in ("t", "q", "qd", "qdd")]
+        rates = tuple(motion.rate_hz for motion in motions)
+        motion = EvenMotion(columns[0], columns[1], columns[2], columns[3], rates[0], gravity)
+        reach = Reach(motion, np.concatenate(carried), tuple(stretches), tuple(kept), rates)
+        rows_whole = sum(stretch.size for stretch in usable)
+        return cls(reach, tuple(recorded), left, beside_gaps, at_ends, rows_whole, np.concatenate(rests), currents)
+
+    @property
+    def rate_hz(self) -> tuple[float, ...]:
+        """Rows a second of each stretch."""
+        return self.reach.rate_hz
+
+    @cached_property
+    def stretches(self) -> tuple[slice, ...]:
+        """Rows of each stretch, without margins."""
+        ends = np.cumsum([0, *(rows.stop - rows.start for rows in self.reach.kept)]).tolist()
+        return tuple(slice(a, b) for a, b in pairwise(ends))
+
+    @cached_property
+    def motion(self) -> EvenMotion:
+        """(N, n) of all stretches; its times are those of the recordings, its rate that of the first."""
+        motion, within = self.reach.motion, self.reach.within
+        t, q, qd, qdd = (within(x) for x in (motion.t, motion.q, motion.qd, motion.qdd))
+        return EvenMotion(t, q, qd, qdd, motion.rate_hz, motion.gravity)
+
+    @cached_property
+    def used(self) -> npt.NDArray[np.bool_]:
+        """(N, n) rows that each joint is fitted to: those at which it moves, or all where it hardly ever does."""
+        return used_rows(self.rests)
+
+    @cached_property
+    def torque(self) -> FloatArray:
+        """(N, n) recorded, unfiltered [Nm or N]; currents [A] where these are rows of currents."""
+        return np.concatenate([own.torque[:: own.stride][own.kept] for own in self.recorded])
+
+    @cached_property
+    def carried(self) -> FloatArray:
+        """(N, n) of the torque, what declared payloads make [Nm or N]."""
+        return self.reach.within(self.reach.carried)
+
+    def torque_below(self, cutoff_hz: float) -> FloatArray:
+        """Recorded torque (N, n) after the zero-phase filter, which it passes at the recorded rate.
+
+        Thinned out first, what lies above half the thinner rate would come back as noise below it.
+        """
+        return np.concatenate(
+            [lowpass(own.torque, own.rate_hz, cutoff_hz)[:: own.stride][own.kept] for own in self.recorded]
+        )
+
+
+def _stretch(
+    number: int, rows: slice, t: FloatArray, cutoff_hz: float, rate_hz: float | None, trim_s: float, ends: bool
+) -> tuple[Stretch, int, int]:
+    """A part of a recording, and how many of its recorded rows are left away beside gaps and at its ends."""
+    own = t[rows]
+    grid = EvenGrid.of(own)
+    stride = grid.stride(cutoff_hz) if rate_hz is None else max(1, int(grid.rate_hz / rate_hz * (1 + 1e-6)))
+    times = grid.t[::stride]
+    at_end = 0.0 if ends else min(trim_s, _MOST_AT_END * float(own[-1] - own[0]))
+    before, behind = rows.start > 0, rows.stop < t.size  # gaps
+    first = float(own[0]) + (trim_s if before else at_end)
+    last = float(own[-1]) - (trim_s if behind else at_end)
+    start = int(np.searchsorted(times, first))
+    # Up to and with the last row.
+    stop = int(np.searchsorted(times, last + 0.5 * stride / grid.rate_hz))
+    sides = (before, int((own < first).sum())), (behind, int((own > last).sum()))
+    lost, cut = (sum(count for gap, count in sides if gap is wanted) for wanted in (True, False))
+    return Stretch(number, rows, grid, stride, slice(start, max(start, stop))), lost, cut
+
+
+def _with_margins(stretch: Stretch, own: slice, filters_hz: Sequence[float]) -> slice:
+    """Kept rows of a block and of its margins, as far as there are any."""
+    count = stretch.grid.t[:: stretch.stride].size
+    if own == stretch.used:
+        return slice(0, count)
+    # Columns pass a filter at the rate that is kept, recorded torques at theirs.
+    margin = max(
+        (
+            max(
+                lowpass_reach(stretch.rate_hz, cutoff),
+                math.ceil(lowpass_reach(stretch.grid.rate_hz, cutoff) / stretch.stride),
+            )
+            for cutoff in filters_hz
+        ),
+        default=0,
+    )
+    return slice(max(0, own.start - margin), min(count, own.stop + margin))
+
+
+def recorded_motion(
+    recording: Recording, cutoff_hz: float, gains: FloatArray | None = None
+) -> tuple[EvenMotion, FloatArray]:
+    """The filtered motion of a whole recording, and its torques (N, n) at the same times; straight across gaps."""
+    torque = _torque_of(recording, gains)
+    motion = even_motion(recording.t, recording.q, recording.qd, cutoff_hz)
+    return motion, onto(motion.t, recording.t, torque)
+
+
+def near_gaps(t: FloatArray, recorded: FloatArray, beside_s: float) -> np.ndarray:
+    """Grid times inside a gap of the recorded times, where what stands there was made up by interpolation, or near one.
+
+    Near: within ``beside_s`` [s] of a gap across which no filter of an identification reaches.
+    """
+    found = np.zeros(t.size, dtype=bool)
+    # The grid's times are rounded otherwise than those of the rows that they stand for.
+    same = _SAME_TIME * float(np.median(np.diff(recorded)))
+    for start, length in gaps_of(recorded):
+        found |= (t > start + same) & (t < start + length - same)
+    parts = stretches_of(recorded)
+    for one, other in pairwise(parts):
+        found |= (t > recorded[one.stop - 1] - beside_s) & (t < recorded[other.start] + beside_s)
+    return found
+
+
+def _torque_of(recording: Recording, gains: FloatArray | None) -> FloatArray:
+    if recording.tau is not None:
+        return recording.tau
+    if gains is None:
+        raise InputError("recording", f"{recording.source or 'it'} has no joint torque", "wanted tau_1 .. tau_n")
+    return _current_of(recording) * gains
+
+
+def _current_of(recording: Recording) -> FloatArray:
+    if recording.current is None:
+        raise InputError("recording", f"{recording.source or 'it'} has no motor current", "wanted current_1 ..")
+    return recording.current
+
+
+def still_joints(recordings: Sequence[Recording], robot: Robot) -> tuple[str, ...]:
+    """Names of the joints that hardly move: what their own motion would show is noise of their encoders.
+
+    Raises:
+        InputError: no joint moves, or a recording is not of this robot.
+    """
+    for recording in recordings:
+        recording.check_robot(robot)
+    low = np.min([recording.q.min(axis=0) for recording in recordings], axis=0)
+    high = np.max([recording.q.max(axis=0) for recording in recordings], axis=0)
+    still = high - low < STILL
+    if still.all():
+        problem = f"no joint moves by as much as {STILL:g} rad or m"
+        raise InputError("recording", problem, "wanted a motion: an arm at rest shows no dynamics")
+    return tuple(joint.name for joint, rests in zip(robot.joints, still, strict=True) if rests)
+
+
+def listed(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    """One or more recordings as a list.
+
+    Raises:
+        InputError: none at all.
+    """
+    logs = list(recordings) if isinstance(recordings, Sequence) else [recordings]
+    if not logs:
+        raise InputError("recordings", "there are none", "wanted one or more")
+    return logs

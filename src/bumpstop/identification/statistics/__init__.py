@@ -1,0 +1,1 @@
+"""Statistics of the fits: robust least squares, correlated residuals, essential parameters."""

@@ -1,0 +1,1 @@
+"""Checks of a recording: rows, time stamps, rates, limits."""

@@ -1,0 +1,403 @@
+"""Which rows of a recording can be believed."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.model import Robot
+from bumpstop.recording.checks.leaps import impossible_rows, spikes, turns, usual_speed
+from bumpstop.recording.checks.rates import rate_faults, rates_unit, too_fast
+from bumpstop.recording.formats.table import RawRecording
+from bumpstop.recording.read_report import ReadReport
+
+IMPOSSIBLE = 1e6  # where no limit is known
+_TIMES_LIMITS = 10.0
+_LATEST = 1e12  # [s]; no clock of a controller counts so far
+_LISTED = 20
+_GAP = 3.0  # median intervals
+# By the kind of joint: a unit that others use, in SI, the unit of SI, and what one is taken for the other.
+_TAKEN_FOR_SI = {
+    "revolute": ("deg", np.pi / 180, "rad", "degrees taken for radians"),
+    "prismatic": ("mm", 1e-3, "m", "millimetres taken for metres"),
+}
+_ENOUGH = 20_000  # rows that show a unit
+_LEAST_TO_JUDGE = 20  # rows
+_MOVES = 0.05  # [rad/s or m/s]
+_FAR_FROM_ZERO = 0.3  # of the usual size of a column
+_COARSE = 0.2  # share of rows with the time of another
+_TOO_FAST = 3.0  # times the speed limit: what a tenth of the rows exceed are other units
+_SLOWEST = 0.9  # [s] between rows; controllers report more often
+_LARGEST_CURRENT = 200.0  # [A]; drives of arms take less
+_MANY_TURNS = 20.0  # [rad]; few arms turn a joint so far
+NAMES = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau", "wrench": "wrench"}
+Mask = npt.NDArray[np.bool_]
+
+
+def checked(
+    raw: RawRecording, robot: Robot | None, max_bad: float, path: Path
+) -> tuple[dict[str, FloatArray], ReadReport]:
+    """Drop bad rows, list them, and refuse a recording with too many.
+
+    Args:
+        raw: quantities in SI on the joint side.
+        robot: whose limits tell what is impossible, or None.
+        max_bad: largest share of bad rows, 0 to 1.
+        path: for messages.
+
+    Returns:
+        The quantities without bad rows, and the report.
+
+    Raises:
+        InputError: too many bad rows, fewer than two good ones, a time that stands still, degrees taken for radians
+            or millimetres for metres.
+    """
+    raw = _without_empty(raw)
+    values, n = raw.values, raw.rows.size
+    t = values["t"][:, 0]
+    finite = t[np.isfinite(t)]
+    if finite.size > 1 and (finite == finite[0]).all():
+        raise InputError(
+            str(path), f"time stands still at {finite[0]:g} s", "wanted rising times; is it the right column?"
+        )
+    notes = list(raw.notes) + _wrong_unit(values["position"], robot, path)
+    if robot is not None:
+        _refuse_degrees(t, values["position"], robot, path)
+        unit = rates_unit(values["velocity"], robot) if "velocity" in values else ""
+        if unit:
+            problem = f"recorded rates are far beyond the limits of {robot.name}: they look like {unit} taken for SI"
+            raise InputError(str(path), problem, f'velocity = {{ ..., unit = "{unit}" }} in the column file')
+    reasons: list[tuple[int, str, str]] = [(row, *_parted(why)) for row, why in raw.faults]
+    good = np.ones(n, dtype=bool)
+    for name, value in values.items():
+        limit = _limit(name, robot, value.shape[1])
+        # NaN passes through to both, and compares with nothing.
+        if ((value.max(axis=0, initial=0.0) <= limit) & (value.min(axis=0, initial=0.0) >= -limit)).all():
+            continue
+        for reason, wrong in (
+            ("not a number", np.isnan(value)),
+            ("not finite", np.isinf(value)),
+            ("impossible value", np.abs(value) > limit),
+        ):
+            _mark(reasons, good, reason, wrong, name, value, raw.rows)
+    place = np.flatnonzero(good)
+    doubled, backwards = _disorder(t[place])
+    for reason, wrong_rows in (("doubled time", doubled), ("time runs backwards", backwards)):
+        good[place[wrong_rows]] = False
+        reasons += [(int(raw.rows[i]), reason, f"t = {t[i]:.9g} s") for i in place[wrong_rows]]
+    values, notes_of_rows, faults, repaired = _implausible(values, raw.rows, good, reasons, robot)
+    notes += notes_of_rows
+    _refuse(reasons, raw, int(good.sum()), max_bad, path)
+    kept = values if good.all() else {name: value[good] for name, value in values.items()}
+    if "velocity" in kept:
+        names = raw.joint_names or tuple(f"joint {j + 1}" for j in range(kept["position"].shape[1]))
+        faults += rate_faults(kept["t"][:, 0], kept["position"], kept["velocity"], list(names))
+    counts: dict[str, int] = {}
+    for _, reason, _ in reasons:
+        counts[reason] = counts.get(reason, 0) + 1
+    report = ReadReport(
+        rows_read=raw.rows_read,
+        dropped=_listed(reasons),
+        counts=counts,
+        gaps=gaps_of(kept["t"][:, 0]),
+        notes=(*notes, *_other_units(kept)),
+        numbered=raw.numbered,
+        faults=tuple(faults),
+        repaired=repaired,
+    )
+    return kept, report
+
+
+def _implausible(
+    values: dict[str, FloatArray],
+    rows: npt.NDArray[np.int64],
+    good: Mask,
+    reasons: list[tuple[int, str, str]],
+    robot: Robot | None,
+) -> tuple[dict[str, FloatArray], list[str], list[str], int]:
+    """Rows that no arm can have been in, and angles that wrap; ``good`` and ``reasons`` are added to.
+
+    Returns:
+        The quantities with angles unwrapped, notes, faults, and the number of rows whose angles were turned back.
+    """
+    place = np.flatnonzero(good)
+    if place.size < _LEAST_TO_JUDGE:
+        return values, [], [], 0
+    # Mostly all of them: views, not copies.
+    t, q = (values["t"][:, 0], values["position"]) if good.all() else (values["t"][place, 0], values["position"][place])
+    turning = [robot is None or robot.joints[j].kind == "revolute" for j in range(q.shape[1])]
+    revolute = np.array(turning, dtype=bool)
+    speed = usual_speed(t, q, robot)
+    bad, leaps = impossible_rows(t, q, speed, revolute)
+    faults = [
+        f"the positions leap at {t[i]:.6g} s, faster than the joints turn, and stay there: cut the recording there"
+        for i in np.flatnonzero(leaps)[:3]
+    ]
+    zero: Mask = np.all(q == 0, axis=1)
+    for i in np.flatnonzero(bad):
+        what = "row of zeros" if zero[i] else "leap"
+        j = int(np.argmax(np.abs(q[int(i)] - q[max(int(i) - 1, 0)])))
+        reasons.append((int(rows[place[i]]), what, "" if zero[i] else f"q_{j + 1} = {q[int(i), j]:.6g}"))
+    good[place[bad]] = False
+    _zeros(values, rows, good, reasons)
+    for name in ("velocity", "current", "torque"):
+        if name in values:
+            place = np.flatnonzero(good)
+            own = values[name] if good.all() else values[name][place]
+            _mark_at(reasons, good, place, spikes(own), name, values[name], rows)
+    if good.sum() < 2:
+        return values, [], faults, 0
+    place = np.flatnonzero(good)
+    t, q = (values["t"][:, 0], values["position"]) if good.all() else (values["t"][place, 0], values["position"][place])
+    count = turns(t, q, speed, revolute)
+    if not count.any():
+        return values, [], faults, 0
+    back = np.concatenate([np.zeros((1, q.shape[1])), np.cumsum(count, axis=0)])
+    position = values["position"].copy()
+    position[place] -= 2 * np.pi * back
+    joints = ", ".join(str(j + 1) for j in np.flatnonzero(count.any(axis=0)))
+    turned = int(back.any(axis=1).sum())
+    wraps = int(np.abs(count).sum())
+    note = f"Angles of joint {joints} wrap {wraps} times; {turned} rows were turned back by whole turns."
+    return values | {"position": position}, [note], faults, turned
+
+
+def _zeros(
+    values: dict[str, FloatArray], rows: npt.NDArray[np.int64], good: Mask, reasons: list[tuple[int, str, str]]
+) -> None:
+    """Rows in which every rate, current or torque is exactly zero while the arm moves."""
+    if values["position"].shape[1] < 2 or good.sum() < _LEAST_TO_JUDGE:
+        return
+    fastest = None
+    for name in ("velocity", "current", "torque"):
+        if name not in values:
+            continue
+        # The first column alone says for most rows that they are none.
+        if not (values[name][:, 0] == 0).any():
+            continue
+        place = np.flatnonzero(good)
+        zero: Mask = np.all(values[name][place] == 0, axis=1)
+        if not zero.any():
+            continue
+        if fastest is None or fastest.size != place.size:
+            t, q = values["t"][place, 0], values["position"][place]
+            fastest = np.abs(np.gradient(q, t, axis=0)).max(axis=1)
+        wrong = place[zero & (fastest > _MOVES) & _cut_off(values[name][place], zero)]
+        good[wrong] = False
+        reasons += [(int(rows[i]), "row of zeros", f"all {NAMES[name]} while the arm moves") for i in wrong]
+
+
+def _cut_off(x: FloatArray, zero: Mask) -> Mask:
+    """Rows of zeros (N,) whose next other rows are far from zero on both sides: a column may well pass through it."""
+    usual = np.sqrt((x[~zero] ** 2).mean(axis=0)) if not zero.all() else np.ones(x.shape[1])
+    far: Mask = np.any(np.abs(x) > _FAR_FROM_ZERO * np.where(usual > 0, usual, np.inf), axis=1)
+    other = np.flatnonzero(~zero)
+    if not other.size:
+        return np.ones(zero.size, dtype=bool)
+    at = np.searchsorted(other, np.arange(zero.size))
+    before, after = other[np.maximum(at - 1, 0)], other[np.minimum(at, other.size - 1)]
+    return np.asarray(zero & (far[before] | (at == 0)) & (far[after] | (at == other.size)))
+
+
+def _mark_at(
+    reasons: list[tuple[int, str, str]],
+    good: Mask,
+    place: npt.NDArray[np.int64],
+    wrong: Mask,
+    name: str,
+    value: FloatArray,
+    rows: npt.NDArray[np.int64],
+) -> None:
+    for i in np.flatnonzero(wrong.any(axis=1)):
+        column = int(np.argmax(wrong[i]))
+        row = place[i]
+        reasons.append((int(rows[row]), "spike", f"{NAMES[name]}_{column + 1} = {value[row, column]:.6g}"))
+        good[row] = False
+
+
+def gaps_of(t: FloatArray) -> tuple[tuple[float, float], ...]:
+    """Start and length [s] of the intervals longer than three times the median one; ``t`` is (N,) [s]."""
+    steps = np.diff(t)
+    found = np.flatnonzero(steps > _GAP * np.median(steps))
+    return tuple((float(t[i]), float(steps[i])) for i in found)
+
+
+def _parted(why: str) -> tuple[str, str]:
+    reason, _, what = why.partition(": ")
+    return reason, what
+
+
+def _listed(reasons: list[tuple[int, str, str]]) -> tuple[tuple[int, str], ...]:
+    return tuple((row, f"{reason}: {what}" if what else reason) for row, reason, what in sorted(reasons)[:_LISTED])
+
+
+def _without_empty(raw: RawRecording) -> RawRecording:
+    """Leave out what was never recorded: drivers fill it with NaN."""
+    more = {name: x for name, x in raw.values.items() if name in NAMES and name != "position"}
+    empty = [name for name, x in more.items() if np.isnan(x[:1]).all() and np.isnan(x).all()]
+    if not empty:
+        return raw
+    notes = tuple(f"The {name} holds no number at all and is left out." for name in empty)
+    values = {name: value for name, value in raw.values.items() if name not in empty}
+    return replace(raw, values=values, notes=(*raw.notes, *notes))
+
+
+def _mark(
+    reasons: list[tuple[int, str, str]],
+    good: Mask,
+    reason: str,
+    wrong: Mask,
+    name: str,
+    value: FloatArray,
+    rows: npt.NDArray[np.int64],
+) -> None:
+    """Note rows that are wrong for the first time, with the first wrong value of each."""
+    for i in np.flatnonzero(wrong.any(axis=1) & good):
+        column = int(np.argmax(wrong[i]))
+        label = "t" if name == "t" else f"{NAMES[name]}_{column + 1}"
+        reasons.append((int(rows[i]), reason, f"{label} = {value[i, column]:.6g}"))
+        good[i] = False
+
+
+def _limit(name: str, robot: Robot | None, width: int) -> FloatArray:
+    """(width,) magnitude above which a value is impossible."""
+    limit = np.full(width, _LATEST if name == "t" else IMPOSSIBLE)
+    if robot is not None and name == "position":
+        limit = np.minimum(limit, _TIMES_LIMITS * np.maximum(np.abs(robot.lower), np.abs(robot.upper)))
+    elif robot is not None and name == "velocity":
+        limit = np.minimum(limit, _TIMES_LIMITS * robot.velocity)
+    return limit
+
+
+def _wrong_unit(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
+    """Suspect degrees for radians, and millimetres for metres; (N, n) positions, some of which are enough."""
+    q = q[:: max(1, q.shape[0] // _ENOUGH)]
+    usual = np.abs(np.where(np.isfinite(q), q, 0.0))
+    usual = np.where(usual > IMPOSSIBLE, 0.0, usual)
+    largest = np.quantile(usual, 0.99, axis=0) if q.shape[0] else np.zeros(q.shape[1])
+    if robot is None:
+        if (largest > _MANY_TURNS).any() and (largest <= 720).all():
+            return [
+                f"Positions reach {largest.max():.4g}: if they are degrees, say so in a column file "
+                '(position = { ..., unit = "deg" }).'
+            ]
+        return []
+    notes = []
+    for kind, (unit, factor, si, words) in _TAKEN_FOR_SI.items():
+        own = np.array([joint.kind == kind for joint in robot.joints])
+        bound = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[own]
+        fits = bool((largest[own] * factor <= 1.1 * bound).all())
+        each = [f'"{unit if joint.kind == kind else _TAKEN_FOR_SI[joint.kind][2]}"' for joint in robot.joints]
+        written = each[0] if own.all() else f"[{', '.join(each)}]"
+        hint = f"position = {{ ..., unit = {written} }} in the column file"
+        if q.shape[0] and own.any() and np.mean(usual[:, own] > _TIMES_LIMITS * bound) > 0.5:
+            what = f"they look like {words}" if fits else "are unit and columns right?"
+            problem = f"most positions are outside 10 x the limits of {robot.name}"
+            raise InputError(str(path), f"{problem}: {what}", hint if fits else "")
+        # A last joint that turns without end is often given the limits of the others: one joint alone is no sign.
+        if fits and (largest[own] > 2 * bound).sum() > (1 if own.sum() > 1 else 0):
+            would_fit = words.partition(" ")[0]
+            notes.append(
+                f"Positions reach {largest[own].max():.4g} {si}, far beyond the limits; {would_fit} would fit: {hint}."
+            )
+    return notes
+
+
+def _refuse_degrees(t: FloatArray, q: FloatArray, robot: Robot, path: Path) -> None:
+    """Positions within the limits whose speeds are not, and would be if they were degrees or millimetres."""
+    share = too_fast(t, q, robot)
+    for kind, (unit, factor, si, words) in _TAKEN_FOR_SI.items():
+        own = np.array([joint.kind == kind for joint in robot.joints])
+        fast = own & (share > _TOO_FAST)
+        if fast.any() and (share[own] * factor < 1.0).all():
+            j = int(np.argmax(np.where(fast, share, 0.0)))
+            moves = "turns" if kind == "revolute" else "slides"
+            problem = (
+                f"joint {j + 1} {moves} at {share[j]:.3g} times its speed limit or more in a tenth of the rows: "
+                f"positions look like {words}"
+            )
+            raise InputError(str(path), problem, f'position = {{ ..., unit = "{unit}" }} in the column file, not {si}')
+
+
+def _other_units(values: dict[str, FloatArray]) -> list[str]:
+    """Suspect milliseconds and milliamperes where seconds and amperes were said."""
+    notes = []
+    step = float(np.median(np.diff(values["t"][:, 0])))
+    if step > _SLOWEST:
+        notes.append(
+            f"Rows are {step:.4g} s apart: if these are no seconds, say so in a column file "
+            '(time = { ..., unit = "ms" }).'
+        )
+    if "current" in values:
+        largest = float(np.quantile(np.abs(values["current"][:: max(1, values["t"].size // _ENOUGH)]), 0.99))
+        if largest > _LARGEST_CURRENT:
+            notes.append(
+                f"Currents reach {largest:.4g} A: if they are milliamperes, say so in a column file "
+                '(current = { ..., unit = "mA" }).'
+            )
+    return notes
+
+
+def _disorder(t: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Rows that repeat an earlier time, and the fewest others without which time rises."""
+    steps = np.diff(t)
+    nothing = np.zeros(0, dtype=np.int64)
+    if t.size < 2 or (steps > 0).all():
+        return nothing, nothing
+    _, first = np.unique(t, return_index=True)
+    repeats = np.ones(t.size, dtype=bool)
+    repeats[first] = False
+    left = np.flatnonzero(~repeats)
+    x = t[left]
+    before = np.concatenate([[-np.inf], np.maximum.accumulate(x)[:-1]])
+    after = np.concatenate([np.minimum.accumulate(x[::-1])[::-1][1:], [np.inf]])
+    # In order with every other row: only what lies between two such rows is in doubt.
+    doubtful = np.flatnonzero(~((x > before) & (x < after)))
+    keep = np.ones(x.size, dtype=bool)
+    keep[doubtful] = False
+    for run in np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1):
+        keep[run[_longest_rising(x[run])]] = True
+    return np.flatnonzero(repeats), left[~keep]
+
+
+def _longest_rising(x: FloatArray) -> list[int]:
+    """Indices of a longest rising subsequence of distinct numbers."""
+    tails: list[float] = []
+    ends: list[int] = []
+    previous: list[int] = []
+    for i, value in enumerate(x.tolist()):
+        k = bisect_left(tails, value)
+        previous.append(ends[k - 1] if k else -1)
+        if k == len(tails):
+            tails.append(value)
+            ends.append(i)
+        else:
+            tails[k], ends[k] = value, i
+    chain = []
+    i = ends[-1] if ends else -1
+    while i >= 0:
+        chain.append(i)
+        i = previous[i]
+    return chain[::-1]
+
+
+def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, max_bad: float, path: Path) -> None:
+    doubled = sum(reason == "doubled time" for _, reason, _ in reasons)
+    if doubled > _COARSE * raw.rows_read:
+        problem = (
+            f"{doubled} of {raw.rows_read} rows have the time of another: the clock is too coarse, or rows are doubled"
+        )
+        raise InputError(str(path), problem, "write time with more digits, or give rate_hz in place of its column")
+    if reasons and len(reasons) > max_bad * raw.rows_read:
+        share = len(reasons) / raw.rows_read
+        first = "; ".join(f"{raw.numbered} {row} ({why})" for row, why in _listed(reasons)[:3])
+        problem = f"{len(reasons)} of {raw.rows_read} rows are bad ({100 * share:.3g} %): {first}"
+        raise InputError(str(path), problem, f"at most {100 * max_bad:g} % may be (--max-bad)")
+    if good < 2:
+        raise InputError(str(path), f"has {good} usable rows", "wanted at least 2")

@@ -1,0 +1,176 @@
+"""ROS 2 bags: folders, and bare ``.db3`` and ``.mcap`` files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError, near_matches
+from bumpstop.model import Robot
+from bumpstop.recording.columns import Columns, Quantity
+from bumpstop.recording.formats.joint_state import alike, layout, numbers, stamps
+from bumpstop.recording.formats.table import RawRecording
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+_PARTS = ("position", "velocity", "torque")
+
+
+class _Gathered:
+    """Rows taken from messages, by groups of one layout."""
+
+    def __init__(self) -> None:
+        self.number: list[npt.NDArray[np.int64]] = []
+        self.stamp: list[npt.NDArray[np.int64]] = []
+        self.parts: tuple[list[FloatArray], list[FloatArray], list[FloatArray]] = ([], [], [])
+        self.faults: list[tuple[int, str]] = []
+        self.others = 0
+
+
+def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | None) -> RawRecording:
+    """Read the joint states of a bag; time counts from the first message.
+
+    Args:
+        path: of the bag's folder or of a bare file.
+        columns: its ``topic``, ``effort``, ``joint_names`` and units hold.
+        robot: whose joint names choose and order those of the messages, unless the column file has some.
+        topic: before the column file's.
+
+    Raises:
+        InputError: cut short, no such topic, two that could be meant, another message type, other joint names.
+    """
+    received, bodies, chosen = _messages(_bag(path), topic or columns.topic)
+    if not bodies:
+        raise InputError(str(path), f"topic {chosen!r} holds no message")
+    wanted = columns.joint_names or (tuple(joint.name for joint in robot.joints) if robot is not None else ())
+    found, names = _gather(bodies, wanted, path)
+    notes = []
+    if found.others:
+        notes.append(f"{found.others} messages of other joints on the topic are left out.")
+    number = np.concatenate(found.number)
+    order = np.argsort(number, kind="stable")
+    number = number[order]
+    stamp = np.concatenate(found.stamp)[order]
+    if (stamp == 0).all():
+        stamp = received[number]
+        notes.append("The messages carry no time; the bag's own times of receiving them are used.")
+    values: dict[str, FloatArray] = {"t": ((stamp - stamp[0]) * 1e-9)[:, None]}
+    if stamp[0] >= 1_000_000_000:
+        notes.append(f"Time 0 is {stamp[0] // 1_000_000_000}.{stamp[0] % 1_000_000_000:09d} s of the bag's clock.")
+    for name, part in zip(_PARTS, found.parts, strict=True):
+        value = np.concatenate(part)[order]
+        if name == "position" or not np.isnan(value).all():
+            label = "current" if name == "torque" and columns.effort == "current" else name
+            values[label] = columns.quantities.get(label, Quantity()).in_si(value, label)
+    return RawRecording(
+        values=values,
+        rows=number + 1,
+        rows_read=number.size + len(found.faults),
+        numbered="message",
+        faults=tuple(found.faults),
+        joint_names=tuple(joint.name for joint in robot.joints) if robot and robot.dof == len(names) else names,
+        notes=tuple(notes),
+    )
+
+
+def _gather(bodies: list[bytes], wanted: tuple[str, ...], path: Path) -> tuple[_Gathered, tuple[str, ...]]:
+    """Take all messages apart, those of one layout together."""
+    found = _Gathered()
+    names = wanted
+    seen: list[str] = []
+    by_length: dict[int, list[int]] = {}
+    for i, body in enumerate(bodies):
+        by_length.setdefault(len(body), []).append(i)
+    # The most frequent length first: without wanted names its joints are the recording's.
+    for indices in sorted(by_length.values(), key=len, reverse=True):
+        left = np.array(indices)
+        while left.size:
+            try:
+                known = layout(bodies[left[0]])
+            except ValueError as error:
+                found.faults.append((int(left[0]) + 1, f"unreadable message: {error}"))
+                left = left[1:]
+                continue
+            rows = np.frombuffer(b"".join(bodies[i] for i in left), dtype=np.uint8).reshape(left.size, -1)
+            same = alike(rows, known)
+            names = names or known.names
+            seen += [name for name in known.names if name not in seen]
+            twice = [name for name in names if known.names.count(name) > 1]
+            if twice:
+                raise InputError(str(path), f"a message has {known.names.count(twice[0])} joints called {twice[0]!r}")
+            if not set(names) <= set(known.names):
+                found.others += int(same.sum())
+            elif known.counts[0] != len(known.names):
+                what = f"wrong field count: {known.counts[0]} positions of {len(known.names)} joints"
+                found.faults += [(int(i) + 1, what) for i in left[same]]
+            else:
+                place = [known.names.index(name) for name in names]
+                found.number.append(left[same])
+                found.stamp.append(stamps(rows[same], known))
+                for part, into in enumerate(found.parts):
+                    block = numbers(rows[same], known, part)
+                    absent = block.shape[1] != len(known.names)
+                    into.append(np.full((int(same.sum()), len(names)), np.nan) if absent else block[:, place])
+            left = left[~same]
+    if not names:
+        raise InputError(str(path), "the messages name no joints", "wanted sensor_msgs/msg/JointState with names")
+    if not found.number:
+        missing = [name for name in names if name not in seen]
+        if seen and missing:
+            problem = f"no joint is called {missing[0]!r}; the bag's are {', '.join(seen)}"
+            raise InputError("joint_names", problem, "give joint_names = [...] in the robot's order in a column file")
+        raise InputError(str(path), "no message can be read")
+    return found, names
+
+
+def _bag(path: Path) -> Path:
+    """The folder of a bag, or the only file in a folder without metadata."""
+    if not path.is_dir() or (path / "metadata.yaml").exists():
+        return path
+    files = sorted([*path.glob("*.db3"), *path.glob("*.mcap")])
+    if len(files) != 1:
+        problem = f"has no metadata.yaml and {len(files)} bag files"
+        raise InputError(str(path), problem, "give the path of one .db3 or .mcap file")
+    return files[0]
+
+
+def _messages(path: Path, topic: str) -> tuple[npt.NDArray[np.int64], list[bytes], str]:
+    """Times of receiving [ns] and bodies of all messages of the topic, and its name."""
+    from rosbags.rosbag2 import Reader
+
+    try:
+        with Reader(path) as reader:
+            connections = _connections(reader.connections, topic, path)
+            times, bodies = [], []
+            for _, time, body in reader.messages(connections):
+                times.append(time)
+                bodies.append(bytes(body))
+    except InputError:
+        raise
+    except Exception as error:  # rosbags and what it stands on raise many kinds for a damaged file
+        from bumpstop.recording.formats.damaged_bag import describe_damage
+
+        raise describe_damage(path, error) from None
+    return np.array(times, dtype=np.int64), bodies, connections[0].topic
+
+
+def _connections(connections: list[Any], topic: str, path: Path) -> list[Any]:
+    types = {connection.topic: connection.msgtype for connection in connections}
+    states = sorted(name for name, kind in types.items() if kind == JOINT_STATE)
+    listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(types.items())) or "none"
+    if topic:
+        if topic not in types:
+            raise InputError(
+                "topic", f"{str(path)!r} has no topic {topic!r}", near_matches(topic, types) or "it has none"
+            )
+        if types[topic] != JOINT_STATE:
+            raise InputError("topic", f"{topic!r} holds {types[topic]}", f"wanted {JOINT_STATE}; topics: {listed}")
+    elif not states:
+        raise InputError(str(path), f"no topic holds {JOINT_STATE}", f"topics: {listed}")
+    elif len(states) > 1:
+        raise InputError("topic", f"two or more hold joint states: {', '.join(states)}", "choose one with --topic")
+    wanted = topic or states[0]
+    return [connection for connection in connections if connection.topic == wanted]

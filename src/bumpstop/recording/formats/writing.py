@@ -1,0 +1,98 @@
+"""Recordings as Parquet, CSV and MCAP."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.errors import InputError
+from bumpstop.recording.formats.joint_state import messages
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.recording.recording import Recording
+
+_ENDINGS = (".parquet", ".csv", ".mcap")
+_TOPIC = "/joint_states"
+
+
+def write(recording: Recording, path: Path) -> None:
+    """Write by the ending of the name; as ``Recording.save``."""
+    if path.suffix not in _ENDINGS:
+        raise InputError(str(path), f"{path.suffix!r} is no ending of a recording", "valid: " + ", ".join(_ENDINGS))
+    try:
+        if path.suffix == ".mcap":
+            _write_mcap(recording, path)
+        elif path.suffix == ".csv":
+            table_of(recording).write_csv(path)
+        else:
+            said = {"joint_names": json.dumps(recording.joint_names), "robot": recording.robot}
+            table_of(recording).write_parquet(path, metadata=said)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
+
+
+def holds_current_as_effort(recording: Recording, path: Path) -> bool:
+    """Whether the effort of a bag so written is motor current, and would be read as torque by default."""
+    return path.suffix == ".mcap" and recording.tau is None and recording.current is not None
+
+
+def left_out(recording: Recording, path: Path) -> tuple[str, ...]:
+    """What a file with this ending does not hold of the recording."""
+    lost = {
+        "current": path.suffix == ".mcap" and recording.tau is not None and recording.current is not None,
+        "wrench": path.suffix == ".mcap" and recording.wrench is not None,
+        "joint names": path.suffix == ".csv" and bool(recording.joint_names),
+        "robot": path.suffix != ".parquet" and bool(recording.robot),
+    }
+    return tuple(name for name, is_lost in lost.items() if is_lost)
+
+
+def table_of(recording: Recording) -> pl.DataFrame:
+    """Columns ``t``, ``q_1`` .. and what else there is, as in formats of Parquet recordings."""
+    import polars as pl
+
+    columns: dict[str, Any] = {"t": recording.t}
+    for stem in ("q", "qd", "current", "tau"):
+        value = getattr(recording, stem)
+        if value is not None:
+            columns |= {f"{stem}_{j + 1}": value[:, j] for j in range(value.shape[1])}
+    if recording.wrench is not None:
+        labels = ("fx", "fy", "fz", "tx", "ty", "tz")
+        columns |= {f"wrench_{label}": recording.wrench[:, j] for j, label in enumerate(labels)}
+    return pl.DataFrame(columns)
+
+
+def _write_mcap(recording: Recording, path: Path) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    names = recording.joint_names or tuple(f"joint_{j + 1}" for j in range(recording.dof))
+    effort = recording.tau if recording.tau is not None else recording.current
+    parts = (recording.q, recording.qd, effort)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    header = types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id="")
+    first = [np.zeros(0) if part is None else part[0] for part in parts]
+    joint_state = types["sensor_msgs/msg/JointState"]
+    template = joint_state(header=header, name=list(names), position=first[0], velocity=first[1], effort=first[2])
+    time = np.round(recording.t * 1e9).astype(np.int64)
+    if time[0] < 0 or time[-1] >= 2**31 * 1_000_000_000:
+        raise InputError(
+            str(path), f"times from {recording.t[0]:g} s to {recording.t[-1]:g} s", "ROS counts 0 to 2^31 s"
+        )
+    bodies = messages(bytes(store.serialize_cdr(template, joint_state.__msgtype__)), time, parts)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        bag = Path(folder) / "bag"
+        with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            connection = writer.add_connection(_TOPIC, joint_state.__msgtype__, typestore=store)
+            for stamp, body in zip(time.tolist(), bodies, strict=True):
+                writer.write(connection, stamp, body.tobytes())
+        (file,) = bag.glob("*.mcap")
+        shutil.move(file, path)

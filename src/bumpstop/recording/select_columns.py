@@ -1,0 +1,171 @@
+"""From a table's columns to quantities in SI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError, near_matches
+from bumpstop.recording.column_draft import MissingColumnsError, draft_of_names, draft_of_numbers, listed
+from bumpstop.recording.columns import Columns, Quantity
+from bumpstop.recording.formats.table import RawRecording, Table
+
+_OWN = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau"}
+_WRENCH = tuple(f"wrench_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
+_RTDE = {"position": "actual_q", "velocity": "actual_qd", "current": "actual_current", "wrench": "actual_TCP_force"}
+_RTDE_NOTE = (
+    "The columns are taken for those of a UR controller (RTDE): actual_q, actual_qd, actual_current, TCP force."
+)
+
+
+def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Path], Table]) -> RawRecording:
+    """Fetch the columns that a column file names, or those a file of ours or of RTDE has.
+
+    Args:
+        table: of the recording.
+        columns: the column file.
+        path: of the recording, for messages.
+        open_table: opens another file of the same format, for quantities that stand in one.
+    """
+    notes = list(table.notes)
+    quantities = dict(columns.quantities)
+    if not quantities:
+        quantities, rtde = _found(table, path)
+        notes += [_RTDE_NOTE, *_payload_notes(table, path)] if rtde else []
+    if "position" not in quantities:
+        raise InputError("columns.position", "is missing", "wanted the columns of the joint positions")
+    time = quantities.pop("time", Quantity())
+    if not time.columns and time.rate_hz is None:
+        raise InputError("columns.time", "names neither a column nor a rate", "wanted column = ..., or rate_hz = ...")
+    if time.columns:
+        quantities["t"] = time
+    values = _fetched(table, {name: own for name, own in quantities.items() if own.file is None}, path)
+    if not time.columns:
+        assert time.rate_hz is not None
+        values["t"] = ((table.rows - table.first_row) / time.rate_hz)[:, None]
+    raw = RawRecording(
+        values=values,
+        rows=table.rows,
+        rows_read=table.rows_read,
+        numbered=table.numbered,
+        faults=table.faults,
+        # The file's names are those of its own columns.
+        joint_names=() if columns.quantities else table.joint_names,
+        robot=table.robot,
+        notes=tuple(notes),
+    )
+    for name, quantity in quantities.items():
+        if quantity.file is not None:
+            beside = open_table(quantity.file)
+            raw = _beside(
+                raw, table.first_row, beside, _fetched(beside, {name: quantity}, quantity.file), quantity.file
+            )
+    return raw
+
+
+def _fetched(table: Table, quantities: dict[str, Quantity], path: Path) -> dict[str, FloatArray]:
+    """All columns in one go: a reader may have to pass through the file for each."""
+    if not quantities:
+        return {}
+    places = {name: _places(table, name, quantity, path) for name, quantity in quantities.items()}
+    block = table.fetch([i for place in places.values() for i in place])
+    values, start = {}, 0
+    for name, place in places.items():
+        part = block[:, start : start + len(place)]
+        values[name] = quantities[name].in_si(part, name)
+        start += len(place)
+    return values
+
+
+def _places(table: Table, name: str, quantity: Quantity, path: Path) -> list[int]:
+    where = "columns.time.column" if name == "t" else f"columns.{name}.columns"
+    if not quantity.columns:
+        raise InputError(where, "is missing", "wanted numbers from 1, or names")
+    places = []
+    for column in quantity.columns:
+        if isinstance(column, str):
+            if column not in table.names:
+                known = near_matches(column, table.names) if table.names else "the file has no header: give numbers"
+                raise InputError(where, f"{str(path)!r} has no column {column!r}", known)
+            if table.names.count(column) > 1:
+                raise InputError(
+                    where,
+                    f"{str(path)!r} has {table.names.count(column)} columns {column!r}",
+                    "give their numbers, from 1",
+                )
+            places.append(table.names.index(column))
+        elif column > table.width:
+            raise InputError(where, f"{column} is no column of {str(path)!r}", f"it has {table.width}")
+        else:
+            places.append(column - 1)
+    return places
+
+
+def _found(table: Table, path: Path) -> tuple[dict[str, Quantity], bool]:
+    """What the names say, and whether they are those of RTDE."""
+    names = set(table.names)
+    for name in table.names:
+        if table.names.count(name) > 1 and re.fullmatch(r"t|timestamp|\w+_\d+", name):
+            known = "say with --columns FILE.toml, by numbers, which hold what"
+            raise InputError(str(path), f"has {table.names.count(name)} columns {name!r}", known)
+    if "t" in names and "q_1" in names:
+        found = {"time": Quantity(columns=("t",))}
+        for quantity, stem in _OWN.items():
+            columns = _numbered(names, stem, 1)
+            if columns:
+                found[quantity] = Quantity(columns=columns)
+        if names.issuperset(_WRENCH):
+            found["wrench"] = Quantity(columns=_WRENCH)
+        return found, False
+    if {"timestamp", "actual_q_0"} <= names:
+        found = {"time": Quantity(columns=("timestamp",))}
+        found |= {
+            key: Quantity(columns=_numbered(names, stem, 0)) for key, stem in _RTDE.items() if f"{stem}_0" in names
+        }
+        return found, True
+    valid = "say with --columns FILE.toml which columns hold what"
+    if not names:
+        problem = f"has no header, and {table.width} columns"
+        raise MissingColumnsError(str(path), problem, valid, draft_of_numbers(table.width))
+    problem = f"has no columns t and q_1, but {len(table.names)} others: {listed(table.names)}"
+    raise MissingColumnsError(str(path), problem, valid, draft_of_names(table.names))
+
+
+def _payload_notes(table: Table, path: Path) -> list[str]:
+    """What the controller of a UR was told that the arm carries: a fit must be told, too."""
+    names = ("payload", *(f"payload_cog_{axis}" for axis in range(3)))
+    if not set(names) <= set(table.names):
+        return []
+    told = _fetched(table, {"payload": Quantity(columns=names)}, path)["payload"]
+    told = told[np.isfinite(told).all(axis=1)]
+    if not told.size or not (told[:, 0] > 0).any():
+        return []
+    if (told != told[0]).any():
+        return ["The controller was told of a payload that changes (payload, payload_cog): cut the recording there."]
+    figures = ",".join(f"{value:.6g}" for value in told[0])
+    return [f"The controller was told of a payload of {told[0, 0]:.4g} kg: --payload {figures}"]
+
+
+def _numbered(names: set[str], stem: str, first: int) -> tuple[str, ...]:
+    numbers = sorted(int(found[1]) for name in names if (found := re.fullmatch(rf"{stem}_(\d{{1,3}})", name)))
+    if numbers != list(range(first, first + len(numbers))):
+        raise InputError(f"columns {stem}_*", f"are numbered {numbers}", f"wanted {stem}_{first} and on, without holes")
+    return tuple(f"{stem}_{number}" for number in numbers)
+
+
+def _beside(raw: RawRecording, first_row: int, other: Table, more: dict[str, FloatArray], path: Path) -> RawRecording:
+    """Join the rows of another file by their place; a row bad in either is bad."""
+    if other.rows_read != raw.rows_read:
+        raise InputError(str(path), f"has {other.rows_read} rows, the positions have {raw.rows_read}")
+    shift = first_row - other.first_row
+    both, here, there = np.intersect1d(raw.rows, other.rows + shift, assume_unique=True, return_indices=True)
+    values = {name: value[here] for name, value in raw.values.items()}
+    values |= {name: value[there] for name, value in more.items()}
+    known = {row for row, _ in raw.faults}
+    faults = [*raw.faults, *((row + shift, why) for row, why in other.faults if row + shift not in known)]
+    return replace(raw, values=values, rows=both, faults=tuple(sorted(faults)))

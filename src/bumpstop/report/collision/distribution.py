@@ -1,0 +1,262 @@
+"""How the peak force is distributed, and where the limits stand in it."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision.distribution.distribution import QUANTILES
+from bumpstop.collision.verdict.verdict import percent
+from bumpstop.report.formatting import number, percentile, quantity
+from bumpstop.report.markup import Html, paragraph
+from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
+from bumpstop.report.section import Section
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from bumpstop.collision import Distribution
+
+# The least probability shown: beyond it the model's tails say nothing about an arm.
+_LEAST = 1e-6
+
+
+class DistributionSection(Section):
+    """Density and exceedance of the peak force; pressure is the same curve on another scale."""
+
+    title = "Peak force and pressure"
+    anchor = "distribution"
+
+    def content(self) -> list[Html]:
+        """How to read the figure, and what lies outside it."""
+        law, contact = self.law, self.law.scenario.contact
+        if not self._edges.size:
+            return [
+                paragraph(
+                    f"There is no figure: {percent(law.undetected_probability)} of collisions are never detected, "
+                    f"so that their force has no bound, and in {percent(law.no_contact_probability)} of cases the "
+                    "arm touches nothing."
+                )
+            ]
+        meets = "where this curve meets a limit stands the probability of exceeding it"
+        if law.problem.transient_limits is not None:
+            meets = "a force that is gone in time may pass the limit that holds later, but not the one at first"
+        uneven = f" times the peak factor {contact.peak_factor:g}" if contact.peak_factor != 1 else ""
+        text = [
+            paragraph(
+                "Upper panel: how often which peak force occurs. Lower panel: the probability that the peak is higher "
+                f"than the force on the axis; {meets}. Pressure is force over {contact.area_cm2:g} cm²{uneven}, so its "
+                "scale runs along the top."
+            )
+        ]
+        harmless = 1 - law.peak_force.exceedance(0.0)
+        if harmless > 1e-4:
+            text.append(
+                paragraph(
+                    f"In {percent(harmless)} of cases the arm does not press at all, as an alarm stops it before "
+                    "the body or the motion ends there. The upper panel leaves them out."
+                )
+            )
+        if law.undetected_probability > _LEAST and law.unbounded_because is not None:
+            text.append(
+                paragraph(
+                    f"{percent(law.undetected_probability)} of collisions are not detected {law.unbounded_because} and "
+                    "count as beyond every force: the lower curve does not fall below that."
+                )
+            )
+        return text
+
+    def pictures(self) -> list[Picture]:
+        """The figure, unless too few collisions have a bounded force."""
+        if not self._edges.size:
+            return []
+        law = self.law
+        marks = ", ".join(
+            f"{percentile(name)} {quantity(law.peak_force.quantile(p), 'N')}" for name, p in QUANTILES.items()
+        )
+        limits = "; ".join(f"{name} at {number(force)} N" for name, force in self._limits) or "no limits"
+        return [
+            Picture(
+                "peak_force",
+                f"Density of the peak force above of exceeding it below. {marks}; {limits}.",
+                f"Quantiles: {marks}. Dashed: limits.",
+                self._draw,
+                height=4.4,
+            )
+        ]
+
+    @property
+    def _limits(self) -> list[tuple[str, float]]:
+        """Limits as peak forces [N], lowest first."""
+        limits, first, contact = self.law.problem.limits, self.law.problem.transient_limits, self.law.scenario.contact
+        if limits is None:
+            return []
+        if not limits.permitted or (first is not None and not first.permitted):
+            return [("no contact permitted:", 0.0)]
+        if first is not None:
+            allowed = [(phase.allowed_force_N(contact.area_cm2, contact.peak_factor)) for phase in (limits, first)]
+            return list(zip(("limit later", "limit at first"), allowed, strict=True))
+        found = [("force limit", limits.force_N)]
+        if limits.pressure_N_cm2 is not None:
+            found.append(("pressure limit", limits.pressure_N_cm2 / self._pressure_per_newton))
+        return sorted(found, key=lambda limit: limit[1])
+
+    @property
+    def _pressure_per_newton(self) -> float:
+        contact = self.law.scenario.contact
+        return contact.peak_factor / contact.area_cm2
+
+    @cached_property
+    def _edges(self) -> FloatArray:
+        """Edges of the density's bins [N]; empty where too few collisions have a force with a bound."""
+        return bins(self.law.peak_force, self.law.samples)
+
+    def _draw(self, figure: Figure) -> None:
+        density, exceedance = stack(figure, [1.0, 1.25], left=1.0, right=0.2, bottom=0.5, top=0.62, gap=0.14)
+        for panel in (density, exceedance):
+            panel.yaxis.set_label_coords(-0.21, 0.5)
+        low, high = self._range()
+        exceedance.set_xlim(low, high)
+        exceedance.set_xlabel("peak force [N]")
+        top = density.secondary_xaxis("top", functions=scale_by(self._pressure_per_newton))
+        top.set_xlabel("peak pressure [N/cm²]")
+        draw_density(density, self.law.peak_force, self._edges)
+        density.set_ylabel("density [1/N]")
+        self._draw_exceedance(exceedance, low, high)
+        self._draw_limits(density, exceedance, low, high)
+
+    def _range(self) -> tuple[float, float]:
+        """From zero, unless that wastes the width; to the limits, unless they are far away."""
+        low, high = float(self._edges[0]), float(self._edges[-1])
+        reach = [force for _, force in self._limits if force < 2.5 * high]
+        high = max([high, *reach])
+        low = 0.0 if low < 0.6 * high else low - 0.1 * (high - low)
+        low = min([low, *(0.85 * force for _, force in self._limits)])
+        return low, high + 0.08 * (high - low)
+
+    def _draw_exceedance(self, panel: Axes, low: float, high: float) -> None:
+        force = self.law.peak_force
+        least = _LEAST if self.law.kind == "exact" else max(_LEAST, 0.3 / (self.law.samples or 1))
+        x = np.linspace(low, high, 401)
+        # Summed from the far end, where the terms are smallest, so that the tail keeps its digits.
+        beyond = np.append(force.density(x) * np.diff(x), force.exceedance(high))
+        y = np.cumsum(beyond[::-1])[::-1]
+        panel.plot(x, np.maximum(y, 0.01 * least), color=LAW)
+        panel.set_yscale("log")
+        panel.set_ylim(least, 2.5)
+        decades = int(-math.floor(math.log10(least)))
+        ticks = [10.0**-d for d in range(0, decades + 1, 1 if decades < 4 else 2) if 10.0**-d >= least]
+        panel.set_yticks(ticks, [f"{100 * t:g} %" for t in ticks])
+        panel.minorticks_off()
+        panel.set_ylabel("P(peak is higher)")
+        risk = self.law.scenario.verdict.risk
+        if risk > least:
+            panel.axhline(risk, color=FAINT, linestyle=":", linewidth=1.4)
+            panel.annotate(
+                f"accepted {percent(risk)}", (0, risk), (4, 3), xycoords=panel.get_yaxis_transform(),
+                textcoords="offset points", color=INK, fontsize=8.5, bbox=PAPER,
+            )  # fmt: skip
+        for name, p in QUANTILES.items():
+            value = force.quantile(p)
+            if not low <= value <= high or 1 - p < least:
+                continue
+            panel.plot(value, 1 - p, marker="o", markersize=5, color=LAW, markeredgecolor="white")
+            # The curve falls: above it on the right and below it on the left there is room.
+            left = value > low + 0.6 * (high - low)
+            # At the foot of the panel the numbers of the scale are below.
+            below = left and 1 - p > 2 * least
+            panel.annotate(
+                f"{percentile(name)} {number(value)} N",
+                (value, 1 - p),
+                (-6 if left else 6, -1 if below else 1),
+                textcoords="offset points",
+                ha="right" if left else "left",
+                va="top" if below else "bottom",
+                fontsize=8.5,
+                bbox=PAPER,
+            )
+
+    def _draw_limits(self, density: Axes, exceedance: Axes, low: float, high: float) -> None:
+        seen = [(name, force) for name, force in self._limits if force <= high]
+        # Of two phases the force beyond the first one's limit is too much whenever it comes.
+        beyond = seen[1:] if self.law.problem.transient_limits is not None and len(self._limits) > 1 else seen
+        if beyond:
+            density.axvspan(beyond[0][1], high, facecolor="none", edgecolor=LIMIT, alpha=0.6, hatch="///", linewidth=0)
+        # The lowest limit has the lowest label and ends there, so that no line runs through the other's label.
+        for row, (name, force) in enumerate(reversed(self._limits)):
+            style = "--" if name.startswith("force") else (0, (2, 1.2))
+            text = f"{name} {number(force)} N"
+            height = 0.97 - 0.13 * row
+            label: dict[str, Any] = {
+                "xycoords": density.get_xaxis_transform(), "textcoords": "offset points", "va": "top", "color": LIMIT,
+                "fontsize": 8.5, "bbox": PAPER,
+            }  # fmt: skip
+            if force > high:
+                density.annotate(f"{text} →", (high, height), (-2, 0), ha="right", **label)
+                continue
+            for panel, end in ((density, height), (exceedance, 1.0)):
+                panel.axvline(force, ymax=end, color=LIMIT, linestyle=style, linewidth=1.5)
+            left = force > (low + high) / 2
+            density.annotate(text, (force, height), (-5 if left else 5, 0), ha="right" if left else "left", **label)
+
+
+def bins(distribution: Distribution, samples: int | None, most: float = math.inf) -> FloatArray:
+    """Bin edges over the bounded part of a distribution; empty where there is none, or nothing but zeros.
+
+    Args:
+        distribution: in any unit.
+        samples: behind a sampled one; None: exact.
+        most: nothing is shown beyond.
+    """
+    high = _highest(distribution)
+    if math.isfinite(most):
+        high = min(high, most)
+    if not high > 0:
+        return np.zeros(0)
+    low = distribution.quantile(1e-4)
+    # A single value still needs a bin around it.
+    margin = max(0.03 * (high - low), 0.01 * abs(high), 1e-9)
+    low, high = max(0.0, low - margin), high + margin
+    count = 160 if samples is None else int(min(60, max(12, 2 * samples**0.5)))
+    return np.linspace(low, high, count + 1)
+
+
+def _highest(distribution: Distribution) -> float:
+    """A quantile at the upper end of the bounded part; NaN where less than half is bounded."""
+    bounded, unbounded = 0.5, 0.9999
+    value, high = distribution.quantile(unbounded), distribution.quantile(bounded)
+    if math.isfinite(value) or not math.isfinite(high):
+        return value if math.isfinite(value) else math.nan
+    while unbounded - bounded > 1e-4:
+        middle = (bounded + unbounded) / 2
+        value = distribution.quantile(middle)
+        if math.isfinite(value):
+            bounded, high = middle, value
+        else:
+            unbounded = middle
+    return high
+
+
+def draw_density(panel: Axes, distribution: Distribution, edges: FloatArray) -> None:
+    """Fill a panel with a density, median and p99 marked; head room for labels is left above it."""
+    height = distribution.density(edges)
+    panel.stairs(height, edges, fill=True, color=AREA, alpha=0.45, linewidth=0)
+    panel.stairs(height, edges, color=LAW, linewidth=1.3)
+    panel.set_ylim(0, 1.75 * max(float(height.max()), 1e-300))
+    panel.locator_params(axis="y", nbins=4)
+    # The two labels stand on the outer sides of their lines, so that they never meet.
+    near_edge = edges[0] + 0.12 * (edges[-1] - edges[0])
+    for p, style in ((0.5, "-"), (0.99, "-.")):
+        value = distribution.quantile(p)
+        side, shift = ("right", -3) if p == 0.5 and value > near_edge else ("left", 3)
+        if math.isfinite(value):
+            panel.axvline(value, ymax=0.61, color=EVENT, linestyle=style, linewidth=1.3)
+            panel.annotate(
+                f"p{100 * p:g}", (value, 0.58), (shift, 0), xycoords=panel.get_xaxis_transform(),
+                textcoords="offset points", ha=side, va="bottom", color=EVENT, fontsize=8.5,
+            )  # fmt: skip

@@ -1,0 +1,89 @@
+"""The page: sections in order, one file without anything to fetch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bumpstop.errors import InputError
+from bumpstop.report.collision.area import AreaSection
+from bumpstop.report.collision.arm import ArmSection
+from bumpstop.report.collision.detection import DetectionSection
+from bumpstop.report.collision.distribution import DistributionSection
+from bumpstop.report.collision.force_over_time import ForceOverTimeSection
+from bumpstop.report.collision.tables import AssumptionsSection, FiguresSection, ProvenanceSection, SettingsSection
+from bumpstop.report.collision.verdict import VerdictSection
+from bumpstop.report.document import Document
+from bumpstop.report.formatting import arm, what_is_hit, which_law
+from bumpstop.text_files import as_path
+
+if TYPE_CHECKING:
+    from bumpstop.collision import ForceLaw
+    from bumpstop.report.section import Section
+
+FIGURES = (
+    "arm",
+    "force_over_time_median",
+    "force_over_time_bad",
+    "peak_force",
+    "trigger_joints",
+    "detection_delay",
+    "limits_over_area",
+)
+"""Every figure a report may have, by the name of its files; each law has those that make sense for it."""
+
+
+class Page(Document):
+    """A law's report, drawn on construction; its title names robot, speed and body."""
+
+    def __init__(self, law: ForceLaw, details: Mapping[str, str] | None = None) -> None:
+        sections: list[Section] = [
+            VerdictSection(law),
+            ArmSection(law),
+            ForceOverTimeSection(law),
+            DistributionSection(law),
+            DetectionSection(law),
+            AreaSection(law),
+            FiguresSection(law),
+            ProvenanceSection(law),
+            SettingsSection(law, details or {}),
+            AssumptionsSection(law),
+        ]
+        super().__init__(
+            f"{arm(law)} {law.problem.motion_in_words} against {what_is_hit(law)}",
+            f"bumpstop collision report; {which_law(law)}",
+            "collision report",
+            sections,
+        )
+
+
+def write_report(law: ForceLaw, folder: Path, *, details: Mapping[str, str] | None = None) -> Path:
+    """Write ``report.html`` and its figures as ``<name>.png`` and ``<name>.svg``.
+
+    The page holds everything it shows. The same law gives the same bytes.
+
+    Args:
+        law: exact or sampled.
+        folder: made where it is missing. Figures of an earlier report there are replaced or removed.
+        details: further rows for the page's table of what made it, such as the command line.
+
+    Returns:
+        The path of report.html.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    folder = as_path(folder, "folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        page = Page(law, details)
+        for name in set(FIGURES) - {figure.picture.name for figure in page.figures}:
+            # Left from another law, it would pass for a figure of this one.
+            for kind in ("svg", "png"):
+                (folder / f"{name}.{kind}").unlink(missing_ok=True)
+        return page.write(folder)
+    except OSError as error:
+        raise InputError(
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
+        ) from None

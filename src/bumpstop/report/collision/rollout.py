@@ -1,0 +1,231 @@
+"""Single collisions, followed in time: the law says how often, a rollout shows how."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision import sampled_law
+from bumpstop.collision.distribution.noise import contact_residual, noise_of_run
+from bumpstop.collision.distribution.transient_contact import body_displacement
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw, sampled_trajectory_law
+
+if TYPE_CHECKING:
+    from bumpstop.collision import ForceLaw, Problem
+
+# Runs to choose from where the law itself has none: some twenty lie beyond the 99 % quantile.
+_SAMPLES = 2000
+# By how much the oscillation of a body that gets away may turn between two times that are drawn [rad].
+_TURN = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """One collision in time. Time zero is the touch; without one the detection, and without that the start.
+
+    Attributes:
+        run, seed: which sampled run it is.
+        offset: distance from the start to the body along the normal [m]; zero in a trajectory.
+        stiffness: of the body [N/m].
+        time: of every simulation step, and between them while a body that gets away is touched (times,) [s].
+        distance: of the contact point along the normal at those times (times,) [m].
+        displacement: of a body that gets away (times,) [m]; zero where it is clamped.
+        peak_force: the greatest at those times; of a body that gets away the law's own, between them too [N].
+        touch: when the point first reaches the body [s], or None.
+        detection: the tick that noticed [s], or None.
+        reaction: when the arm began to react [s], or None.
+        joint: whose residual is shown, from 0: of those that fired the one farthest over its threshold.
+        tick_time: feedback ticks up to the detection (ticks,) [s].
+        residual: of that joint at those ticks: contact torque and noise (ticks,) [Nm or N].
+        contact_torque: the part of the contact alone (ticks,) [Nm or N].
+        threshold: of that joint [Nm or N]; infinite where it is not watched.
+    """
+
+    run: int
+    seed: int
+    offset: float
+    stiffness: float
+    time: FloatArray
+    distance: FloatArray
+    displacement: FloatArray
+    peak_force: float
+    touch: float | None
+    detection: float | None
+    reaction: float | None
+    joint: int
+    tick_time: FloatArray
+    residual: FloatArray
+    contact_torque: FloatArray
+    threshold: float
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """Contact force at those times (times,) [N]: the body answers as a spring."""
+        return _force(self.stiffness, self.distance, self.offset, self.displacement)
+
+
+class Rollouts:
+    """The sampled runs behind a law: its own, or for an exact law some drawn on the same stopping curve."""
+
+    def __init__(self, law: ForceLaw) -> None:
+        self._law = law
+        sampled = law if law.runs is not None else _sampled(law)
+        assert sampled.runs is not None
+        assert sampled.seed is not None
+        self._runs: dict[str, npt.NDArray[Any]] = sampled.runs
+        self.seed = sampled.seed
+
+    def nearest(self, p: float) -> Rollout:
+        """The run whose peak force is nearest the law's quantile at ``p``.
+
+        Where that quantile lies in the undetected share: an undetected run with a middling offset. In a trajectory then
+        the run nearest the quantile of all sampled forces, as those of undetected runs are known.
+        """
+        peak, offset, tick = self._runs["peak_force"], self._runs["offset"], self._runs["tick"]
+        wanted = self._law.peak_force.quantile(p)
+        if math.isfinite(wanted):
+            # Without a bound, runs never detected count as beyond every quantile, whatever force is left at the end.
+            bounded = self._law.unbounded_because is None
+            missed = np.where((tick >= 0) | bounded, np.abs(peak - wanted), math.inf)
+        elif isinstance(self._law, TrajectoryLaw):
+            # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
+            missed = np.abs(peak - np.quantile(peak, p))
+        else:
+            undetected = (tick < 0) & (peak > 0)
+            middle = np.median(offset[undetected]) if undetected.any() else 0.0
+            missed = np.where(undetected, np.abs(offset - middle), math.inf)
+        return self.rollout(int(np.argmin(missed)))
+
+    def rollout(self, run: int) -> Rollout:
+        """Follow one run from the start of the motion until the force is gone, or the motion ends."""
+        problem, curve = self._law.problem, self._law.curve
+        if isinstance(self._law, TrajectoryLaw):
+            curve = self._law.curve_at(float(self._runs["contact_time"][run]))
+        offset, tick = float(self._runs["offset"][run]), int(self._runs["tick"][run])
+        step, period = problem.scenario.simulation.step_s, problem.period_steps
+        distance: FloatArray = curve.distance
+        begin = None
+        if tick < 0:
+            # The path goes on for a latency beyond the motion's end, for the reactions.
+            distance = distance[: _motion_steps(self._law, distance) + 1]
+            if curve.end in ("joint_limit", "singularity"):
+                distance = np.append(distance, curve.kernel.braking)
+        else:
+            # An arm that cannot follow its line as far brakes where it ends.
+            begin = min(tick * period + 1 + problem.latency_steps, distance.size - 1)
+            # The reaction's path starts with the step in which it begins.
+            reaction = curve.kernel.reaction_paths([tick], [offset])[0]
+            distance = np.concatenate([distance[:begin], reaction])
+        displacement = np.zeros_like(distance)
+        if problem.body_mass is not None:
+            distance, displacement = _until_parted(problem, distance, offset)
+        time: FloatArray = np.arange(distance.size, dtype=np.float64) * step
+        touch = _first_passage(distance, time, offset)
+        detection = None if tick < 0 else float(curve.tick_time[tick])
+        zero = touch if touch is not None else detection if detection is not None else 0.0
+
+        ticks = tick + 1 if tick >= 0 else curve.ticks
+        # The arm looks before it reacts: its own path and this one are the same up to the last of these ticks.
+        pushed = displacement[np.arange(ticks) * period + 1]
+        force = problem.stiffness * np.maximum(0.0, curve.tick_distance[:ticks] - offset - pushed)
+        torque = curve.torque_per_newton[:ticks] * force[:, None]
+        torque = contact_residual(problem, torque)
+        residual = torque + noise_of_run(problem, self.seed, run, ticks)
+        # Among joints that nobody watches, the one the force bears on most.
+        over = np.abs(residual[-1]) / problem.thresholds
+        joint = int(np.argmax(over if over.any() else np.abs(torque[-1])))
+        peak = float(_force(problem.stiffness, distance, offset, displacement).max())
+        if problem.body_mass is not None:
+            time, distance, displacement = _between_steps(problem, time, distance, displacement, offset)
+            peak = float(self._runs["peak_force"][run])
+        return Rollout(
+            run=run,
+            seed=self.seed,
+            offset=offset,
+            stiffness=problem.stiffness,
+            time=time - zero,
+            distance=distance,
+            displacement=displacement,
+            peak_force=peak,
+            touch=None if touch is None else touch - zero,
+            detection=None if detection is None else detection - zero,
+            reaction=None if begin is None else begin * step - zero,
+            joint=joint,
+            tick_time=curve.tick_time[:ticks] - zero,
+            residual=residual[:, joint],
+            contact_torque=torque[:, joint],
+            threshold=float(problem.thresholds[joint]),
+        )
+
+
+def _sampled(law: ForceLaw) -> ForceLaw:
+    if isinstance(law, TrajectoryLaw):
+        return sampled_trajectory_law(law.problem, samples=_SAMPLES, seed=0)
+    return sampled_law(law.problem, law.curve, samples=_SAMPLES, seed=0)
+
+
+def _motion_steps(law: ForceLaw, distance: FloatArray) -> int:
+    """Simulation steps until an undetected motion ends."""
+    problem = law.problem
+    if isinstance(law, TrajectoryLaw):
+        return distance.size - 1 - problem.latency_steps
+    return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
+
+
+def _until_parted(problem: Problem, distance: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
+    """A path of the arm, prolonged until a free body has got away, and how far that has been pushed [m].
+
+    Where the path ends in contact, the arm stands; the body swings away in a quarter of an oscillation at most.
+    """
+    step, stiffness, mass = problem.scenario.simulation.step_s, problem.stiffness, problem.moving_mass
+    pushed = body_displacement(distance, offset, stiffness, mass, step)
+    size = distance.size
+    if not distance[-1] - offset > pushed[-1]:
+        return distance, pushed
+    swing = math.ceil(math.pi / 2 * math.sqrt(mass / stiffness) / step) + 1
+    distance = np.append(distance, np.full(swing, distance[-1]))
+    pushed = body_displacement(distance, offset, stiffness, mass, step)
+    parted = size + int(np.argmax(distance[size:] - offset <= pushed[size:]))
+    return distance[: parted + 1], pushed[: parted + 1]
+
+
+def _between_steps(
+    problem: Problem, time: FloatArray, distance: FloatArray, pushed: FloatArray, offset: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same at times between the steps, too, while the body is touched: a light one rings faster than they come."""
+    touched = np.flatnonzero(distance - offset > pushed)
+    if not touched.size:
+        return time, distance, pushed
+    first, last = max(int(touched[0]) - 1, 0), min(int(touched[-1]) + 1, time.size - 1)
+    step, frequency = problem.scenario.simulation.step_s, math.sqrt(problem.stiffness / problem.moving_mass)
+    parts = max(4, math.ceil(frequency * step / _TURN))
+    fine = np.linspace(time[first], time[last], (last - first) * parts + 1)
+    path = np.interp(fine, time, distance)
+    moved = body_displacement(path, offset, problem.stiffness, problem.moving_mass, step / parts)
+
+    def joined(steps: FloatArray, between: FloatArray) -> FloatArray:
+        return np.concatenate([steps[:first], between, steps[last + 1 :]])
+
+    return joined(time, fine), joined(distance, path), joined(pushed, moved)
+
+
+def _force(stiffness: float, distance: FloatArray, offset: float, displacement: FloatArray) -> FloatArray:
+    return np.asarray(stiffness * np.maximum(0.0, distance - offset - displacement))
+
+
+def _first_passage(distance: FloatArray, time: FloatArray, offset: float) -> float | None:
+    """When the distance first passes the offset, linear between steps; None: never."""
+    beyond = np.flatnonzero(distance > offset)
+    if not beyond.size:
+        return None
+    i = int(beyond[0])
+    if i == 0:
+        return float(time[0])
+    share = (offset - distance[i - 1]) / (distance[i] - distance[i - 1])
+    return float(time[i - 1] + share * (time[i] - time[i - 1]))

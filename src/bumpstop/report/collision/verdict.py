@@ -1,0 +1,128 @@
+"""The answer, before everything else."""
+
+from __future__ import annotations
+
+import math
+
+from bumpstop.collision.verdict.alarm_rate import alarm_rate
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.collision.verdict.verdict import percent
+from bumpstop.report.formatting import in_phases, number, quantity
+from bumpstop.report.markup import Html, bullets, element, paragraph, table
+from bumpstop.report.section import Section
+
+# Word, CSS class and shape of the sign: the three say the same, so that none is needed to read the others.
+_TICK = '<circle cx="12" cy="12" r="11"/><path d="M6 12.5l4 4 8-9"/>'
+_CROSS = '<path d="M7.5 1h9L23 7.5v9L16.5 23h-9L1 16.5v-9z"/><path d="M7.5 7.5l9 9m0-9l-9 9"/>'
+_DASH = '<rect x="1" y="1" width="22" height="22"/><path d="M6 12h12"/>'
+_SIGNS = {
+    "acceptable": ("Acceptable", "acceptable", _TICK),
+    "not_acceptable": ("Not acceptable", "not-acceptable", _CROSS),
+    "inconclusive": ("Inconclusive", "unjudged", _DASH),
+    "no_limits": ("No limits to judge by", "unjudged", _DASH),
+}
+
+
+class VerdictSection(Section):
+    """Acceptable or not, the reason in a sentence, and the figures that decide."""
+
+    title = "Verdict"
+    anchor = "verdict"
+
+    def content(self) -> list[Html]:
+        """Sign, sentence, the table of what was judged, and what the word means."""
+        verdict = self.law.verdict
+        word, style, shape = _SIGNS[verdict.conclusion]
+        sign = element("svg", Html(shape), viewBox="0 0 24 24", aria_hidden="true")
+        banner = element(
+            "div",
+            element("p", sign, element("strong", word), class_="word"),
+            element("p", verdict.reason, class_="reason"),
+            class_=f"banner {style}",
+        )
+        rows = table(("", "this collision", "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
+        beside = []
+        if self.law.warnings:
+            beside = [element("h3", "Beside this verdict"), bullets(self.law.warnings)]
+        return [banner, *beside, rows, paragraph(self._meaning())]
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        law, verdict, limits, first = self.law, self.law.verdict, self.law.problem.limits, self.law.verdict.transient
+        # The quantile of the accepted probability is what the verdict compares with the limit; p99 may be below it.
+        p = 1 - verdict.risk
+        share, name = f"{100 * p:.10g} %", f"p{100 * p:.10g}"
+        rows = [
+            _below(f"Peak force that {share} of collisions stay below ({name})", law.peak_force.quantile(p), "N",
+                   limits.force_N if limits else None, first.force_N if first else None),
+            _below(f"Peak pressure, likewise ({name})", law.pressure.quantile(p), "N/cm²",
+                   limits.pressure_N_cm2 if limits else None, first.pressure_N_cm2 if first else None),
+        ]  # fmt: skip
+        for what, over in (("force", verdict.p_over_force), ("pressure", verdict.p_over_pressure)):
+            if over is not None:
+                rows.append(_accepted(f"Probability of exceeding the {what} limit", over, verdict.risk))
+        rows.append(
+            _accepted(
+                "Probability of a false alarm before contact",
+                verdict.false_alarm_probability,
+                verdict.max_false_alarm,
+            )
+        )
+        rows.append(("False alarms in free motion", alarm_rate(law.problem).words, "", ""))
+        rows.append(("Probability of never noticing", percent(law.undetected_probability), "", ""))
+        delay = law.detection_delay
+        shown = f"{number(1e3 * delay.quantile(0.5))} / {quantity(1e3 * delay.quantile(0.99), 'ms')}"
+        rows.append(("Delay from touch to detection, median / p99", shown, "", ""))
+        return rows
+
+    def _meaning(self) -> str:
+        verdict, limits, contact = self.law.verdict, self.law.problem.limits, self.law.scenario.contact
+        first = verdict.transient
+        if limits is None:
+            return (
+                "The scenario gives a stiffness but no body region. The forces below hold; whether a person could take "
+                "them is not judged."
+            )
+        meaning = (
+            f"Acceptable means here: each limit is exceeded with a probability of at most {percent(verdict.risk)}, "
+            f"and an alarm before contact has a probability of at most {percent(verdict.max_false_alarm)}. "
+        )
+        if self.law.problem.body_mass is None:
+            because = self.law.unbounded_because
+            if because is None:
+                meaning += "Collisions that are never detected count with the greatest force until the arm stands."
+            else:
+                meaning += f"Collisions that are not detected {because} count as over every limit."
+        else:
+            meaning += "A body that gets away unnoticed counts with the force it has met."
+        if first is not None:
+            meaning += (
+                f" In the first {FIRST_PHASE_S:g} s of contact the transient limits hold, after them the quasi-static "
+                "ones, and neither may be passed."
+            )
+        if not limits.permitted or (first is not None and not first.permitted):
+            return meaning
+        if first is not None:
+            at_first, later = (p.allowed_force_N(contact.area_cm2, contact.peak_factor) for p in (first, limits))
+            return f"{meaning} On {contact.area_cm2:g} cm² that is {in_phases(at_first, later, 'N')}."
+        allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
+        governing = limits.governing(contact.area_cm2, contact.peak_factor)
+        return (
+            f"{meaning} On {contact.area_cm2:g} cm² the {governing} limit is the first to be reached, at "
+            f"{number(allowed)} N."
+        )
+
+
+def _below(what: str, value: float, unit: str, limit: float | None, first: float | None) -> tuple[str, str, str, str]:
+    if limit is None:
+        return what, quantity(value, unit), "no limit", ""
+    if first is not None:
+        # Between the two the peak alone does not tell.
+        judged = "below" if value <= min(limit, first) else element("strong", "above") if value > first else ""
+        return what, quantity(value, unit), in_phases(first, limit, unit), judged
+    allowed = quantity(limit, unit) if limit > 0 else "none permitted"
+    return what, quantity(value, unit), allowed, "below" if value <= limit else element("strong", "above")
+
+
+def _accepted(what: str, p: float, accepted: float) -> tuple[str, str, str, str]:
+    judged = "" if math.isnan(p) else "within" if p <= accepted else element("strong", "too high")
+    return what, percent(p), f"at most {percent(accepted)}", judged

@@ -1,0 +1,144 @@
+"""Report of ``bumpstop detect``: what was noticed, when nothing could be, and the settings that decided."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bumpstop.report.collision.tables import flat
+from bumpstop.report.detection.residuals import residual_picture
+from bumpstop.report.document import Document, write_document
+from bumpstop.report.formatting import number
+from bumpstop.report.markup import Html, bullets, element, paragraph, table
+from bumpstop.report.section import Part
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from bumpstop.detection import DetectionRun
+    from bumpstop.model import Robot
+    from bumpstop.report.picture import Picture
+
+_MOST_EVENTS = 200
+# What a reader may do about the faults that have a way out.
+_REMEDIES = {
+    "repeated": "stamps closer than a tenth of a period; --rate HZ reads rows as even",
+    "out_of_order": "time runs backwards; --rate HZ reads rows as even",
+    "gap": "no sample for longer than five periods",
+    "outside_limits": "--limit-margin lets positions beyond their limits pass",
+    "frozen": "time goes on, positions and signals do not; --frozen says how long they may",
+    "filling": "too few samples yet to differentiate; --window says over how long",
+}
+
+
+def conclusion(run: DetectionRun) -> str:
+    """One sentence: alarms, or that the detector could not have noticed anything."""
+    seconds, count = float(run.t[-1] - run.t[0]), len(run.events)
+    alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.6g} s, {run.t.size} rows"
+    if run.inactive:
+        return f"INACTIVE all the time ({run.inactive}): nothing could be noticed. {alarms}"
+    idle = run.blind_s + run.arming_s
+    return alarms + (f"; watched for {run.watched_s:.4g} s of them" if idle > 0.05 * seconds else "")
+
+
+def write_events(
+    run: DetectionRun, robot: Robot, units: Sequence[str], folder: Path, *, asked: Mapping[str, str], name: str
+) -> Path:
+    """Write report.html and its figure.
+
+    Args:
+        run: of the detector over the recording.
+        robot: whose joints they are.
+        units: of the torque of every joint.
+        folder: made where it is missing.
+        asked: what was asked for, by name, for the table of settings.
+        name: of the recording.
+    """
+    parts: list[Part] = [AlarmsPart(run, robot, units), RunSettingsPart(run, robot, asked)]
+    return write_document(Document(f"{name}: {_heading(run)}", "bumpstop detection", "detection", parts), folder)
+
+
+def _heading(run: DetectionRun) -> str:
+    count = len(run.events)
+    return "detector inactive" if run.inactive else f"{count} alarm{'' if count == 1 else 's'}"
+
+
+class AlarmsPart(Part):
+    """The alarms, when the detector was blind, and residuals over time."""
+
+    title = "Alarms"
+    anchor = "alarms"
+
+    def __init__(self, run: DetectionRun, robot: Robot, units: Sequence[str]) -> None:
+        self.run, self.robot, self.units = run, robot, units
+
+    def content(self) -> list[Html]:
+        """The conclusion, every event, blind time by its cause, and notes."""
+        run = self.run
+        text = [paragraph(conclusion(run) + ".")]
+        if run.events:
+            headings = (
+                "begin, s",
+                "end, s",
+                "joints",
+                "largest residual",
+                "its threshold",
+                "force, N",
+                "likeliest link",
+            )
+            rows = [self._row(k) for k in range(min(len(run.events), _MOST_EVENTS))]
+            more = f" (the first {_MOST_EVENTS} of {len(run.events)})" if len(run.events) > _MOST_EVENTS else ""
+            text.append(table(headings, rows, caption=f"Events{more}", numbers=True))
+            text.append(
+                paragraph(
+                    "An event lasts from the first to the last row over a threshold. The threshold is that of its "
+                    "first row; forces are those of the arm on the body at the first row."
+                )
+            )
+        if run.blind.any():
+            reasons = [(name, str(rows), _REMEDIES.get(name, "")) for name, rows in run.blind_rows().items()]
+            text.append(table(("fault", "rows", "meaning"), reasons, caption=f"Blind for {run.blind_s:.4g} s"))
+        if run.arming_s:
+            unseen = int(run.unseen.sum())
+            text.append(paragraph(f"Arming for {run.arming_s:.4g} s; {unseen} rows were over a threshold meanwhile."))
+        return [*text, bullets(run.notes)] if run.notes else text
+
+    def _row(self, place: int) -> tuple[str, ...]:
+        event = self.run.events[place]
+        joints = sorted({*event.joints, *event.fast_joints})
+        at = event.largest_joint
+        return (
+            f"{event.t:.4f}",
+            f"{event.end:.4f}",
+            ", ".join(str(j + 1) for j in joints),
+            "-" if at is None else f"{number(float(event.largest_residual[at]))} {self.units[at]} at joint {at + 1}",
+            "-" if at is None else f"{number(float(event.threshold[at]))} {self.units[at]}",
+            number(event.force_along),
+            event.link or "-",
+        )
+
+    def pictures(self) -> list[Picture]:
+        """Residuals with their thresholds."""
+        return [residual_picture(self.run, tuple(joint.name for joint in self.robot.joints), tuple(self.units))]
+
+
+class RunSettingsPart(Part):
+    """What was asked for, the detector's settings, and what computed it."""
+
+    title = "Settings"
+    anchor = "settings"
+
+    def __init__(self, run: DetectionRun, robot: Robot, asked: Mapping[str, str]) -> None:
+        self.run, self.robot, self.asked = run, robot, asked
+
+    def content(self) -> list[Html]:
+        """Three tables."""
+        from bumpstop.study.study import versions
+
+        first = {"robot": self.robot.name, **self.asked}
+        settings = [(element("code", key), value) for key, value in flat(dict(self.run.settings))]
+        return [
+            table(("", ""), list(first.items()), caption="Asked for"),
+            table(("setting", "value"), settings, caption="Detector"),
+            table(("", ""), list(versions().items()), caption="Made by"),
+        ]

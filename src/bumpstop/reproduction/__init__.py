@@ -1,0 +1,1 @@
+"""Published works that bumpstop reproduces, one room each."""

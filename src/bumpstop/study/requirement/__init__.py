@@ -1,0 +1,1 @@
+"""Requirements: values of a parameter at which a scenario is still acceptable."""

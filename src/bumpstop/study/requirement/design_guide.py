@@ -1,0 +1,391 @@
+"""The design guide: the cheapest way to meet the limits, given what every change costs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
+from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.variable import Range, Variable
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
+
+# Below this a false alarm is so rare that no digit of it matters, and its logarithm stays finite.
+_RAREST = 1e-30
+# Combinations of whole steps, with a search over all other variables for each, or with a law where there are none.
+_MOST_SEARCHES, _MOST_LAWS = 64, 4096
+# Values of one variable looked at, as many on either side of the present one.
+_LOOKS = 16
+# Rounds through all variables on the way to the mildest values: one may only matter where another has changed.
+_ROUNDS = 3
+# Margins closer than this are the same: false alarms know nothing of most variables, but to rounding.
+_SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Price:
+    """What it costs to change a variable.
+
+    Attributes:
+        swept: the variable and the range it may move in.
+        per_unit: cost of one unit of change, up or down; above 0.
+    """
+
+    swept: Range
+    per_unit: float
+
+    @classmethod
+    def of(cls, swept: Range, written: str) -> Price:
+        """Read a price.
+
+        Raises:
+            InputError: it is not a finite number above 0.
+        """
+        try:
+            price = float(written)
+        except ValueError:
+            price = math.nan
+        if not 0 < price < math.inf:
+            raise InputError("--price", f"{written!r} of {swept.variable.name} is no price", "wanted a number above 0")
+        return cls(swept, price)
+
+    def to_json(self) -> str:
+        """As a person writes it."""
+        return f"{self.swept.variable.name}={self.per_unit:.12g}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A way to meet the limits.
+
+    Attributes:
+        values: of every priced variable.
+        cost: of the changes.
+        margin: log of the allowed over the accepted quantile of the peak force; at least 0 where the limits are met.
+        false_alarm_margin: log of the accepted over the probability of a false alarm.
+    """
+
+    values: Mapping[str, float]
+    cost: float
+    margin: float
+    false_alarm_margin: float
+
+    @property
+    def meets(self) -> bool:
+        """Force, pressure and false alarms are all within what is accepted."""
+        return self.margin >= 0 and self.false_alarm_margin >= 0
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything."""
+        return {
+            "values": dict(self.values),
+            "cost": self.cost,
+            "force_over_allowed": math.exp(-self.margin),
+            "meets": self.meets,
+        }
+
+
+@dataclass(frozen=True)
+class Guide:
+    """What the guide found.
+
+    Attributes:
+        now: the scenario as it is.
+        alone: the cheapest change of each variable by itself; None where none of its range is enough.
+        together: the cheapest change of all; None where nothing in the ranges is enough.
+        reason: why there is none.
+    """
+
+    now: Plan
+    alone: Mapping[str, Plan | None]
+    together: Plan | None
+    reason: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything; what does not exist is None."""
+        return {
+            "now": self.now.to_json(),
+            "alone": {name: plan and plan.to_json() for name, plan in self.alone.items()},
+            "together": self.together and self.together.to_json(),
+            "reason": self.reason,
+        }
+
+
+def cheapest(scenario: Scenario, prices: Sequence[Price]) -> Guide:
+    """Find the changes of least total cost with which the scenario meets its limits and its false-alarm rate.
+
+    Quantised variables are tried at every value on the way to their mildest one; for each, the rest is a smooth problem
+    with a linear cost (sequential quadratic programming, from the present values and from the mildest ones). Every
+    plan is checked by its exact law.
+
+    Args:
+        scenario: as it is now; it has limits.
+        prices: of the variables that may change.
+
+    Raises:
+        InputError: a variable moves out of what the scenario takes, or there are too many quantised values.
+    """
+    search = _Search(scenario, prices)
+    now = search.plan(search.start)
+    if now.meets:
+        return Guide(now, {}, now, "The scenario meets its limits as it is.")
+    alone = {price.swept.variable.name: search.alone(k) for k, price in enumerate(prices)}
+    together = search.together([plan for plan in alone.values() if plan is not None])
+    reason = ""
+    if together is None:
+        mild = search.plan(search.mild)
+        reason = (
+            f"Nothing in these ranges is enough: with all of them at their mildest values the force that is passed "
+            f"with the accepted risk is {math.exp(-mild.margin):.3g} times what is allowed"
+            + ("." if mild.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
+        )
+    return Guide(now, alone, together, reason)
+
+
+def check_whole_steps(scenario: Scenario, prices: Sequence[Price]) -> None:
+    """Refuse what :func:`cheapest` would, with too many whole steps to be tried, before a study has worked for long.
+
+    Raises:
+        InputError: there are too many quantised values.
+    """
+    if not any(price.swept.variable.quantum(scenario) for price in prices):
+        return
+    search = _Search(scenario, prices)
+    if not search.plan(search.start).meets:
+        search.combinations()
+
+
+class _Search:
+    """Laws about one scenario, remembered."""
+
+    def __init__(self, scenario: Scenario, prices: Sequence[Price]) -> None:
+        self.scenario, self.prices = scenario, prices
+        self.variables: list[Variable] = [price.swept.variable for price in prices]
+        self.start = np.array([variable.value(scenario) for variable in self.variables])
+        self.low = np.minimum(self.start, [price.swept.low for price in prices])
+        self.high = np.maximum(self.start, [price.swept.high for price in prices])
+        self.quantum = [variable.quantum(scenario) for variable in self.variables]
+        self._known: dict[tuple[float, ...], tuple[float, float]] = {}
+        self.mild = self._mildest_values()
+
+    def margins(self, x: FloatArray) -> tuple[float, float]:
+        """Logarithms of allowed over accepted force, and of accepted over actual false alarms."""
+        from bumpstop.collision import Problem, evaluate
+
+        key = tuple(float(value) for value in x)
+        if key not in self._known:
+            scenario = self.scenario
+            for variable, value in zip(self.variables, key, strict=True):
+                scenario = variable.apply(scenario, value)
+            law = evaluate(scenario)
+            settings = scenario.verdict
+            allowed = allowed_force(Problem.from_scenario(scenario))
+            # Just inside: the verdict asks the tail, which the quantile inverts to rounding.
+            force = law.peak_force.quantile(1 - settings.risk * (1 - 1e-6))
+            alarm = max(law.false_alarm_probability, _RAREST)
+            # A force without bound is far over, and still a number that a search can improve on.
+            margin = math.log(allowed / max(force, 1e-9)) if math.isfinite(force) else -20.0
+            self._known[key] = (margin, math.log(settings.max_false_alarm / alarm))
+        return self._known[key]
+
+    def cost(self, x: FloatArray) -> float:
+        return float(sum(p.per_unit * abs(a - b) for p, a, b in zip(self.prices, x, self.start, strict=True)))
+
+    def plan(self, x: FloatArray) -> Plan:
+        values = {variable.name: float(value) for variable, value in zip(self.variables, x, strict=True)}
+        return Plan(values, self.cost(x), *self.margins(x))
+
+    def _mildness(self, x: FloatArray) -> tuple[float, float]:
+        """What is to be as great as can be: the lesser margin, and where that is the same the other one."""
+        lesser, other = sorted(self.margins(x))
+        return round(lesser / _SAME) * _SAME, other
+
+    def _looks(self, k: int) -> FloatArray:
+        """Values of one variable over its range, with the present one, ascending."""
+        low, here, high = float(self.low[k]), float(self.start[k]), float(self.high[k])
+        quantum = self.quantum[k]
+        if quantum:
+            steps = max(1, round((high - low) / quantum / (2 * _LOOKS)))
+            values = [here + i * steps * quantum for i in range(-2 * _LOOKS, 2 * _LOOKS + 1)]
+            values = [self.variables[k].quantised(self.scenario, value) for value in values]
+        else:
+            values = [*np.linspace(low, here, _LOOKS + 1), *np.linspace(here, high, _LOOKS + 1)]
+        return np.unique([low, here, high, *(value for value in values if low < value < high)])
+
+    def _mildest(self, x: FloatArray, k: int) -> float:
+        """The mildest value of one variable, the others as given.
+
+        Often an end of the range; a threshold, though, is to be low for the force and high for false alarms.
+        """
+        from scipy import optimize
+
+        def at(value: float) -> FloatArray:
+            y = x.copy()
+            y[k] = value
+            return y
+
+        looks = [float(look) for look in self._looks(k)]
+        best = max(range(len(looks)), key=lambda i: (self._mildness(at(looks[i])), looks[i] == x[k]))
+        value = looks[best]
+        if self.quantum[k] or min(self.margins(at(value))) >= 0:
+            return value
+        found = optimize.minimize_scalar(
+            lambda v: -min(self.margins(at(float(v)))),
+            bounds=(looks[max(0, best - 1)], looks[min(len(looks) - 1, best + 1)]),
+            method="bounded",
+        )
+        return max(value, float(found.x), key=lambda v: self._mildness(at(v)))
+
+    def _mildest_values(self) -> FloatArray:
+        """The mildest of all variables, one after the other until nothing is gained."""
+        mild = self.start.copy()
+        for _ in range(_ROUNDS):
+            before = mild.copy()
+            for k in range(mild.size):
+                mild[k] = self._mildest(mild, k)
+            if np.array_equal(mild, before):
+                break
+        return mild
+
+    def alone(self, k: int) -> Plan | None:
+        """Look at one variable on either side of its present value, and bisect to where the limits begin to be met."""
+
+        def at(value: float) -> FloatArray:
+            x = self.start.copy()
+            x[k] = self.variables[k].quantised(self.scenario, value)
+            return x
+
+        def meets(value: float) -> bool:
+            return min(self.margins(at(value))) >= 0
+
+        here = float(self.start[k])
+        looks = np.unique([*self._looks(k), self._mildest(self.start, k)])
+        plans = []
+        for side in (looks[looks <= here][::-1], looks[looks >= here]):
+            first = next((i for i, value in enumerate(side) if meets(float(value))), None)
+            if first is not None:
+                plans.append(self.plan(at(self._edge(float(side[first - 1]), float(side[first]), k, meets))))
+        return min(plans, key=lambda plan: plan.cost, default=None)
+
+    def _edge(self, outside: float, inside: float, k: int, meets: Callable[[float], bool]) -> float:
+        """The value that meets the limits and is nearest to one that does not, between the two."""
+        finest = self.quantum[k] or 1e-6 * float(self.high[k] - self.low[k])
+        while abs(inside - outside) > 1.001 * finest:
+            middle = self.variables[k].quantised(self.scenario, 0.5 * (outside + inside))
+            if middle in (outside, inside):
+                break
+            if meets(middle):
+                inside = middle
+            else:
+                outside = middle
+        return inside
+
+    def together(self, known: list[Plan]) -> Plan | None:
+        """The best of the plans with one variable and of those with all."""
+        best = min(known, key=lambda plan: plan.cost, default=None)
+        mild = self.plan(self.mild)
+        if mild.meets and (best is None or mild.cost < best.cost):
+            best = mild
+        combinations = self.combinations()
+        if best is None:
+            # Where not even the mildest values are enough, those of quantised keys are the only ones worth a search.
+            combinations = [{k: float(self.mild[k]) for k, quantum in enumerate(self.quantum) if quantum}]
+        for fixed in combinations:
+            for begin in (self.mild, self.start, *([] if best is None else [np.array(list(best.values.values()))])):
+                found = self._smooth(fixed, begin)
+                if found is not None and (best is None or found.cost < best.cost):
+                    best = found
+        return best
+
+    def combinations(self) -> list[dict[int, float]]:
+        """Whole steps of the quantised variables on the way to the mildest, each with each; their number is checked."""
+        choices: dict[int, list[float]] = {}
+        for k, quantum in enumerate(self.quantum):
+            if quantum:
+                steps = round(abs(self.mild[k] - self.start[k]) / quantum)
+                sign = math.copysign(quantum, self.mild[k] - self.start[k])
+                choices[k] = [
+                    self.variables[k].quantised(self.scenario, self.start[k] + sign * i) for i in range(steps + 1)
+                ]
+        count = math.prod(len(values) for values in choices.values())
+        most = _MOST_LAWS if all(self.quantum) else _MOST_SEARCHES
+        if count > most:
+            problem = f"{count} combinations of whole steps of {', '.join(self.variables[k].name for k in choices)}"
+            raise InputError("--price", problem, f"wanted at most {most}: a narrower range, or fewer prices")
+        return [dict(zip(choices, values, strict=True)) for values in itertools.product(*choices.values())]
+
+    def _smooth(self, fixed: Mapping[int, float], begin: FloatArray) -> Plan | None:
+        """Least cost over the variables that are not fixed, or None where no step of the search was feasible."""
+        from scipy import optimize
+
+        free = [k for k, quantum in enumerate(self.quantum) if not quantum]
+        base = self.start.copy()
+        for k, value in fixed.items():
+            base[k] = value
+        if not free:
+            plan = self.plan(base)
+            return plan if plan.meets else None
+        width = (self.high - self.low)[free]
+
+        # Changes up and down are separate unknowns of either sign's cost, so that the cost is linear.
+        n = len(free)
+
+        def place(u: FloatArray) -> FloatArray:
+            x = base.copy()
+            x[free] = np.clip(self.start[free] + width * (u[:n] - u[n:]), self.low[free], self.high[free])
+            return x
+
+        def margins(u: FloatArray) -> FloatArray:
+            return np.array(self.margins(place(u)))
+
+        def slopes(u: FloatArray) -> FloatArray:
+            at, step = u[:n] - u[n:], 1e-4
+            columns = []
+            for i in range(n):
+                v = u.copy()
+                # Toward the inside of the range.
+                sign = -1.0 if self.start[free[i]] + width[i] * (at[i] + step) > self.high[free[i]] else 1.0
+                v[i] += sign * step
+                columns.append((margins(v) - margins(u)) / (sign * step))
+            J = np.column_stack(columns)
+            return np.hstack([J, -J])
+
+        weight = np.array([self.prices[k].per_unit for k in free]) * width
+        scale = float(weight.max())
+        cost = np.concatenate([weight, weight]) / scale
+        move = (begin[free] - self.start[free]) / width
+        bounds = [(0.0, float(max(0.0, (self.high[k] - self.start[k]) / w))) for k, w in zip(free, width, strict=True)]
+        bounds += [(0.0, float(max(0.0, (self.start[k] - self.low[k]) / w))) for k, w in zip(free, width, strict=True)]
+        found = optimize.minimize(
+            lambda u: float(cost @ u),
+            np.concatenate([np.maximum(move, 0), np.maximum(-move, 0)]),
+            jac=lambda u: cost,
+            bounds=bounds,
+            constraints={"type": "ineq", "fun": margins, "jac": slopes},
+            method="SLSQP",
+            options={"maxiter": 40, "ftol": 1e-7},
+        )
+        return self._mended(place(found.x), fixed)
+
+    def _mended(self, x: FloatArray, fixed: Mapping[int, float]) -> Plan | None:
+        """The plan itself, or where it misses a limit by a little, the nearest on the way to the mildest values."""
+        mild = self.mild.copy()
+        for k, value in fixed.items():
+            mild[k] = value
+        share = 0.0
+        for _ in range(12):
+            plan = self.plan(x + share * (mild - x))
+            if plan.meets:
+                return plan
+            share = max(1e-6, 4 * share)
+            if share > 1:
+                break
+        return None

@@ -1,0 +1,236 @@
+"""Requirements: the harshest value of a variable at which a scenario is still acceptable, and every milder one too."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.errors import InputError, near_matches
+from bumpstop.study.requirement.risk_search import RiskSearch
+from bumpstop.study.variable import Range, Variable
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
+    from bumpstop.study.requirement.risk import Risk
+
+# Whether higher values are harsher.
+HIGHER_IS_HARSHER = {
+    "motion.speed": True,
+    "detector.thresholds": True,
+    "detector.feedback_period_s": True,
+    "reaction.joint_acceleration_rad_s2": False,
+    "contact.padding": True,
+}
+# Looked at where no range is given: so many times less and more than the scenario's own value.
+_SPREAD = 10.0
+_PADDING_N_M = (1e3, 1e8)
+_LEAST, _MOST = {"reaction.joint_acceleration_rad_s2": 0.1, "motion.speed": 1e-2}, {"motion.speed": 1e4}
+_ERRATIC = " The arm cannot follow its line here, as near a singularity; values between those looked at may fail."
+_SINGULARITY = (
+    "a singularity before a collision is noticed for certain: whether it gets across or ends there, with collisions "
+    "unnoticed, hangs on the last digits"
+)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """The answer.
+
+    Attributes:
+        variable, unit: what was varied.
+        value: the harshest that is met, and with it every milder one looked at; None: none is.
+        harsher: ``"higher"`` or ``"lower"`` values.
+        binding: what the next harsher values fail by, ``"force"``, ``"pressure"``, ``"undetected"`` or
+            ``"singularity"``; ``"range"`` where even the harshest looked at is met.
+        risk: accepted.
+        risk_at_value, false_alarm_at_value: at ``value``, or at the mildest value looked at where none is met.
+        false_alarm_ok: that is no more than verdict.max_false_alarm.
+        low, high: range looked at.
+        reason: one sentence or two.
+        erratic: the arm cannot follow its line, as near a singularity: the risk jumps from value to value, and values
+            between those looked at may fail.
+        evaluations: laws worked out.
+    """
+
+    variable: str
+    unit: str
+    value: float | None
+    harsher: str
+    binding: str
+    risk: float
+    risk_at_value: float
+    false_alarm_at_value: float
+    false_alarm_ok: bool
+    low: float
+    high: float
+    reason: str
+    erratic: bool
+    evaluations: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that ``bumpstop require --json`` prints."""
+        return {**self.__dict__, "law": "exact"}
+
+
+def require(
+    scenario: Scenario, vary: str, *, risk: float | None = None, low: float | None = None, high: float | None = None
+) -> Requirement:
+    """Find the harshest value of a variable at which the risk is accepted, and at every milder one too.
+
+    Harsher is faster, less sensitive, slower to look, slower to brake, or harder. The risk need not grow with it: with
+    a body at a fixed distance, or an arm that starts from rest, it is a sawtooth, which is scanned finely where it may
+    pass what is accepted.
+
+    Args:
+        scenario: a straight line against a body with limits, with Gaussian noise.
+        vary: one of :data:`HIGHER_IS_HARSHER`.
+        risk: accepted probability of passing a limit; default: verdict.risk.
+        low: end of the range looked at; default: a tenth of the scenario's own value.
+        high: the other end; default: ten times that value.
+
+    Raises:
+        InputError: it cannot be varied, the range is empty, or the body has no limit for such a contact.
+    """
+    vary = Variable(vary).name
+    check_name(vary)
+    accepted = scenario.verdict.risk if risk is None else risk
+    if not 0 < accepted < 1:
+        raise InputError("--risk", f"{accepted:g} is no probability", "wanted more than 0 and less than 1")
+    scenario = scenario.with_values({"verdict.risk": accepted})
+    variable = Variable(vary)
+    ends = _range(scenario, variable, low, high)
+    search = RiskSearch(scenario, variable, ends, accepted, upward=HIGHER_IS_HARSHER[vary])
+    return _Answer(search, ends).requirement()
+
+
+def check_name(name: str) -> None:
+    """Refuse what is not in :data:`HIGHER_IS_HARSHER`."""
+    if name not in HIGHER_IS_HARSHER:
+        raise InputError("--vary", f"{name!r} is nothing to require", near_matches(name, HIGHER_IS_HARSHER))
+
+
+def require_curve(
+    scenario: Scenario,
+    vary: str,
+    against: Range,
+    *,
+    risk: float | None = None,
+    low: float | None = None,
+    high: float | None = None,
+) -> list[dict[str, Any]]:
+    """Requirements for one variable at every value of another: a curve of equal risk.
+
+    Returns:
+        For each value of ``against`` the object of :meth:`Requirement.to_json`, with ``against``: name and value.
+    """
+    if against.variable.name == vary:
+        raise InputError("--vary", f"{vary!r} is given twice", "wanted two different variables")
+    if against.variable.key == "verdict.risk" and risk is not None:
+        raise InputError("--risk", "would replace the risk that is varied", "leave one of the two out")
+    return [
+        {"against": {"variable": against.variable.name, "value": value, "unit": against.variable.unit(scenario)}}
+        | require(against.variable.apply(scenario, value), vary, risk=risk, low=low, high=high).to_json()
+        for value in against.values
+    ]
+
+
+def _range(scenario: Scenario, variable: Variable, low: float | None, high: float | None) -> tuple[float, float]:
+    if variable.name == "contact.padding":
+        ends = _PADDING_N_M
+    else:
+        own = variable.value(scenario)
+        ends = (
+            max(own / _SPREAD, _LEAST.get(variable.name, 0.0)),
+            min(own * _SPREAD, _MOST.get(variable.name, math.inf)),
+        )
+        step = variable.quantum(scenario)
+        if step is not None:
+            ends = step, min(max(ends[1], 50 * step), 1.0)
+    found = ends[0] if low is None else low, ends[1] if high is None else high
+    if not (math.isfinite(found[0]) and math.isfinite(found[1]) and 0 < found[0] < found[1]):
+        raise InputError(
+            "--vary", f"{found[0]:g} to {found[1]:g} is no range", "wanted a lower end above 0, and a higher one"
+        )
+    return Range.of(variable, list(found), scenario).values[:2]  # type: ignore[return-value]
+
+
+def _binding(failing: Risk) -> str:
+    """What a value fails by."""
+    mostly_deaf = failing.undetected > 0.5 * failing.over
+    return "undetected" if mostly_deaf and failing.binding != "singularity" else failing.binding
+
+
+class _Answer:
+    """A search's outcome in words."""
+
+    def __init__(self, search: RiskSearch, ends: tuple[float, float]) -> None:
+        self.search, self.ends = search, ends
+        self.unit = search.variable.unit(search.scenario)
+
+    def requirement(self) -> Requirement:
+        crossing = self.search.crossing()
+        if crossing.value is None:
+            return self._none(crossing.erratic)
+        fails = crossing.fails
+        binding = "range" if fails is None else _binding(self.search.risk(fails))
+        return self._found(crossing.value, binding, crossing.erratic)
+
+    def _found(self, value: float, binding: str, erratic: bool) -> Requirement:
+        at = self.search.risk(value)
+        limits = self.search.risks.problem.limits
+        assert limits is not None
+        if binding == "range":
+            low, high = self.ends
+            reason = f"Every value from {low:g} to {high:g} {self.unit} meets a risk of {self.search.accepted:g}."
+        else:
+            beyond = "Above" if self.search.upward else "Below"
+            reason = f"{beyond} {value:g} {self.unit} "
+            if binding == "singularity":
+                reason += f"the arm passes {_SINGULARITY}."
+            else:
+                what = {"undetected": "collisions go unnoticed", "force": "the force passes its limit"}.get(
+                    binding, "the pressure passes its limit"
+                )
+                reason += f"{what} for {limits.label} more often than {self.search.accepted:g}."
+        allowed = self.search.scenario.verdict.max_false_alarm
+        if at.false_alarm > allowed:
+            reason += f" Alarms before contact there have a probability of {at.false_alarm:.2g}, more than {allowed:g}."
+        return self._result(value, binding, at, reason, erratic)
+
+    def _none(self, erratic: bool) -> Requirement:
+        at = self.search.risk(self.search.mildest)
+        binding = _binding(at)
+        mildest = f"even at {self.search.mildest:g} {self.unit}"
+        if binding == "singularity":
+            reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
+            return self._result(None, binding, at, reason, erratic)
+        at = self.search.risks.at(self.search.mildest, closely=True)
+        why = f"{mildest} limits are passed with a probability of {at.over:.2g}"
+        deaf = self.search.risks.unnoticed
+        limit = self.search.risks.force_limit
+        if at.undetected > 0.5 * at.over:
+            why += ", mostly by collisions that are never noticed"
+        elif self.search.variable.name != "detector.thresholds" and deaf > limit:
+            why += f": {deaf:.3g} N go unnoticed here, and the limit is {limit:.3g} N"
+        elif self.search.variable.name != "motion.speed":
+            why += ": what the arm travels after detection is too much at this speed"
+        return self._result(None, binding, at, f"No value meets it: {why}.", erratic)
+
+    def _result(self, value: float | None, binding: str, at: Risk, reason: str, erratic: bool) -> Requirement:
+        return Requirement(
+            variable=self.search.variable.name,
+            unit=self.unit,
+            value=value,
+            harsher="higher" if self.search.upward else "lower",
+            binding=binding,
+            risk=self.search.accepted,
+            risk_at_value=at.over,
+            false_alarm_at_value=at.false_alarm,
+            false_alarm_ok=at.false_alarm <= self.search.scenario.verdict.max_false_alarm,
+            low=self.ends[0],
+            high=self.ends[1],
+            reason=reason + (_ERRATIC if erratic and binding != "singularity" else ""),
+            erratic=erratic,
+            evaluations=self.search.risks.evaluations,
+        )

@@ -1,0 +1,260 @@
+"""The search for the value of a variable at which a risk passes what is accepted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from bumpstop.study.requirement.risk import Risk, VariedRisk
+from bumpstop.study.requirement.sampling_ripple import Teeth, is_sawtooth, pick_up_of
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
+    from bumpstop.study.variable import Variable
+
+_SCAN = 14
+# Where the arm cannot follow its line the risk is less even; the coarse values are among these.
+_FINE_SCAN = 2 * _SCAN - 1
+_PRECISION, _ERRATIC_PRECISION = 1e-4, 1e-3
+_LEAST_RISK = 1e-30
+# So much milder than a crossing of a risk that jumps others are looked for, in the logarithm.
+_BESIDE = (0.03, 0.024, 0.018, 0.012, 0.006)
+# Of a risk that is a sawtooth so many values are looked at, at most.
+_MOST_TEETH_VALUES = 600
+# How closely a tooth's summit is found, in the logarithm.
+_SUMMIT = 3e-4
+# Of the accepted risk: no tooth is so high that a value with less is beside one that fails.
+_SOME_RISK = 1e-6
+# What changes how an arm gets going from rest.
+_CHANGES_START = ("motion.speed", "reaction.joint_acceleration_rad_s2")
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where a risk passes what is accepted.
+
+    Attributes:
+        value: the harshest that is met, with every milder one looked at; None: not even the mildest is.
+        fails: the next harsher value looked at; None: even the harshest of the range is met.
+        erratic: the arm cannot follow its line, so the risk jumps from value to value.
+    """
+
+    value: float | None
+    fails: float | None
+    erratic: bool
+
+
+class RiskSearch:
+    """The search for the harshest value of a variable at which a risk is accepted.
+
+    Args:
+        upward: higher values are harsher.
+        ends: of the range looked at.
+        accepted: probability of passing a limit.
+    """
+
+    def __init__(
+        self, scenario: Scenario, variable: Variable, ends: tuple[float, float], accepted: float, *, upward: bool
+    ) -> None:
+        self.scenario, self.variable, self.accepted, self.upward = scenario, variable, accepted, upward
+        self.mildest, self.harshest = ends if self.upward else ends[::-1]
+        self.quantum = variable.quantum(scenario)
+        self.risks = VariedRisk(scenario, variable)
+        self.known: dict[float, Risk] = {}
+
+    def crossing(self) -> Crossing:
+        """Scan, look at teeth where the risk has any, and narrow the last step down."""
+        value, fails = self._first_failure(self._scan(_SCAN))
+        erratic = not self.risk(self.mildest if fails is None else fails).follows
+        if erratic and fails != self.mildest:
+            value, fails = self._first_failure(self._scan(_FINE_SCAN))
+        if fails == self.mildest:
+            return Crossing(None, fails, erratic)
+        value, fails = self._refine_teeth(value, fails)
+        if fails is None:
+            return Crossing(value, None, erratic)
+        value, fails = self._bisect(value, fails, _ERRATIC_PRECISION if erratic else _PRECISION)
+        if erratic:
+            value, fails = self._bisect(*self._first_failure_beside(value, fails), _ERRATIC_PRECISION)
+        return Crossing(self._rounded(value), fails, erratic)
+
+    def risk(self, value: float) -> Risk:
+        """At a value, worked out once."""
+        if value not in self.known:
+            self.known[value] = self.risks.at(value)
+        return self.known[value]
+
+    def _first_failure(self, values: list[float]) -> tuple[float, float | None]:
+        """The last value before the first that fails, and that one; None: none does."""
+        value = self.mildest
+        for candidate in values:
+            if not self._met(candidate):
+                return value, candidate
+            value = candidate
+        return value, None
+
+    def _met(self, value: float) -> bool:
+        return self.risk(value).met
+
+    def _first_failure_beside(self, met: float, fails: float) -> tuple[float, float]:
+        """The same crossing, or one a little milder: a risk that jumps may pass what is accepted and come back."""
+        if self.quantum is not None:
+            return met, fails
+        milder = [met * math.exp(-step if self.upward else step) for step in _BESIDE]
+        values = [value for value in milder if (value > self.mildest) == self.upward]
+        before, failing = self._first_failure(values)
+        return (met, fails) if failing is None else (before, failing)
+
+    def _scan(self, count: int) -> list[float]:
+        """From the mildest value to the harshest, in even ratios."""
+        first, last = self.mildest, self.harshest
+        values = [first * (last / first) ** (i / (count - 1)) for i in range(count - 1)] + [last]
+        if self.quantum is None:
+            return values
+        return list(dict.fromkeys(self._quantised(value) for value in values))
+
+    def _quantised(self, value: float) -> float:
+        return self.variable.quantised(self.scenario, value)
+
+    def _refine_teeth(self, met: float, fails: float | None) -> tuple[float, float | None]:
+        """Look below the first failure, or the harsh end, for earlier ones, where the risk is a sawtooth."""
+        last = self.harshest if fails is None else fails
+        # Whether a collision is noticed before the motion ends hangs on where the last ticks fall.
+        last_ticks_decide = self.quantum is not None and self.risk(last).undetected > _SOME_RISK * self.accepted
+        if not (last_ticks_decide or is_sawtooth(self.scenario)):
+            return met, fails
+        while True:
+            candidates = self._with_summits(self._on_teeth(last))
+            first = next((i for i, candidate in enumerate(candidates) if not self._met(candidate)), None)
+            if first is None:
+                return met, fails
+            if first:
+                return candidates[first - 1], candidates[first]
+            # A failure so far down has teeth of its own below it.
+            last = candidates[0]
+
+    def _on_teeth(self, last: float) -> list[float]:
+        """Values close enough together for the teeth below one, from the mildest to itself."""
+        start, apart = self._teeth(last)
+        first, end = self._hardness(start), self._hardness(last)
+        count = min(_MOST_TEETH_VALUES, max(2, math.ceil(abs(math.log(end / first)) / apart)))
+        if self.quantum is not None and abs(last - start) <= _MOST_TEETH_VALUES * self.quantum:
+            # No summits are searched for between whole steps, so each is looked at.
+            steps = round((last - start) / self.quantum)
+            return [self._quantised(start + i * self.quantum) for i in range(steps)] + [last]
+        values = [start, *(self._softened(first * (end / first) ** (i / count)) for i in range(1, count)), last]
+        return values if self.quantum is None else list(dict.fromkeys(self._quantised(value) for value in values))
+
+    def _with_summits(self, values: list[float]) -> list[float]:
+        """The values up to the first that fails, with the summits between them: a tooth may fail at its point alone."""
+        found: list[float] = []
+        for i, value in enumerate(values):
+            found.append(value)
+            if not self._met(value):
+                break
+            beside = values[max(i - 1, 0)], values[min(i + 1, len(values) - 1)]
+            highest = max(_LEAST_RISK, *(self.risk(each).over for each in beside))
+            if self.quantum is None and self.risk(value).over >= highest:
+                found.append(self._summit(*beside))
+        return sorted(found, reverse=not self.upward)
+
+    def _summit(self, low: float, high: float) -> float:
+        """The value of the greatest risk between two, by golden sections, or the first that fails."""
+        golden = (math.sqrt(5) - 1) / 2
+        width = math.log(high / low)
+        inner = [low * math.exp(width * (1 - golden)), low * math.exp(width * golden)]
+        while all(self._met(value) for value in inner) and abs(math.log(high / low)) > _SUMMIT:
+            first_is_higher = self.risk(inner[0]).over > self.risk(inner[1]).over
+            if first_is_higher:
+                high = inner[1]
+                inner = [low * math.exp(math.log(high / low) * (1 - golden)), inner[0]]
+            else:
+                low = inner[0]
+                inner = [inner[1], low * math.exp(math.log(high / low) * golden)]
+        return max(inner, key=lambda value: self.risk(value).over)
+
+    def _teeth(self, last: float) -> tuple[float, float]:
+        """Where a sawtooth may first pass the limit, and how far apart in the logarithm its points must be."""
+        problem, name = self.risks.problem, self.variable.name
+        hardness = self._hardness(last)
+        own = self._hardness(self.variable.value(self.scenario)) if name != "contact.padding" else problem.stiffness
+        scale = hardness / own
+        teeth = Teeth.of(
+            problem,
+            self.risks.force_limit,
+            speed=problem.approach_speed * (scale if name == "motion.speed" else 1.0),
+            stiffness=hardness if name == "contact.padding" else problem.stiffness,
+            period=last if name == "detector.feedback_period_s" else None,
+            pick_up=pick_up_of(problem) * (scale if name == "reaction.joint_acceleration_rad_s2" else 1.0),
+        )
+        start = self._softened(hardness * (1 - teeth.share) if self.upward else hardness / (1 - teeth.share))
+        if self.scenario.motion.start == "rest" and name in _CHANGES_START:
+            # What it changes may be the way before contact alone, and every tooth the same: from where there is a risk.
+            known = sorted(self.known, reverse=not self.upward)
+            some = [self.risk(value).over > _SOME_RISK * self.accepted for value in known]
+            first = known[max(some.index(True) - 1, 0)] if any(some) else start
+            start = min(start, first) if self.upward else max(start, first)
+        return max(start, self.mildest) if self.upward else min(start, self.mildest), teeth.apart
+
+    def _hardness(self, value: float) -> float:
+        """What the force is in proportion to: the value itself, or the stiffness of padding and body in series."""
+        if self.variable.name != "contact.padding":
+            return value
+        return 1 / (1 / self.risks.problem.body_stiffness + 1 / value)
+
+    def _softened(self, hardness: float) -> float:
+        """The value of a hardness."""
+        if self.variable.name != "contact.padding":
+            return hardness
+        return 1 / (1 / hardness - 1 / self.risks.problem.body_stiffness)
+
+    def _bisect(self, met: float, fails: float, precision: float) -> tuple[float, float]:
+        """Narrow the last step down: by straight lines through the logarithms, and by halves where that is slow."""
+        halve = False
+        while True:
+            if self.quantum is not None:
+                middle = self._quantised((met + fails) / 2)
+                if middle in (met, fails):
+                    return met, fails
+            else:
+                width = math.log(fails / met)
+                if abs(width) < precision:
+                    return met, fails
+                share = 0.5 if halve else self._crossing(met, fails)
+                # Just beside the crossing, on the side that is farther away, so that the next one closes the bracket.
+                share = min(max(share + math.copysign(0.4 * precision / abs(width), 0.5 - share), 0.02), 0.98)
+                middle = met * math.exp(width * share)
+            new = (middle, fails) if self._met(middle) else (met, middle)
+            halve = not halve and abs(math.log(new[1] / new[0])) > 0.5 * abs(math.log(fails / met))
+            met, fails = new
+
+    def _crossing(self, met: float, fails: float) -> float:
+        """Share of the way from the value that is met at which the risk is the accepted one.
+
+        The line goes through the two values looked at whose risks are nearest to it; where that leads out of the
+        bracket, through its ends.
+        """
+        if self.risk(fails).binding == "singularity":
+            return 0.5
+        accepted = math.log(self.accepted)
+        points = [(math.log(value), math.log(max(risk.over, _LEAST_RISK))) for value, risk in self.known.items()]
+        ends = [(math.log(value), math.log(max(self.risk(value).over, _LEAST_RISK))) for value in (met, fails)]
+        points.sort(key=lambda point: abs(point[1] - accepted))
+        for (x, y), (x2, y2) in (points[:2], ends):
+            if y == y2:
+                continue
+            share = (x + (x2 - x) * (accepted - y) / (y2 - y) - ends[0][0]) / (ends[1][0] - ends[0][0])
+            if 0 < share < 1:
+                return share
+        return 0.5
+
+    def _rounded(self, value: float) -> float:
+        """To four digits on the safe side, where that is met too."""
+        if self.quantum is not None:
+            return value
+        unit = 10.0 ** (math.floor(math.log10(value)) - 3)
+        steps = math.floor(value / unit) if self.upward else math.ceil(value / unit)
+        short = float(f"{steps * unit:.4g}")
+        inside = short >= self.mildest if self.upward else short <= self.mildest
+        return short if inside and self._met(short) else value

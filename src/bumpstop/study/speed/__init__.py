@@ -1,0 +1,1 @@
+"""Safe speeds: at a pose, along a trajectory, all over the workspace."""

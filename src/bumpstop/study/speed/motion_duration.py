@@ -1,0 +1,20 @@
+"""How long a motion at another speed is followed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bumpstop.collision.problem import MOST_STEPS
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario.scenario import Scenario
+
+
+def duration_s(scenario: Scenario, factor: float) -> float:
+    """Horizon at ``factor`` times the scenario's speed [s]: a slower arm goes as far, if it can be followed so long.
+
+    What an arm at full speed notices within the scenario's horizon, a slow one may not: the safe speeds of some bodies
+    would have no lower end.
+    """
+    own = scenario.motion.duration_s
+    return max(own, min(own / min(1.0, factor), MOST_STEPS * scenario.simulation.step_s))

@@ -1,0 +1,81 @@
+"""Safe speeds of a trajectory as it goes on itself, where no straight line says anything about it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision.trajectory.onset import approach
+from bumpstop.collision.trajectory.trajectory import Trajectory
+from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
+from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.speed.speed_limit import SLOWEST
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision import Problem
+
+# From one speed looked at to the next slower one.
+_STEP = 0.9
+# So many times the trajectory's own speed is far above it; and no motion of more steps is looked at.
+_FAR_ABOVE, _MOST_STEPS = 2.0, 120_000
+
+
+def own_speeds(
+    problem: Problem, time: FloatArray, speed: FloatArray, guess: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Highest safe speeds of the tip, and risks there, where the whole trajectory is followed at one pace.
+
+    The exact law of a collision that begins at a time of the trajectory decides, as in ``bumpstop evaluate`` with
+    ``motion.contact_time``: contact at that place, and an arm that brakes along its path. Speeds are tried from the
+    guess down, or from the trajectory's own where that is higher; what lies above is not looked at. A guess far above
+    the trajectory's own speed is taken as it is.
+
+    Args:
+        problem: of the trajectory; clamped contact.
+        time: of the trajectory, at which contact begins (N,) [s].
+        speed: of the tip then (N,) [m/s], above zero.
+        guess: a formula's (N,) [m/s].
+
+    Returns:
+        Speeds (N,) [m/s], 0 where none down to a millimetre a second is safe, and probabilities of passing a limit
+        there (N,), NaN where the speed is 0 or the guess.
+    """
+    given = problem.trajectory
+    assert given is not None
+    limit, accepted = allowed_force(problem), problem.scenario.verdict.risk
+    found, risk = np.zeros(len(time)), np.full(len(time), np.nan)
+    # Rows share the steps of the pace, so that one motion serves all that are tried at it.
+    level = np.ceil(np.log(np.maximum(guess, speed) / speed) / np.log(_STEP)).astype(np.int64)
+    far = guess > _FAR_ABOVE * speed
+    found[far] = guess[far]
+    open_ = ~far
+    slowest = given.duration / (_MOST_STEPS * problem.scenario.simulation.step_s)
+    while open_.any():
+        now = int(level[open_].min())
+        rows = np.flatnonzero(open_ & (level == now))
+        pace = _STEP**now
+        slower = Trajectory(given.time / pace, given.position, pace * _velocity(given))
+        over = _risks(replace(problem, trajectory=slower), time[rows] / pace, limit)
+        met = over <= accepted
+        found[rows[met]], risk[rows[met]] = pace * speed[rows[met]], over[met]
+        level[rows] += 1
+        open_[rows] = ~met & (pace * _STEP * speed[rows] >= SLOWEST) & (pace * _STEP >= slowest)
+    return found, risk
+
+
+def _velocity(trajectory: Trajectory) -> FloatArray:
+    return trajectory.at(trajectory.time, 1) if trajectory.velocity is None else trajectory.velocity
+
+
+def _risks(problem: Problem, begin: FloatArray, limit: float) -> FloatArray:
+    """Probability (N,) that a collision that begins at a time (N,) [s] passes the limit [N]."""
+    normal, _ = approach(problem, begin)
+    out = trajectory_kernel(problem).laws(
+        problem.detector, problem.stiffness, begin, np.ascontiguousarray(normal), problem.moving_mass
+    )
+    detected = out["probability"] * (problem.stiffness * out["farthest"] > limit)
+    undetected = out["undetected"] * (problem.stiffness * out["greatest"] > limit)
+    return np.asarray(np.bincount(out["contact"], detected, len(begin)) + undetected)

@@ -1,0 +1,112 @@
+"""How fast a trajectory may be followed where every collision on the way is to keep to the limit of its place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.study.directions import STANDS
+from bumpstop.study.pose_batch import Arms
+from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.speed.speed_limit import CLOSE, missed, speed_of_force, stop_gain
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision import Problem
+    from bumpstop.collision.trajectory.trajectory import Trajectory
+
+
+# Rows that the joints reach by turning no farther keep to a row's limit too [rad or m].
+_BESIDE = 0.02
+
+
+def deepest(problem: Problem) -> float:
+    """How far an arm goes from contact to the force that is allowed [m]."""
+    return allowed_force(problem) / problem.stiffness
+
+
+def greatest_pace(
+    problem: Problem, trajectory: Trajectory, travelled: FloatArray, direction: FloatArray, rows: pl.DataFrame
+) -> FloatArray:
+    """Greatest pace at every row, 0 to 1, at which no collision passes the limit of the row where it begins.
+
+    An arm that feels little at one row and speeds up right behind it hits as hard as one that is too fast there. So
+    a limit holds for the way on which the force may grow to what is allowed. Where joints turn more than a straight
+    line asks for, the force that goes unnoticed does, with the rates that the joints have on that way.
+
+    The pace stays below every limit by as much as the search leaves open, and for some way on both sides of its row. It
+    stays below what lies between two rows, whose own limits were not looked for, as far as the rows beside them tell.
+    An arm that stands, or is slower than all these limits anyway, keeps its own time: a pause is no longer than before.
+
+    Args:
+        problem: of the atlas's straight lines.
+        trajectory: with a waypoint for every row.
+        travelled: way of the contact point to every row (rows,) [m].
+        direction: of the tip, unit vectors (rows, 3).
+        rows: of the atlas.
+    """
+    speed = np.maximum(rows["speed_mm_s"].to_numpy() / 1e3, STANDS)
+    limit = rows["limit_mm_s"].to_numpy() / 1e3
+    share = _least_beside(lowest_between(trajectory.time, np.minimum(1.0, limit / speed)))
+    # Limits in themselves, not shares of a speed that may be next to none: they hold for faster rows behind.
+    limit = np.where(share < 1, np.minimum(limit, _least_beside(lowest_between(trajectory.time, limit))), limit)
+    turning = rows["by"].is_in(["turning", "singularity"]).to_numpy()
+    here = np.arange(rows.height)
+    first = (np.searchsorted(travelled, travelled - deepest(problem), side="right") - 1).clip(min=0)
+    lowest = least_of_ranges(np.where(turning, np.inf, limit), first, here)
+    torque = np.einsum(
+        "nij,ni->nj", Arms(problem, trajectory.position, direction).linear_jacobian(trajectory.position), direction
+    )
+    unnoticed = np.where(turning, missed(problem, torque, problem.scenario.verdict.risk), -1.0)
+    most = -least_of_ranges(-unnoticed, first, here)
+    gain = stop_gain(problem, trajectory.at(trajectory.time, 1)) / speed
+    turned = np.where(most < 0, np.inf, speed_of_force(problem, most, gain, allowed_force(problem)))
+    allowed = (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned)
+    own = np.minimum(np.where(share < 1, (1 - CLOSE) * share, 1.0), allowed / speed)
+    turned_yet = np.append(0.0, np.cumsum(np.abs(np.diff(trajectory.position, axis=0)).max(axis=1)))
+    first = np.minimum(np.searchsorted(turned_yet, turned_yet - _BESIDE), here - 1).clip(min=0)
+    last = np.maximum(np.searchsorted(turned_yet, turned_yet + _BESIDE, side="right") - 1, here + 1)
+    last = last.clip(max=here[-1])
+    slow_enough = least_of_ranges(allowed, first, last) / speed
+    return np.minimum(own, np.maximum(least_of_ranges(own, first, last), slow_enough))
+
+
+def lowest_between(time: FloatArray, value: FloatArray) -> FloatArray:
+    """What values (N,) at times (N,) come down to between each two of them (N - 1,).
+
+    Where they fall from both sides they go on so until they meet, but never by more than half of the lower one: limits
+    have corners there, where another joint or tick begins to count. Else it is the lower of the two.
+    """
+    step = np.diff(time)
+    fall = -np.diff(value) / step
+    lower = np.minimum(value[:-1], value[1:])
+    before, after = np.pad(fall[:-1], (1, 0)), np.pad(-fall[1:], (0, 1))
+    falls = (before > 0) & (after > 0)
+    before, after = np.where(falls, before, 1.0), np.where(falls, after, 1.0)
+    met = (before * value[1:] + after * value[:-1] - before * after * step) / (before + after)
+    return np.asarray(np.where(falls, np.clip(met, 0.5 * lower, lower), lower))
+
+
+def _least_beside(between: FloatArray) -> FloatArray:
+    """At every row (N,) the lower of the values between it and its neighbours (N - 1,)."""
+    return np.asarray(np.minimum(np.append(between, np.inf), np.append(np.inf, between)))
+
+
+def least_of_ranges(values: FloatArray, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64]) -> FloatArray:
+    """The least of ``values[first]`` to ``values[last]``, both among them (ranges,).
+
+    By the least of 1, 2, 4, 8 ... neighbours, of which two cover any range.
+    """
+    level = np.floor(np.log2(last - first + 1)).astype(np.int64)
+    found = np.empty(len(first))
+    least = values
+    for k in range(int(level.max(initial=0)) + 1):
+        if k:
+            least = np.minimum(least[: -(2 ** (k - 1))], least[2 ** (k - 1) :])
+        at = level == k
+        found[at] = np.minimum(least[first[at]], least[last[at] - 2**k + 1])
+    return found

@@ -1,0 +1,243 @@
+"""The highest speed at which a collision at a pose, in a direction, is still acceptable."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.collision import Problem, evaluate_batch
+from bumpstop.study.pose_batch import Arms
+from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.requirement.sampling_ripple import Teeth, is_sawtooth
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision import Scenario
+
+SLOWEST = 1e-3  # m/s; slower arms are not looked at
+_FIRST = 5e-3  # m/s; the first guess is no slower: laws of slow arms are long
+# The search ends by itself, mostly after five; late ones look at the middle too, so that none can go on for long.
+_ROUNDS = 48
+_BETWEEN = 8  # parts of a step beside a summit of the risk
+CLOSE = 0.01  # between a speed that is met and one that is not
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedLimits:
+    """Highest safe speeds; 0 where not even :data:`SLOWEST` is safe.
+
+    Attributes:
+        speed: of the tip (N,) [m/s].
+        risk: probability of passing a limit at that speed, by the exact law; NaN where ``speed`` is 0.
+        by: (N,) what holds it down: ``"law"``, ``"turning"`` (joints that turn faster than a straight line asks for),
+            ``"cap"``, ``"none"`` (no speed is safe) or ``"singularity"`` (no straight line can be followed there; the
+            law of the trajectory itself).
+        laws: exact laws worked out.
+    """
+
+    speed: FloatArray
+    risk: FloatArray
+    by: npt.NDArray[np.str_]
+    laws: int
+
+
+def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float) -> FloatArray:
+    """Speed (N,) [m/s] at which the bound of one tick reaches the limit.
+
+    The largest force that the accepted share of single ticks misses, the travel of a feedback period and of the
+    latency, and the stop: F + K v (T + t_latency) + K v^2 g / 2 = limit, with g the time to stop per speed.
+
+    Args:
+        problem: clamped contact.
+        torque: a = J_v' n (N, dof) [Nm/N].
+        gain: max_j |qd_j| / (v qdd_j), time to stop per speed of the tip (N,) [s2/m].
+        limit: force [N].
+        accepted: probability of passing it.
+    """
+    return speed_of_force(problem, missed(problem, torque, accepted), gain, limit)
+
+
+def speed_of_force(problem: Problem, unnoticed: FloatArray, gain: FloatArray, limit: float) -> FloatArray:
+    """The same with the force (N,) [N] that goes unnoticed given."""
+    step, K = problem.scenario.simulation.step_s, problem.stiffness
+    left = np.maximum(0.0, limit - unnoticed) / K
+    late = (problem.period_steps + problem.latency_steps) * step
+    return np.asarray(2 * left / (late + np.sqrt(late**2 + 2 * gain * left)))
+
+
+def missed(problem: Problem, torque: FloatArray, accepted: float) -> FloatArray:
+    """The largest force (N,) [N] that a single tick misses with the accepted probability."""
+    from statistics import NormalDist
+
+    rare = -NormalDist().inv_cdf(accepted)
+    with np.errstate(divide="ignore"):
+        each = (problem.thresholds + np.abs(problem.noise_mean) + rare * problem.noise_sd) / np.abs(torque)
+    return np.asarray(each.min(axis=1))
+
+
+def speed_limits(
+    scenario: Scenario | Problem, q: FloatArray, direction: FloatArray, cap: FloatArray, *, threads: int = 1
+) -> SpeedLimits:
+    """Find the highest safe speeds along straight lines through poses.
+
+    A formula gives the first guess, exact laws decide: every speed returned has been worked out and meets verdict.risk,
+    and one at most 1 % higher does not, unless the cap or the formula for turning joints is lower. Where the risk is a
+    sawtooth over speed no slower one is left that fails.
+
+    Args:
+        scenario: a straight line of the tip, checked or not; its pose and velocity are replaced.
+        q: poses (N, dof) [rad or m].
+        direction: unit vectors, base frame (N, 3).
+        cap: no speed above it is looked at (N,) [m/s].
+        threads: for the exact laws.
+    """
+    problem = scenario if isinstance(scenario, Problem) else Problem.from_scenario(scenario)
+    limit, accepted = allowed_force(problem), problem.scenario.verdict.risk
+    arms = Arms(problem, q, direction)
+    torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
+    with np.errstate(invalid="ignore", over="ignore"):
+        gain = stop_gain(problem, arms.unlimited_rates(q))
+    guess = np.nan_to_num(foretold_speed(problem, torque, gain, limit, accepted))
+    count = len(q)
+    met, fails = np.zeros(count), np.full(count, np.inf)
+    risk = np.full(count, np.nan)
+    force_met, force_fails = np.zeros(count), np.full(count, np.inf)
+    silent = missed(problem, torque, accepted)
+    trial = np.clip(guess, np.minimum(_FIRST, cap), cap)
+    open_ = np.flatnonzero(cap >= SLOWEST)
+    laws = 0
+    for number in range(_ROUNDS):
+        if not open_.size:
+            break
+        v = trial[open_]
+        found = evaluate_batch(
+            problem, q[open_], direction[open_] * v[:, None], probabilities=[1 - accepted], limits_N=[limit],
+            threads=threads,
+        )  # fmt: skip
+        laws += open_.size
+        over, force = found.exceedance[:, 0], found.quantile[:, 0]
+        good = over <= accepted
+        for rows, at, forces, chosen in (
+            (open_[good], met, force_met, good),
+            (open_[~good], fails, force_fails, ~good),
+        ):
+            at[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
+        risk[open_[good]] = over[good]
+        done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + CLOSE)) | (fails <= SLOWEST * (1 + 1e-9))
+        open_ = open_[~done[open_]]
+        trial[open_] = _next(
+            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_], cap[open_],
+            number,
+        )  # fmt: skip
+    by = np.where(met >= cap * (1 - 1e-12), "cap", np.where(met > 0, "law", "none"))
+    if is_sawtooth(problem.scenario):
+        slower, more = _below_all_teeth(problem, q, direction, met, risk, gain, threads)
+        by = np.where(slower < met, np.where(slower > 0, "law", "none"), by)
+        met, laws = slower, laws + more
+    return SpeedLimits(met, np.where(met > 0, risk, np.nan), by, laws)
+
+
+def _below_all_teeth(
+    problem: Problem, q: FloatArray, direction: FloatArray, met: FloatArray, risk: FloatArray, gain: FloatArray,
+    threads: int,
+) -> tuple[FloatArray, int]:  # fmt: skip
+    """Highest speeds (N,) [m/s] below which no tooth of the risk passes what is accepted, and laws worked out.
+
+    ``risk`` is brought to these speeds.
+    """
+    limit, accepted = allowed_force(problem), problem.scenario.verdict.risk
+    laws = 0
+
+    def risks(trials: dict[int, FloatArray]) -> dict[int, FloatArray]:
+        """Of speeds by row."""
+        nonlocal laws
+        rows = np.repeat(list(trials), [each.size for each in trials.values()])
+        speed = np.concatenate(list(trials.values()))
+        laws += rows.size
+        over = evaluate_batch(
+            problem, q[rows], direction[rows] * speed[:, None], limits_N=[limit], threads=threads
+        ).exceedance[:, 0]
+        ends = np.cumsum([each.size for each in trials.values()])
+        return dict(zip(trials, np.split(over, ends[:-1]), strict=True))
+
+    top, safe = met.copy(), np.zeros_like(met)
+    open_ = np.flatnonzero(met > 0).tolist()
+    while open_:
+        trials = {}
+        for row in open_:
+            teeth = Teeth.of(problem, limit, speed=float(top[row]), pick_up=float(1 / gain[row]))
+            count = math.ceil(-math.log(1 - teeth.share) / min(teeth.apart, 0.9 * CLOSE))
+            trials[row] = top[row] * (1 - teeth.share) ** (np.arange(count + 1) / count)
+        found = risks(trials)
+        # A tooth may fail at its point alone.
+        summits = {row: _about_summits(trials[row], found[row]) for row in open_ if (found[row] <= accepted).all()}
+        high = risks(summits) if summits else {}
+        again = []
+        for row in open_:
+            failing = trials[row][~(found[row] <= accepted)]
+            if row in summits:
+                failing = summits[row][~(high[row] <= accepted)]
+            if not failing.size:
+                safe[row], risk[row] = trials[row][0], found[row][0]
+                continue
+            lower = trials[row][trials[row] < failing.min()]
+            top[row] = lower[0] if lower.size else failing.min() * (1 - CLOSE)
+            if top[row] >= SLOWEST:
+                again.append(row)
+        open_ = again
+    return safe, laws
+
+
+def _about_summits(speed: FloatArray, risk: FloatArray) -> FloatArray:
+    """Speeds between those beside the greatest risks of their neighbourhood, descending as the speeds given."""
+    beside = np.pad(risk, 1, constant_values=-1.0)
+    summit = np.flatnonzero((risk >= beside[:-2]) & (risk >= beside[2:]))
+    pieces = np.unique(np.concatenate([np.maximum(summit - 1, 0), np.minimum(summit, speed.size - 2)]))
+    share = np.arange(1, _BETWEEN) / _BETWEEN
+    return np.asarray((speed[pieces, None] ** (1 - share) * speed[pieces + 1, None] ** share).ravel())
+
+
+def stop_gain(problem: Problem, rates: FloatArray) -> FloatArray:
+    """Time to stop per speed, from joint rates per speed of the tip (N, dof): (N,) [s2/m]."""
+    return np.asarray((np.abs(rates) / problem.joint_acceleration).max(axis=1))
+
+
+def _next(
+    met: FloatArray,
+    fails: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    limit: float,
+    silent: FloatArray,
+    cap: FloatArray,
+    number: int,
+) -> FloatArray:
+    """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet.
+
+    Args:
+        met: fastest speed known to be safe, or 0 (N,) [m/s].
+        fails: slowest known not to be, or infinite (N,) [m/s].
+        low: force at the former (N,) [N].
+        high: force at the latter (N,) [N].
+        limit: force to reach [N].
+        silent: force that even a slow arm reaches, about (N,) [N].
+        cap: no speed above it (N,) [m/s].
+        number: of the round, from 0.
+    """
+    # Where even what is missed passes the limit, nothing tells how far it is up: steps of 1 % would never arrive.
+    least = min(2.0, (1 + CLOSE) ** (2 ** min(number, 7)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.log(limit / low) / np.log(high / low)
+        between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * CLOSE)
+        if number > 8 and number % 3 == 2:
+            between = np.sqrt(met * fails)
+        between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
+        left = (limit - silent) / (low - silent)
+        up = met * np.clip(np.where(left > 0, left**0.8, 3.0), least, 3.0)
+        down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6), SLOWEST)
+    trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), down)
+    return np.asarray(np.minimum(trial, cap))

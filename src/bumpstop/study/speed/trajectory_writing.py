@@ -1,0 +1,39 @@
+"""Re-timed trajectories as files: CSV, and a ROS JointTrajectory in JSON."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bumpstop.model import Robot
+    from bumpstop.study.speed.retiming import Retimed
+
+
+def write_csv(path: Path, retimed: Retimed) -> None:
+    """Columns t, q_1.., qd_1.., as a scenario's motion.file takes them; every digit that matters."""
+    dof = retimed.position.shape[1]
+    names = ["t", *(f"{kind}_{j + 1}" for kind in ("q", "qd") for j in range(dof))]
+    lines = [",".join(names)]
+    for t, q, qd in zip(retimed.time, retimed.position, retimed.velocity, strict=True):
+        lines.append(",".join(repr(float(value)) for value in (t, *q, *qd)))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_ros(path: Path, retimed: Retimed, robot: Robot) -> None:
+    """A trajectory_msgs/JointTrajectory with velocities and accelerations, as JSON, which YAML readers take."""
+    points: list[dict[str, Any]] = []
+    for t, q, qd, qdd in zip(retimed.time, retimed.position, retimed.velocity, retimed.acceleration, strict=True):
+        billionths = round(float(t) * 1e9)
+        points.append(
+            {
+                "positions": q.tolist(),
+                "velocities": qd.tolist(),
+                "accelerations": qdd.tolist(),
+                "time_from_start": {"sec": billionths // 10**9, "nanosec": billionths % 10**9},
+            }
+        )
+    message = {"joint_names": [joint.name for joint in robot.joints], "points": points}
+    path.write_text(json.dumps(message, allow_nan=False), encoding="utf-8")

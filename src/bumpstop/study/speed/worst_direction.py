@@ -1,0 +1,248 @@
+"""The worst of all directions of a cone: the one in which the arm must be slowest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision import evaluate_batch
+from bumpstop.study.directions import cone_directions, tilted
+from bumpstop.study.pose_batch import Arms
+from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.speed.speed_limit import CLOSE, SpeedLimits, foretold_speed, speed_limits, stop_gain
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Problem
+
+Rows = npt.NDArray[np.int64]
+
+# Directions the formula is asked about, all over the sphere; a narrower cone takes its share of them, but no fewer than
+# the latter. It takes next to nothing, and finds the narrow cones in which no joint feels much.
+_FORMULA, _FEWEST = 3000, 200
+# Directions whose laws are worked out beside those the formula picks.
+_SAMPLED = 48
+# So many of the worst are looked around in, none nearer to another than this [rad].
+_STARTS, _APART = 6, math.radians(12)
+# Places of less than this share of the greatest force are not gone on from.
+_CLOSE_SECOND = 0.85
+# Steps of the search about them, by the formula and by laws: first, last [rad], and how they shrink.
+_FORMULA_STEP, _LAW_STEP, _LAST, _SHRINK = 0.03, 0.02, 5e-4, 0.4
+_AROUND = 4
+_AT_ONCE = 40  # poses
+
+
+def searched(angle: float) -> str:
+    """Which directions of a cone of half angle ``angle`` [rad] a search looks at, in a sentence's words."""
+    if angle <= 0:
+        return "the motion's own"
+    where = "all directions" if angle >= math.pi else f"a cone of {math.degrees(angle):.4g} deg about the motion's own"
+    return (
+        f"the worst found in {where}: {_foretold_count(angle)} by a formula, {_SAMPLED + 1} and the formula's worst "
+        f"{_STARTS} by exact laws, and from the worst of these on to where the force is greatest"
+    )
+
+
+def _foretold_count(angle: float) -> int:
+    return max(_FEWEST, round(_FORMULA * (1 - math.cos(angle)) / 2))
+
+
+@dataclass(frozen=True, eq=False)
+class WorstDirections:
+    """What a search found.
+
+    Attributes:
+        direction: unit vectors, base frame (N, 3).
+        found: the highest speeds safe there, and so in every direction looked at.
+    """
+
+    direction: FloatArray
+    found: SpeedLimits
+
+
+def worst_directions(
+    problem: Problem, q: FloatArray, own: FloatArray, angle: float, cap: FloatArray
+) -> WorstDirections:
+    """Search the cones of directions about ``own`` for the worst one, and the highest safe speeds there.
+
+    A formula ranks directions all over the cone and goes to the worst places between them. Exact laws at the safe speed
+    of the worst decide, in a spiral of directions and in those places; then they go on from the worst of these to where
+    the force is greatest. Where a law passes what is accepted the safe speed is solved for anew there, until none does.
+
+    Args:
+        problem: a straight line of the tip; its pose and velocity are replaced.
+        q: poses (N, dof) [rad or m].
+        own: axes of the cones, unit vectors (N, 3).
+        angle: half angle of the cones [rad].
+        cap: no speed above it is looked at (N,) [m/s].
+    """
+    if angle <= 0:
+        return WorstDirections(own, speed_limits(problem, q, own, cap))
+    places = [
+        _foretold(problem, q[rows], own[rows], angle)
+        for rows in np.array_split(np.arange(len(q)), math.ceil(len(q) / _AT_ONCE))
+    ]
+    foretold = np.concatenate(places)  # (N, starts, 3), the worst first
+    direction = foretold[:, 0].copy()
+    found = speed_limits(problem, q, direction, cap)
+    candidates = np.concatenate([np.stack(cone_directions(own, angle, _SAMPLED), axis=1), foretold], axis=1)
+    search = _Search(problem, q, direction, found)
+    force = search.settle(candidates)
+    search.settle_between(own, angle, candidates, force)
+    return WorstDirections(search.direction, search.found)
+
+
+class _Search:
+    """Speeds that come down wherever a law passes what is accepted."""
+
+    def __init__(self, problem: Problem, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> None:
+        self.problem, self.q, self.direction, self.found = problem, q, direction, found
+        self._limit, self._accepted = allowed_force(problem), problem.scenario.verdict.risk
+
+    def settle(self, candidates: FloatArray) -> FloatArray:
+        """Lower speeds until no candidate (N, M, 3) passes; the force of each (N, M) [N] at the accepted risk."""
+        count = candidates.shape[1]
+        force = np.full(candidates.shape[:2], -np.inf)
+        open_ = np.flatnonzero(self.found.speed > 0)
+        while open_.size:
+            over, forces = self._laws(np.repeat(open_, count), candidates[open_].reshape(-1, 3))
+            over, force[open_] = over.reshape(-1, count), forces.reshape(-1, count)
+            fails = over.max(axis=1) > self._accepted
+            # Of those that pass by undetected collisions all have an infinite force: the risk tells them apart.
+            worst = over.argmax(axis=1)[fails]
+            open_ = open_[fails]
+            if open_.size:
+                self._lower(open_, candidates[open_, worst])
+                open_ = open_[self.found.speed[open_] > 0]
+        return force
+
+    def settle_between(self, own: FloatArray, angle: float, candidates: FloatArray, force: FloatArray) -> None:
+        """Go from the worst candidates to where the force is greatest about them, and lower speeds there."""
+        alive = np.flatnonzero(self.found.speed > 0)
+        if not alive.size:
+            return
+        places, lowest = _apart(candidates[alive], -force[alive])
+        pose, start = np.nonzero(-lowest >= _CLOSE_SECOND * -lowest[:, :1])
+        row, at, best = alive[pose], places[pose, start], -lowest[pose, start]
+        step, turn = _LAW_STEP, 0.0
+        while step > _LAST:
+            going = np.flatnonzero(self.found.speed[row] > 0)
+            if not going.size:
+                return
+            around = tilted(at[going], own[row[going]], angle, step, _AROUND, turn)
+            over, forces = self._laws(np.repeat(row[going], _AROUND), around.reshape(-1, 3))
+            over, forces = over.reshape(-1, _AROUND), forces.reshape(-1, _AROUND)
+            better = forces.max(axis=1) > best[going]
+            at[going[better]] = around[better, forces[better].argmax(axis=1)]
+            best[going[better]] = forces[better].max(axis=1)
+            worst = over.max(axis=1)
+            if (worst > self._accepted).any():
+                lowered = self._lower_worst(row[going], worst, around[np.arange(len(around)), over.argmax(axis=1)])
+                # Other speeds, other forces: those known are no measure any more.
+                anew = np.flatnonzero(np.isin(row, lowered))
+                _, best[anew] = self._laws(row[anew], at[anew])
+            elif not better.any():
+                step *= _SHRINK
+            turn += math.pi / _AROUND
+
+    def _lower_worst(self, row: Rows, over: FloatArray, direction: FloatArray) -> Rows:
+        """Lower the speeds of rows that fail, each in its worst direction; returns these rows."""
+        order = np.argsort(-over, kind="stable")
+        order = order[over[order] > self._accepted]
+        rows, first = np.unique(row[order], return_index=True)
+        self._lower(rows, direction[order][first])
+        return rows
+
+    def _lower(self, rows: Rows, direction: FloatArray) -> None:
+        """Solve for the safe speeds of rows in other directions, below those they have."""
+        found = self.found
+        self.direction[rows] = direction
+        # A little slower in any case, so that rounding at the very limit cannot go on for ever.
+        slower = speed_limits(self.problem, self.q[rows], direction, (1 - 0.1 * CLOSE) * found.speed[rows])
+        found.speed[rows], found.risk[rows] = slower.speed, slower.risk
+        found.by[rows] = np.where(slower.speed > 0, "law", "none")
+        self.found = replace(found, laws=found.laws + slower.laws)
+
+    def _laws(self, rows: Rows, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Risk, and force at the accepted risk [N], of directions (M, 3) of rows (M,) at their speeds."""
+        speed = np.maximum(self.found.speed[rows], 1e-6)
+        laws = evaluate_batch(
+            self.problem,
+            self.q[rows],
+            direction * speed[:, None],
+            probabilities=[1 - self._accepted],
+            limits_N=[self._limit],
+        )
+        self.found = replace(self.found, laws=self.found.laws + len(rows))
+        # Without a law, as at a singularity, no speed is safe either.
+        over = np.nan_to_num(laws.exceedance[:, 0], nan=np.inf)
+        return over, np.nan_to_num(laws.quantile[:, 0], nan=np.inf, posinf=np.inf)
+
+
+def _foretold(problem: Problem, q: FloatArray, own: FloatArray, angle: float) -> FloatArray:
+    """Directions whose safe speed is the lowest by the formula (N, starts, 3), the lowest first, some way apart."""
+    formula = _Formula(problem, q)
+    directions = np.stack(cone_directions(own, angle, _foretold_count(angle)), axis=1)
+    at, best = _apart(directions, formula(directions))
+    step, turn = _FORMULA_STEP, 0.0
+    flat_own = np.repeat(own, at.shape[1], axis=0)
+    while step > _LAST:
+        around = tilted(at.reshape(-1, 3), flat_own, angle, step, _AROUND, turn).reshape(*at.shape[:2], _AROUND, 3)
+        speed = formula(around.reshape(len(q), -1, 3)).reshape(*at.shape[:2], _AROUND)
+        better = speed.min(axis=2) < best
+        turn += math.pi / _AROUND
+        if not better.any():
+            step *= _SHRINK
+            continue
+        pose, start = np.nonzero(better)
+        at[pose, start] = around[pose, start, speed[pose, start].argmin(axis=1)]
+        best[pose, start] = speed[pose, start].min(axis=1)
+    order = np.argsort(best, axis=1, kind="stable")
+    return np.asarray(np.take_along_axis(at, order[:, :, None], axis=1))
+
+
+class _Formula:
+    """Foretold safe speeds of many directions of poses: rates and torques are linear in the direction."""
+
+    def __init__(self, problem: Problem, q: FloatArray) -> None:
+        self._problem = problem
+        along = [np.tile(axis, (len(q), 1)) for axis in np.eye(3)]
+        with np.errstate(invalid="ignore", over="ignore"):
+            rates = [Arms(problem, q, axis).unlimited_rates(q) for axis in along]
+        self._rates = np.stack(rates, axis=1)  # (N, 3, dof)
+        self._jacobian = Arms(problem, q, along[0]).linear_jacobian(q)
+
+    def __call__(self, directions: FloatArray) -> FloatArray:
+        """Speeds (N, M) [m/s] in directions (N, M, 3)."""
+        problem, shape = self._problem, directions.shape[:2]
+        with np.errstate(invalid="ignore", over="ignore"):
+            gain = stop_gain(problem, (directions @ self._rates).reshape(-1, self._rates.shape[2]))
+        torque = (directions @ self._jacobian).reshape(len(gain), -1)
+        accepted = problem.scenario.verdict.risk
+        speed = foretold_speed(problem, torque, gain, allowed_force(problem), accepted)
+        # Where the formula misses the limit itself the directions are told apart by how little they feel.
+        unfelt = -1e-9 / np.maximum(_felt(problem, torque), 1e-12)
+        return np.asarray(np.nan_to_num(np.where(speed > 0, speed, unfelt), nan=-1.0).reshape(shape))
+
+
+def _felt(problem: Problem, torque: FloatArray) -> FloatArray:
+    """Share of its threshold that a newton gives the joint that feels it best (N,) [1/N]."""
+    return np.asarray((np.abs(torque) / problem.thresholds).max(axis=1))
+
+
+def _apart(directions: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The directions (N, starts, 3) of the lowest values (N, M), some way apart, and their values (N, starts)."""
+    rows, value = np.arange(len(directions)), value.copy()
+    chosen, values = [], []
+    for _ in range(min(_STARTS, directions.shape[1])):
+        lowest = value.argmin(axis=1)
+        own = directions[rows, lowest]
+        chosen.append(own)
+        values.append(value[rows, lowest])
+        near = np.einsum("nmi,ni->nm", directions, own) > math.cos(_APART)
+        value[near] = np.inf
+    return np.stack(chosen, axis=1), np.stack(values, axis=1)

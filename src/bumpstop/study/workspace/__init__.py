@@ -1,0 +1,1 @@
+"""Workspace: poses and directions all over the reach of an arm."""

@@ -1,0 +1,109 @@
+"""What the rows of a workspace study say together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.study.workspace.foretold import predictors, rank_correlation
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.study.workspace.workspace import WorkspaceStudy
+
+ENDS = ("horizon", "joint_limit", "singularity", "certain_detection", "singular_start")
+# Motions that end before contact more often than this never touch anything.
+_NEVER = 1 - 1e-6
+# Of the frequency maps: cells of condition number or singular value, by cells of force.
+MAP_CELLS = 12
+
+
+def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
+    """Shares over the limits, the force distribution, how motions end, and what no law covers.
+
+    Poses that start at a singularity have no law and are counted apart; every share is of the others.
+    """
+    known = rows.filter(rows["end"] != "singular_start")
+    limits = dict(zip(("force_N", "pressure_as_force_N"), study.force_limits, strict=False))
+    result: dict[str, Any] = {
+        "study": study.name,
+        "laws": known.height,
+        "singular_starts": rows.height - known.height,
+        "limits": limits,
+        "ends": {end: int((rows["end"] == end).sum()) for end in ENDS},
+        "self_collisions": {
+            "looked_for": study.link_radius_mm > 0,
+            "poses_discarded": int(rows["redrawn"].sum()) if study.poses else study.drawn - rows.height,
+        },
+    }
+    if not known.height:
+        return result
+    over = {name: _share(known[f"p_over_{name}"].to_numpy()) for name in ("force", "pressure")}
+    median = known["p50_N"].to_numpy()
+    edges = study.edges
+    tails = known["p_over_edges"].explode().to_numpy().reshape(known.height, edges.size)
+    # The last bin takes what lies beyond, undetected cases among it.
+    mixture = -np.diff(np.column_stack([np.ones(known.height), tails[:, 1:], np.zeros(known.height)]), axis=1)
+    # A motion that ends before contact is no mild collision.
+    no_contact = known["no_contact"].to_numpy()
+    mixture[:, 0] = np.maximum(0.0, mixture[:, 0] - no_contact)
+    hits = no_contact <= 0.5
+    touching = known.filter(no_contact < _NEVER)
+    unsafe = worst_risk(known) > study.scenario.verdict.risk
+    if study.foretell and limits:
+        result["predictors"] = predictors(known, unsafe, min(study.force_limits))
+        result["trusted"] = int(known["trusted"].sum())
+    return result | {
+        "p_over_force": over["force"],
+        "p_over_pressure": over["pressure"],
+        "p_over_force_or_no_contact": _share((known["p_over_force"] + known["no_contact"]).to_numpy()),
+        "never_touch": known.height - touching.height,
+        "p_over_force_of_touching": _share(touching["p_over_force"].to_numpy()) if touching.height else None,
+        "p_over_pressure_of_touching": _share(touching["p_over_pressure"].to_numpy()) if touching.height else None,
+        "accepted_risk": study.scenario.verdict.risk,
+        "poses_over_risk": int(unsafe.sum()) if limits else None,
+        "undetected": _share(known["undetected"].to_numpy()),
+        "poses_more_often_undetected": int((known["undetected"] > 0.5).sum()),
+        "no_contact": _share(known["no_contact"].to_numpy()),
+        "false_alarm": _share(known["false_alarm"].to_numpy()),
+        "median_force_N": {
+            "median": float(np.median(median)),
+            "unbounded": int((~np.isfinite(median)).sum()),
+        },
+        "distribution": {
+            "edges_N": edges,
+            "poses_by_median": np.histogram(np.minimum(median[hits], 1e300), bins=[*edges, np.inf])[0],
+            "collisions": mixture.sum(axis=0),
+            "mode_of_medians_N": _mode(np.histogram(np.minimum(median[hits], 1e300), bins=edges)[0], edges),
+            "mode_of_collisions_N": _mode(mixture.sum(axis=0)[:-1], edges),
+        },
+        "rank_correlation_with_median_force": {
+            name: rank_correlation(known[name].to_numpy(), median)
+            for name in (
+                "condition_number",
+                "smallest_singular_value",
+                "condition_number_six_rows",
+                "smallest_singular_value_six_rows",
+            )
+        },
+    }
+
+
+def worst_risk(rows: pl.DataFrame) -> FloatArray:
+    """The larger of the probabilities of passing the force and the pressure limit (N,); NaN without limits."""
+    return np.asarray(np.fmax(rows["p_over_force"].to_numpy(), rows["p_over_pressure"].to_numpy()))
+
+
+def _share(p: FloatArray) -> dict[str, float] | None:
+    """Mean of probabilities over poses, and its standard error from their spread; None where there are none."""
+    if np.isnan(p).any():
+        return None
+    return {"mean": float(p.mean()), "standard_error": float(p.std() / np.sqrt(p.size))}
+
+
+def _mode(counts: Any, edges: FloatArray) -> list[float]:
+    at = int(np.argmax(counts))
+    return [float(edges[at]), float(edges[at + 1])]
