@@ -60,7 +60,7 @@ def row(what: str, value: str, target: str, ok: bool | None, ratio: str = "") ->
 
 def whole_law(problem: bs.Problem) -> object:
     """A complete law from a checked scenario: curve, distribution, moments, quantiles, probabilities of excess."""
-    law = bs.exact_law(problem, bs.stopping_curve(problem))
+    law = bs.integrate(problem, bs.stopping_curve(problem))
     force = law.peak_force
     figures = [force.mean, force.sd, *(force.quantile(p) for p in (0.5, 0.95, 0.99, 0.999))]
     return figures, law.trigger_joint_probability

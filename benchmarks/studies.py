@@ -16,7 +16,7 @@ from unittest.mock import patch
 import numpy as np
 
 import bumpstop as bs
-from bumpstop.collision import BatchLaws, Problem
+from bumpstop.collision import BatchResult, Problem
 from bumpstop.report.studies.study import write_study_report
 from bumpstop.report.studies.workspace import pages_of
 from bumpstop.study import run
@@ -39,12 +39,12 @@ def workspace_without_laws() -> float:
     )
     one = study._laws(Problem.from_scenario(slow).q[None], np.array([[0.0, 0.0, -0.01]]))
 
-    def same(self: Any, q: Any, velocity: Any) -> BatchLaws:
+    def same(self: Any, q: Any, velocity: Any) -> BatchResult:
         rows = np.zeros(len(q), dtype=np.int64)
         laws = {field.name: getattr(one, field.name)[rows] for field in dataclasses.fields(one)}
         # Some spread, for figures as full as they are.
         laws["quantile"] = laws["quantile"] * (0.5 + 40 * np.linalg.norm(velocity, axis=1))[:, None]
-        return BatchLaws(**laws)
+        return BatchResult(**laws)
 
     begin = time.process_time()
     with patch.object(WorkspaceStudy, "_laws", same), tempfile.TemporaryDirectory() as folder:

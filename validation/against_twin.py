@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import bumpstop as bs
 from bumpstop import kernels
-from bumpstop.collision.distribution.contact_duration import sampled_contact_time
+from bumpstop.collision.distribution.contact_duration import monte_carlo_contact_duration
 from bumpstop.collision.distribution.distribution import SampledDistribution
 from collision.cases import VARIED, twin_of
 from twin import TwinRuns, half_normal_offsets, simulate, simulate_seeded
@@ -36,7 +36,7 @@ class Differences:
         ticks, triggers, missed: runs whose tick or whose joints differ, or that only the twin noticed.
         peak, at_detection: of forces [N].
         residual: [Nm].
-        contact_time: [s]; NaN where the arm stops in contact.
+        contact_duration: [s]; NaN where the arm stops in contact.
     """
 
     runs: int
@@ -47,7 +47,7 @@ class Differences:
     peak: float
     at_detection: float
     residual: float
-    contact_time: float
+    contact_duration: float
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
@@ -97,11 +97,11 @@ def _same_noise(findings: Findings, name: str, runs: int) -> list[Cell]:
         max(found.peak, found.at_detection) < allowed,
         f"{found.peak:.1e} N at the peak, {found.at_detection:.1e} N at detection",
     )
-    if not math.isnan(found.contact_time):
+    if not math.isnan(found.contact_duration):
         findings.check(
             f"{name}: contact times within {TIME_ALLOWED:g} s",
-            found.contact_time < TIME_ALLOWED,
-            f"{found.contact_time:.1e} s",
+            found.contact_duration < TIME_ALLOWED,
+            f"{found.contact_duration:.1e} s",
         )
     return [
         name,
@@ -112,7 +112,7 @@ def _same_noise(findings: Findings, name: str, runs: int) -> list[Cell]:
         found.peak,
         found.at_detection,
         found.residual,
-        found.contact_time,
+        found.contact_duration,
     ]
 
 
@@ -147,12 +147,12 @@ def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences
         apart = np.abs(column(field)[among] - ours[among])
         return float(apart.max()) if apart.size else math.nan
 
-    contact_time = math.nan
+    contact_duration = math.nan
     if scenario.reaction.kind == "reverse":
-        ours = sampled_contact_time(problem, law.curve.kernel, tick, offset)
+        ours = monte_carlo_contact_duration(problem, law.curve.kernel, tick, offset)
         both = same & np.isfinite(ours) & (law.runs["force_at_detection"] > 0)
         lasts = column("contact_end_s") - column("contact_start_s")
-        contact_time = float(np.abs(lasts - ours)[both].max()) if both.any() else math.nan
+        contact_duration = float(np.abs(lasts - ours)[both].max()) if both.any() else math.nan
     return Differences(
         runs=runs,
         undetected=int((~detected).sum()),
@@ -162,11 +162,11 @@ def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences
         peak=largest("max_force_N", law.runs["peak_force"]),
         at_detection=largest("force_at_detection_N", law.runs["force_at_detection"]),
         residual=largest("residual_at_detection_Nm", law.runs["residual"]),
-        contact_time=contact_time,
+        contact_duration=contact_duration,
     )
 
 
-def _ticks_to_simulate(law: bs.ForceLaw) -> int:
+def _ticks_to_simulate(law: bs.CollisionResult) -> int:
     """How long the twin runs: to the curve's end, and beyond it where the curve claims that nothing is left to detect.
 
     The twin knows neither joint limits nor singularities: where the motion ends at one of them, the twin is told to.
@@ -209,7 +209,7 @@ def _own_noise(findings: Findings, runs: int, *, quick: bool) -> None:
     )
 
 
-def _twin_scores(law: bs.ForceLaw, found: TwinRuns) -> list[Score]:
+def _twin_scores(law: bs.CollisionResult, found: TwinRuns) -> list[Score]:
     """Compare forces, triggers and false alarms; every run is detected."""
     felt = found.detected & ~found.false_alarm
     scores = [

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 import bumpstop as bs
 from bumpstop.report.picture import FAINT, LAW, Picture
 from bumpstop.study import run
-from bumpstop.study.parameters.fits import R2_WANTED, fit_laws
+from bumpstop.study.parameters.fits import R2_WANTED, fit_models
 from bumpstop.study.parameters.parameters import SOURCE, ParameterStudy
 from bumpstop.study.variable import Range
 from collision.cases import control_group
@@ -135,7 +135,7 @@ def _draw(figure: Figure, curves: list[tuple[str, str, Floats, Floats]]) -> None
     figure.subplots_adjust(left=0.11, right=0.97, bottom=0.09, top=0.97, hspace=0.45, wspace=0.3)
     for i, (label, relationship, x, mean) in enumerate(curves, start=1):
         panel = figure.add_subplot(3, 2, i)
-        fitted = next(fit.fitted for fit in fit_laws(x, mean) if fit.name == relationship)
+        fitted = next(fit.fitted for fit in fit_models(x, mean) if fit.name == relationship)
         panel.plot(x, fitted, color=FAINT, linestyle="--")
         panel.plot(x, mean, "o", color=LAW, markersize=3.5)
         panel.set_xlabel(label)

@@ -55,7 +55,7 @@ class Collisions:
         return [float(self.any_area[f"trigger_{j + 1}"]) for j in range(7)]
 
     @property
-    def several_joints_probability(self) -> float:
+    def multi_joint_probability(self) -> float:
         """Of two or more at the tick of detection."""
         return float(self.any_area["several_joints"])
 
@@ -87,7 +87,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         "Joints that notice the sideways motion (they sum to more than 1 where joints fire together)",
         ["Speed [mm/s]", *(f"P(joint {j + 1})" for j in range(7)), "P(several at once)"],
         ["g", *([PROBABILITY] * 8)],
-        [[speed, *law.trigger_joint_probability, law.several_joints_probability] for speed, law in aside.items()],
+        [[speed, *law.trigger_joint_probability, law.multi_joint_probability] for speed, law in aside.items()],
     )
 
 
@@ -220,7 +220,7 @@ def _lateral(
             math.isclose(first, second, rel_tol=0.1) and others < 0.01,
             f"{first:.3f} and {second:.3f}, any other at most {probability(others)}",
         )
-    both = [law.several_joints_probability for law in aside.values()]
+    both = [law.multi_joint_probability for law in aside.values()]
     findings.check(
         "Hand, sideways: both joints at once in less than a third of collisions at 10 mm/s, in more with every speed",
         both[0] < 1 / 3 and both == sorted(both),

@@ -64,7 +64,7 @@ def _refine(findings: Findings, name: str, scenario: bs.Scenario) -> list[list[C
         ("peak force", coarse.peak_force, fine.peak_force),
         ("force at detection", coarse.force_at_detection, fine.force_at_detection),
         ("detection delay", coarse.detection_delay, fine.detection_delay),
-        ("contact time", coarse.contact_time, fine.contact_time),
+        ("contact time", coarse.contact_duration, fine.contact_duration),
     ):
         if rough is None or refined is None:
             continue
@@ -84,12 +84,12 @@ def _refine(findings: Findings, name: str, scenario: bs.Scenario) -> list[list[C
     return rows
 
 
-def _probabilities(law: bs.ForceLaw) -> Iterator[tuple[str, float]]:
+def _probabilities(law: bs.CollisionResult) -> Iterator[tuple[str, float]]:
     """Every probability that is printed, and the peak force's exceedance at 60 forces."""
     yield "false alarm", law.false_alarm_probability
     yield "undetected", law.undetected_probability
     yield "no contact", law.no_contact_probability
-    yield "several joints", law.several_joints_probability
+    yield "several joints", law.multi_joint_probability
     for j, p in enumerate(law.trigger_joint_probability, start=1):
         yield f"joint {j}", float(p)
     if law.verdict.p_over_force is not None:
@@ -164,14 +164,14 @@ def _far_tails(findings: Findings, *, quick: bool) -> None:
     )
 
 
-def _tail(law: bs.ForceLaw, x: float) -> float:
+def _tail(law: bs.CollisionResult, x: float) -> float:
     """P(detected, and peak force > x), worked out by itself."""
     problem = law.problem
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
     return float(law.curve.kernel.tail_directly(*question, x))
 
 
-def _force_of_tail(law: bs.ForceLaw, p: float) -> float | None:
+def _force_of_tail(law: bs.CollisionResult, p: float) -> float | None:
     """A force that is exceeded with this probability, by bisection; None where the last tick's is larger."""
     low, high = 0.0, 10 * law.peak_force.mean
     for _ in range(60):
@@ -180,7 +180,7 @@ def _force_of_tail(law: bs.ForceLaw, p: float) -> float | None:
     return low if _tail(law, low) < 2 * p else None
 
 
-def _between_atoms(law: bs.ForceLaw) -> list[float]:
+def _between_atoms(law: bs.CollisionResult) -> list[float]:
     """Forces halfway between the possible peaks of a fixed offset, from each of which on the tail is smaller."""
     assert law.scenario.contact.offset_mm is not None
     peaks = np.unique(law.problem.stiffness * (law.curve.farthest - law.scenario.contact.offset_mm / 1e3))
@@ -189,7 +189,7 @@ def _between_atoms(law: bs.ForceLaw) -> list[float]:
     return [float(x) for x in forces if _tail(law, float(x)) > 0]
 
 
-def _tails_of_40_digits(law: bs.ForceLaw, forces: list[float], order: int) -> list[mp.mpf]:
+def _tails_of_40_digits(law: bs.CollisionResult, forces: list[float], order: int) -> list[mp.mpf]:
     """P(peak force > x) for every x, never detected counted as over, from the curve's doubles by the formula."""
     with mp.workdps(DIGITS):
         stiffness = mp.mpf(law.problem.stiffness)
@@ -210,7 +210,7 @@ def _tails_of_40_digits(law: bs.ForceLaw, forces: list[float], order: int) -> li
         return tails
 
 
-def _offset_nodes(law: bs.ForceLaw, depths: list[mp.mpf], order: int) -> Iterator[tuple[mp.mpf, mp.mpf]]:
+def _offset_nodes(law: bs.CollisionResult, depths: list[mp.mpf], order: int) -> Iterator[tuple[mp.mpf, mp.mpf]]:
     """Offsets and weights of Gauss's rule on all smooth pieces of a half-normal law cut at seven sd."""
     sd = mp.mpf(law.problem.offset_size)
     largest = 7 * sd
@@ -242,7 +242,7 @@ def _gauss_rule(order: int) -> list[tuple[mp.mpf, mp.mpf]]:
     return rule
 
 
-def _detected_at(law: bs.ForceLaw, offset: mp.mpf) -> tuple[list[mp.mpf], mp.mpf]:
+def _detected_at(law: bs.CollisionResult, offset: mp.mpf) -> tuple[list[mp.mpf], mp.mpf]:
     """P(detected at tick k) for every tick, and P(never), for one offset."""
     problem = law.problem
     survival, detected = mp.mpf(1), []

@@ -13,7 +13,7 @@ from identification.recorded import FILES, arm_and_motion, there
 from validation.findings import Findings
 
 TITLE = "Joint models from motor currents"
-LEAST, MOST = 0.92, 0.975
+MIN_SHARE, MAX_SHARE = 0.92, 0.975
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
@@ -51,5 +51,5 @@ def compare(findings: Findings, *, quick: bool) -> None:
     if quick:
         findings.check("Of the intervals at least 80 % hold the truth", share >= 0.8, f"{share:.3f} of {len(pooled)}")
     else:
-        what = f"Pooled, between {100 * LEAST:g} and {100 * MOST:g} % of the intervals hold the truth"
-        findings.check(what, LEAST <= share <= MOST, f"{share:.4f} of {len(pooled)}")
+        what = f"Pooled, between {100 * MIN_SHARE:g} and {100 * MAX_SHARE:g} % of the intervals hold the truth"
+        findings.check(what, MIN_SHARE <= share <= MAX_SHARE, f"{share:.4f} of {len(pooled)}")

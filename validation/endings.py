@@ -16,7 +16,7 @@ from validation.findings import Cell, Findings
 
 TITLE = "Every collision ends"
 # Scenarios of one process, and how long it may take: hundreds of times as long as it does.
-TOGETHER, LONGEST_S = 250, 1800
+TOGETHER, MAX_DURATION_S = 250, 1800
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
@@ -69,7 +69,7 @@ def _run(first: int, count: int, *options: str, target: str = "") -> list[dict[s
             env=environment,
             stdout=subprocess.PIPE,
             text=True,
-            timeout=LONGEST_S,
+            timeout=MAX_DURATION_S,
             check=True,
         )
     except subprocess.TimeoutExpired as stuck:

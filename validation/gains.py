@@ -10,7 +10,7 @@ from identification.test_gains_fit import ALL_GAINS, LOAD, currents
 from validation.findings import Findings
 
 TITLE = "Drive gains of arms of unknown inertia"
-LEAST, MOST = 0.92, 0.975
+MIN_SHARE, MAX_SHARE = 0.92, 0.975
 NOISES_A = (0.05, 0.2)
 _FIRST_SEED = 1000  # lower ones were looked at while the standard errors were made
 
@@ -50,9 +50,9 @@ def compare(findings: Findings, *, quick: bool) -> None:
             )
     headings = ("arm", "noise, A", "intervals", "hold the truth", "sd of errors, standard errors", "median error, %")
     findings.table("Intervals of gains", headings, ("", "g", "d", ".3f", ".2f", ".2f"), rows)
-    share, least = float(np.mean(pooled)), 0.6 if quick else LEAST
+    share, least = float(np.mean(pooled)), 0.6 if quick else MIN_SHARE
     findings.check(
-        f"Pooled, between {100 * least:g} and {100 * MOST:g} % of the intervals hold the truth",
-        least <= share <= (1.0 if quick else MOST),
+        f"Pooled, between {100 * least:g} and {100 * MAX_SHARE:g} % of the intervals hold the truth",
+        least <= share <= (1.0 if quick else MAX_SHARE),
         f"{share:.4f} of {len(pooled)}",
     )

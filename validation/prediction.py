@@ -19,8 +19,8 @@ TITLE = "Forces foretold from the pose alone"
 Floats = npt.NDArray[np.float64]
 QUANTILE = 0.999
 LIMIT_N = 135.0  # hand, clamped, BG/BGIA 2011
-MOST_GAIN = 20.0  # rad/m
-LEAST_R2, LARGEST_MEDIAN_ERROR, LARGEST_MEDIAN_RATIO = 0.98, 0.05, 1.2
+MAX_GAIN = 20.0  # rad/m
+LEAST_R2, MAX_MEDIAN_ERROR, MAX_MEDIAN_RATIO = 0.98, 0.05, 1.2
 SEED = 77
 OBSERVER_GAINS_1_S = (20.0, 60.0, 200.0)
 
@@ -52,7 +52,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.say(
         f"{varied.drawn} random cases of two robots ({scenarios} scenarios of their own stiffness, thresholds, noise, "
         f"feedback period, latency and reaction, {count} poses, directions and speeds each); {len(varied)} of them are "
-        f"detected for certain and have a joint-speed gain under {MOST_GAIN:g} rad/m. The bound is for "
+        f"detected for certain and have a joint-speed gain under {MAX_GAIN:g} rad/m. The bound is for "
         f"the quantile {QUANTILE:g}."
     )
     _accuracy(findings, varied)
@@ -70,7 +70,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def _cases(scenario: bs.Scenario, q: Floats, velocity: Floats) -> Cases:
     laws = evaluate_batch(scenario, q, velocity, probabilities=[QUANTILE], threads=2)
     found = predict_batch(scenario, q, velocity, quantile=QUANTILE)
-    kept = (laws.end == "certain_detection") & (laws.undetected_probability < 1e-9) & (found.gain < MOST_GAIN)
+    kept = (laws.end == "certain_detection") & (laws.undetected_probability < 1e-9) & (found.gain < MAX_GAIN)
     kept &= np.isfinite(laws.mean) & np.isfinite(laws.quantile[:, 0])
     robot = bs.Robot.load(scenario.robot)
     moving = [j for j in range(robot.dof) if j + 1 not in scenario.motion.held_joints]
@@ -135,9 +135,7 @@ def _accuracy(findings: Findings, cases: Cases) -> None:
         "R2 where the formula says it holds", r2_trusted >= LEAST_R2, f"{r2_trusted:.5f}, wanted {LEAST_R2:g}"
     )
     findings.check("R2 of all cases", r2_all >= LEAST_R2, f"{r2_all:.4f}, wanted {LEAST_R2:g}")
-    findings.check(
-        "Median error", median <= LARGEST_MEDIAN_ERROR, f"{median:.2%}, wanted at most {LARGEST_MEDIAN_ERROR:.0%}"
-    )
+    findings.check("Median error", median <= MAX_MEDIAN_ERROR, f"{median:.2%}, wanted at most {MAX_MEDIAN_ERROR:.0%}")
     ratio = cases.bound[trusted] / cases.quantile[trusted]
     below = int((ratio < 1).sum())
     findings.check(
@@ -159,8 +157,8 @@ def _accuracy(findings: Findings, cases: Cases) -> None:
     found = float(np.median(cases.bound / cases.quantile))
     findings.check(
         "Median ratio of bound and exact quantile, all cases",
-        found <= LARGEST_MEDIAN_RATIO,
-        f"{found:.4f}, at most {LARGEST_MEDIAN_RATIO:g}",
+        found <= MAX_MEDIAN_RATIO,
+        f"{found:.4f}, at most {MAX_MEDIAN_RATIO:g}",
     )
 
 

@@ -25,24 +25,24 @@ EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.
 NEGLIGIBLE = 1e-15
 
 
-def figures(law: bs.ForceLaw) -> dict[str, float | None]:
+def figures(law: bs.CollisionResult) -> dict[str, float | None]:
     """Every figure of a law under a name."""
     found: dict[str, float | None] = {}
     for name, quantity in (
         ("peak force", law.peak_force),
         ("force at detection", law.force_at_detection),
         ("detection delay", law.detection_delay),
-        ("contact time", law.contact_time),
+        ("contact time", law.contact_duration),
     ):
         if quantity is not None:
             found |= {f"{name}, {figure}": value for figure, value in quantity.to_json().items()}
     found |= {f"P(joint {j})": float(p) for j, p in enumerate(law.trigger_joint_probability, start=1)}
-    found["P(several)"] = law.several_joints_probability
+    found["P(several)"] = law.multi_joint_probability
     found["P(false alarm)"] = law.false_alarm_probability
     return found
 
 
-def tails(law: bs.ForceLaw) -> dict[str, tuple[float, float]]:
+def tails(law: bs.CollisionResult) -> dict[str, tuple[float, float]]:
     """P(peak force > x) at many x, and how steep it is: its relative change over a relative change of x."""
     found: dict[str, tuple[float, float]] = {}
     step = 1e-4

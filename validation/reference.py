@@ -125,7 +125,7 @@ def _row(
     return rows
 
 
-def _sd_error(law: bs.ForceLaw) -> float:
+def _sd_error(law: bs.CollisionResult) -> float:
     """Standard error [N] of the reference's standard deviation, from the fourth moment of a sample."""
     values: Any = getattr(law.peak_force, "values")  # noqa: B009 - only sampled laws have it
     sd = values.std()

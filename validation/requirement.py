@@ -7,17 +7,17 @@ import time
 import numpy as np
 
 import bumpstop as bs
-from bumpstop.study.requirement.requirement import HIGHER_IS_HARSHER, Requirement, require
+from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, Requirement, require
 from bumpstop.study.variable import Variable
 from study.prediction_cases import draw
 from validation.findings import Cell, Findings
 
 TITLE = "Requirements against trying every value"
 SEED = 99
-AGREES, STEP, BEYOND, LONGEST_S = 0.005, 0.002, 1.02, 0.2
+AGREES, STEP, BEYOND, MAX_DURATION_S = 0.005, 0.002, 1.02, 0.2
 # How far to either side of the answer every value is tried, and every how many from the mild end.
 _NEAR, _FAR_STEP = 1.1, 0.03
-_MOST_TRIES = 2000
+_MAX_TRIES = 2000
 TIMES = 3
 BODIES = ("hand_finger", "lower_arm_wrist", "upper_arm_elbow", "thigh_knee")
 
@@ -30,7 +30,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     unmet, slack, edges, none, ranges, off, passes = 0, 0, 0, 0, 0, 0, 0
     lucky: list[int] = []
     seconds: list[tuple[str, float]] = []
-    names = list(HIGHER_IS_HARSHER)
+    names = list(HIGHER_IS_WORSE)
     for number in range(count):
         scenario, name = _scenario(rng, number), names[number % len(names)]
         best = np.inf
@@ -39,8 +39,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
             found = require(scenario, name)
             best = min(best, time.process_time() - begin)
         seconds.append((name, best))
-        off += found.erratic
-        mildest = found.low if HIGHER_IS_HARSHER[name] else found.high
+        off += found.ill_conditioned
+        mildest = found.low if HIGHER_IS_WORSE[name] else found.high
         if found.binding == "singularity":
             passes += 1
             tries = _tries_until_failure(scenario, name, mildest if found.value is None else found.value, found.risk)
@@ -66,7 +66,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
             apart = 0.0 if abs(found.value - tried) < 1.5 * quantum else 1.0
         else:
             apart = abs(found.value / tried - 1)
-            worse = found.value * BEYOND if HIGHER_IS_HARSHER[name] else found.value / BEYOND
+            worse = found.value * BEYOND if HIGHER_IS_WORSE[name] else found.value / BEYOND
             slack += int(_over(scenario, name, worse) <= found.risk)
         differ.append(apart)
         findings.progress(f"{number + 1}: {name} {found.value:g}, tried {tried:g}")
@@ -75,7 +75,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"have an edge. In {off} the arm cannot follow its line, as near a singularity. Values are tried by whole "
         f"laws, in steps of {STEP:.1%} within 10 % of the answer, and of {_FAR_STEP:.0%} from the mild end on, or over "
         f"the whole range. In {passes} the arm passes a singularity, and the answer is that it must not: there up to "
-        f"{_MOST_TRIES} values within {BEYOND - 1:.0%} beyond the answer, or the mild end, are tried until one fails."
+        f"{_MAX_TRIES} values within {BEYOND - 1:.0%} beyond the answer, or the mild end, are tried until one fails."
     )
     rows: list[list[Cell]] = []
     for name in names:
@@ -99,7 +99,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     )
     findings.check("The value meets the risk when evaluated", unmet == 0, f"{unmet} of {count} do not")
     findings.check("Two percent more does not", slack == 0, f"{slack} of {edges} do")
-    late = sum(took > LONGEST_S for _, took in seconds)
+    late = sum(took > MAX_DURATION_S for _, took in seconds)
     findings.check(
         "Under 200 ms each",
         late == 0,
@@ -142,7 +142,7 @@ def _over(scenario: bs.Scenario, name: str, value: float) -> float:
 def _tried(scenario: bs.Scenario, name: str, found: Requirement) -> float:
     """The harshest value before the first that fails, from the mild end."""
     assert found.value is not None
-    variable, upward = Variable(name), HIGHER_IS_HARSHER[name]
+    variable, upward = Variable(name), HIGHER_IS_WORSE[name]
     quantum = variable.quantum(scenario)
     first, last = (found.low, found.high) if upward else (found.high, found.low)
     sign = 1 if upward else -1
@@ -170,8 +170,8 @@ def _tried(scenario: bs.Scenario, name: str, found: Requirement) -> float:
 def _tries_until_failure(scenario: bs.Scenario, name: str, value: float, risk: float) -> int | None:
     """How many values just beyond this one must be tried until one fails; None: none of very many does."""
     rng = np.random.default_rng(SEED)
-    sign = 1 if HIGHER_IS_HARSHER[name] else -1
-    for tries in range(1, _MOST_TRIES + 1):
+    sign = 1 if HIGHER_IS_WORSE[name] else -1
+    for tries in range(1, _MAX_TRIES + 1):
         if _over(scenario, name, value * (1 + sign * (BEYOND - 1) * rng.uniform())) > risk:
             return tries
     return None

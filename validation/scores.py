@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from bumpstop import Distribution, ForceLaw
+from bumpstop import CollisionResult, Distribution
 from bumpstop.collision.distribution.distribution import SampledDistribution
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999)
@@ -95,7 +95,7 @@ def distribution_scores(what: str, unit: str, known: Distribution, sampled: Samp
             yield probability_score(f"P({what} > its {100 * p:g} % quantile)", known.exceedance(x), count, n)
 
 
-def law_scores(exact: ForceLaw, drawn: ForceLaw) -> list[Score]:
+def law_scores(exact: CollisionResult, drawn: CollisionResult) -> list[Score]:
     """Compare every output of an exact law with that of a sampled law of the same scenario."""
     assert drawn.samples is not None
     assert drawn.runs is not None
@@ -113,19 +113,19 @@ def law_scores(exact: ForceLaw, drawn: ForceLaw) -> list[Score]:
         ("peak force", "N", exact.peak_force, drawn.peak_force),
         ("force at detection", "N", exact.force_at_detection, drawn.force_at_detection),
         ("detection delay", "s", exact.detection_delay, drawn.detection_delay),
-        ("contact time", "s", exact.contact_time, drawn.contact_time),
+        ("contact time", "s", exact.contact_duration, drawn.contact_duration),
     ):
         if known is not None and isinstance(sampled, SampledDistribution):
             scores += distribution_scores(what, unit, known, sampled)
     return scores
 
 
-def trigger_scores(exact: ForceLaw, triggers: npt.NDArray[np.uint32]) -> list[Score]:
+def trigger_scores(exact: CollisionResult, triggers: npt.NDArray[np.uint32]) -> list[Score]:
     """Compare which joints fire, given detection; ``triggers`` has one word a run, bit j for joint j + 1."""
     n = triggers.size
     fired = triggers[:, None] >> np.arange(exact.problem.robot.dof, dtype=np.uint32) & 1
     several = int((fired.sum(axis=1) > 1).sum())
-    scores = [probability_score("P(several joints at once)", exact.several_joints_probability, several, n)]
+    scores = [probability_score("P(several joints at once)", exact.multi_joint_probability, several, n)]
     for j, p in enumerate(exact.trigger_joint_probability):
         scores.append(probability_score(f"P(joint {j + 1} triggers)", float(p), int(fired[:, j].sum()), n))
     return scores

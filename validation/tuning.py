@@ -22,7 +22,7 @@ NOISE = {"normal": None, "Student's t, 5 degrees": 5.0}
 HEADINGS = ["wanted", "median", "mean", "share inside"]
 FORMATS = [".3g", ".3g", ".3g", ".3f"]
 # Fewer alarms than this have a spread of their own that is no smaller than the interval: they are told, not judged.
-FEWEST_ALARMS = 20
+MIN_ALARMS = 20
 # Of the plant: recordings of so many rounds through so many moves; each is tuned on, and the next ones are unseen.
 MOVES, ROUNDS, RECORDINGS, UNSEEN_H = 120, 3, 24, 10.0
 TARGETS: tuple[float | None, ...] = (10.0, None)
@@ -110,7 +110,7 @@ def _judged(
         inside += low <= rates[-1] <= high
         wanted = tuning.target
     row: list[Cell] = [what, wanted, float(np.median(rates)), float(np.mean(rates)), inside / len(records)]
-    if wanted * sum(part.watched_s for part in unseen[0]) / 3600 < FEWEST_ALARMS:
+    if wanted * sum(part.watched_s for part in unseen[0]) / 3600 < MIN_ALARMS:
         return row
     least = int(stats.binom.ppf(1e-3, len(records), CONFIDENCE))
     findings.check(

@@ -18,17 +18,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bumpstop.collision import (
+        CollisionResult,
         Distribution,
-        ForceLaw,
         Problem,
         Scenario,
         StoppingCurve,
         Verdict,
         evaluate,
         evaluate_batch,
-        exact_law,
+        integrate,
         load_scenario,
-        sampled_law,
+        monte_carlo,
         stopping_curve,
     )
     from bumpstop.contact import ContactLimits, LimitTable
@@ -39,16 +39,16 @@ if TYPE_CHECKING:
 _HOME = {
     "bumpstop.collision": (
         "Distribution",
-        "ForceLaw",
+        "CollisionResult",
         "Problem",
         "Scenario",
         "StoppingCurve",
         "Verdict",
         "evaluate",
         "evaluate_batch",
-        "exact_law",
+        "integrate",
         "load_scenario",
-        "sampled_law",
+        "monte_carlo",
         "stopping_curve",
     ),
     "bumpstop.contact": ("ContactLimits", "LimitTable"),
@@ -60,9 +60,9 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "BumpstopError",
+    "CollisionResult",
     "ContactLimits",
     "Distribution",
-    "ForceLaw",
     "InputError",
     "Joint",
     "LimitTable",
@@ -74,10 +74,10 @@ __all__ = [
     "Verdict",
     "evaluate",
     "evaluate_batch",
-    "exact_law",
+    "integrate",
     "load_scenario",
+    "monte_carlo",
     "robots",
-    "sampled_law",
     "stopping_curve",
 ]
 

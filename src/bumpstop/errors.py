@@ -7,9 +7,9 @@ import re
 from collections.abc import Iterable
 
 # A list longer than this helps nobody.
-_MOST_LISTED = 40
+_MAX_LISTED = 40
 # Of a longer key or word only the ends are shown. Paths, which may be long, have separators.
-_MOST_LETTERS = 100
+_MAX_LETTERS = 100
 _SHOWN_OF_EACH_END = 40
 
 
@@ -39,14 +39,14 @@ class InputError(BumpstopError, ValueError):
 
 def _readable(message: str) -> str:
     """A message whose words a person can read: what was written may be a key of a million letters."""
-    if len(message) <= _MOST_LETTERS:
+    if len(message) <= _MAX_LETTERS:
         return message
 
     def cut(word: re.Match[str]) -> str:
         text = word[0]
         return f"{text[:_SHOWN_OF_EACH_END]}...{text[-_SHOWN_OF_EACH_END:]} ({len(text)} letters)"
 
-    return re.sub(rf"[^\s/\\]{{{_MOST_LETTERS + 1},}}", cut, message)
+    return re.sub(rf"[^\s/\\]{{{_MAX_LETTERS + 1},}}", cut, message)
 
 
 def near_matches(name: str, known: Iterable[str]) -> str:
@@ -59,7 +59,7 @@ def near_matches(name: str, known: Iterable[str]) -> str:
     Returns:
         ``"did you mean 'a' or 'b'?"``, or ``"valid: a, b, c"``; a very long list is cut.
     """
-    name = str(name)[: 4 * _MOST_LETTERS]
+    name = str(name)[: 4 * _MAX_LETTERS]
     names = list(dict.fromkeys(known))  # a link may be the tip as well
     spelling = {known_name.casefold(): known_name for known_name in names}
     wanted = name.casefold()
@@ -69,5 +69,5 @@ def near_matches(name: str, known: Iterable[str]) -> str:
     close = [spelling[match] for match in close]
     if close:
         return "did you mean " + " or ".join(repr(match) for match in close) + "?"
-    more = len(names) - _MOST_LISTED
-    return "valid: " + ", ".join(names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - _MAX_LISTED
+    return "valid: " + ", ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

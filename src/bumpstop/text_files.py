@@ -12,7 +12,7 @@ from typing import Any
 
 from bumpstop.errors import InputError
 
-MOST_BYTES = 10_000_000
+MAX_BYTES = 10_000_000
 
 
 def is_path(robot: str) -> bool:
@@ -34,7 +34,7 @@ def as_path(value: Any, field: str) -> Path:
 
 
 def read_text(
-    path: str | os.PathLike[str], wanted: str, *, field: str | None = None, most_bytes: int = MOST_BYTES
+    path: str | os.PathLike[str], wanted: str, *, field: str | None = None, most_bytes: int = MAX_BYTES
 ) -> str:
     """The text of a file, without the mark that editors on Windows begin UTF-8 with.
 

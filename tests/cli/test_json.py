@@ -19,9 +19,9 @@ QUANTITIES = [
     "compression_mm",
     "force_at_detection_N",
     "detection_delay_s",
-    "contact_time_s",
+    "contact_duration_s",
 ]
-PROBABILITIES = ["several_joints_probability", "false_alarm_probability", "undetected_probability"]
+PROBABILITIES = ["multi_joint_probability", "false_alarm_probability", "undetected_probability"]
 VERDICT = {
     "acceptable": bool,
     "reason": str,
@@ -40,7 +40,7 @@ def check(result: Result) -> dict[str, Any]:
     for name in QUANTITIES:
         figures = law[name]
         if figures is None:
-            assert name == "contact_time_s"
+            assert name == "contact_duration_s"
             continue
         assert list(figures) == SIX
         assert all(value is None or isinstance(value, float) for value in figures.values())
@@ -55,7 +55,7 @@ def check(result: Result) -> dict[str, Any]:
         assert isinstance(verdict[name], kind | None)
     if verdict["acceptable"] is not None:
         over = max(verdict["p_over_force"], verdict["p_over_pressure"] or 0.0)
-        assert verdict["acceptable"] == (over <= verdict["risk"] and verdict["false_alarm_ok"])
+        assert verdict["acceptable"] == (over <= verdict["accepted_probability"] and verdict["false_alarm_ok"])
         assert verdict["p_over_force"] >= law["undetected_probability"] * (1 - 1e-9), "undetected counts as over"
     assert verdict["false_alarm_ok"] == (law["false_alarm_probability"] <= verdict["max_false_alarm"])
     assert verdict["reason"].endswith(".")
@@ -86,7 +86,7 @@ def test_the_examples_have_the_documented_shape() -> None:
 
 def test_trajectories_in_every_output(tmp_path: Path) -> None:
     example = REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"
-    for changes in ((), ("motion.contact_time=1.4", "reaction.kind=reverse")):
+    for changes in ((), ("motion.contact_onset_s=1.4", "reaction.kind=reverse")):
         for options in ((), ("--sampled", 200)):
             law = check(evaluate(*changes, scenario=example, options=(*options, "--out", tmp_path)))
             assert any("follows a joint trajectory" in note for note in law["notes"])
@@ -140,7 +140,7 @@ def test_nothing_is_ever_detected() -> None:
     for name in QUANTITIES:
         assert list(law[name].values()) == [None] * 6
     assert law["trigger_joint_probability"] == [None] * 7
-    assert law["several_joints_probability"] is None
+    assert law["multi_joint_probability"] is None
     assert law["verdict"]["p_over_force"] == pytest.approx(1, abs=1e-9)
     assert law["verdict"]["acceptable"] is False
 
@@ -153,8 +153,8 @@ def test_the_one_joint_that_feels_it_does_so_with_a_probability_of_one(change: s
 
 
 def test_an_arm_that_stops_stays_in_contact() -> None:
-    assert check(evaluate("reaction.kind=stop"))["contact_time_s"] is None
-    assert check(evaluate("reaction.kind=reverse"))["contact_time_s"] is not None
+    assert check(evaluate("reaction.kind=stop"))["contact_duration_s"] is None
+    assert check(evaluate("reaction.kind=reverse"))["contact_duration_s"] is not None
 
 
 def test_without_a_body_there_is_nothing_to_judge_by(tmp_path: Path) -> None:
@@ -178,7 +178,9 @@ def test_too_fast_is_status_3() -> None:
 
 
 def test_false_alarms_alone_are_status_3() -> None:
-    result = evaluate("detector.noise_sd_Nm=[8, 4, 8, 8, 8, 8, 8]", "contact.area_cm2=10", "verdict.risk=0.9")
+    result = evaluate(
+        "detector.noise_sd_Nm=[8, 4, 8, 8, 8, 8, 8]", "contact.area_cm2=10", "verdict.accepted_probability=0.9"
+    )
     verdict = check(result)["verdict"]
     assert verdict["p_over_force"] <= 0.9
     assert verdict["false_alarm_ok"] is False
@@ -205,7 +207,14 @@ def test_too_few_runs_to_judge_by_say_so() -> None:
     )
     assert f"note: {note}" in run("evaluate", EXAMPLE, "--sampled", 2000).out.replace("\n", " ").replace("  ", " ")
     for samples, risk in ((10_000, "1e-3"), (1000, "0.01")):
-        options = ("--sampled", samples, "--set", f"verdict.risk={risk}", "--set", f"verdict.max_false_alarm={risk}")
+        options = (
+            "--sampled",
+            samples,
+            "--set",
+            f"verdict.accepted_probability={risk}",
+            "--set",
+            f"verdict.max_false_alarm={risk}",
+        )
         assert not any("too few" in note for note in check(evaluate(options=options))["notes"])
 
 

@@ -137,7 +137,7 @@ def test_quantiles_of_the_exact_law(exact: tuple[Path, str]) -> None:
         "peak_force_N",
         "force_at_detection_N",
         "detection_delay_s",
-        "contact_time_s",
+        "contact_duration_s",
         "pressure_N_cm2",
         "compression_mm",
     }
@@ -146,7 +146,7 @@ def test_quantiles_of_the_exact_law(exact: tuple[Path, str]) -> None:
         assert table[name].is_sorted(), name
     for quantile, p in (("p50", 0.5), ("p95", 0.95), ("p99", 0.99), ("p999", 0.999)):
         (row,) = table.filter((pl.col("probability") - p).abs() < 1e-12).to_dicts()
-        for name in ("peak_force_N", "pressure_N_cm2", "compression_mm", "force_at_detection_N", "contact_time_s"):
+        for name in ("peak_force_N", "pressure_N_cm2", "compression_mm", "force_at_detection_N", "contact_duration_s"):
             assert row[name] == pytest.approx(law[name][quantile], rel=1e-9), (quantile, name)
 
 
@@ -222,7 +222,7 @@ def test_every_row_of_the_summary_is_one_line_with_all_its_digits(
     law = strict_json(run("evaluate", EXAMPLE, *options, "--json").out)
     keys = (
         "peak_force_N", "pressure_N_cm2", "compression_mm", "force_at_detection_N", "detection_delay_s",
-        "contact_time_s",
+        "contact_duration_s",
     )  # fmt: skip
     for name, line, key in zip(names, table, keys, strict=True):
         factor = 1e3 if key.endswith("_s") else 1.0

@@ -39,9 +39,9 @@ def test_thresholds_are_told_joint_by_joint() -> None:
 
 
 def test_a_risk_is_either_given_or_varied() -> None:
-    result = run(*SPEED, "--vary", "verdict.risk=0.001:0.1:2", "--risk", "0.01")
+    result = run(*SPEED, "--vary", "verdict.accepted_probability=0.001:0.1:2", "--risk", "0.01")
     assert (result.status, result.out) == (2, "")
     assert result.err.startswith("error: --risk: would replace the risk that is varied")
-    rows = strict_json(run(*SPEED, "--vary", "verdict.risk=0.001:0.1:2", "--json").out)["curve"]
+    rows = strict_json(run(*SPEED, "--vary", "verdict.accepted_probability=0.001:0.1:2", "--json").out)["curve"]
     assert [row["risk"] for row in rows] == pytest.approx([0.001, 0.1])
     assert rows[0]["value"] < rows[1]["value"]

@@ -59,7 +59,7 @@ def test_false_alarms_an_hour_everywhere() -> None:
 
 def test_the_page_compares_the_quantile_of_the_accepted_probability(tmp_path: Path) -> None:
     """At 72.5 mm/s p99 stays below the pressure limit and p99.95 does not."""
-    changes = ("contact.body=lower_arm_wrist", "motion.speed_mm_s=72.5", "verdict.risk=0.0005")
+    changes = ("contact.body=lower_arm_wrist", "motion.speed_mm_s=72.5", "verdict.accepted_probability=0.0005")
     assert run("evaluate", EXAMPLE, *sets(*changes), "--out", tmp_path).status == 3
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     row = page[page.index("Peak pressure, likewise") :]

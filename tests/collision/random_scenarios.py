@@ -26,7 +26,7 @@ from bumpstop.model import Joint, write_urdf
 from bumpstop.study.workspace.prediction import predict_batch
 
 # No scenario here takes a hundredth of that.
-LONGEST_S = 30.0
+MAX_DURATION_S = 30.0
 
 
 @cache
@@ -182,7 +182,7 @@ def main() -> None:
             scenario = random_scenario(seed, Path(folder), one_sub_step=arguments.one_sub_step)
             found: dict[str, Any] = {"seed": seed}
             begin = time.monotonic()
-            signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+            signal.setitimer(signal.ITIMER_REAL, MAX_DURATION_S)
             try:
                 found |= figures(scenario, seed)
             except InputError as error:

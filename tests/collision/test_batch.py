@@ -149,7 +149,7 @@ def test_a_batch_joins_ticks_without_changing_the_law() -> None:
     assert compared > 12
 
 
-def alone_and_in_a_batch(settings: dict[str, Any]) -> tuple[bs.ForceLaw, bs.BatchLaws]:
+def alone_and_in_a_batch(settings: dict[str, Any]) -> tuple[bs.CollisionResult, bs.BatchResult]:
     scenario = bs.Scenario.from_dict(settings)
     return bs.evaluate(scenario), bs.evaluate_batch(scenario, [settings["pose_rad"]], [scenario.motion.velocity])
 
@@ -217,7 +217,7 @@ def test_quantiles_of_a_batch_are_passed_as_often_as_asked_for() -> None:
     scenario = bs.Scenario.from_dict(settings)
     asked = [0.95, 0.96, 0.97, 0.98, 0.99, 0.995, 0.998, 0.999, 0.9999]
 
-    def laws(probabilities: list[float], limits: list[float]) -> bs.BatchLaws:
+    def laws(probabilities: list[float], limits: list[float]) -> bs.BatchResult:
         return bs.evaluate_batch(
             scenario, [settings["pose_rad"]], [scenario.motion.velocity], probabilities=probabilities, limits_N=limits
         )

@@ -19,7 +19,7 @@ from cli.support import REPOSITORY
 from collision.random_scenarios import ALLOWED, difference
 
 # Hundreds of times as long as it takes.
-LONGEST_S = 120
+MAX_DURATION_S = 120
 TARGETS = kernels.available_targets()
 ONE_SUB_STEP = "--one-sub-step"
 
@@ -31,7 +31,7 @@ def run(*command: str, target: str) -> str:
         env=os.environ | {"BUMPSTOP_TARGET": target},
         capture_output=True,
         text=True,
-        timeout=LONGEST_S,
+        timeout=MAX_DURATION_S,
         check=True,
     ).stdout
 

@@ -20,12 +20,12 @@ from collision.cases import VARIED, control_group
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.toml"))
 
 
-def figures(law: bs.ForceLaw) -> list[float]:
+def figures(law: bs.CollisionResult) -> list[float]:
     """All that is printed of a law, in one list."""
     out: list[float] = []
     for quantity in (law.peak_force, law.force_at_detection, law.detection_delay):
         out += [value if value is not None else -1.0 for value in quantity.to_json().values()]
-    out += [law.false_alarm_probability, law.undetected_probability, law.several_joints_probability]
+    out += [law.false_alarm_probability, law.undetected_probability, law.multi_joint_probability]
     out += [float(p) for p in law.trigger_joint_probability]
     if law.problem.limits is not None:
         out += [law.peak_force.exceedance(law.problem.limits.force_N)]

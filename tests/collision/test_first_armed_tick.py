@@ -121,7 +121,7 @@ def test_on_a_trajectory(delay: float, first: int) -> None:
             "detector.noise_mean_Nm": mean,
             "detector.feedback_period_s": PERIOD,
             "simulation.step_s": STEP,
-            "motion.contact_time": 1.0,
+            "motion.contact_onset_s": 1.0,
         }
     )
     assert bs.evaluate(scenario).false_alarm_probability == 1.0

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import bumpstop as bs
 from bumpstop import Scenario
-from bumpstop.collision.tables import law_table
+from bumpstop.collision.tables import result_table
 from collision.cases import FREE, OUTLASTING, control_group, free, swinging_forward, twin_run
 from collision.test_two_laws import compare
 
@@ -37,8 +37,8 @@ def test_undetected_impact_is_v_root_mk(mass: float, stiffness: float, kind: str
     assert law.undetected_probability == pytest.approx(1)
     assert law.impact_bounds is not None
     assert law.impact_bounds.position_driven == pytest.approx(expected, rel=1e-12)
-    assert law.contact_time is not None
-    assert law.contact_time.mean == pytest.approx(math.pi * math.sqrt(mass / stiffness), rel=1e-4)
+    assert law.contact_duration is not None
+    assert law.contact_duration.mean == pytest.approx(math.pi * math.sqrt(mass / stiffness), rel=1e-4)
     # A rebound that nobody notices is no failure by itself.
     assert "never detected" not in law.verdict.reason
 
@@ -166,8 +166,8 @@ def test_an_arm_that_swings_forward_after_a_false_alarm_strikes_the_body(tick: i
     peak, duration = integrated(path, 2e-3, law.problem.stiffness, 5.0, float(path[-1] - path[-2]))
     assert peak > 20
     assert law.peak_force.mean == pytest.approx(peak, rel=2e-5)
-    assert law.contact_time is not None
-    assert law.contact_time.mean == pytest.approx(duration, rel=1e-4)
+    assert law.contact_duration is not None
+    assert law.contact_duration.mean == pytest.approx(duration, rel=1e-4)
 
 
 @pytest.mark.parametrize("offset_mm", [0.01, 0.05])
@@ -185,8 +185,8 @@ def test_an_arm_that_speeds_up_keeps_pushing_a_heavy_body(offset_mm: float) -> N
     assert law.undetected_probability == pytest.approx(1)
     for each in (law, drawn):
         assert each.peak_force.mean == pytest.approx(peak, rel=1e-4)
-        assert each.contact_time is not None
-        assert each.contact_time.mean == pytest.approx(duration, rel=1e-4)
+        assert each.contact_duration is not None
+        assert each.contact_duration.mean == pytest.approx(duration, rel=1e-4)
 
 
 def test_bodies_let_go_and_bodies_pushed_on_are_told_apart() -> None:
@@ -220,7 +220,7 @@ def test_bodies_let_go_and_bodies_pushed_on_are_told_apart() -> None:
         }
     )
     law, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=20_000, seed=2)
-    ours, theirs = law.contact_time, drawn.contact_time
+    ours, theirs = law.contact_duration, drawn.contact_duration
     assert ours is not None
     assert theirs is not None
     assert theirs.quantile(0.7) > 2 * theirs.quantile(0.3), "some are pushed on, some are not"
@@ -238,8 +238,8 @@ def test_an_arm_that_a_singularity_drives_back_meets_nobody(body: dict[str, Any]
     law, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=2000, seed=1)
     assert law.curve.distance[1:].max() < 0
     assert law.peak_force.mean == drawn.peak_force.mean == 0
-    assert law.contact_time is not None
-    assert math.isnan(law.contact_time.mean)
+    assert law.contact_duration is not None
+    assert math.isnan(law.contact_duration.mean)
     assert law.no_contact_probability + law.false_alarm_probability == pytest.approx(1, abs=1e-12)
     assert law.verdict.p_over_force == 0
 
@@ -307,7 +307,7 @@ def test_limits_of_free_contact_are_transient() -> None:
 @pytest.mark.parametrize("samples", [None, 200])
 def test_tables_have_the_compression_of_the_body_without_its_padding(samples: int | None) -> None:
     law = bs.evaluate(control_group(contact__padding_N_m=20000.0), samples=samples)
-    table = law_table(law)
+    table = result_table(law)
     assert table["compression_mm"].to_numpy() == pytest.approx(table["peak_force_N"].to_numpy() / 75000 * 1e3)
     assert law.compression.mean == pytest.approx(law.peak_force.mean / 75000 * 1e3)
 

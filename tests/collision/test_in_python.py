@@ -111,7 +111,11 @@ def test_what_holds_no_memory_of_the_kernels_is_copied_and_sent() -> None:
 
 def figures(speed: float) -> tuple[float, ...]:
     law = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -speed]))
-    return law.peak_force.mean, law.peak_force.quantile(0.999), law.contact_time.mean if law.contact_time else 0.0
+    return (
+        law.peak_force.mean,
+        law.peak_force.quantile(0.999),
+        law.contact_duration.mean if law.contact_duration else 0.0,
+    )
 
 
 def test_threads_and_processes_give_the_numbers_of_one() -> None:

@@ -40,7 +40,7 @@ def test_so_is_one_on_a_trajectory(tmp_path: Path) -> None:
     q = np.zeros((2, 3))
     q[:, 2] = -SPEED * t
     write_csv(tmp_path / "path.csv", t, q, np.tile([0, 0, -SPEED], (2, 1)))
-    motion = trajectory_motion(contact_time=0.0)
+    motion = trajectory_motion(contact_onset_s=0.0)
     law = bs.evaluate(scenario(tmp_path, motion, detector__feedback_period_s=0.05, **SLOW))
     stops = law.curve.tick_distance + OVERRUN < SPEED * t[-1]
     assert stops.any()
@@ -60,10 +60,10 @@ def test_a_small_step_changes_no_long_contact(contact: dict[str, Any], tmp_path:
         laws.append(bs.evaluate(line(tmp_path, reaction__kind="reverse", **changes)))
     fine, coarse = laws
     assert fine.peak_force.mean == pytest.approx(coarse.peak_force.mean, rel=5e-3)
-    assert fine.contact_time is not None
-    assert coarse.contact_time is not None
-    assert coarse.contact_time.mean > 0.5
-    assert fine.contact_time.mean == pytest.approx(coarse.contact_time.mean, rel=5e-3)
+    assert fine.contact_duration is not None
+    assert coarse.contact_duration is not None
+    assert coarse.contact_duration.mean > 0.5
+    assert fine.contact_duration.mean == pytest.approx(coarse.contact_duration.mean, rel=5e-3)
 
 
 def test_a_detector_armed_long_after_the_motion_never_alarms() -> None:

@@ -211,7 +211,7 @@ def test_residuals_that_lean_away_from_the_contact_are_followed_on_a_trajectory(
     lean, sd = np.array([0, 6.0, 0, -5.0, 0, 0, 0]), np.array([3.0, 1.5, 3.0, 3.0, 3.0, 3.0, 3.0])
     path = record_file(tmp_path, lean + correlated_rows(60_000, 0.0, sd, seed=5))
     example = bs.load_scenario(Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml")
-    case = example.with_values({"motion.contact_time": 0.7})
+    case = example.with_values({"motion.contact_onset_s": 0.7})
     gauss = bs.evaluate(case.with_values({"detector.noise_sd_Nm": list(sd), "detector.noise_mean_Nm": list(lean)}))
     law = bs.evaluate(case.with_values({"detector.residuals": str(path)}), samples=10_000, seed=1)
     assert gauss.undetected_probability < 0.01
@@ -255,7 +255,7 @@ def test_measured_residuals_are_drawn_by_default_and_have_no_exact_law(tmp_path:
     law = bs.evaluate(with_record(path), seed=1)
     assert (law.kind, law.samples) == ("sampled", 100_000)
     with pytest.raises(bs.InputError, match="no exact law"):
-        bs.exact_law(law.problem, law.curve)
+        bs.integrate(law.problem, law.curve)
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def test_the_sources_29_of_1000() -> None:
 
 def test_lateral_motion_is_felt_by_joints_1_and_3_alike_and_more_often_by_both_as_speed_grows() -> None:
     laws = [bs.evaluate(control_group(motion__velocity_mm_s=[0, speed, 0])) for speed in (10, 25, 50, 100)]
-    both = [law.several_joints_probability for law in laws]
+    both = [law.multi_joint_probability for law in laws]
     assert both == sorted(both)
     assert both[0] == pytest.approx(0.15, abs=0.01)
     for law in laws:

@@ -38,7 +38,7 @@ def test_blocks_say_what_all_runs_together_say(scenario: Any, monkeypatch: pytes
     for p in (0.2, 0.5, 0.9):
         assert blocks.peak_force.quantile(p) == pytest.approx(whole.peak_force.quantile(p), rel=0.1 if own else 1e-4)
     assert blocks.peak_force.mean == pytest.approx(whole.peak_force.mean, rel=0.06 if own else 1e-12, nan_ok=True)
-    for name in ("false_alarm_probability", "undetected_probability", "several_joints_probability"):
+    for name in ("false_alarm_probability", "undetected_probability", "multi_joint_probability"):
         found, wanted = getattr(blocks, name), getattr(whole, name)
         assert found == pytest.approx(wanted, abs=5 * math.sqrt(0.25 / runs) if own else 1e-12)
     assert blocks.runs is not None

@@ -70,7 +70,11 @@ def test_defaults_are_those_of_the_format() -> None:
     assert (scenario.reaction.kind, scenario.reaction.latency_s) == ("reverse", 0.0)
     assert (scenario.simulation.step_s, scenario.simulation.substeps) == (0.001, 5)
     verdict = scenario.verdict
-    assert (verdict.risk, verdict.max_false_alarm, verdict.clamped_limit) == (1e-3, 1e-3, "quasi_static")
+    assert (verdict.accepted_probability, verdict.max_false_alarm, verdict.clamped_limit) == (
+        1e-3,
+        1e-3,
+        "quasi_static",
+    )
 
 
 def test_a_dictionary_survives_a_round_trip_and_is_not_touched() -> None:
@@ -217,8 +221,8 @@ BAD_VALUES: list[tuple[str, Any, str]] = [
     ("simulation.substeps", 0, "0 cannot be used; wanted a whole number from 1 to 1000"),
     ("simulation.substeps", 2.5, "2.5 cannot be used; wanted a whole number"),
     ("simulation.substeps", 10**30, "cannot be used; wanted a whole number from 1 to 1000"),
-    ("verdict.risk", 0, "0 cannot be used; wanted a number above 0 and below 1"),
-    ("verdict.risk", 1, "1 cannot be used; wanted a number above 0 and below 1"),
+    ("verdict.accepted_probability", 0, "0 cannot be used; wanted a number above 0 and below 1"),
+    ("verdict.accepted_probability", 1, "1 cannot be used; wanted a number above 0 and below 1"),
     ("verdict.max_false_alarm", -1e-3, "-0.001 cannot be used"),
     # Keys that are none.
     ("motion.velocity_mms", [0, 0, 1], "is not a key of a scenario; did you mean 'velocity_mm_s'?"),
@@ -299,7 +303,7 @@ def test_changes_go_into_tables_only() -> None:
     for key in ("robot.x", "contact.area_cm2.x"):
         with pytest.raises(InputError, match="is not a table"):
             load_scenario(EXAMPLE, {key: 5})
-    assert load_scenario(EXAMPLE, {"verdict.risk": 0.01}).verdict.risk == 0.01
+    assert load_scenario(EXAMPLE, {"verdict.accepted_probability": 0.01}).verdict.accepted_probability == 0.01
 
 
 @pytest.mark.parametrize("key", ["motion.task", "pose_rad", "motion.speed"])
@@ -351,6 +355,6 @@ def test_an_arm_of_one_joint_is_told_what_it_can_do(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r'motion\.task: .*1 are free; .*give motion\.kind = "trajectory"'):
         bs.evaluate(Scenario.from_dict(data, tmp_path))
     (tmp_path / "door.csv").write_text("t,q_1\n0,0.1\n0.5,0.4\n1,0.5\n")
-    data["motion"] = {"kind": "trajectory", "file": "door.csv", "contact_time": 0.2}
+    data["motion"] = {"kind": "trajectory", "file": "door.csv", "contact_onset_s": 0.2}
     del data["pose_deg"]
     assert bs.evaluate(Scenario.from_dict(data, tmp_path)).peak_force.mean > 5

@@ -37,7 +37,13 @@ OTHER_KEYS = [
     *["contact.stiffness_N_m", "contact.peak_factor", "contact.link", "contact.point_m", "contact.normal"],
     *["contact.offset_mm", "contact.kind", "contact.arm", "contact.pressure_area", "contact.body_mass_kg"],
     *["detector.noise_mean_Nm", "detector.arming_delay_s", "detector.residual", "detector.noise_correlation"],
-    *["reaction.latency_s", "simulation.step_s", "simulation.substeps", "verdict.risk", "verdict.max_false_alarm"],
+    *[
+        "reaction.latency_s",
+        "simulation.step_s",
+        "simulation.substeps",
+        "verdict.accepted_probability",
+        "verdict.max_false_alarm",
+    ],
 ]
 KEY_CHOICES = st.one_of(st.sampled_from(KEYS + OTHER_KEYS), st.text(max_size=6), st.just("made_by"), st.just("folder"))
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory import onset as contact_begin
+from bumpstop.collision.trajectory import onset as onset
 from bumpstop.collision.trajectory import trajectory_result as trajectory_law
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from collision.cases import control_group
 from collision.test_two_laws import compare
 from collision.trajectory_cases import EXAMPLE, gantry, scenario, trajectory_motion, waves, write_csv
@@ -42,21 +42,21 @@ def test_a_straight_trajectory_is_a_line(kind: str, latency: float, tmp_path: Pa
         reaction=reaction,
         detector__noise_sd_Nm=6.0,
     )
-    path = scenario(tmp_path, trajectory_motion(contact_time=begin), reaction=reaction, detector__noise_sd_Nm=6.0)
+    path = scenario(tmp_path, trajectory_motion(contact_onset_s=begin), reaction=reaction, detector__noise_sd_Nm=6.0)
     expected, found = bs.evaluate(line), bs.evaluate(path)
     assert expected.false_alarm_probability > 1e-3
-    for name in ("peak_force", "force_at_detection", "detection_delay", "contact_time"):
+    for name in ("peak_force", "force_at_detection", "detection_delay", "contact_duration"):
         ours, theirs = getattr(found, name), getattr(expected, name)
         assert (ours is None) == (theirs is None)
         if ours is None:
             continue
-        tolerance = 2e-3 if name == "contact_time" else 1e-8  # the line's is read between simulation steps
+        tolerance = 2e-3 if name == "contact_duration" else 1e-8  # the line's is read between simulation steps
         assert ours.mean == pytest.approx(theirs.mean, rel=tolerance)
         assert ours.sd == pytest.approx(theirs.sd, rel=10 * tolerance)
         for p in (0.05, 0.5, 0.95, 0.999):
             assert ours.quantile(p) == pytest.approx(theirs.quantile(p), rel=tolerance, abs=1e-9)
     assert found.false_alarm_probability == pytest.approx(expected.false_alarm_probability, rel=1e-9)
-    assert found.several_joints_probability == pytest.approx(expected.several_joints_probability, rel=1e-9)
+    assert found.multi_joint_probability == pytest.approx(expected.multi_joint_probability, rel=1e-9)
     np.testing.assert_allclose(found.trigger_joint_probability, expected.trigger_joint_probability, rtol=1e-8)
 
 
@@ -74,7 +74,7 @@ def test_a_turning_arm_along_a_line(tmp_path: Path) -> None:
     state[1:, :, free] = curve.kernel.reaction_state
     write_csv(tmp_path / "path.csv", np.append(0.0, curve.tick_time), state[:, 0], state[:, 1])
     data = line.to_dict()
-    data["motion"] = trajectory_motion(contact_time=6.3e-3 / curve.approach_speed)
+    data["motion"] = trajectory_motion(contact_onset_s=6.3e-3 / curve.approach_speed)
     del data["pose_deg"], data["contact"]["offset_law"], data["contact"]["offset_mm"]
     data["contact"]["normal"] = [float(x) for x in curve.normal]
     expected, found = bs.evaluate(line), bs.evaluate(bs.Scenario.from_dict(data, tmp_path))
@@ -108,14 +108,14 @@ def test_contact_before_the_end(tmp_path: Path) -> None:
     t = np.linspace(0, 1, 60)
     way = 0.1 * (3 * t**2 - 2 * t**3)
     write_csv(tmp_path / "path.csv", t, way[:, None] * [0, 0, -1.0])
-    law = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_time=0.98)))
+    law = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=0.98)))
     rest = 0.1 - 0.1 * (3 * 0.98**2 - 2 * 0.98**3)
     assert law.undetected_probability > 0.99
     assert law.peak_force.mean == pytest.approx(20000 * rest, rel=1e-3)
     assert law.verdict.acceptable is None
     assert not any("still moves" in note for note in law.notes), "it comes to rest"
-    assert isinstance(law, TrajectoryLaw)
-    assert law.greatest_undetected == pytest.approx(20000 * rest, rel=1e-3)
+    assert isinstance(law, TrajectoryCollisionResult)
+    assert law.max_undetected_force == pytest.approx(20000 * rest, rel=1e-3)
     assert law.peak_force.quantile(0.5) == pytest.approx(20000 * rest, rel=1e-3), "the arm presses no harder"
 
 
@@ -162,7 +162,7 @@ def test_curvature_beyond_the_limits(tmp_path: Path) -> None:
     law = bs.evaluate(
         scenario(
             tmp_path,
-            trajectory_motion(contact_time=1.0),
+            trajectory_motion(contact_onset_s=1.0),
             robot="sia5d",
             reaction={"kind": "stop", "joint_acceleration_rad_s2": 0.5},
         )
@@ -182,7 +182,7 @@ def test_uniform_is_the_average_of_fixed_times(tmp_path: Path) -> None:
     noisy = {"detector__noise_sd_Nm": 5.0, "robot": "sia5d"}
     law = bs.evaluate(scenario(tmp_path, trajectory_motion(), **noisy))
     times = (np.arange(300) + 0.5) * 0.24 / 300
-    fixed = [bs.evaluate(scenario(tmp_path, trajectory_motion(contact_time=float(x)), **noisy)) for x in times]
+    fixed = [bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=float(x)), **noisy)) for x in times]
 
     def average(figure: Any) -> float:
         return float(np.mean([figure(one) for one in fixed]))
@@ -241,21 +241,21 @@ def test_a_point_that_stands_still_meets_nobody(tmp_path: Path) -> None:
     rates = np.where(t[:, None] >= 0.5, 0.1, 0.0) * [0, 0, -1.0]
     write_csv(tmp_path / "path.csv", t, way[:, None] * [0, 0, -1.0], rates)
     law = bs.evaluate(scenario(tmp_path, trajectory_motion()))
-    assert isinstance(law, TrajectoryLaw)
+    assert isinstance(law, TrajectoryCollisionResult)
     assert law.times.still == pytest.approx(0.49, abs=0.015)
     # No node is wasted on it: 250 periods of four, and some more where the motion begins.
     assert law.times.begin.size <= 4 * 265
     assert any("ends while the arm still moves" in note for note in law.notes)
     (note,) = [note for note in law.notes if "does not move toward a body" in note]
     assert f"In {100 * law.times.still:.3g} % of the time" in note
-    assert (bs.evaluate(law.scenario, samples=500).runs or {})["contact_time"].min() > 0.485
+    assert (bs.evaluate(law.scenario, samples=500).runs or {})["onset"].min() > 0.485
 
 
-@pytest.mark.parametrize("contact_time", ["uniform", 0.11])
-def test_quantiles_and_tails_belong_together(contact_time: float | str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("contact_onset_s", ["uniform", 0.11])
+def test_quantiles_and_tails_belong_together(contact_onset_s: float | str, tmp_path: Path) -> None:
     t, q = waves(3, 0.24, rows=12, size=0.25)
     write_csv(tmp_path / "path.csv", t, q)
-    law = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_time=contact_time), robot="sia5d"))
+    law = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=contact_onset_s), robot="sia5d"))
     for quantity in (law.peak_force, law.pressure, law.force_at_detection, law.detection_delay):
         for p in (1e-9, 0.01, 0.3, 0.5, 0.77, 0.95, 0.999, 1 - 1e-7):
             x = quantity.quantile(p)
@@ -283,12 +283,12 @@ def test_an_alarm_after_the_point_turned_back_is_a_detection(tmp_path: Path) -> 
     begin, threshold, sd = 0.1013, 20.0, 6.0
     path = scenario(
         tmp_path,
-        trajectory_motion(contact_time=begin),
+        trajectory_motion(contact_onset_s=begin),
         contact={"stiffness_N_m": 100},  # hardly felt: most alarms come by themselves, later than contact
         detector={"thresholds_Nm": [threshold] * 3, "noise_sd_Nm": sd},
     )
     exact, drawn = bs.evaluate(path), bs.evaluate(path, samples=20_000, seed=3)
-    assert isinstance(exact, TrajectoryLaw)
+    assert isinstance(exact, TrajectoryCollisionResult)
     quiet = (1 - math.erfc(threshold / sd / math.sqrt(2))) ** 3
     before = int((exact.curve.tick_time <= begin).sum())
     assert exact.curve.tick_distance[exact.curve.tick_time > 0.5 - begin + 0.01].max() < 0, "the body is behind"
@@ -299,7 +299,7 @@ def test_an_alarm_after_the_point_turned_back_is_a_detection(tmp_path: Path) -> 
     late = drawn.runs["felt"] & (drawn.runs["force_at_detection"] == 0)
     assert late.mean() > 0.03
     # What was detected is detected by some joint, and no probability is lost.
-    assert exact.trigger_joint_probability.sum() - exact.several_joints_probability == pytest.approx(1, abs=0.02)
+    assert exact.trigger_joint_probability.sum() - exact.multi_joint_probability == pytest.approx(1, abs=0.02)
     assert exact.force_at_detection.exceedance(0.0) == pytest.approx(
         (drawn.force_at_detection.values > 0).mean(), abs=0.02
     )
@@ -309,12 +309,12 @@ def test_an_alarm_after_the_point_turned_back_is_a_detection(tmp_path: Path) -> 
 def test_contact_begins_only_while_the_point_moves_toward_the_body(tmp_path: Path) -> None:
     there_and_back(tmp_path, duration=0.1357)
     law = bs.evaluate(scenario(tmp_path, trajectory_motion(), contact__normal=[0, 0, -1], detector__noise_sd_Nm=5.0))
-    assert isinstance(law, TrajectoryLaw)
+    assert isinstance(law, TrajectoryCollisionResult)
     assert law.times.still == pytest.approx(0.5, abs=1e-6), "it turns in the middle"
     drawn = bs.evaluate(law.scenario, samples=4000, seed=2)
     assert drawn.runs is not None
-    assert drawn.runs["contact_time"].max() < 0.1357 / 2
-    assert drawn.runs["contact_time"].max() > 0.1357 / 2 * 0.998
+    assert drawn.runs["onset"].max() < 0.1357 / 2
+    assert drawn.runs["onset"].max() > 0.1357 / 2 * 0.998
 
 
 def test_where_a_slow_point_turns_round(tmp_path: Path) -> None:
@@ -341,9 +341,9 @@ def test_nodes_go_where_the_residual_grows(tmp_path: Path, monkeypatch: pytest.M
     t = np.linspace(0, 1, 200)
     write_csv(tmp_path / "path.csv", t, (0.05 * t**12)[:, None] * [0, 0, -1.0], (0.6 * t**11)[:, None] * [0, 0, -1.0])
     problem = bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion(), detector__noise_sd_Nm=0.2))
-    plenty = contact_begin.contact_times(problem).begin.size
-    monkeypatch.setattr(contact_begin, "_MOST_NODES", 1500)
-    times = contact_begin.contact_times(problem)
+    plenty = onset.onset_quadrature(problem).begin.size
+    monkeypatch.setattr(onset, "_MAX_NODES", 1500)
+    times = onset.onset_quadrature(problem)
     assert plenty > 3000
     assert 1300 < times.begin.size <= 1500
     width = times.high[3::4] - times.low[::4]
@@ -361,7 +361,7 @@ def test_a_recording_that_trembles_needs_no_more_nodes_than_it_is_worth(
     write_csv(tmp_path / "path.csv", t, way)
     contact = {"stiffness_N_m": 20000} | ({"normal": normal} if normal else {})
     problem = bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion(), contact=contact))
-    times = contact_begin.contact_times(problem)
+    times = onset.onset_quadrature(problem)
     assert times.begin.size < 4 * (3 * 1000 + 2000)
 
 
@@ -372,10 +372,10 @@ def test_many_contact_times_take_turns(tmp_path: Path, monkeypatch: pytest.Monke
     together = bs.evaluate(path)
     monkeypatch.setattr(trajectory_law, "_CONTACTS_AT_ONCE", 7)
     assert bs.evaluate(path).to_json() == together.to_json()
-    assert isinstance(together, TrajectoryLaw)
-    monkeypatch.setattr(trajectory_law, "_MOST_DETECTIONS", together.detections.tick.size)
+    assert isinstance(together, TrajectoryCollisionResult)
+    monkeypatch.setattr(trajectory_law, "_MAX_DETECTIONS", together.detections.tick.size)
     bs.evaluate(path)
-    monkeypatch.setattr(trajectory_law, "_MOST_DETECTIONS", together.detections.tick.size - 1)
+    monkeypatch.setattr(trajectory_law, "_MAX_DETECTIONS", together.detections.tick.size - 1)
     with pytest.raises(bs.InputError, match="goes unnoticed for so long") as refused:
         bs.evaluate(path)
     assert refused.value.field == "motion.file"

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from collision.test_two_laws import compare
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, waves, write_csv
 
@@ -28,16 +28,18 @@ def straight(folder: Path, **changes: Any) -> tuple[bs.Scenario, bs.Scenario]:
     offset = {"offset_law": "fixed", "offset_mm": 1e3 * BEGIN * float(np.linalg.norm(VELOCITY))}
     motion = {"velocity_mm_s": [float(v) for v in 1e3 * VELOCITY], "task": "position", "duration_s": DURATION}
     line = scenario(folder, motion, pose_rad=[0.0, 0.0, 0.0], contact=contact | offset, **changes)
-    return line, scenario(folder, trajectory_motion(contact_time=BEGIN), contact=contact, **changes)
+    return line, scenario(folder, trajectory_motion(contact_onset_s=BEGIN), contact=contact, **changes)
 
 
 @pytest.mark.parametrize("free", [{}, {"kind": "free", "body_mass_kg": 0.6}])
 def test_only_the_direction_of_a_normal_counts(free: dict[str, Any], tmp_path: Path) -> None:
-    laws: list[list[bs.ForceLaw]] = []
+    laws: list[list[bs.CollisionResult]] = []
     for length in (1.0, 7.0):
         contact = {"stiffness_N_m": 20000, "normal": [0, 0, -length], **free}
         line, path = straight(tmp_path, contact=contact)
-        laws.append([bs.evaluate(case) for case in (line, path, path.with_values({"motion.contact_time": "uniform"}))])
+        laws.append(
+            [bs.evaluate(case) for case in (line, path, path.with_values({"motion.contact_onset_s": "uniform"}))]
+        )
     for one, other in zip(*laws, strict=True):
         for name in ("peak_force", "force_at_detection"):
             for p in (0.05, 0.5, 0.999):
@@ -56,7 +58,7 @@ def test_a_free_body_beside_a_straight_trajectory(kind: str, mass: float, latenc
     )
     expected, found = bs.evaluate(line), bs.evaluate(path)
     assert expected.false_alarm_probability > 1e-3
-    for name in ("peak_force", "force_at_detection", "detection_delay", "contact_time"):
+    for name in ("peak_force", "force_at_detection", "detection_delay", "contact_duration"):
         ours, theirs = getattr(found, name), getattr(expected, name)
         assert ours.mean == pytest.approx(theirs.mean, rel=1e-7), name
         assert ours.sd == pytest.approx(theirs.sd, rel=1e-6, abs=1e-9), name
@@ -103,7 +105,7 @@ def test_an_arm_that_speeds_up_keeps_pushing(begin: float, duration: float, tmp_
     law = bs.evaluate(
         scenario(
             tmp_path,
-            trajectory_motion(contact_time=begin),
+            trajectory_motion(contact_onset_s=begin),
             contact={"stiffness_N_m": stiffness, "kind": "free", "body_mass_kg": mass},
             detector={"thresholds_Nm": [1e6] * 3, "noise_sd_Nm": 1.0},
         )
@@ -120,8 +122,8 @@ def test_an_arm_that_speeds_up_keeps_pushing(begin: float, duration: float, tmp_
     assert law.undetected_probability == pytest.approx(1)
     chords = (w * 1e-3) ** 2 / 10  # between steps of a millisecond the arm goes straight
     assert law.peak_force.mean == pytest.approx(stiffness * y.max(), rel=chords)
-    assert law.contact_time is not None
-    assert duration - begin < law.contact_time.mean < duration - begin + math.pi / w
+    assert law.contact_duration is not None
+    assert duration - begin < law.contact_duration.mean < duration - begin + math.pi / w
 
 
 def test_a_body_touched_between_two_ticks_alone(tmp_path: Path) -> None:
@@ -136,7 +138,7 @@ def test_a_body_touched_between_two_ticks_alone(tmp_path: Path) -> None:
     stiffness, mass = 40_000.0, 0.4
     path = scenario(
         tmp_path,
-        trajectory_motion(contact_time=begin),
+        trajectory_motion(contact_onset_s=begin),
         contact={"stiffness_N_m": stiffness, "kind": "free", "body_mass_kg": mass, "normal": [0, 0, 1]},
         detector={"thresholds_Nm": [1e6] * 3, "noise_sd_Nm": 1.0, "feedback_period_s": 0.05},
         simulation={"step_s": 1e-4},
@@ -149,8 +151,8 @@ def test_a_body_touched_between_two_ticks_alone(tmp_path: Path) -> None:
     deepest = math.hypot(speed / w, brake / w**2) - brake / w**2
     for found in (law, drawn):
         assert found.peak_force.mean == pytest.approx(stiffness * deepest, rel=1e-3)
-        assert found.contact_time is not None
-        assert found.contact_time.mean == pytest.approx(2 / w * math.atan(speed * w / brake), rel=1e-2)
+        assert found.contact_duration is not None
+        assert found.contact_duration.mean == pytest.approx(2 / w * math.atan(speed * w / brake), rel=1e-2)
 
 
 def test_two_phases_beside_a_straight_trajectory(tmp_path: Path) -> None:
@@ -183,7 +185,7 @@ def test_phases_are_read_off_the_force_over_time(tmp_path: Path) -> None:
         samples=200,
         seed=1,
     )
-    assert isinstance(law, TrajectoryLaw)
+    assert isinstance(law, TrajectoryCollisionResult)
     later = 0
     for begin in (0.55, 0.9):
         curve, first = law.curve_at(begin), int(begin / 0.004)
@@ -241,7 +243,7 @@ def test_a_place_passed_before_contact_does_not_touch_a_free_body(tmp_path: Path
     for begin in np.arange(0.4, 0.48, 0.0013):
         path = scenario(
             tmp_path,
-            trajectory_motion(contact_time=float(begin)),
+            trajectory_motion(contact_onset_s=float(begin)),
             contact={"stiffness_N_m": 3000, "kind": "free", "body_mass_kg": 0.3, "normal": [0, 0, -1]},
             detector={"thresholds_Nm": [threshold] * 3, "noise_sd_Nm": sd},
         )
@@ -250,5 +252,5 @@ def test_a_place_passed_before_contact_does_not_touch_a_free_body(tmp_path: Path
         assert law.false_alarm_probability == pytest.approx(1 - quiet**before, rel=1e-9)
         assert law.no_contact_probability == 0
         assert law.undetected_probability > 0.3
-        assert law.contact_time is not None
-        assert law.contact_time.mean > 0.01, "about half an oscillation"
+        assert law.contact_duration is not None
+        assert law.contact_duration.mean > 0.01, "about half an oscillation"

@@ -220,15 +220,15 @@ def test_absent_and_endless_files(tmp_path: Path) -> None:
         ({"motion": trajectory_motion(task="pose")}, "motion.task", "has no meaning with kind"),
         ({"motion": trajectory_motion(held_joints=[])}, "motion.held_joints", "has no meaning with kind"),
         ({"motion": trajectory_motion(damping=0.0)}, "motion.damping", "has no meaning with kind"),
-        ({"motion": trajectory_motion(contact_time=-1.0)}, "motion.contact_time", "'uniform' or a number from 0"),
-        ({"motion": trajectory_motion(contact_time="late")}, "motion.contact_time", "wanted 'uniform' or a number"),
+        ({"motion": trajectory_motion(contact_onset_s=-1.0)}, "motion.contact_onset_s", "'uniform' or a number from 0"),
+        ({"motion": trajectory_motion(contact_onset_s="late")}, "motion.contact_onset_s", "wanted 'uniform' or"),
         ({"motion": {"velocity_mm_s": [0, 0, 1], "file": "a.csv"}}, "motion.file", 'has no meaning with kind = "line"'),
-        ({"motion": {"velocity_mm_s": [0, 0, 1], "contact_time": 1.0}}, "motion.contact_time", "has no meaning"),
+        ({"motion": {"velocity_mm_s": [0, 0, 1], "contact_onset_s": 1.0}}, "motion.contact_onset_s", "has no meaning"),
         ({"motion": {}, "pose_rad": [0.0, 0.0, 0.0]}, "motion.velocity_mm_s", "is missing"),
         ({"pose_rad": [0.0, 0.0, 0.0]}, "pose_rad", "has no meaning with motion.kind"),
         ({"pose_deg": [0.0, 0.0, 0.0]}, "pose_deg", "has no meaning with motion.kind"),
-        ({"contact__offset_law": "uniform"}, "contact.offset_law", "motion.contact_time says when contact begins"),
-        ({"contact__offset_sd_s": 0.1}, "contact.offset_sd_s", "motion.contact_time says when"),
+        ({"contact__offset_law": "uniform"}, "contact.offset_law", "motion.contact_onset_s says when contact begins"),
+        ({"contact__offset_sd_s": 0.1}, "contact.offset_sd_s", "motion.contact_onset_s says when"),
         ({"contact": {"stiffness_N_m": 1e4, "offset_law": "fixed", "offset_mm": 1.0}}, "contact.offset_law", "leave"),
     ],
 )  # fmt: skip
@@ -243,9 +243,9 @@ def test_refusals_of_the_motion(tmp_path: Path) -> None:
     t = np.array([0.0, 1.0, 2.0])
     write_csv(tmp_path / "path.csv", t, t[:, None] * [0, 0, -0.1])
     with pytest.raises(bs.InputError, match="2 s is not in the motion; wanted less than 2 s"):
-        bs.evaluate(scenario(tmp_path, trajectory_motion(contact_time=2.0)))
+        bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=2.0)))
     with pytest.raises(bs.InputError, match="does not move toward the body"):
-        bs.evaluate(scenario(tmp_path, trajectory_motion(contact_time=1.0), contact__normal=[0, 0, 1]))
+        bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=1.0), contact__normal=[0, 0, 1]))
     with pytest.raises(bs.InputError, match=r"contact\.normal: the contact point never moves toward the body"):
         bs.evaluate(scenario(tmp_path, trajectory_motion(), contact__normal=[0, 0, 1]))
     with pytest.raises(bs.InputError, match="a stopping curve for every time of contact"):
@@ -258,4 +258,4 @@ def test_a_scenario_survives_its_own_dictionary() -> None:
     loaded = bs.load_scenario(EXAMPLE)
     again = bs.Scenario.from_dict(loaded.to_dict(), loaded.folder)
     assert again == loaded
-    assert again.with_values({"motion.contact_time": 1.2}).motion.contact_time == 1.2
+    assert again.with_values({"motion.contact_onset_s": 1.2}).motion.contact_onset_s == 1.2

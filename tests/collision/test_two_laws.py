@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.distribution import contact_duration as contact_time
+from bumpstop.collision.distribution import contact_duration as contact_duration
 from collision.cases import VARIED, control_group
 
 RUNS = 200_000
@@ -58,7 +58,7 @@ def compare(scenario: bs.Scenario, runs: int, seed: int) -> dict[str, float]:
     check_probability("false alarm", exact.false_alarm_probability, drawn.false_alarm_probability, runs)
     check_probability("undetected", exact.undetected_probability, drawn.undetected_probability, runs)
     check_probability("no contact", exact.no_contact_probability, drawn.no_contact_probability, runs)
-    check_probability("several", exact.several_joints_probability, drawn.several_joints_probability, detected)
+    check_probability("several", exact.multi_joint_probability, drawn.multi_joint_probability, detected)
     for j, (p, share) in enumerate(
         zip(exact.trigger_joint_probability, drawn.trigger_joint_probability, strict=True), start=1
     ):
@@ -66,8 +66,8 @@ def compare(scenario: bs.Scenario, runs: int, seed: int) -> dict[str, float]:
     check_moments("peak force", exact.peak_force, drawn.peak_force, runs)
     check_moments("force at detection", exact.force_at_detection, drawn.force_at_detection, felt)
     check_moments("delay", exact.detection_delay, drawn.detection_delay, felt)
-    if exact.contact_time is not None and drawn.contact_time is not None:
-        check_moments("contact time", exact.contact_time, drawn.contact_time, felt)
+    if exact.contact_duration is not None and drawn.contact_duration is not None:
+        check_moments("contact time", exact.contact_duration, drawn.contact_duration, felt)
     return scores
 
 
@@ -144,7 +144,7 @@ def test_a_line_that_ends_before_the_first_tick_has_both_laws() -> None:
 
 
 def test_a_point_that_comes_forward_again_passes_an_offset_where_its_path_does() -> None:
-    times = contact_time.contact_times(np.array([0.0, 2.0, 1.0, 1.5, 3.0]), np.array([1.0, 2.25, 3.5]), 0.1)
+    times = contact_duration.first_passage_times(np.array([0.0, 2.0, 1.0, 1.5, 3.0]), np.array([1.0, 2.25, 3.5]), 0.1)
     assert times[:2] == pytest.approx([0.05, 0.35])
     assert math.isnan(times[2])
 
@@ -154,9 +154,9 @@ def test_slowly_growing_forces_need_few_cells_in_a_piece(monkeypatch: pytest.Mon
     scenario = control_group(
         detector__feedback_period_s=0.002, contact__stiffness_N_m=4000.0, motion__velocity_mm_s=[0, 0, -30]
     )
-    fine = bs.evaluate(scenario).contact_time
-    monkeypatch.setattr(contact_time, "_MOST_CELLS", 1)
-    coarse = bs.evaluate(scenario).contact_time
+    fine = bs.evaluate(scenario).contact_duration
+    monkeypatch.setattr(contact_duration, "_MAX_CELLS", 1)
+    coarse = bs.evaluate(scenario).contact_duration
     assert fine is not None
     assert coarse is not None
     assert coarse.mean == pytest.approx(fine.mean, rel=1e-6)
@@ -169,7 +169,7 @@ def test_ten_scenarios_reach_what_they_claim() -> None:
     assert laws["noisy detector, false alarms"].false_alarm_probability > 0.05
     assert laws["undetected at a joint limit"].undetected_probability > 0.01
     assert laws["undetected at a joint limit"].curve.end == "joint_limit"
-    assert laws["lateral, two joints feel it"].several_joints_probability > 0.1
+    assert laws["lateral, two joints feel it"].multi_joint_probability > 0.1
     assert laws["seven free joints, elbow of the arm hit"].trigger_joint_probability[4:].max() < 1e-3
     triggers = {int(np.argmax(law.trigger_joint_probability)) for law in laws.values()}
     assert len(triggers) >= 3

@@ -11,7 +11,7 @@ import bumpstop as bs
 from collision.cases import control_group, swinging_forward, twin_run
 
 
-def two_phase(**changes: Any) -> bs.ForceLaw:
+def two_phase(**changes: Any) -> bs.CollisionResult:
     return bs.evaluate(
         control_group(
             **{"contact__limits": "ts15066", "verdict__clamped_limit": "two_phase", "contact__offset_law": "uniform"}
@@ -23,8 +23,8 @@ def two_phase(**changes: Any) -> bs.ForceLaw:
 def test_a_short_contact_is_judged_by_the_transient_limit() -> None:
     """The arm has let go long before half a second is over."""
     law = two_phase(motion__velocity_mm_s=[0, 0, -110], contact__area_cm2=20.0)
-    assert law.contact_time is not None
-    assert law.contact_time.quantile(0.999) < 0.4
+    assert law.contact_duration is not None
+    assert law.contact_duration.quantile(0.999) < 0.4
     assert law.problem.transient_limits is not None
     limit = law.problem.transient_limits.force_N
     assert limit == 280
@@ -91,7 +91,7 @@ def test_exact_against_sampled_and_against_each_path(reaction: str) -> None:
     assert abs(share - law.verdict.p_over_force) < 4 * np.sqrt(max(share * (1 - share), 1 / 40) / 40)
 
 
-def deepest(law: bs.ForceLaw) -> tuple[float, float]:
+def deepest(law: bs.CollisionResult) -> tuple[float, float]:
     """Greatest force [N] in the first phase and after it of a law with one outcome."""
     return law.phase_shares(1.0, 0.0)[0].mean, law.phase_shares(0.0, 1.0)[0].mean
 
@@ -107,8 +107,8 @@ def test_an_arm_that_swings_forward_again_is_judged_by_that(offset_mm: float, ti
     assert late > first > 500
     assert deepest(law) == pytest.approx((first, late), rel=1e-9)
     # Nothing is felt later, and nothing harder.
-    assert law.contact_time is not None
-    assert law.contact_time.mean == pytest.approx(float(twin.time_s[twin.force_N > 0].max()) - touch, abs=1e-3)
+    assert law.contact_duration is not None
+    assert law.contact_duration.mean == pytest.approx(float(twin.time_s[twin.force_N > 0].max()) - touch, abs=1e-3)
     assert law.peak_force.mean == pytest.approx(late, rel=1e-9)
 
 

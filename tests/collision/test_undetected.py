@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from collision.cases import control_group, twin_of
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, write_csv
 from twin import trace
@@ -123,7 +123,7 @@ def test_what_lasts_judges_an_arm_that_stands_in_two_phases() -> None:
 def test_a_trajectory_that_comes_to_rest(tmp_path: Path) -> None:
     case = eased(tmp_path)
     law = bs.evaluate(case)
-    assert isinstance(law, TrajectoryLaw)
+    assert isinstance(law, TrajectoryCollisionResult)
     assert law.undetected_probability > 0.95
     # Contact begins at any time: over 220 N where more than 11 mm are left.
     t = np.linspace(0, 1, 100_001)
@@ -133,13 +133,13 @@ def test_a_trajectory_that_comes_to_rest(tmp_path: Path) -> None:
     drawn = bs.evaluate(case, samples=20_000)
     assert drawn.peak_force.exceedance(1500.0) == pytest.approx(law.peak_force.exceedance(1500.0), abs=0.014)
     assert "not detected" not in law.verdict.reason
-    late = bs.evaluate(case.with_values({"motion.contact_time": 0.96}))
+    late = bs.evaluate(case.with_values({"motion.contact_onset_s": 0.96}))
     assert late.verdict.acceptable is True
     assert late.peak_force.quantile(0.999) == pytest.approx(20000 * float(left[96_000]), rel=1e-3)
 
 
 def test_a_trajectory_that_is_cut_off_has_no_bound(tmp_path: Path) -> None:
-    law = bs.evaluate(eased(tmp_path, until=0.8).with_values({"motion.contact_time": 0.79}))
+    law = bs.evaluate(eased(tmp_path, until=0.8).with_values({"motion.contact_onset_s": 0.79}))
     assert law.verdict.acceptable is False
     assert "(motion.file) ends while the arm still moves" in law.verdict.reason
     assert math.isinf(law.peak_force.quantile(0.5))

@@ -45,7 +45,7 @@ OTHERS: dict[str, list[Any]] = {
     "motion.held_joints": [[3]],
     "motion.damping": [0.05],
     "motion.file": ["a.csv"],
-    "motion.contact_time": [1.0],
+    "motion.contact_onset_s": [1.0],
     "contact.body": ["lower_arm_wrist"],
     "contact.limits": ["ts15066", "bgia2011"],
     "contact.kind": ["free", "clamped"],
@@ -79,7 +79,7 @@ OTHERS: dict[str, list[Any]] = {
     "reaction.latency_s": [0.004],
     "simulation.step_s": [0.0005],
     "simulation.substeps": [3],
-    "verdict.risk": [0.01],
+    "verdict.accepted_probability": [0.01],
     "verdict.max_false_alarm": [0.01],
     "verdict.clamped_limit": ["two_phase", "quasi_static"],
 }

@@ -132,7 +132,9 @@ def test_cases_that_touch_nothing_do_not_hide_a_risk() -> None:
     untouched = 1 - law.peak_force.exceedance(0.0)
     assert 0.2 < untouched < 0.5
     alone = law.verdict.p_over_pressure / (1 - untouched)
-    hidden = bs.evaluate(case.with_values({"verdict.risk": 0.9 * alone, "verdict.max_false_alarm": 0.1}))
+    hidden = bs.evaluate(
+        case.with_values({"verdict.accepted_probability": 0.9 * alone, "verdict.max_false_alarm": 0.1})
+    )
     assert hidden.verdict.acceptable is True
     assert any("Of the others alone" in w and "more than the accepted" in w for w in hidden.warnings)
 

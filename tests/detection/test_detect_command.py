@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bumpstop.cli.main import main
-from bumpstop.detection import DetectorSettings, blind_forces, detect
+from bumpstop.detection import DetectorSettings, detect, undetectable_forces
 from bumpstop.identification import load_fit
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording
@@ -77,7 +77,7 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
 def test_poses_in_which_much_goes_unnoticed(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ("detect", pushed, "--robot", "ur5e", "--thresholds", "20,20,20,20,20,inf", "--blind-force")
     log = Recording.load(pushed)
-    largest = blind_forces(Robot.load("ur5e"), log.q, [20, 20, 20, 20, 20, np.inf]).largest
+    largest = undetectable_forces(Robot.load("ur5e"), log.q, [20, 20, 20, 20, 20, np.inf]).largest
     _, text, _ = run(capsys, *given, 0.9 * largest.min(), "--json")
     (stretch,) = json.loads(text)["blind_poses"]
     assert stretch == {"start_s": 0.0, "end_s": pytest.approx(1.596), "largest_N": pytest.approx(largest.max())}

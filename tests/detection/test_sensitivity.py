@@ -10,12 +10,12 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.detection import (
-    blind_force_along,
-    blind_forces,
-    blind_stretches,
     largest_undetected_force,
     largest_undetected_torque,
     required_torque,
+    undetectable_force_along,
+    undetectable_forces,
+    undetectable_stretches,
 )
 from bumpstop.kernels import core
 from bumpstop.model import Joint, Robot
@@ -66,7 +66,7 @@ def test_the_farthest_force_lies_on_three_faces_and_inside_the_others() -> None:
     robot = Robot.load("iiwa14")
     q = np.random.default_rng(5).uniform(-1.5, 1.5, (200, 7))
     theta, mean = np.array([20.0, 10, 15, 8, 5, 4, 3]), np.array([1.0, -2, 0, 1, 0.5, 0, -0.5])
-    blind = blind_forces(robot, q, theta, noise_mean=mean)
+    blind = undetectable_forces(robot, q, theta, noise_mean=mean)
     residual = np.einsum("nij,ni->nj", robot.jacobian(q)[:, :3], blind.farthest) + mean
     share = np.sort(np.abs(residual) / theta, axis=1)
     assert (share[:, -1] < 1 + ROUNDING).all()
@@ -80,19 +80,19 @@ def test_three_prismatic_joints_make_a_box() -> None:
         for k in range(3)
     )
     box = Robot(name="gantry", joints=joints)
-    assert float(blind_forces(box, [0, 0, 0], [3, 4, 12]).largest) == pytest.approx(13, rel=ROUNDING)
+    assert float(undetectable_forces(box, [0, 0, 0], [3, 4, 12]).largest) == pytest.approx(13, rel=ROUNDING)
     # A mean takes from one side what it gives to the other; z sigma moves both out.
-    blind = blind_forces(box, [0, 0, 0], [3, 4, 12], noise_mean=[1, 0, 0])
+    blind = undetectable_forces(box, [0, 0, 0], [3, 4, 12], noise_mean=[1, 0, 0])
     np.testing.assert_allclose(np.abs(blind.farthest), [4, 4, 12], rtol=ROUNDING)
     assert blind.farthest[0] < 0
-    wide = blind_forces(box, [0, 0, 0], [3, 4, 12], noise_sd=[1, 2, 3], z=2)
+    wide = undetectable_forces(box, [0, 0, 0], [3, 4, 12], noise_sd=[1, 2, 3], z=2)
     assert float(wide.largest) == pytest.approx(math.sqrt(5**2 + 8**2 + 18**2), rel=ROUNDING)
     # A joint without a threshold drops out, and its direction with it.
-    blind = blind_forces(box, [0, 0, 0], [3, math.inf, 4])
+    blind = undetectable_forces(box, [0, 0, 0], [3, math.inf, 4])
     assert math.isinf(blind.largest)
     assert float(blind.largest_felt) == pytest.approx(5, rel=ROUNDING)
     np.testing.assert_allclose(np.abs(blind.null_space), [[0, 1, 0]], atol=1e-15)
-    nothing = blind_forces(box, [0, 0, 0], math.inf)
+    nothing = undetectable_forces(box, [0, 0, 0], math.inf)
     assert nothing.rank == 0
     assert math.isinf(nothing.largest)
     assert nothing.null_space.shape == (3, 3)
@@ -104,16 +104,16 @@ def test_along_a_direction() -> None:
     problem = bs.Problem.from_scenario(scenario)
     curve = bs.stopping_curve(problem)
     share = np.abs(curve.torque_per_newton[0])
-    along = blind_force_along(robot, problem.q, curve.normal, problem.thresholds)
+    along = undetectable_force_along(robot, problem.q, curve.normal, problem.thresholds)
     # The first tick comes a step after the start: the lever has moved by less than a ten-thousandth.
     assert float(along) == pytest.approx(np.min(problem.thresholds / np.maximum(share, 1e-300)), rel=1e-3)
     # No direction passes the farthest vertex, and its own direction reaches it.
-    blind = blind_forces(robot, problem.q, problem.thresholds)
+    blind = undetectable_forces(robot, problem.q, problem.thresholds)
     n = directions(500)
     rows = np.tile(problem.q, (500, 1))
-    forces = blind_force_along(robot, rows, n, problem.thresholds)
+    forces = undetectable_force_along(robot, rows, n, problem.thresholds)
     assert forces.max() <= float(blind.largest) * (1 + ROUNDING)
-    own = blind_force_along(robot, problem.q, blind.farthest / blind.largest, problem.thresholds)
+    own = undetectable_force_along(robot, problem.q, blind.farthest / blind.largest, problem.thresholds)
     assert float(own) == pytest.approx(float(blind.largest), rel=1e-9)
 
 
@@ -126,7 +126,7 @@ def test_mean_shifts_the_side_that_is_pushed_to() -> None:
     room = np.where(per_newton > 0, theta - mean, theta + mean)
     felt = np.abs(per_newton) > 1e-6
     wanted = np.min(room[felt] / np.abs(per_newton[felt]))
-    assert float(blind_force_along(robot, q, n, theta, noise_mean=mean)) == pytest.approx(wanted, rel=1e-12)
+    assert float(undetectable_force_along(robot, q, n, theta, noise_mean=mean)) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_two_joints_with_one_axis_and_equal_thresholds_lose_no_edge() -> None:
@@ -134,8 +134,8 @@ def test_two_joints_with_one_axis_and_equal_thresholds_lose_no_edge() -> None:
     robot = Robot.load("iiwa14")
     q = np.array([0.3, 0.5, -0.2, -1.1, 0.4, 0.0, 0.7])
     point = (0.1, 0.05, 0.2)
-    both = blind_forces(robot, q, 10.0, point=point)
-    one = blind_forces(robot, q, [10, 10, 10, 10, math.inf, 10, 10], point=point)
+    both = undetectable_forces(robot, q, 10.0, point=point)
+    one = undetectable_forces(robot, q, [10, 10, 10, 10, math.inf, 10, 10], point=point)
     assert float(both.largest) == pytest.approx(float(one.largest), rel=1e-9)
 
 
@@ -164,7 +164,7 @@ def test_source_table_4_1_and_equations() -> None:
 def test_refusals(given: dict[str, object], message: str) -> None:
     arguments: dict[str, object] = {"q": [0.0] * 6, "thresholds": 10.0} | given
     with pytest.raises(bs.InputError, match=message):
-        blind_forces(Robot.load("ur5e"), **arguments)  # type: ignore[arg-type]
+        undetectable_forces(Robot.load("ur5e"), **arguments)  # type: ignore[arg-type]
 
 
 def test_stretches_of_a_motion_in_which_much_goes_unnoticed() -> None:
@@ -172,9 +172,9 @@ def test_stretches_of_a_motion_in_which_much_goes_unnoticed() -> None:
     robot, t = Robot.load("ur5e"), np.linspace(0, 2, 801)
     q = np.radians([0, -60, 0, -80, 50, 0]) + np.outer(np.cos(2 * np.pi * t), [0, 0, 1.5, 0, 0, 0])
     limits = np.array([20.0, 20, 20, 9, 9, 9])
-    largest = blind_forces(robot, q, limits).largest
+    largest = undetectable_forces(robot, q, limits).largest
     limit = 1.3 * float(np.median(largest))
-    found = blind_stretches(robot, t, q, limits, limit)
+    found = undetectable_stretches(robot, t, q, limits, limit)
     inside = np.zeros(t.size, dtype=bool)
     for one in found:
         rows = (t >= one.start_s) & (t <= one.end_s)
@@ -188,10 +188,10 @@ def test_stretches_of_a_motion_in_which_much_goes_unnoticed() -> None:
     added = inside & ~(largest > limit)
     assert added.any()
     assert (largest[added] > 0.95 * limit).all()
-    assert blind_stretches(robot, t, q, limits, 2 * float(largest.max())) == ()
+    assert undetectable_stretches(robot, t, q, limits, 2 * float(largest.max())) == ()
     # A joint less, and a direction is not felt at all: any force goes unnoticed, from the first row to the last.
     nothing = np.array([20.0, 20, *[np.inf] * 4])
-    (whole,) = blind_stretches(robot, t, q, nothing, 1e9)
+    (whole,) = undetectable_stretches(robot, t, q, nothing, 1e9)
     assert (whole.start_s, whole.end_s, whole.to_json()["largest_N"]) == (t[0], t[-1], None)
     with pytest.raises(bs.InputError, match="limit_N: is 0"):
-        blind_stretches(robot, t, q, limits, 0)
+        undetectable_stretches(robot, t, q, limits, 0)

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 
 import bumpstop as bs
 from bumpstop.arrays import FloatArray
-from bumpstop.detection import blind_forces
+from bumpstop.detection import undetectable_forces
 from cli.support import run, strict_json
 
 
@@ -20,7 +20,7 @@ def test_sensitivity() -> None:
     given = ("sia5d", "--pose-deg", pose, "--thresholds", "20,10,20,20,20,20,20")
     found = strict_json(run("sensitivity", *given, "--json").out)
     q = np.radians([0, 30, 0, -20, 0, -40, 0])
-    wanted = blind_forces(bs.Robot.load("sia5d"), q, [20, 10, 20, 20, 20, 20, 20])
+    wanted = undetectable_forces(bs.Robot.load("sia5d"), q, [20, 10, 20, 20, 20, 20, 20])
     assert found["largest_force_N"] == pytest.approx(float(wanted.largest), rel=1e-12)
     # From anywhere between the thresholds: twice as much.
     assert found["worst_case_force_along_N"] == pytest.approx(2 * found["force_along_N"], rel=1e-12)

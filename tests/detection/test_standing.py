@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.detection import Detector, DetectorSettings, blind_forces, blind_stretches, detect
+from bumpstop.detection import Detector, DetectorSettings, detect, undetectable_forces, undetectable_stretches
 from bumpstop.detection.standing import checked_stiction, hidden_torques, standing_share
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
@@ -112,12 +112,12 @@ def test_standing_poses_hide_more_in_stretches() -> None:
     moved = np.interp(t, [0, 2, 4, 6], [0, 0.6, 0.6, 1.2])
     q = POSE + moved[:, None] * np.array([1.0, 0.2, 0.2, 0.2, 0.2, 0.2])
     theta = np.array(THETA)
-    moving = blind_forces(UR5E, q, theta).largest
-    standing = blind_forces(UR5E, q, theta + STICTION).largest
+    moving = undetectable_forces(UR5E, q, theta).largest
+    standing = undetectable_forces(UR5E, q, theta + STICTION).largest
     limit = 1.05 * float(moving.max())
     assert float(standing[300]) > limit
-    assert blind_stretches(UR5E, t, q, theta, limit) == ()
-    (one,) = blind_stretches(UR5E, t, q, theta, limit, dead_zone=STICTION)
+    assert undetectable_stretches(UR5E, t, q, theta, limit) == ()
+    (one,) = undetectable_stretches(UR5E, t, q, theta, limit, dead_zone=STICTION)
     assert one.start_s == pytest.approx(2.0, abs=0.1)
     assert one.end_s == pytest.approx(4.0, abs=0.1)
     assert one.largest_N == pytest.approx(float(standing[300]), rel=1e-6)
@@ -130,7 +130,7 @@ def test_sensitivity_of_a_standing_arm(tmp_path: Path) -> None:
     assert plain["standing"] is None
     assert "give --model or --stiction" in run(*given).out
     stated = strict_json(run(*given, "--stiction", ",".join(map(str, STICTION)), "--json").out)
-    wanted = blind_forces(UR5E, POSE, np.array(THETA) + STICTION)
+    wanted = undetectable_forces(UR5E, POSE, np.array(THETA) + STICTION)
     assert stated["standing"]["largest_force_N"] == pytest.approx(float(wanted.largest), rel=1e-9)
     assert stated["standing"]["force_along_N"] > plain["force_along_N"]
     assert {key: stated[key] for key in plain if key != "standing"} == {

@@ -9,7 +9,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.detection import ResidualSeries, tune
-from bumpstop.detection.band_pass_channel import fast_channel
+from bumpstop.detection.band_pass_channel import band_pass_channel
 from detection.tuning_cases import achieved, residuals
 from detection.tuning_runs import KINDS, runs
 
@@ -125,10 +125,10 @@ def test_the_fast_channel_is_tuned_for_its_share_of_the_alarms() -> None:
     # A slow error is none of the fast channel.
     assert law.fast[1] < 0.5 * law.constant[1]
     slow = sum(achieved(part, law.constant, 50) for part in unseen) / 0.75
-    fast = sum(achieved(ResidualSeries(part.t, fast_channel(part)), law.fast, 50) for part in unseen) / 0.75
+    fast = sum(achieved(ResidualSeries(part.t, band_pass_channel(part)), law.fast, 50) for part in unseen) / 0.75
     both = sum(
         achieved(
-            ResidualSeries(part.t, np.hstack([part.rows, fast_channel(part)])),
+            ResidualSeries(part.t, np.hstack([part.rows, band_pass_channel(part)])),
             np.concatenate([law.constant, law.fast]),
             tuning.cluster_rows,
         )

@@ -212,11 +212,11 @@ def test_json_keys() -> None:
 
 
 def test_columns_of_the_law() -> None:
-    from bumpstop.collision.tables import law_table
+    from bumpstop.collision.tables import result_table
 
     text = section(read("docs/cli.md"), "### Files: `--out`")
     scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
-    exact = law_table(bs.evaluate(scenario))
+    exact = result_table(bs.evaluate(scenario))
     (listed,) = [span for span in code(without_fences(text)) if span.startswith("probability ")]
     assert set(listed.split()) == set(exact.columns)
     assert exact["probability"].to_list()[-4:] == [0.995, 0.999, 0.9995, 0.9999]
@@ -226,4 +226,4 @@ def test_columns_of_the_law() -> None:
         for pattern in code(name)[0].split():
             (mark,) = [mark for mark in choices if mark in pattern] or [""]
             columns |= {pattern.replace(mark, one) for one in choices[mark]} if mark else {pattern}
-    assert columns == set(law_table(bs.evaluate(scenario, samples=10)).columns)
+    assert columns == set(result_table(bs.evaluate(scenario, samples=10)).columns)

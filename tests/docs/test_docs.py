@@ -16,7 +16,7 @@ import pytest
 from pydantic_core import PydanticUndefined
 
 import bumpstop as bs
-from bumpstop.collision.scenario.scenario import Scenario, Simulation
+from bumpstop.collision.scenario.scenario import Scenario, SimulationTable
 from collision.cases import FREE, REMEMBERING, VARIED
 from docs.pages import AS_DOCTEST, PAGES, ROOT, blocks, code, read, rows, section, without_fences
 
@@ -162,7 +162,7 @@ def test_symbols_exist_in_both_languages() -> None:
         else:
             assert re.search(rf"\b{owner}\b", headers), in_cpp
         owner, member = code(in_python)[0].split(".")
-        python: Any = {"Simulation": Simulation}.get(owner) or getattr(bs, owner)
+        python: Any = {"Simulation": SimulationTable}.get(owner) or getattr(bs, owner)
         known = {*dir(python), *getattr(python, "__dataclass_fields__", ()), *getattr(python, "model_fields", ())}
         assert member in known, (symbol, in_python)
 

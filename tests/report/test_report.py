@@ -112,7 +112,7 @@ def test_every_figure_is_the_laws(written, law):
         "compression [mm]": (law.compression, 1),
         "force at detection [N]": (law.force_at_detection, 1),
         "detection delay [ms]": (law.detection_delay, 1e3),
-        "contact time [ms]": (law.contact_time, 1e3),
+        "contact time [ms]": (law.contact_duration, 1e3),
     }
     for name, (quantity, factor) in rows.items():
         figures = " ".join(f"{factor * value:.4g}" for value in quantity.to_json().values())
@@ -209,7 +209,7 @@ def test_undetected_share_leaves_a_bounded_median():
 
 def test_stop_has_no_contact_time():
     law = evaluate({"reaction.kind": "stop"})
-    assert law.contact_time is None
+    assert law.contact_duration is None
     assert "contact time [ms] not released" in Outline(Page(law).html()).text
 
 
@@ -266,7 +266,7 @@ def test_other_laws_render(changes, samples):
 
 
 @pytest.mark.parametrize("samples", [None, 60])
-@pytest.mark.parametrize("changes", [{}, {"motion.contact_time": 1.4, "reaction.kind": "reverse"}])
+@pytest.mark.parametrize("changes", [{}, {"motion.contact_onset_s": 1.4, "reaction.kind": "reverse"}])
 def test_trajectories_render(changes, samples):
     path = Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml"
     law = bs.evaluate(bs.load_scenario(path, changes), samples=samples)
@@ -292,7 +292,7 @@ def test_rollouts_of_a_trajectory_are_its_runs():
         assert rollout.peak_force == pytest.approx(law.runs["peak_force"][run], rel=1e-3, abs=1e-6)
         if law.runs["tick"][run] >= 0:
             assert rollout.touch == 0
-            assert rollout.detection + law.runs["contact_time"][run] == pytest.approx(
+            assert rollout.detection + law.runs["onset"][run] == pytest.approx(
                 0.004 * law.runs["tick"][run] + 0.001, abs=2e-4
             )
 

@@ -18,9 +18,9 @@ from bumpstop.collision import Problem, evaluate_batch, load_scenario
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.errors import InputError
 from bumpstop.study import run
-from bumpstop.study.null_space import feel_better
+from bumpstop.study.null_space import improve_detectability
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.atlas import TrajectoryAtlas, WorkspaceAtlas
+from bumpstop.study.speed.atlas import TrajectorySpeedLimits, WorkspaceSpeedLimits
 from bumpstop.study.speed.retiming import retime
 from bumpstop.study.speed.speed_limit import speed_limits
 from bumpstop.study.speed.trajectory_writing import write_csv, write_ros
@@ -33,16 +33,16 @@ LINE = REPOSITORY / "examples/05_ur10e.toml"
 
 
 @pytest.fixture(scope="module")
-def pick() -> TrajectoryAtlas:
-    return TrajectoryAtlas(load_scenario(PICK))
+def pick() -> TrajectorySpeedLimits:
+    return TrajectorySpeedLimits(load_scenario(PICK))
 
 
 @pytest.fixture(scope="module")
-def found(pick: TrajectoryAtlas) -> Any:
+def found(pick: TrajectorySpeedLimits) -> Any:
     return run(pick)[0]
 
 
-def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectoryAtlas, found: Any) -> None:
+def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectorySpeedLimits, found: Any) -> None:
     rows = found.filter(found["by"] == "law").gather_every(7)
     q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
@@ -55,7 +55,7 @@ def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectoryAtlas, found: 
 
 def test_limits_are_tight_where_the_formula_expects_none() -> None:
     """Directions in which the formula misses the limit itself: laws are met there all the same, far above its guess."""
-    study = WorkspaceAtlas(load_scenario(HAND), poses=40, seed=0, cone_deg=20.0)
+    study = WorkspaceSpeedLimits(load_scenario(HAND), poses=40, seed=0, cone_deg=20.0)
     rows = run(study)[0]
     rows = rows.filter(rows["by"] == "law")
     q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
@@ -69,7 +69,7 @@ def test_limits_are_tight_where_the_formula_expects_none() -> None:
         assert ((laws.exceedance[:, 0] <= 1e-3) == safe).all()
 
 
-def test_slowed_down_no_collision_passes_the_limits(pick: TrajectoryAtlas, found: Any, tmp_path: Path) -> None:
+def test_slowed_down_no_collision_passes_the_limits(pick: TrajectorySpeedLimits, found: Any, tmp_path: Path) -> None:
     retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
     write_csv(tmp_path / "slow.csv", retimed)
     before = bs.evaluate(pick.scenario)
@@ -80,7 +80,7 @@ def test_slowed_down_no_collision_passes_the_limits(pick: TrajectoryAtlas, found
 
     # The laws of trajectories share no code with those of lines. Undetected ones meet an arm that stands still.
     assert detected_over(before) > 0.1
-    assert detected_over(after) <= pick.scenario.verdict.risk
+    assert detected_over(after) <= pick.scenario.verdict.accepted_probability
 
 
 def wavy(rng: np.random.Generator, rows: int, with_velocity: bool) -> Trajectory:
@@ -145,11 +145,11 @@ def test_waypoints_too_far_apart_are_refused() -> None:
 
 
 def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
-    pick: TrajectoryAtlas, found: Any, tmp_path: Path
+    pick: TrajectorySpeedLimits, found: Any, tmp_path: Path
 ) -> None:
     retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
     write_csv(tmp_path / "slow.csv", retimed)
-    again = TrajectoryAtlas(pick.scenario.with_values({"motion.file": str(tmp_path / "slow.csv")}))
+    again = TrajectorySpeedLimits(pick.scenario.with_values({"motion.file": str(tmp_path / "slow.csv")}))
     rows, summary = run(again)
     assert rows.height > 1.9 * found.height
     assert (summary["over"], summary["over_between"]) == (0, 0)
@@ -162,7 +162,7 @@ def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
 @pytest.mark.parametrize(("path", "angle"), [(LINE, 180.0), (HAND, 30.0)])
 def test_no_direction_of_the_cone_is_worse(path: Path, angle: float) -> None:
     """In many of these poses the formula expects no safe speed in several directions, and cannot rank them."""
-    study = WorkspaceAtlas(load_scenario(path), poses=8, cone_deg=angle, seed=2)
+    study = WorkspaceSpeedLimits(load_scenario(path), poses=8, cone_deg=angle, seed=2)
     rows = run(study)[0].filter(pl.col("limit_mm_s") > 0)
     assert rows.height >= 4
     axis = np.array(study.scenario.motion.velocity_mm_s)
@@ -184,7 +184,7 @@ def test_no_direction_of_the_cone_is_worse(path: Path, angle: float) -> None:
     speed = np.repeat(rows["limit_mm_s"].to_numpy() / 1e3, count)[:, None]
     velocity = np.tile(directions, (rows.height, 1)) * speed
     laws = evaluate_batch(study.scenario, q, velocity, limits_N=[allowed_force(study._line_problem)])
-    assert laws.exceedance.max() <= study.scenario.verdict.risk
+    assert laws.exceedance.max() <= study.scenario.verdict.accepted_probability
 
 
 def test_two_waypoints_at_rest_are_not_safe_if_the_way_between_them_is_not(tmp_path: Path) -> None:
@@ -235,7 +235,7 @@ def test_the_risk_accepted_is_accepted_to_the_last_digit() -> None:
         over = float(evaluate_batch(case, q, cap * direction, limits_N=[limit]).exceedance[0, 0])
         low, high = (cap, high) if over < 1e-3 else (low, cap)
     for share, met in ((1 + 1e-9, True), (1 / (1 + 1e-9), False), (1 / 1.04, False)):
-        asked = case.with_values({"verdict.risk": over * share})
+        asked = case.with_values({"verdict.accepted_probability": over * share})
         found = speed_limits(asked, q, direction, np.array([cap]))
         assert (found.by[0] == "cap") is met
         assert found.risk[0] <= over * share
@@ -252,19 +252,19 @@ def test_a_slow_place_is_braked_for_in_time() -> None:
     assert found.time[-1] == pytest.approx(10 + lost, rel=1e-4)
 
 
-def test_files_read_back(pick: TrajectoryAtlas, found: Any, tmp_path: Path) -> None:
+def test_files_read_back(pick: TrajectorySpeedLimits, found: Any, tmp_path: Path) -> None:
     retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
     write_csv(tmp_path / "slow.csv", retimed)
     write_ros(tmp_path / "slow.json", retimed, pick.problem.robot)
     for name in ("slow.csv", "slow.json"):
-        read = TrajectoryAtlas(load_scenario(PICK, {"motion.file": str(tmp_path / name)})).trajectory
+        read = TrajectorySpeedLimits(load_scenario(PICK, {"motion.file": str(tmp_path / name)})).trajectory
         assert (read.position == retimed.position).all()
         assert np.abs(read.time - retimed.time).max() < 1e-9
     message = json.loads((tmp_path / "slow.json").read_text())
     assert len(message["points"][0]["accelerations"]) == 7
 
 
-def test_a_wider_cone_is_never_faster(pick: TrajectoryAtlas, found: Any) -> None:
+def test_a_wider_cone_is_never_faster(pick: TrajectorySpeedLimits, found: Any) -> None:
     rows = np.arange(0, found.height, 25)
     q, own, cap = pick.trajectory.position[rows], pick.direction[rows], np.ones(len(rows))
     wide = worst_directions(pick._line_problem, q, own, math.radians(40), cap).found.speed
@@ -274,7 +274,7 @@ def test_a_wider_cone_is_never_faster(pick: TrajectoryAtlas, found: Any) -> None
 
 
 def test_self_motion_keeps_the_tool_and_feels_no_worse() -> None:
-    problem = TrajectoryAtlas(load_scenario(PICK)).problem
+    problem = TrajectorySpeedLimits(load_scenario(PICK)).problem
     rng = np.random.default_rng(8)
     robot = problem.robot
     q = rng.uniform(0.5 * robot.lower, 0.5 * robot.upper, (18, 7))
@@ -283,7 +283,7 @@ def test_self_motion_keeps_the_tool_and_feels_no_worse() -> None:
     q[near, beside] = 0.98 * np.where(rng.random(12) < 0.5, robot.lower[beside], robot.upper[beside])
     direction = rng.normal(size=(18, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    found = feel_better(problem, q, direction)
+    found = improve_detectability(problem, q, direction)
     assert np.abs(robot.pose(found.q) - robot.pose(q)).max() < 2e-6
     assert ((found.q >= robot.lower) & (found.q <= robot.upper)).all()
     torque = np.einsum("nij,ni->nj", robot.jacobian(found.q)[:, :3], direction)
@@ -293,7 +293,7 @@ def test_self_motion_keeps_the_tool_and_feels_no_worse() -> None:
 
 
 def test_workspace_does_not_depend_on_threads() -> None:
-    study = WorkspaceAtlas(load_scenario(LINE), poses=6, cone_deg=0.0, seed=4)
+    study = WorkspaceSpeedLimits(load_scenario(LINE), poses=6, cone_deg=0.0, seed=4)
     assert run(study)[0].equals(run(study, threads=2)[0])
     assert (run(study)[0]["limit_mm_s"] > 0).any()
 
@@ -310,7 +310,7 @@ def test_an_arm_that_follows_no_line_is_told_so(tmp_path: Path) -> None:
     changes = {"robot": str(tmp_path / "gantry.urdf"), "motion.file": str(tmp_path / "path.csv")}
     changes |= {"detector.thresholds_Nm": [50, 50], "detector.noise_sd_Nm": 5.0}
     with pytest.raises(InputError, match=r"^robot: gantry has 2 joints, which follow no straight line; an atlas "):
-        TrajectoryAtlas(load_scenario(PICK, changes))
+        TrajectorySpeedLimits(load_scenario(PICK, changes))
 
 
 def test_poses_lie_all_over_the_joints_ranges(tmp_path: Path) -> None:
@@ -326,7 +326,7 @@ def test_poses_lie_all_over_the_joints_ranges(tmp_path: Path) -> None:
             "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 5.0},
         }
     )
-    q = run(WorkspaceAtlas(scenario, poses=100, cone_deg=0.0))[0].select("q_1", "q_2", "q_3").to_numpy()
+    q = run(WorkspaceSpeedLimits(scenario, poses=100, cone_deg=0.0))[0].select("q_1", "q_2", "q_3").to_numpy()
     assert q.min() >= 4
     assert q.max() <= 9
     # Of a hundred draws none in the lowest or the highest tenth has one chance in 37 000.
@@ -339,11 +339,11 @@ def test_a_long_trajectory_takes_the_direction_of_the_nearest_waypoint_that_move
     t = np.arange(30_000) / 250
     still = (t < 20) | (t > 100)
     share = np.where(still, np.where(t < 20, 0.0, 1.0), 0.5 - 0.5 * np.cos(math.pi * (t - 20) / 80))
-    begin = TrajectoryAtlas(load_scenario(PICK)).trajectory.position[0]
+    begin = TrajectorySpeedLimits(load_scenario(PICK)).trajectory.position[0]
     rows = np.column_stack([t, begin + share[:, None] * np.array([0.5, 0.1, 0, 0, 0, 0, 0])])
     header = ",".join(["t", *(f"q_{j + 1}" for j in range(7))])
     np.savetxt(tmp_path / "long.csv", rows, delimiter=",", header=header, comments="", fmt="%.10g")
-    study = TrajectoryAtlas(load_scenario(PICK, {"motion.file": str(tmp_path / "long.csv")}))
+    study = TrajectorySpeedLimits(load_scenario(PICK, {"motion.file": str(tmp_path / "long.csv")}))
     tracemalloc.start()
     direction = study.direction
     peak = tracemalloc.get_traced_memory()[1]
@@ -361,7 +361,7 @@ def test_a_long_trajectory_takes_the_direction_of_the_nearest_waypoint_that_move
     [
         (PICK, {"contact.body": None, "contact.stiffness_N_m": 1e4}, {}, "contact.body"),
         (PICK, {}, {"cap_mm_s": 0.0}, "--cap"),
-        (PICK, {"verdict.risk": 1e-300}, {}, "verdict.risk"),
+        (PICK, {"verdict.accepted_probability": 1e-300}, {}, "verdict.accepted_probability"),
         (PICK, {}, {"cap_mm_s": math.nan}, "--cap"),
         (PICK, {}, {"cone_deg": -1.0}, "--cone"),
         (LINE, {"contact.kind": "free"}, {}, "contact.kind"),
@@ -371,16 +371,16 @@ def test_a_long_trajectory_takes_the_direction_of_the_nearest_waypoint_that_move
     ],
 )
 def test_refuses_by_name(path: Path, changes: dict[str, Any], settings: dict[str, Any], field: str) -> None:
-    kind = TrajectoryAtlas if path == PICK else WorkspaceAtlas
+    kind = TrajectorySpeedLimits if path == PICK else WorkspaceSpeedLimits
     with pytest.raises(InputError) as caught:
         kind(load_scenario(path, changes), **settings)
     assert caught.value.field == field
 
 
 def test_an_arm_without_a_spare_joint_is_refused() -> None:
-    problem = WorkspaceAtlas(load_scenario(LINE), poses=1)._line_problem
+    problem = WorkspaceSpeedLimits(load_scenario(LINE), poses=1)._line_problem
     with pytest.raises(InputError, match="6 free joints"):
-        feel_better(problem, problem.q[None], np.array([[0.0, 0.0, 1.0]]))
+        improve_detectability(problem, problem.q[None], np.array([[0.0, 0.0, 1.0]]))
 
 
 def test_a_moment_without_a_safe_speed_is_named() -> None:
@@ -402,5 +402,5 @@ def test_every_slower_speed_is_safe_where_the_body_is_at_a_fixed_distance() -> N
     slower = found.speed[0] * np.geomspace(0.5, 1.0, 80)
     poses, limit = np.tile(problem.q, (80, 1)), allowed_force(problem)
     laws = evaluate_batch(case, poses, slower[:, None] * direction, limits_N=[limit])
-    assert laws.exceedance.max() <= case.verdict.risk
+    assert laws.exceedance.max() <= case.verdict.accepted_probability
     assert found.risk[0] == pytest.approx(laws.exceedance[-1, 0])

@@ -155,15 +155,15 @@ def test_a_safe_speed_is_below_the_first_tooth_that_fails(case: bs.Scenario) -> 
     safe = found[body]
     # Where teeth are high they are as wide as a feedback period is of the time to the body: 3 and 4 % of the speed.
     slower = np.geomspace(1.0, safe, 600)
-    assert all(over(float(speed)) <= case.verdict.risk for speed in slower)
-    assert any(over(safe + step) > case.verdict.risk for step in np.linspace(0.01, 0.12, 12))
+    assert all(over(float(speed)) <= case.verdict.accepted_probability for speed in slower)
+    assert any(over(safe + step) > case.verdict.accepted_probability for step in np.linspace(0.01, 0.12, 12))
 
 
 def test_a_soft_body_has_a_safe_speed_though_a_slow_arm_takes_longer_to_be_noticed() -> None:
     """In the five seconds of the scenario an arm at 1 mm/s presses an abdomen no farther than 5 mm."""
     case = ur10e(contact__body="abdomen", contact__padding_N_m=2e4)
     slow = case.with_values({"motion.velocity_mm_s": [0, 0, -1]})
-    assert bs.evaluate(slow).undetected_probability > case.verdict.risk
+    assert bs.evaluate(slow).undetected_probability > case.verdict.accepted_probability
     study = EffectivenessStudy.of(case, bodies=["abdomen"], directions=["down"], areas_cm2=[1.0], speeds_mm_s=[1, 50])
     summary = run(study)[1]
     assert [row["acceptable"] for row in summary["collisions"]] == [True, True]
@@ -242,5 +242,5 @@ def test_when_nothing_can_be_judged_it_says_so() -> None:
 
 def test_a_risk_no_quantile_can_hold_is_refused() -> None:
     with pytest.raises(bs.InputError) as refused:
-        EffectivenessStudy.of(control_group(verdict__risk=1e-300))
-    assert refused.value.field == "verdict.risk"
+        EffectivenessStudy.of(control_group(verdict__accepted_probability=1e-300))
+    assert refused.value.field == "verdict.accepted_probability"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.study.parameters.fits import fit_laws
+from bumpstop.study.parameters.fits import fit_models
 from collision.cases import control_group
 
 # Of the control group over the lowest [1].
@@ -41,7 +41,7 @@ def test_a_planted_law_is_found_again(name: str, parameters: tuple[float, ...]) 
         "power": a * x**b,
         "constant plus power": a + b * x**c,
     }[name]
-    fit = next(fit for fit in fit_laws(x, y) if fit.name == name)
+    fit = next(fit for fit in fit_models(x, y) if fit.name == name)
     assert fit.parameters == pytest.approx(parameters, rel=1e-5)
     assert fit.r2 == pytest.approx(1.0, abs=1e-9)
     assert fit.fitted == pytest.approx(y, rel=1e-6)
@@ -51,7 +51,7 @@ def test_no_other_exponent_fits_better() -> None:
     # Flat, and then it falls: the force against the noise, of which a fit with an exponent up to 4 explains 0.8.
     x = np.linspace(0.2, 3.0, 12)
     y = np.array([mean_of(detector__noise_sd_Nm=[v * s for s in NOISE]) for v in x])
-    fits = {fit.name: fit for fit in fit_laws(x, y)}
+    fits = {fit.name: fit for fit in fit_models(x, y)}
     best = {"power": 0.0, "constant plus power": 0.0}
     for exponent in (*np.linspace(-30, 30, 600), *np.linspace(-0.2, 0.2, 400)):
         z = (x / x[-1]) ** exponent
@@ -68,6 +68,6 @@ def test_no_other_exponent_fits_better() -> None:
 
 
 def test_too_few_points_and_negative_values_get_only_the_laws_they_allow() -> None:
-    assert [fit.name for fit in fit_laws(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 2.5]))] == ["linear", "power"]
-    names = [fit.name for fit in fit_laws(np.linspace(-2, 2, 9), np.linspace(1, 3, 9) ** 2)]
+    assert [fit.name for fit in fit_models(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 2.5]))] == ["linear", "power"]
+    names = [fit.name for fit in fit_models(np.linspace(-2, 2, 9), np.linspace(1, 3, 9) ** 2)]
     assert names == ["linear", "quadratic"]

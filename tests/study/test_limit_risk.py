@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bumpstop as bs
-from bumpstop.collision import Problem, exact_law, stopping_curve
+from bumpstop.collision import Problem, integrate, stopping_curve
 from bumpstop.kernels import core
 from collision.cases import REMEMBERING, VARIED
 from study.prediction_cases import draw
 
 # Below this the whole law's interpolated probabilities have digits of their own.
-SMALLEST = 1e-8
+MIN_PROBABILITY = 1e-8
 RESOLUTION = 1e-3  # of the answer near the accepted risk
 # Reactions are followed to 1e-10 rad or so, and the force is off by K times what that moves the point: far less than
 # what changes a probability by a part in ten thousand.
@@ -27,7 +27,7 @@ def _ask(problem: Problem, force: float, accepted: float, known: object = None) 
     return found
 
 
-def _over(law: bs.ForceLaw, force: float) -> float:
+def _over(law: bs.CollisionResult, force: float) -> float:
     """Never detected counts as over, unless the arm comes to rest: then its force is among the others."""
     tail = law.kernel.tail("peak_force", np.array([force]))[0, 0]
     return float(tail) + (0.0 if law.kernel.rests else law.undetected_probability)
@@ -46,7 +46,7 @@ CASES = {
 def test_the_risk_is_that_of_the_whole_law(name: str) -> None:
     scenario = CASES[name]
     problem = Problem.from_scenario(scenario)
-    law = exact_law(problem, stopping_curve(problem))
+    law = integrate(problem, stopping_curve(problem))
     asked = 0
     for share in (0.5, 0.05, 1e-3):
         try:
@@ -57,7 +57,7 @@ def test_the_risk_is_that_of_the_whole_law(name: str) -> None:
         if not np.isfinite(force):
             continue
         over = _over(law, force)
-        if not over > SMALLEST:
+        if not over > MIN_PROBABILITY:
             continue
         asked += 1
         found = _ask(problem, force, over)
@@ -83,7 +83,7 @@ def test_the_risk_is_that_of_the_whole_law_wherever_an_arm_stands(number: int) -
         problem = Problem.from_scenario(scenario.with_values(changes))
     except bs.InputError:
         return  # a singular start
-    law = exact_law(problem, stopping_curve(problem))
+    law = integrate(problem, stopping_curve(problem))
     force = law.peak_force.quantile(0.99)
     if not np.isfinite(force):
         return
@@ -133,13 +133,13 @@ def test_an_arm_that_passes_a_singularity_may_as_well_stop_there(name: str) -> N
             unnoticed = found["undetected"]
             if curve.end == "singularity":
                 # An arm that stands at a singularity may as well get across.
-                unnoticed = exact_law(problem, curve).undetected_probability
+                unnoticed = integrate(problem, curve).undetected_probability
             assert found["at_crossing"] == pytest.approx(unnoticed * (not found["follows"]), abs=1e-9)
             continue
         passed += 1
-        # Detections from that tick on, counted in the whole law.
-        law = exact_law(problem, curve)
-        runs = bs.collision.sampled_law(problem, curve, samples=4000, seed=1).runs
+        # DetectedCollisions from that tick on, counted in the whole law.
+        law = integrate(problem, curve)
+        runs = bs.collision.monte_carlo(problem, curve, samples=4000, seed=1).runs
         late = (runs["tick"] >= beyond[0]) & (runs["offset"] < curve.tick_distance[runs["tick"]])
         share = late.mean() + law.undetected_probability
         assert found["at_crossing"] == pytest.approx(share, abs=5 * np.sqrt(share * (1 - share) / 4000) + 1e-3)

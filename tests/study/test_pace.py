@@ -14,8 +14,8 @@ import bumpstop as bs
 from bumpstop.collision import evaluate_batch
 from bumpstop.study import run
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.atlas import TrajectoryAtlas
-from bumpstop.study.speed.path_speed import least_of_ranges, lowest_between
+from bumpstop.study.speed.atlas import TrajectorySpeedLimits
+from bumpstop.study.speed.path_speed import min_between, sliding_min
 from bumpstop.study.speed.retiming import retime
 from bumpstop.study.speed.speed_limit import speed_limits
 from bumpstop.study.speed.trajectory_writing import write_csv
@@ -45,7 +45,7 @@ def waves(seed: int, folder: Path) -> bs.Scenario:
     )
 
 
-def slowed(study: TrajectoryAtlas, pace: Any, folder: Path) -> tuple[bs.Scenario, Any]:
+def slowed(study: TrajectorySpeedLimits, pace: Any, folder: Path) -> tuple[bs.Scenario, Any]:
     """The same scenario on the slowed trajectory, and when it passes the rows."""
     slow = retime(study.trajectory, pace, study.problem.robot.velocity, study.problem.joint_acceleration)
     write_csv(folder / "slow.csv", slow)
@@ -56,7 +56,7 @@ def worst_risk(scenario: bs.Scenario, moments: Any) -> float:
     """Of collisions that begin at these moments and are noticed."""
     risks = []
     for moment in moments:
-        law = bs.evaluate(scenario.with_values({"motion.contact_time": float(moment)}))
+        law = bs.evaluate(scenario.with_values({"motion.contact_onset_s": float(moment)}))
         over = max(law.verdict.p_over_force or 0.0, law.verdict.p_over_pressure or 0.0)
         risks.append(over - law.undetected_probability)
     return max(risks)
@@ -64,21 +64,21 @@ def worst_risk(scenario: bs.Scenario, moments: Any) -> float:
 
 @pytest.mark.parametrize("seed", [62, 78, 197])
 def test_an_arm_that_speeds_up_behind_a_place_where_it_feels_little_keeps_its_limit(seed: int, tmp_path: Path) -> None:
-    study = TrajectoryAtlas(waves(seed, tmp_path))
+    study = TrajectorySpeedLimits(waves(seed, tmp_path))
     rows, _ = run(study)
     scenario, moments = slowed(study, study.pace(rows), tmp_path)
-    assert worst_risk(scenario, moments[1:-1]) <= scenario.verdict.risk
+    assert worst_risk(scenario, moments[1:-1]) <= scenario.verdict.accepted_probability
 
 
 def test_speeding_up_behind_such_a_place_is_told(tmp_path: Path) -> None:
     """Every row below its own limit is not enough."""
-    study = TrajectoryAtlas(waves(78, tmp_path))
+    study = TrajectorySpeedLimits(waves(78, tmp_path))
     rows, _ = run(study)
     own = np.minimum(1.0, 0.85 * rows["limit_mm_s"].to_numpy() / np.maximum(rows["speed_mm_s"].to_numpy(), 1e-3))
     beside = np.pad(own, 1, constant_values=1.0)
     scenario, moments = slowed(study, np.minimum(own, np.minimum(beside[:-2], beside[2:])), tmp_path)
     assert worst_risk(scenario, moments[1:-1]) > 0.05
-    rows, summary = run(TrajectoryAtlas(scenario))
+    rows, summary = run(TrajectorySpeedLimits(scenario))
     assert (rows["speed_mm_s"] <= rows["limit_mm_s"]).all()
     assert not summary["acceptable"]
 
@@ -89,10 +89,10 @@ def test_least_of_ranges_is_that_of_slices(count: int) -> None:
     values = rng.normal(size=count)
     first, last = np.sort(rng.integers(0, count, (2, 60)), axis=0)
     wanted = [values[a : b + 1].min() for a, b in zip(first, last, strict=True)]
-    assert np.array_equal(least_of_ranges(values, first, last), wanted)
+    assert np.array_equal(sliding_min(values, first, last), wanted)
 
 
-def wander(seed: int, path: Path) -> tuple[TrajectoryAtlas, Any]:
+def wander(seed: int, path: Path) -> tuple[TrajectorySpeedLimits, Any]:
     """The atlas along a few random waypoints, and the cubics through them."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 8))
@@ -104,11 +104,11 @@ def wander(seed: int, path: Path) -> tuple[TrajectoryAtlas, Any]:
     return few_rows(path, t, q, qd if seed % 3 else None), given
 
 
-def slowed_atlas(study: TrajectoryAtlas, rows: Any, path: Path) -> tuple[Any, TrajectoryAtlas]:
+def slowed_atlas(study: TrajectorySpeedLimits, rows: Any, path: Path) -> tuple[Any, TrajectorySpeedLimits]:
     """The slowed trajectory, and the atlas along what was written of it."""
     slow = retime(study.trajectory, study.pace(rows), study.problem.robot.velocity, study.problem.joint_acceleration)
     write_csv(path, slow)
-    return slow, TrajectoryAtlas(study.scenario.with_values({"motion.file": str(path)}))
+    return slow, TrajectorySpeedLimits(study.scenario.with_values({"motion.file": str(path)}))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 3, 4, 6, 9])
@@ -136,20 +136,20 @@ def test_slowed_where_the_limit_has_a_corner_between_two_rows(seed: int, tmp_pat
     moves = np.linalg.norm(velocity, axis=1) > 2e-3
     limit = allowed_force(again._line_problem)
     laws = evaluate_batch(again._line, again.given.at(times[moves]), velocity[moves], limits_N=[limit])
-    assert laws.exceedance.max() <= again.scenario.verdict.risk
+    assert laws.exceedance.max() <= again.scenario.verdict.accepted_probability
 
 
 def test_values_that_fall_from_both_sides_meet_in_a_corner() -> None:
     time = np.array([0.0, 0.5, 1.5, 2.0, 3.0])
     corner = 0.2 + 0.4 * np.abs(time - 1.2)
     # The corner itself where it is inside, the lower end elsewhere.
-    assert lowest_between(time, corner) == pytest.approx([0.48, 0.2, 0.32, 0.52])
+    assert min_between(time, corner) == pytest.approx([0.48, 0.2, 0.32, 0.52])
     # A smooth valley is undercut by little; a cliff by half of what it falls to at most.
     fine = np.linspace(0, 3, 31)
-    assert 0.5 - 0.002 < lowest_between(fine, 0.5 + 0.1 * (fine - 1.15) ** 2).min() < 0.5
-    assert lowest_between(time, np.array([1.0, 0.2, 0.1, 1.0, 1.0]))[1] == 0.05
-    assert (lowest_between(time, np.ones(5)) == 1).all()
-    assert lowest_between(time[:2], np.array([0.3, 0.7])) == 0.3
+    assert 0.5 - 0.002 < min_between(fine, 0.5 + 0.1 * (fine - 1.15) ** 2).min() < 0.5
+    assert min_between(time, np.array([1.0, 0.2, 0.1, 1.0, 1.0]))[1] == 0.05
+    assert (min_between(time, np.ones(5)) == 1).all()
+    assert min_between(time[:2], np.array([0.3, 0.7])) == 0.3
 
 
 # Joints that make the arm singular where they are straight: the wrist of a UR, the elbow of an arm without offsets.
@@ -173,10 +173,10 @@ def test_a_trajectory_that_passes_a_singularity_goes_by_its_own_law_there(
     assert summary["singular"] == singular.size
     for row in found[singular.tolist()].iter_rows(named=True):
         if row["limit_mm_s"] > 0:
-            assert row["risk"] <= study.scenario.verdict.risk
+            assert row["risk"] <= study.scenario.verdict.accepted_probability
 
 
-def joint_motion(robot: str, t: Any, q: Any, qd: Any, path: Path, **changes: Any) -> TrajectoryAtlas:
+def joint_motion(robot: str, t: Any, q: Any, qd: Any, path: Path, **changes: Any) -> TrajectorySpeedLimits:
     """The atlas of a motion of an arm's joints against a finger."""
     dof = q.shape[1]
     rows = np.column_stack([t, q] if qd is None else [t, q, qd])
@@ -191,7 +191,7 @@ def joint_motion(robot: str, t: Any, q: Any, qd: Any, path: Path, **changes: Any
             "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 10.0},
         }
     )
-    return TrajectoryAtlas(scenario.with_values(changes))
+    return TrajectorySpeedLimits(scenario.with_values(changes))
 
 
 def test_an_arm_that_is_singular_all_the_way_has_limits_that_say_so(tmp_path: Path) -> None:
@@ -207,7 +207,7 @@ def test_an_arm_that_is_singular_all_the_way_has_limits_that_say_so(tmp_path: Pa
     scenario, moments = slowed(study, study.pace(rows), tmp_path)
     assert 2 < moments[-1] < 10
     # By the law of the slowed motion at single moments of it.
-    assert worst_risk(scenario, moments[40:-200:60]) <= scenario.verdict.risk
+    assert worst_risk(scenario, moments[40:-200:60]) <= scenario.verdict.accepted_probability
 
 
 @pytest.mark.parametrize(("ramp", "period", "with_rates"), [(0.02, 0.01, True), (0.02, 0.01, False), (0.1, 0.05, True)])
@@ -229,7 +229,7 @@ def test_a_motion_that_begins_and_pauses_at_rest_is_slowed_by_no_more_than_its_l
     turn = np.array([0.5, 0.1, 0, 0.2, 0, 0, 0])
     q = begin() + (there - back)[:, None] * turn
     study = few_rows(tmp_path / "t.csv", t, q, (out - home)[:, None] * turn if with_rates else None)
-    study = TrajectoryAtlas(study.scenario.with_values({"contact.body": "hand_finger"}))
+    study = TrajectorySpeedLimits(study.scenario.with_values({"contact.body": "hand_finger"}))
     rows = pl.concat([study.shard(number) for number in range(study.shards)])
     pace = study.pace(rows)
     slow = retime(study.trajectory, pace, study.problem.robot.velocity, study.problem.joint_acceleration)

@@ -187,7 +187,7 @@ def test_a_value_that_has_no_law_is_named() -> None:
 
 
 def test_a_key_that_changes_nothing_has_no_law() -> None:
-    study = ParameterStudy.of(control_group(), vary=["verdict.risk=0.1:0.9:4"])
+    study = ParameterStudy.of(control_group(), vary=["verdict.accepted_probability=0.1:0.9:4"])
     (found,) = run(study)[1]["parameters"]
     assert found["fits"] == []
     assert found["direction"] == "neither"

@@ -12,7 +12,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.cli.main import main
 from bumpstop.errors import InputError
-from bumpstop.study.requirement.requirement import HIGHER_IS_HARSHER, _Answer, require, require_curve
+from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, _Answer, require, require_curve
 from bumpstop.study.requirement.risk import Risk
 from bumpstop.study.requirement.risk_search import RiskSearch
 from bumpstop.study.variable import Range, Variable
@@ -43,7 +43,7 @@ def over(case: bs.Scenario, vary: str, value: float) -> float:
     return max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
 
 
-@pytest.mark.parametrize("vary", HIGHER_IS_HARSHER)
+@pytest.mark.parametrize("vary", HIGHER_IS_WORSE)
 def test_value_meets_the_risk_and_two_percent_more_does_not(vary: str) -> None:
     case = scenario(**({"detector.thresholds_Nm": [40, 40, 40, 40, 40, 40]} if vary == "contact.padding" else {}))
     found = require(case, vary)
@@ -51,7 +51,7 @@ def test_value_meets_the_risk_and_two_percent_more_does_not(vary: str) -> None:
     assert found.binding in ("force", "pressure")
     assert over(case, vary, found.value) <= found.risk
     step = Variable(vary).quantum(case)
-    worse = found.value * BEYOND if HIGHER_IS_HARSHER[vary] else found.value / BEYOND
+    worse = found.value * BEYOND if HIGHER_IS_WORSE[vary] else found.value / BEYOND
     assert over(case, vary, worse if step is None else found.value + step) > found.risk
 
 
@@ -159,7 +159,7 @@ TRADES = [
 @pytest.mark.parametrize(("case", "vary", "against"), TRADES)
 def test_points_of_a_trade_curve_are_on_the_edge(case: bs.Scenario, vary: str, against: str) -> None:
     second = Range.parse(against, case)
-    upward = HIGHER_IS_HARSHER[vary]
+    upward = HIGHER_IS_WORSE[vary]
     rows = require_curve(case, vary, second)
     assert [row["against"]["value"] for row in rows] == list(second.values)
     found = 0
@@ -221,7 +221,7 @@ def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
     found = require(case, "reaction.joint_acceleration_rad_s2")
     assert found.value is None
     assert found.binding == "singularity"
-    assert found.erratic
+    assert found.ill_conditioned
     # Beside the mildest value the arm gets across at some, and at others it does not.
     ends = {
         bs.evaluate(Variable(found.variable).apply(case, value)).curve.end
@@ -234,7 +234,7 @@ def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
 
 
 _FIXED = {"contact.offset_law": "fixed", "contact.offset_mm": 4.0}
-_SLOW_TICKS = {"detector.feedback_period_s": 0.012, "verdict.risk": 1e-9}
+_SLOW_TICKS = {"detector.feedback_period_s": 0.012, "verdict.accepted_probability": 1e-9}
 
 
 @pytest.mark.parametrize(
@@ -255,7 +255,7 @@ def test_every_milder_value_is_met_where_the_risk_is_a_sawtooth(
     found = require(case, vary, high=high)
     assert found.value is not None
     milder = np.geomspace(0.5 * found.value, found.value, 60)
-    assert max(over(case, vary, float(value)) for value in milder) <= case.verdict.risk
+    assert max(over(case, vary, float(value)) for value in milder) <= case.verdict.accepted_probability
 
 
 def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> None:
@@ -264,7 +264,7 @@ def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> 
         "motion.velocity_mm_s": [48.25, 24.125, -48.25],
         "contact.offset_law": "fixed",
         "contact.offset_mm": 6.18,
-        "verdict.risk": 0.01,
+        "verdict.accepted_probability": 0.01,
     }
     case = scenario(**changes)
     found = require(case, "detector.feedback_period_s")
@@ -284,7 +284,7 @@ def test_every_shorter_feedback_period_is_met_where_the_last_ticks_decide() -> N
         contact__stiffness_N_m=5600.0,
         detector__thresholds_Nm=[5, 3, 5, 5, 5, 5, 5],
         detector__noise_sd_Nm=0.6,
-        verdict__risk=0.02,
+        verdict__accepted_probability=0.02,
     )
     vary = "detector.feedback_period_s"
     fails = [ms for ms in range(1, 61) if over(case, vary, ms / 1000) > 0.02]
@@ -323,12 +323,12 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> N
             "feedback_period_s": 0.001,
         },
         "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.84},
-        "verdict": {"risk": 1.8e-5},
+        "verdict": {"accepted_probability": 1.8e-5},
     })  # fmt: skip
     found = require(case, "contact.padding")
     assert found.value is not None
     milder = np.geomspace(found.value / 4, found.value, 40)
-    assert max(over(case, "contact.padding", float(value)) for value in milder) <= case.verdict.risk
+    assert max(over(case, "contact.padding", float(value)) for value in milder) <= case.verdict.accepted_probability
 
 
 def test_an_arm_that_starts_from_rest_meets_the_risk_at_lower_speeds_too() -> None:
@@ -339,14 +339,14 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_lower_speeds_too() -> No
         "contact.offset_mm": 4.7,
         "detector.feedback_period_s": 0.004,
         "reaction.joint_acceleration_rad_s2": 2.64,
-        "verdict.risk": 5.5e-5,
+        "verdict.accepted_probability": 5.5e-5,
     })  # fmt: skip
     found = require(case, "motion.speed")
     assert found.value is not None
     lower = np.geomspace(0.8 * found.value, found.value, 60)
-    assert max(over(case, "motion.speed", float(value)) for value in lower) <= case.verdict.risk
+    assert max(over(case, "motion.speed", float(value)) for value in lower) <= case.verdict.accepted_probability
     beyond = found.value * np.linspace(1.0005, 1.005, 10)
-    assert max(over(case, "motion.speed", float(value)) for value in beyond) > case.verdict.risk
+    assert max(over(case, "motion.speed", float(value)) for value in beyond) > case.verdict.accepted_probability
 
 
 # An arm that lags behind its line: the risk falls for a while with harder padding, and jumps where it is a step later.
@@ -369,7 +369,7 @@ def test_values_close_below_a_crossing_are_met_where_the_risk_jumps(high: float)
     case = bs.Scenario.from_dict(LAGGING)
     found = require(case, "contact.padding", low=1e3, high=high)
     assert found.value is not None
-    assert found.erratic
+    assert found.ill_conditioned
     for step in np.linspace(0, 0.03, 7):
         assert over(case, "contact.padding", found.value * math.exp(-step)) <= found.risk
 
@@ -388,7 +388,7 @@ class Step:
 
 def stepped(vary: str, last: float, ends: tuple[float, float]) -> tuple[RiskSearch, Any]:
     """A search whose values are met up to ``last`` in the harsher direction, and its answer."""
-    variable, upward = Variable(vary), HIGHER_IS_HARSHER[vary]
+    variable, upward = Variable(vary), HIGHER_IS_WORSE[vary]
     search = RiskSearch(scenario(), variable, ends, 1e-3, upward=upward)
     search.risks = Step(search, last)  # type: ignore[assignment]
     return search, _Answer(search, ends).requirement()

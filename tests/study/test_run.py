@@ -294,7 +294,7 @@ class Unordered(Grouped):
 
     def several(self, numbers: Any) -> list[pl.DataFrame]:
         time.sleep(0.05 if 0 in numbers else 0.0)
-        return super().several(numbers)
+        return super().shard_batch(numbers)
 
 
 def test_groups_that_end_in_another_order_make_the_same_rows(tmp_path: Path) -> None:

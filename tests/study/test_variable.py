@@ -27,7 +27,7 @@ from collision.cases import control_group
         ("pose_deg[2]", 30, "deg", 31),
         ("reaction.joint_acceleration_rad_s2", 4.5, "rad/s2", 9),
         ("motion.velocity_mm_s[1]", 0, "mm/s", 7),
-        ("verdict.risk", 1e-3, "", 1e-4),
+        ("verdict.accepted_probability", 1e-3, "", 1e-4),
         ("simulation.substeps", 5, "", 3),
     ],
 )

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
-from bumpstop.detection import blind_force_along
+from bumpstop.detection import undetectable_force_along
 from bumpstop.kernels import core
 from bumpstop.report.studies.workspace import pages_of
 from bumpstop.study import run
@@ -69,7 +69,7 @@ def test_threads_and_shards_change_nothing(
     assert small.shards == 3
     assert run(small, threads=2)[0].equals(run(small)[0])
     assert run(small)[0]["q_1"].n_unique() == 60, "every shard draws poses of its own"
-    together = small.several([2, 0, 1])
+    together = small.shard_batch([2, 0, 1])
     for number, shard in zip((2, 0, 1), together, strict=True):
         assert shard.equals(small.shard(number), null_equal=True), number
     # The first poses of a longer study are those of a shorter one.
@@ -204,11 +204,11 @@ def test_the_worst_direction_is_felt_least_of_all(
     assert np.linalg.norm(worst, axis=1) == pytest.approx(np.ones(len(worst)))
     finite = np.isfinite(largest)
     assert finite.sum() > 60
-    along = blind_force_along(robot, q[finite], worst[finite], thresholds)
+    along = undetectable_force_along(robot, q[finite], worst[finite], thresholds)
     assert along == pytest.approx(largest[finite], rel=1e-9)
     for other in np.random.default_rng(0).normal(size=(50, 3)):
         unit = other / np.linalg.norm(other)
-        assert (blind_force_along(robot, q[finite], unit, thresholds) <= largest[finite] * (1 + 1e-9)).all()
+        assert (undetectable_force_along(robot, q[finite], unit, thresholds) <= largest[finite] * (1 + 1e-9)).all()
     # At the same speed the arm is expected to hit harder there, but for what the joints add by braking longer.
     both = rows.filter(rows["trusted"] & rows["worst_trusted"])
     assert both.height > 20

@@ -18,7 +18,7 @@ _ENDS = {0: "horizon", 1: "joint_limit", 2: "singularity", 3: "certain_detection
 
 
 @dataclass(frozen=True, eq=False)
-class BatchLaws:
+class BatchResult:
     """What is kept of the law of every pose; NaN where the start is singular.
 
     Attributes:
@@ -49,7 +49,7 @@ def evaluate_batch(
     probabilities: npt.ArrayLike = (0.5, 0.95, 0.99, 0.999),
     limits_N: npt.ArrayLike = (),
     threads: int = 1,
-) -> BatchLaws:
+) -> BatchResult:
     """Work out the exact laws of many poses and velocities; all else is as in ``scenario``.
 
     Args:
@@ -116,7 +116,7 @@ def evaluate_batch(
         threads,
     )
     names = np.array([_ENDS.get(i, "") for i in range(256)])
-    return BatchLaws(
+    return BatchResult(
         mean=out["mean"],
         sd=out["sd"],
         quantile=out["quantile"],

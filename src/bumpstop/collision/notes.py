@@ -13,13 +13,13 @@ from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.collision.verdict.verdict import percent
 
 if TYPE_CHECKING:
-    from bumpstop.collision.result import ForceLaw
+    from bumpstop.collision.result import CollisionResult
 
 # Of so many runs the standard error is a third.
-_FEWEST = 10
+_MIN_EXPECTED_RUNS = 10
 
 
-def notes_of(law: ForceLaw) -> list[str]:
+def notes_of(law: CollisionResult) -> list[str]:
     """All of them, in the order in which they are read."""
     problem = law.problem
     scenario, limits = problem.scenario, problem.limits
@@ -53,11 +53,15 @@ def notes_of(law: ForceLaw) -> list[str]:
     return notes
 
 
-def sample_notes(law: ForceLaw) -> list[str]:
+def sample_notes(law: CollisionResult) -> list[str]:
     """Whether a sampled law is too small to be judged by the accepted probabilities."""
     settings = law.scenario.verdict
-    risk = settings.max_false_alarm if law.problem.limits is None else min(settings.risk, settings.max_false_alarm)
-    if law.samples is None or law.samples * risk >= _FEWEST:
+    risk = (
+        settings.max_false_alarm
+        if law.problem.limits is None
+        else min(settings.accepted_probability, settings.max_false_alarm)
+    )
+    if law.samples is None or law.samples * risk >= _MIN_EXPECTED_RUNS:
         return []
     return [
         f"{law.samples} sampled collisions are too few to judge by: a probability of the accepted {percent(risk)} is "
@@ -65,7 +69,7 @@ def sample_notes(law: ForceLaw) -> list[str]:
     ]
 
 
-def line_end_notes(law: ForceLaw) -> list[str]:
+def line_end_notes(law: CollisionResult) -> list[str]:
     """What an arm does that cannot follow its line any farther."""
     problem, curve = law.problem, law.curve
     if problem.trajectory is not None:
@@ -82,7 +86,7 @@ def line_end_notes(law: ForceLaw) -> list[str]:
     return notes
 
 
-def swing_notes(law: ForceLaw) -> list[str]:
+def swing_notes(law: CollisionResult) -> list[str]:
     """Whether an arm that reverses may press harder than it does as long as it is followed."""
     if law.problem.trajectory is not None:
         return []
@@ -96,7 +100,7 @@ def swing_notes(law: ForceLaw) -> list[str]:
     ]
 
 
-def _contact_notes(law: ForceLaw) -> list[str]:
+def _contact_notes(law: CollisionResult) -> list[str]:
     problem = law.problem
     if problem.body_mass is None:
         return [
@@ -116,7 +120,7 @@ def _contact_notes(law: ForceLaw) -> list[str]:
         )
     else:
         notes.append("The arm is position-driven: contact does not slow it.")
-    anywhere = problem.trajectory is not None and problem.scenario.motion.contact_time == "uniform"
+    anywhere = problem.trajectory is not None and problem.scenario.motion.contact_onset_s == "uniform"
     which = "the impact that is hardest on average" if anywhere else "the impact"
     undetected = f"Undetected, {which} comes to {bounds.position_driven:.4g} N"
     if bounds.reduced_mass is None:
@@ -130,7 +134,7 @@ def _contact_notes(law: ForceLaw) -> list[str]:
     return notes
 
 
-def _noise_notes(law: ForceLaw) -> list[str]:
+def _noise_notes(law: CollisionResult) -> list[str]:
     problem, detector = law.problem, law.scenario.detector
     notes = []
     if problem.residuals is not None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bumpstop.collision.trajectory.trajectory import Trajectory
 
 # A day of ticks at a kilohertz would exhaust memory long before anything is learned from it.
-MOST_STEPS = 2_000_000
+MAX_STEPS = 2_000_000
 
 
 @dataclass(frozen=True)
@@ -180,11 +180,11 @@ class Problem:
         tip_link, tip_point = robot.frame(None)
         link, point = self.contact_point
         steps = round(motion.duration_s / step)
-        if not 1 <= steps <= MOST_STEPS:
+        if not 1 <= steps <= MAX_STEPS:
             raise InputError(
                 "motion.duration_s",
                 f"{motion.duration_s} is {motion.duration_s / step:.7g} simulation steps",
-                f"wanted 1 to {MOST_STEPS}",
+                f"wanted 1 to {MAX_STEPS}",
             )
         normal = None
         if contact.normal is not None:

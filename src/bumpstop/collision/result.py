@@ -12,7 +12,11 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_whole_number
 from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
-from bumpstop.collision.distribution.contact_duration import contact_times, exact_contact_time, sampled_contact_time
+from bumpstop.collision.distribution.contact_duration import (
+    first_passage_times,
+    integrated_contact_duration,
+    monte_carlo_contact_duration,
+)
 from bumpstop.collision.distribution.distribution import (
     NEGLIGIBLE,
     Distribution,
@@ -20,7 +24,7 @@ from bumpstop.collision.distribution.distribution import (
     SampledDistribution,
 )
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_seed, in_blocks
-from bumpstop.collision.distribution.transient_contact import FreeQuantities, ImpactBounds, impact_bounds
+from bumpstop.collision.distribution.transient_contact import ImpactBounds, TransientQuantities, impact_bounds
 from bumpstop.collision.notes import notes_of
 from bumpstop.collision.problem import Problem
 from bumpstop.collision.scenario.scenario import as_scenario
@@ -39,7 +43,7 @@ RESAMPLED_RUNS = 100_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ForceLaw:
+class CollisionResult:
     """The distribution of one collision over contact offset and sensor noise.
 
     Attributes:
@@ -52,13 +56,13 @@ class ForceLaw:
         detection_delay: from contact to the tick that detects it [s], given the same.
         trigger_joint_probability: (dof,) joint over its threshold at the tick of detection, given detection. Sums to
             more than 1 where joints fire together.
-        several_joints_probability: two or more joints at that tick, given detection.
+        multi_joint_probability: two or more joints at that tick, given detection.
         false_alarm_probability: detection before contact.
         undetected_probability: contact, but no detection by the end of the motion.
         no_contact_probability: neither contact nor alarm by the end of the motion.
         runs: of the sampled law: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and residual, and
             whether it was ``felt``: detected after contact.
-        free_contact_time: of free contact, until the body has got away [s].
+        transient_contact_duration: of free contact, until the body has got away [s].
     """
 
     problem: Problem
@@ -68,7 +72,7 @@ class ForceLaw:
     force_at_detection: Distribution
     detection_delay: Distribution
     trigger_joint_probability: FloatArray
-    several_joints_probability: float
+    multi_joint_probability: float
     false_alarm_probability: float
     undetected_probability: float
     no_contact_probability: float
@@ -76,7 +80,7 @@ class ForceLaw:
     seed: int | None = None
     runs: dict[str, npt.NDArray[Any]] | None = None
     kernel: Any = None
-    free_contact_time: Distribution | None = None
+    transient_contact_duration: Distribution | None = None
 
     def __repr__(self) -> str:
         """What hits how hard: its arrays would fill screens."""
@@ -100,28 +104,28 @@ class ForceLaw:
         return self.peak_force.scaled(1e3 / self.problem.body_stiffness)
 
     @cached_property
-    def contact_time(self) -> Distribution | None:
+    def contact_duration(self) -> Distribution | None:
         """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
         if self.problem.body_mass is not None:
-            return self.free_contact_time
+            return self.transient_contact_duration
         if self.scenario.reaction.kind == "stop":
             return None
         if self.kind == "exact":
-            return self._exact_contact_time[0]
+            return self._integrated_contact_duration[0]
         assert self.runs is not None
-        times = sampled_contact_time(self.problem, self.curve.kernel, self.runs["tick"], self.runs["offset"])
+        times = monte_carlo_contact_duration(self.problem, self.curve.kernel, self.runs["tick"], self.runs["offset"])
         return SampledDistribution(times[np.isfinite(times)])
 
     @cached_property
-    def _exact_contact_time(self) -> tuple[Distribution, float]:
-        return exact_contact_time(self.problem, self.curve.kernel, self.kernel)
+    def _integrated_contact_duration(self) -> tuple[Distribution, float]:
+        return integrated_contact_duration(self.problem, self.curve.kernel, self.kernel)
 
     @property
     def left_in_contact_probability(self) -> float:
         """Detected, and still in clamped contact where the reversing arm is followed no farther; exact laws only."""
         if self.kind != "exact" or self.problem.body_mass is not None or self.scenario.reaction.kind == "stop":
             return 0.0
-        return self._exact_contact_time[1]
+        return self._integrated_contact_duration[1]
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -266,16 +270,16 @@ class ForceLaw:
 
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""
-        contact_time = self.contact_time
+        contact_duration = self.contact_duration
         result: dict[str, Any] = {
             "peak_force_N": self.peak_force.to_json(),
             "pressure_N_cm2": self.pressure.to_json(),
             "compression_mm": self.compression.to_json(),
             "force_at_detection_N": self.force_at_detection.to_json(),
             "detection_delay_s": self.detection_delay.to_json(),
-            "contact_time_s": None if contact_time is None else contact_time.to_json(),
+            "contact_duration_s": None if contact_duration is None else contact_duration.to_json(),
             "trigger_joint_probability": [_finite(p) for p in self.trigger_joint_probability],
-            "several_joints_probability": _finite(self.several_joints_probability),
+            "multi_joint_probability": _finite(self.multi_joint_probability),
             "false_alarm_probability": self.false_alarm_probability,
             "undetected_probability": self.undetected_probability,
             "no_contact_probability": self.no_contact_probability,
@@ -301,7 +305,7 @@ def evaluate(
     threads: int = 1,
     refinement: int = 1,
     progress: Progress | None = None,
-) -> ForceLaw:
+) -> CollisionResult:
     """Work out the whole distribution of a collision.
 
     Args:
@@ -325,12 +329,12 @@ def evaluate(
     elif problem.residuals is not None:
         samples = RESAMPLED_RUNS
     if problem.trajectory is not None:
-        from bumpstop.collision.trajectory.trajectory_result import exact_trajectory_law, sampled_trajectory_law
+        from bumpstop.collision.trajectory.trajectory_result import integrate_trajectory, monte_carlo_trajectory
 
         if samples is None:
-            return exact_trajectory_law(problem, refinement=refinement)
+            return integrate_trajectory(problem, refinement=refinement)
         return in_blocks(
-            lambda first, size: sampled_trajectory_law(
+            lambda first, size: monte_carlo_trajectory(
                 problem, samples=size, seed=block_seed(seed, first), threads=threads
             ),
             samples,
@@ -338,15 +342,15 @@ def evaluate(
         )
     curve = stopping_curve(problem)
     if samples is None:
-        return exact_law(problem, curve, refinement=refinement)
+        return integrate(problem, curve, refinement=refinement)
     return in_blocks(
-        lambda first, size: sampled_law(problem, curve, samples=size, seed=seed, threads=threads, first=first),
+        lambda first, size: monte_carlo(problem, curve, samples=size, seed=seed, threads=threads, first=first),
         samples,
         progress,
     )
 
 
-def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) -> ForceLaw:
+def integrate(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) -> CollisionResult:
     """Integrate over contact offset and noise on a stopping curve of this problem's pose, motion and reaction.
 
     Args:
@@ -367,10 +371,10 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
     with np.errstate(invalid="ignore"):
         triggers = np.minimum(1.0, np.asarray(law.trigger) / (detected if detected > 0 else math.nan))
     if problem.body_mass is not None:
-        free = FreeQuantities(law)
+        free = TransientQuantities(law)
         peak_force: Distribution = free.peak_force()
         force_at_detection: Distribution = free.force_at_detection()
-        contact_time: Distribution | None = free.contact_time()
+        contact_duration: Distribution | None = free.contact_duration()
     else:
         peak_force = ExactDistribution(
             law,
@@ -380,17 +384,17 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
             far_tail=lambda force: float(curve.kernel.tail_directly(*question, force)),
         )
         force_at_detection = ExactDistribution(law, "force_at_detection", condition=after_contact)
-        contact_time = None
-    return ForceLaw(
+        contact_duration = None
+    return CollisionResult(
         problem=problem,
         curve=curve,
         kind="exact",
         peak_force=peak_force,
         force_at_detection=force_at_detection,
-        free_contact_time=contact_time,
+        transient_contact_duration=contact_duration,
         detection_delay=ExactDistribution(law, "detection_delay", condition=after_contact),
         trigger_joint_probability=triggers,
-        several_joints_probability=min(1.0, law.several / detected) if detected > 0 else math.nan,
+        multi_joint_probability=min(1.0, law.several / detected) if detected > 0 else math.nan,
         false_alarm_probability=law.false_alarm,
         undetected_probability=undetected,
         no_contact_probability=max(0.0, law.no_contact),
@@ -398,14 +402,14 @@ def exact_law(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
     )
 
 
-def sampled_law(
+def monte_carlo(
     problem: Problem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1, first: int = 0
-) -> ForceLaw:
+) -> CollisionResult:
     """Draw single collisions on a stopping curve of this problem's pose, motion and reaction.
 
     Args:
         problem: a checked scenario.
-        curve: as for :func:`exact_law`.
+        curve: as for :func:`integrate`.
         samples: number of collisions.
         seed: 0 to 2^64 - 1. The same seed gives the same collisions, whatever the threads.
         threads: that share the work.
@@ -450,27 +454,27 @@ def sampled_law(
     missed = ~detected & touches
     peak = np.where(detected, peak, np.where(missed & (curve.end == "horizon"), math.inf, greatest))
     force = K * np.maximum(0.0, at_tick(curve.tick_distance) - offset)
-    free_contact_time = None
+    transient_contact_duration = None
     # From the first tick in contact on, also where the arm falls back from the body again.
     felt = detected & (tick >= np.searchsorted(np.maximum.accumulate(curve.tick_distance), offset, side="right"))
     if problem.body_mass is not None:
         peak, force = runs["peak_force"], np.where(detected, runs["force_at_detection"], 0.0)
         felt = detected & (force > 0)
-        free_contact_time = SampledDistribution(runs["duration"][runs["duration"] > 0])
-    delay = at_tick(curve.tick_time) - contact_times(curve.distance, offset, step)
+        transient_contact_duration = SampledDistribution(runs["duration"][runs["duration"] > 0])
+    delay = at_tick(curve.tick_time) - first_passage_times(curve.distance, offset, step)
     dof = problem.robot.dof
     fired = (runs["triggers"][:, None] >> np.arange(dof, dtype=np.uint32)) & 1
     some = detected.any()
-    return ForceLaw(
+    return CollisionResult(
         problem=problem,
         curve=curve,
         kind="sampled",
         peak_force=SampledDistribution(peak, None if problem.body_mass is not None or curve.end in AT_REST else missed),
-        free_contact_time=free_contact_time,
+        transient_contact_duration=transient_contact_duration,
         force_at_detection=SampledDistribution(force[felt]),
         detection_delay=SampledDistribution(delay[felt]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(dof, math.nan),
-        several_joints_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
+        multi_joint_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
         false_alarm_probability=float((detected & ~felt).mean()),
         undetected_probability=float(missed.mean()),
         no_contact_probability=float((~detected & ~touches).mean()),
@@ -490,5 +494,5 @@ def _horizon(problem: Problem) -> int:
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
 
 
-def _end_time(law: ForceLaw) -> float:
+def _end_time(law: CollisionResult) -> float:
     return float(law.curve.kernel.cut_step * law.scenario.simulation.step_s)

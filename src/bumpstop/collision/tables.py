@@ -11,10 +11,10 @@ from bumpstop.arrays import FloatArray
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.collision.result import ForceLaw
+    from bumpstop.collision.result import CollisionResult
 
 
-def law_table(law: ForceLaw) -> pl.DataFrame:
+def result_table(law: CollisionResult) -> pl.DataFrame:
     """The law as a table.
 
     Of the exact law: one row per probability with the quantile of every quantity. Of the sampled law: one row per run
@@ -23,7 +23,7 @@ def law_table(law: ForceLaw) -> pl.DataFrame:
     return _quantile_table(law) if law.kind == "exact" else _run_table(law)
 
 
-def _quantile_table(law: ForceLaw) -> pl.DataFrame:
+def _quantile_table(law: CollisionResult) -> pl.DataFrame:
     import polars as pl
 
     p = np.concatenate([np.arange(1, 100) / 100, [0.995, 0.999, 0.9995, 0.9999]])
@@ -32,7 +32,7 @@ def _quantile_table(law: ForceLaw) -> pl.DataFrame:
         ("peak_force_N", law.peak_force),
         ("force_at_detection_N", law.force_at_detection),
         ("detection_delay_s", law.detection_delay),
-        ("contact_time_s", law.contact_time),
+        ("contact_duration_s", law.contact_duration),
     ):
         if quantity is not None:
             columns[name] = np.array([quantity.quantile(float(x)) for x in p])
@@ -42,7 +42,7 @@ def _quantile_table(law: ForceLaw) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def _run_table(law: ForceLaw) -> pl.DataFrame:
+def _run_table(law: CollisionResult) -> pl.DataFrame:
     import polars as pl
 
     assert law.runs is not None
@@ -56,7 +56,7 @@ def _run_table(law: ForceLaw) -> pl.DataFrame:
     nothing = np.full(n, np.nan)
     columns: dict[str, np.ndarray] = {
         "run": np.arange(n),
-        **({"offset_m": offset} if trajectory is None else {"contact_time_s": runs["contact_time"]}),
+        **({"offset_m": offset} if trajectory is None else {"contact_onset_s": runs["onset"]}),
         "detected": detected,
         "detection_tick": tick,
         "detection_time_s": np.where(detected, curve.tick_time[at], nothing),
@@ -97,7 +97,7 @@ def _run_table(law: ForceLaw) -> pl.DataFrame:
     return table.with_columns(pl.lit(value).alias(name) for name, value in constants.items())
 
 
-def _contacts(law: ForceLaw) -> tuple[FloatArray, FloatArray]:
+def _contacts(law: CollisionResult) -> tuple[FloatArray, FloatArray]:
     """Where contact begins in every run [m] and the normal there, base frame (runs, 3) each."""
     assert law.runs is not None
     problem, curve, offset = law.problem, law.curve, law.runs["offset"]
@@ -105,12 +105,12 @@ def _contacts(law: ForceLaw) -> tuple[FloatArray, FloatArray]:
         return curve.start + offset[:, None] * curve.normal, np.tile(curve.normal, (offset.size, 1))
     from bumpstop.collision.trajectory.onset import approach
 
-    begin, contact = law.runs["contact_time"], law.scenario.contact
+    begin, contact = law.runs["onset"], law.scenario.contact
     poses = problem.robot.pose(problem.trajectory.at(begin), contact.link, contact.point_m)
     return poses[:, :3, 3], approach(problem, begin)[0]
 
 
-def _singular_values(law: ForceLaw, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
+def _singular_values(law: CollisionResult, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Singular values of the six-row tip Jacobian (runs, min(6, dof)) and their ratio at a tick of every run.
 
     As in the source, rotational and translational rows are mixed: the figures depend on the unit of length.

@@ -11,7 +11,7 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.text_files import parse_toml
 
 # Wide enough for any body and any unit slip, narrow enough that no derived number overflows or vanishes.
-_SMALLEST, _LARGEST = 1e-6, 1e6
+_MIN_VALUE, _MAX_VALUE = 1e-6, 1e6
 
 _TABLE_KEYS = ("name", "title", "source", "status", "note", "region", "area")
 _REGION_KEYS = (
@@ -63,14 +63,14 @@ class _Row:
         return value
 
     def number(self, key: str, valid: str) -> float:
-        valid = f"{valid} from {_SMALLEST:g} to {_LARGEST:g}"
+        valid = f"{valid} from {_MIN_VALUE:g} to {_MAX_VALUE:g}"
         if key not in self._data:
             raise self.refuse(key, "missing", f"give {valid}")
         value = self._data[key]
         # In Python true is the integer 1; in a limit table it is a slip.
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.refuse(key, f"{value!r} is no number", valid)
-        if not _SMALLEST <= value <= _LARGEST:  # NaN fails every comparison
+        if not _MIN_VALUE <= value <= _MAX_VALUE:  # NaN fails every comparison
             raise self.refuse(key, f"{value!r} is out of range", valid)
         return float(value)
 

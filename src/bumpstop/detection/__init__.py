@@ -7,25 +7,23 @@ from bumpstop.detection.offline import detect, residual_record
 from bumpstop.detection.scoring.labels import Label, load_labels
 from bumpstop.detection.scoring.scoring import Roc, Score, Tolerance, event_times, gaps, roc, scaled_residual, score
 from bumpstop.detection.sensitivity import (
-    BlindForces,
-    BlindStretch,
-    blind_force_along,
-    blind_forces,
-    blind_stretches,
+    UndetectableForces,
+    UndetectableStretch,
     largest_undetected_force,
     largest_undetected_torque,
     required_torque,
+    undetectable_force_along,
+    undetectable_forces,
+    undetectable_stretches,
 )
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.detection.tuning.residual_record import ResidualRecord
-from bumpstop.detection.tuning.tuning import FARTHEST, Tuning, tune
+from bumpstop.detection.tuning.tuning import MAX_EXTRAPOLATION, Tuning, tune
 
 __all__ = [
-    "FARTHEST",
-    "BlindForces",
-    "BlindStretch",
+    "MAX_EXTRAPOLATION",
     "DetectionRun",
     "Detector",
     "DetectorSettings",
@@ -38,9 +36,8 @@ __all__ = [
     "Thresholds",
     "Tolerance",
     "Tuning",
-    "blind_force_along",
-    "blind_forces",
-    "blind_stretches",
+    "UndetectableForces",
+    "UndetectableStretch",
     "describe_detector",
     "detect",
     "event_times",
@@ -55,4 +52,7 @@ __all__ = [
     "scaled_residual",
     "score",
     "tune",
+    "undetectable_force_along",
+    "undetectable_forces",
+    "undetectable_stretches",
 ]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _ANY = 1e300  # a threshold that nothing reaches: the channel is worked out where some joint has one
 
 
-def fast_channel(series: ResidualSeries, settings: DetectorSettings | None = None) -> FloatArray:
+def band_pass_channel(series: ResidualSeries, settings: DetectorSettings | None = None) -> FloatArray:
     """(N, dof) of the fast channel, begun anew behind gaps [Nm or N].
 
     Args:

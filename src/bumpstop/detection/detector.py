@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 # Of a period: samples closer together repeat each other.
-_SHORTEST = 0.1
+_MIN_PERIOD_SHARE = 0.1
 _NOISE_PER_THRESHOLD = 3.0
 # Of the speed limits, and at least [rad/s or m/s].
 _UNWATCHED_TIMES = 10.0
@@ -299,7 +299,7 @@ class Detector:
         out.set_contact(robot.chain, number, point.tolist())
         samples = out.samples
         samples.period = period
-        samples.shortest_interval = _SHORTEST * period
+        samples.shortest_interval = _MIN_PERIOD_SHARE * period
         samples.late_interval = given.late_periods * period
         samples.longest_interval = given.longest_periods * period
         limited = np.isin(np.arange(n), self._limited)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-_LEAST_REPEATS = 4  # of a row that count as frozen, as in sample_guard.hpp
+_MIN_REPEATS = 4  # of a row that count as frozen, as in sample_guard.hpp
 _TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
 
 
@@ -180,8 +180,8 @@ def _frozen(recording: Recording, t: FloatArray, frozen_s: float) -> npt.NDArray
     found = np.zeros(t.size, dtype=bool)
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         begin, end = recording.t[first] + frozen_s, recording.t[last]
-        if last - first >= _LEAST_REPEATS and end > begin:
-            found |= (t > max(begin, recording.t[first + _LEAST_REPEATS - 1])) & (t <= end)
+        if last - first >= _MIN_REPEATS and end > begin:
+            found |= (t > max(begin, recording.t[first + _MIN_REPEATS - 1])) & (t <= end)
     return found
 
 

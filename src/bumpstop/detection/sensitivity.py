@@ -20,7 +20,7 @@ _WARNING_ENDS = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class BlindForces:
+class UndetectableForces:
     """Forces that go unnoticed at N poses, in any direction; without the leading N for a single pose.
 
     Attributes:
@@ -59,7 +59,7 @@ class BlindForces:
         return self.axes[int(self.rank) :]
 
 
-def blind_forces(
+def undetectable_forces(
     robot: Robot,
     q: npt.ArrayLike,
     thresholds: PerJoint,
@@ -69,7 +69,7 @@ def blind_forces(
     noise_mean: PerJoint = 0.0,
     noise_sd: PerJoint = 0.0,
     z: float = 0.0,
-) -> BlindForces:
+) -> UndetectableForces:
     """Largest force at a point of a link that no threshold notices: the farthest vertex of a polytope.
 
     The forces are ``{ f : -(theta_j + z sigma_j) <= (J_v' f)_j + mu_j <= theta_j + z sigma_j }``, f being what the arm
@@ -90,15 +90,15 @@ def blind_forces(
         InputError: a shape, a threshold that is not positive, or a mean that alarms by itself.
     """
     rows, single = as_rows(q, "q", robot.dof)
-    low, high = blind_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
+    low, high = residual_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
     jacobian = robot.jacobian(rows, link, point)[:, :3]
     found = core.blind_forces(np.ascontiguousarray(jacobian), low, high)
     largest, felt, farthest, singular, rank, axes = (value[0] if single else value for value in found)
-    return BlindForces(largest, felt, farthest, rank, axes, singular)
+    return UndetectableForces(largest, felt, farthest, rank, axes, singular)
 
 
 @dataclass(frozen=True)
-class BlindStretch:
+class UndetectableStretch:
     """A part of a motion in which more than a given force can go unnoticed.
 
     Attributes:
@@ -116,7 +116,7 @@ class BlindStretch:
         return {"start_s": self.start_s, "end_s": self.end_s, "largest_N": largest}
 
 
-def blind_stretches(
+def undetectable_stretches(
     robot: Robot,
     t: npt.ArrayLike,
     q: npt.ArrayLike,
@@ -127,14 +127,14 @@ def blind_stretches(
     point: npt.ArrayLike = (0.0, 0.0, 0.0),
     dead_zone: PerJoint = 0.0,
     rest_speed: PerJoint = REST_SPEED,
-) -> tuple[BlindStretch, ...]:
+) -> tuple[UndetectableStretch, ...]:
     """When an arm is in poses where more than a given force can go unnoticed, as ``BlindPoseWatch`` in C++ warns of it.
 
     A stretch begins at the first row beyond the limit, and ends before the first that is 5 % below it or more. While a
     joint stands still, its threshold is reached only beyond what its friction holds.
 
     Args:
-        robot: as of :func:`blind_forces`, like all but ``t`` and ``limit_N``.
+        robot: as of :func:`undetectable_forces`, like all but ``t`` and ``limit_N``.
         t: (N,) times [s].
         q: (N, dof) positions [rad or m].
         thresholds: constant ones [Nm or N].
@@ -145,7 +145,7 @@ def blind_stretches(
         rest_speed: up to which a joint stands, one or (dof,) [rad/s or m/s].
 
     Raises:
-        InputError: as :func:`blind_forces`; a limit that is not above 0.
+        InputError: as :func:`undetectable_forces`; a limit that is not above 0.
     """
     if not as_number(limit_N, "limit_N") > 0:
         raise InputError("limit_N", f"is {limit_N}", "wanted more than 0")
@@ -161,21 +161,23 @@ def blind_stretches(
     largest = np.empty(times.size)
     for kind, standing in enumerate(kinds):
         here = of.ravel() == kind
-        found_here = blind_forces(robot, rows[here], theta + standing * hidden, link=link, point=point)
+        found_here = undetectable_forces(robot, rows[here], theta + standing * hidden, link=link, point=point)
         largest[here] = found_here.largest
-    found: list[BlindStretch] = []
+    found: list[UndetectableStretch] = []
     begin: int | None = None
     for row, force in enumerate([*largest.tolist(), 0.0]):
         limit = limit_N if begin is None else _WARNING_ENDS * limit_N
         if force > limit:
             begin = row if begin is None else begin
         elif begin is not None:
-            found.append(BlindStretch(float(times[begin]), float(times[row - 1]), float(largest[begin:row].max())))
+            found.append(
+                UndetectableStretch(float(times[begin]), float(times[row - 1]), float(largest[begin:row].max()))
+            )
             begin = None
     return tuple(found)
 
 
-def blind_force_along(
+def undetectable_force_along(
     robot: Robot,
     q: npt.ArrayLike,
     direction: npt.ArrayLike,
@@ -190,7 +192,7 @@ def blind_force_along(
     """Largest force along a direction that no threshold notices: min over j of (theta_j + z sigma_j -+ mu_j) / |a_j|.
 
     Args:
-        robot: as of :func:`blind_forces`, like all but ``direction``.
+        robot: as of :func:`undetectable_forces`, like all but ``direction``.
         q: joint positions, (dof,) or (N, dof) [rad or m].
         direction: in which the arm pushes, unit vector in B. (3,), or (N, 3) with a row for each of ``q``.
         thresholds: theta [Nm or N].
@@ -212,21 +214,21 @@ def blind_force_along(
         raise InputError("direction", f"has shape {np.shape(direction)}", f"wanted (3,) or ({len(rows)}, 3)")
     if (np.abs(np.linalg.norm(along, axis=1) - 1) > 1e-9).any():
         raise InputError("direction", "is no unit vector", "wanted length 1")
-    low, high = blind_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
+    low, high = residual_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
     jacobian = np.ascontiguousarray(robot.jacobian(rows, link, point)[:, :3])
     along = np.ascontiguousarray(np.broadcast_to(along, (len(rows), 3)))
     forces: FloatArray = core.blind_forces_along(jacobian, low, high, along)
     return forces[0] if single else forces
 
 
-def blind_band(
+def residual_band(
     dof: int, thresholds: PerJoint, *, noise_mean: PerJoint = 0.0, noise_sd: PerJoint = 0.0, z: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
     """Contact torques of each joint that may go unnoticed, lowest and highest, each (dof,) [Nm or N].
 
     Args:
         dof: joints of the robot.
-        thresholds: theta, one or (dof,), as of :func:`blind_forces`.
+        thresholds: theta, one or (dof,), as of :func:`undetectable_forces`.
         noise_mean: mu.
         noise_sd: sigma.
         z: standard deviations by which they are moved out.

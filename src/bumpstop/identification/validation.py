@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-_LEAST_IN_BIN = 20
+_MIN_IN_BIN = 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,7 +114,7 @@ def binned_error(x: FloatArray, error: FloatArray, bins: int) -> BinnedError:
     edges = np.linspace(low, high, bins + 1)
     place = np.digitize(x, edges[1:-1])
     inside = (x >= low) & (x <= high)
-    kept = [k for k in range(bins) if (inside & (place == k)).sum() >= _LEAST_IN_BIN]
+    kept = [k for k in range(bins) if (inside & (place == k)).sum() >= _MIN_IN_BIN]
     parts = [error[inside & (place == k)] for k in kept]
     return BinnedError(
         np.array([[edges[k], edges[k + 1]] for k in kept]).reshape(-1, 2),

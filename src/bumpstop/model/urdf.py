@@ -38,7 +38,7 @@ from bumpstop.model.urdf_xml import (
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-MOST_LINKS = 10_000
+MAX_LINKS = 10_000
 # Exporters write five digits of a component: lengths are then off by up to 0.9e-5.
 _UNIT_TOLERANCE = 1e-5
 
@@ -149,8 +149,8 @@ def read_urdf(path: Path) -> UrdfTree:
         if link.name in links:
             raise InputError(f"{where}: link {link.name!r}", "occurs twice", "wanted every link once")
         links[link.name] = link
-        if len(links) > MOST_LINKS:
-            raise InputError(where, f"has more than {MOST_LINKS} links", "wanted fewer")
+        if len(links) > MAX_LINKS:
+            raise InputError(where, f"has more than {MAX_LINKS} links", "wanted fewer")
     if not links:
         raise InputError(where, "has no links", "wanted links and joints")
     joints: dict[str, UrdfJoint] = {}

@@ -17,12 +17,12 @@ from bumpstop.model.robot import rotation_from_rpy
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-MOST_BYTES = 5_000_000
+MAX_BYTES = 5_000_000
 # Many small elements take longer than one long text.
-MOST_ELEMENTS = 200_000
-LONGEST_NAME = 200
+MAX_ELEMENTS = 200_000
+MAX_NAME_LENGTH = 200
 # Wide enough for any machine and any unit slip, narrow enough that no product of them overflows.
-_MOST = {"m": 1e3, "rad": 1e3, "kg": 1e6, "kg m2": 1e6, "": 1e9}
+_MAX = {"m": 1e3, "rad": 1e3, "kg": 1e6, "kg m2": 1e6, "": 1e9}
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 
@@ -38,13 +38,13 @@ def parse(path: Path) -> Element:
     where, wanted = str(path), "wanted a URDF file"
     try:
         with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
+            content = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise InputError(where, f"cannot be read ({error.strerror})", wanted) from None
     except ValueError as error:  # a NUL character in the path
         raise InputError(where, f"cannot be read ({error})", wanted) from None
-    if len(content) > MOST_BYTES:
-        raise InputError(where, f"is longer than {MOST_BYTES} bytes", wanted)
+    if len(content) > MAX_BYTES:
+        raise InputError(where, f"is longer than {MAX_BYTES} bytes", wanted)
     try:
         root: Element = fromstring(content, forbid_dtd=True)
     except DefusedXmlException:
@@ -72,8 +72,8 @@ def children(parent: Element, tag: str) -> list[Element]:
 def refuse_xacro(root: Element, where: str) -> None:
     """Refuse files that are not expanded yet, and those with more elements than a robot has."""
     for number, element in enumerate(root.iter()):
-        if number >= MOST_ELEMENTS:
-            raise InputError(where, f"has more than {MOST_ELEMENTS} elements", "wanted fewer")
+        if number >= MAX_ELEMENTS:
+            raise InputError(where, f"has more than {MAX_ELEMENTS} elements", "wanted fewer")
         space = str(element.tag).rpartition("}")[0]
         if "xacro" in space or any("${" in text or "$(" in text for text in element.attrib.values()):
             raise _xacro(where)
@@ -87,7 +87,7 @@ def check_elements(parent: Element, known: tuple[str, ...], where: str) -> None:
     """Refuse elements whose name is nearly that of a known one; others are somebody's extension."""
     for element in parent:
         tag = local(element)
-        if tag not in known and difflib.get_close_matches(tag[:LONGEST_NAME].casefold(), known, n=1, cutoff=0.75):
+        if tag not in known and difflib.get_close_matches(tag[:MAX_NAME_LENGTH].casefold(), known, n=1, cutoff=0.75):
             raise InputError(where, f"<{cut(tag)}> is not an element of a URDF there", near_matches(cut(tag), known))
 
 
@@ -119,8 +119,8 @@ def name_of(element: Element, attribute: str, where: str) -> str:
     name = element.get(attribute)
     if name is None or not name.strip():
         raise InputError(where, f"<{local(element)}> has no {attribute}", f'wanted {attribute}="..."')
-    if len(name) > LONGEST_NAME:
-        raise InputError(where, f"{cut(name)!r} is longer than {LONGEST_NAME} characters", "wanted a shorter name")
+    if len(name) > MAX_NAME_LENGTH:
+        raise InputError(where, f"{cut(name)!r} is longer than {MAX_NAME_LENGTH} characters", "wanted a shorter name")
     return name
 
 
@@ -139,8 +139,8 @@ def numbers(element: Element, attribute: str, count: int, unit: str, where: str)
         if not _NUMBER.fullmatch(word):
             raise InputError(field, f"{cut(word)!r} is not a finite number", wanted)
         value = float(word)
-        if not abs(value) <= _MOST[unit]:
-            raise InputError(field, f"{cut(word)} is too large", f"wanted at most {_MOST[unit]:g} {unit}".rstrip())
+        if not abs(value) <= _MAX[unit]:
+            raise InputError(field, f"{cut(word)} is too large", f"wanted at most {_MAX[unit]:g} {unit}".rstrip())
         values.append(value)
     return values
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 # Of the source's controller: rates are resolved every 0.2 ms, positions given every 1 ms.
 COMMAND_STEP = 1e-3
 SUBSTEPS = 5
-_LONGEST_S = 3600.0
-_LONGEST_LATENCY_S = 10.0
+_MAX_DURATION_S = 3600.0
+_MAX_LATENCY_S = 10.0
 _AFTERWARDS_S = 0.25
 
 
@@ -46,8 +46,8 @@ class PlantReaction:
 
     def __post_init__(self) -> None:
         _check_name("reaction.kind", self.kind, get_args(Turn))
-        if not 0 <= as_number(self.latency_s, "reaction.latency_s") <= _LONGEST_LATENCY_S:
-            raise InputError("reaction.latency_s", f"is {self.latency_s} s", f"wanted 0 to {_LONGEST_LATENCY_S:g}")
+        if not 0 <= as_number(self.latency_s, "reaction.latency_s") <= _MAX_LATENCY_S:
+            raise InputError("reaction.latency_s", f"is {self.latency_s} s", f"wanted 0 to {_MAX_LATENCY_S:g}")
 
 
 class _Reactions(Protocol):
@@ -140,10 +140,10 @@ def line(
             f"{pose[j]:.6g} is outside the limits of joint {j + 1}",
             f"valid: {robot.lower[j]:.6g} to {robot.upper[j]:.6g}",
         )
-    if not COMMAND_STEP <= as_number(duration, "duration") <= _LONGEST_S:
-        raise InputError("duration", f"is {duration} s", f"wanted {COMMAND_STEP} to {_LONGEST_S:g}")
-    if not 0 <= as_number(hold, "hold") <= _LONGEST_S:
-        raise InputError("hold", f"is {hold} s", f"wanted 0 to {_LONGEST_S:g}")
+    if not COMMAND_STEP <= as_number(duration, "duration") <= _MAX_DURATION_S:
+        raise InputError("duration", f"is {duration} s", f"wanted {COMMAND_STEP} to {_MAX_DURATION_S:g}")
+    if not 0 <= as_number(hold, "hold") <= _MAX_DURATION_S:
+        raise InputError("hold", f"is {hold} s", f"wanted 0 to {_MAX_DURATION_S:g}")
     _check_name("start", start, get_args(Start))
     _check_name("task", task, get_args(Task))
     limit = _accelerations(joint_acceleration, n, "joint_acceleration")

@@ -37,7 +37,7 @@ from bumpstop.text_files import as_path, is_path, parse_toml, read_text
 if TYPE_CHECKING:
     from bumpstop.plant.run import PlantRun
 
-_MOST_BYTES = 1_000_000
+_MAX_BYTES = 1_000_000
 
 
 class Experiment(ExperimentTable):
@@ -82,7 +82,7 @@ class Experiment(ExperimentTable):
             InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
         """
         path = as_path(path, "path")
-        data = parse_toml(read_text(path, "wanted an experiment file", most_bytes=_MOST_BYTES), str(path))
+        data = parse_toml(read_text(path, "wanted an experiment file", most_bytes=_MAX_BYTES), str(path))
         return cls.from_dict(data, path.parent)
 
     @classmethod

@@ -21,7 +21,7 @@ _LEG_S, _BACK_S, _RAMP_S = 1.5, 3.0, 0.5
 _MOVES = 8
 _OF_RANGE = 0.8  # of each joint's range
 _GATHERING_S = 2.0
-_LOWEST = 0.1  # of joint origins and tip [m]
+_MIN_HEIGHT_M = 0.1  # of joint origins and tip [m]
 # Of the fastest the joint may go: the two motions differ in pace.
 _PACE = {1: (0.15, 0.45), 2: (0.25, 0.6)}
 _ENDLESS = np.pi  # no joint turns farther to either side [rad]; the least a joint without limits has
@@ -195,7 +195,7 @@ def _clear(robot: Robot, q: FloatArray) -> bool:
     lowest = robot.pose(q)[:, 2, 3].min()
     for joint in robot.joints[2:]:
         lowest = min(lowest, robot.pose(q, joint.link)[:, 2, 3].min())
-    return bool(lowest > _LOWEST)
+    return bool(lowest > _MIN_HEIGHT_M)
 
 
 def _checked(trajectory: Trajectory, robot: Robot) -> Trajectory:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Image = npt.NDArray[np.uint8]
 _BACKENDS = ("egl", "osmesa")
 _FRAMES_PER_S = 25
-_MOST_FRAMES = 1500
+_MAX_FRAMES = 1500
 _OCTREE = 2  # Pillow's Quantize.FASTOCTREE
 _NO_LIBRARY = "on Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri, or libosmesa6 and MUJOCO_GL=osmesa"
 
@@ -142,7 +142,7 @@ def video(plant: Plant, run: PlantRun, path: str | Path) -> int:
     """
     path = checked_ending(path, "--video", ".gif")
     every = round(1000 / _FRAMES_PER_S)
-    while len(run.trace.t) / every > _MOST_FRAMES:
+    while len(run.trace.t) / every > _MAX_FRAMES:
         every *= 2
     with _files(path), Painter(plant, run.trace.q[::every], 480, 360) as painter:
         frames = [

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _PUSHES_N = (20.0, 60.0)
 _PUSH_S, _HOLD_S = 0.2, 0.3
 # Of the contact point along the normal per joint: below it no joint moves it that way [m/rad or 1].
-_LEAST_LEVER = 1e-6
+_MIN_LEVER = 1e-6
 
 
 def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
@@ -79,7 +79,7 @@ def _by_joints(arm: Plant, pose: FloatArray, way: FloatArray) -> Command:
     far = float(np.linalg.norm(way))
     lever = (way / far) @ arm.robot.jacobian(pose, *arm.contact)[:3]
     steepest = float(lever @ lever)
-    if steepest < _LEAST_LEVER**2:
+    if steepest < _MIN_LEVER**2:
         raise _immovable()
     t: FloatArray = np.arange(round((_PUSH_S + _HOLD_S) / COMMAND_STEP) + 1, dtype=np.float64) * COMMAND_STEP
     u = np.minimum(t / _PUSH_S, 1.0)[:, None]

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from bumpstop.errors import InputError
 from bumpstop.text_files import toml_value
 
-_MOST_LISTED = 20
+_MAX_LISTED = 20
 # In this order: what is a rate or a current is often named after a position or an axis, too.
 _WORDS = {
     "time": r"t|ts|time|timestamp|stamp|clock|zeit|seconds|millis|time_?m?s",
@@ -45,8 +45,8 @@ class MissingColumnsError(InputError):
 
 def listed(names: Sequence[str]) -> str:
     """The names a file has, as many as can be read."""
-    more = len(names) - _MOST_LISTED
-    return ", ".join(name[:40] for name in names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - _MAX_LISTED
+    return ", ".join(name[:40] for name in names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def draft_of_names(names: Sequence[str]) -> str:
@@ -80,7 +80,7 @@ def draft_of_numbers(width: int) -> str:
 
 def draft_of_variables(shapes: Mapping[str, tuple[int, ...]]) -> str:
     """A draft for a MATLAB file: variables by their dotted names and sizes."""
-    shown = by_length(shapes)[: 2 * _MOST_LISTED]
+    shown = by_length(shapes)[: 2 * _MAX_LISTED]
     lines = [_HEAD, *(f"#   {_plain(name)}: {' x '.join(map(str, shapes[name]))}" for name in shown)]
     longest = max((max(shape, default=0) for shape in shapes.values()), default=0)
     usable = [name for name in by_length(shapes) if max(shapes[name], default=0) == longest and longest > 1]

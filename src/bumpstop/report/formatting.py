@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bumpstop.collision import ForceLaw
+    from bumpstop.collision import CollisionResult
     from bumpstop.joint.model import Parameter
 
 NO_BOUND = "no bound"
@@ -74,19 +74,19 @@ def percentile(name: str) -> str:
     return {"p999": "p99.9"}.get(name, name)
 
 
-def what_is_hit(law: ForceLaw) -> str:
+def what_is_hit(law: CollisionResult) -> str:
     """The body region, or the spring where none is named."""
     limits = law.problem.limits
     return f"{limits.label} ({limits.table})" if limits else f"a spring of {law.problem.stiffness:g} N/m"
 
 
-def arm(law: ForceLaw) -> str:
+def arm(law: CollisionResult) -> str:
     """What the arm is called."""
     robot = law.problem.robot
     return robot.title or robot.name
 
 
-def which_law(law: ForceLaw) -> str:
+def which_law(law: CollisionResult) -> str:
     """How the law was worked out."""
     if law.kind == "exact":
         return "exact law (no sampling)"

@@ -10,7 +10,7 @@ from bumpstop.report.markup import Html, element
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bumpstop.collision import ForceLaw
+    from bumpstop.collision import CollisionResult
     from bumpstop.report.picture import Picture, Rendered
 
 
@@ -53,5 +53,5 @@ class Section(Part):
         law: what is reported on.
     """
 
-    def __init__(self, law: ForceLaw) -> None:
+    def __init__(self, law: CollisionResult) -> None:
         self.law = law

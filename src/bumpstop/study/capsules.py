@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 # Lines shorter than this are no links.
-_SHORTEST_M = 1e-6
+_MIN_LENGTH_M = 1e-6
 
 
 def self_collision(robot: Robot, q: FloatArray, radius: float) -> npt.NDArray[np.bool_]:
@@ -36,12 +36,12 @@ def self_collision(robot: Robot, q: FloatArray, radius: float) -> npt.NDArray[np
     return np.asarray(core.self_collisions(robot.chain, np.ascontiguousarray(q), link, point, radius))
 
 
-def thickest_links(robot: Robot, q: FloatArray) -> float:
+def max_link_radius(robot: Robot, q: FloatArray) -> float:
     """The largest radius [m] at which two links of an arm are still no neighbours in a pose (dof,); 0 if there is none.
 
     That is half the length of arm between the first link and the last.
     """
     places = [np.zeros(3), *(robot.pose(q, joint.link)[:3, 3] for joint in robot.joints), robot.pose(q)[:3, 3]]
     lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    links = np.flatnonzero(lengths > _SHORTEST_M)
+    links = np.flatnonzero(lengths > _MIN_LENGTH_M)
     return float(lengths[links[0] + 1 : links[-1]].sum() / 2) if links.size > 1 else 0.0

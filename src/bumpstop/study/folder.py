@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from bumpstop.collision.scenario.scenario import MADE_BY
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError
-from bumpstop.study.study import plain, versions
+from bumpstop.study.study import to_jsonable, versions
 from bumpstop.text_files import to_toml
 
 if TYPE_CHECKING:
@@ -88,11 +88,11 @@ class StudyFolder:
         rows.write_ipc_stream(stream)
         content = stream.getvalue()
         try:
-            self._write(self._shard(number), content + self._seal(number, content))
+            self._write(self._shard(number), content + self._checksum(number, content))
         except OSError as error:
             raise self._unwritable(error) from None
 
-    def give_up(self) -> None:
+    def discard(self) -> None:
         """Leave the folder to others: this run has made it, and nothing can be worked out."""
         if not self._made or self._arrows():
             return
@@ -111,7 +111,7 @@ class StudyFolder:
         try:
             if not self.complete:
                 rows = pl.concat([self._rows_of(number) for number in range(self._count)], rechunk=True)
-                waiting = _waiting(rows_file)
+                waiting = _temporary(rows_file)
                 rows.write_parquet(waiting, metadata={_STUDY: self._fingerprint})
                 waiting.replace(rows_file)
             else:
@@ -123,7 +123,7 @@ class StudyFolder:
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Keep the summary, as ``--json`` prints it."""
-        text = json.dumps(plain(summary), allow_nan=False, indent=1) + "\n"
+        text = json.dumps(to_jsonable(summary), allow_nan=False, indent=1) + "\n"
         try:
             self._write(self.path / "summary.json", text.encode("utf-8"))
         except OSError as error:
@@ -142,7 +142,7 @@ class StudyFolder:
     def _shard(self, number: int) -> Path:
         return self._shards / f"{number:06d}.arrow"
 
-    def _seal(self, number: int, content: bytes) -> bytes:
+    def _checksum(self, number: int, content: bytes) -> bytes:
         return hashlib.sha256(f"{self._fingerprint} {number} ".encode() + content).digest()
 
     def _rows_of(self, number: int) -> pl.DataFrame:
@@ -152,7 +152,7 @@ class StudyFolder:
         file = self._shard(number)
         kept = file.read_bytes()
         content, seal = kept[:-_SEAL_SIZE], kept[-_SEAL_SIZE:]
-        if seal != self._seal(number, content):
+        if seal != self._checksum(number, content):
             raise _damaged(file)
         return pl.read_ipc_stream(io.BytesIO(content))
 
@@ -188,7 +188,7 @@ class StudyFolder:
         )
 
     def _write(self, file: Path, content: bytes) -> None:
-        waiting = _waiting(file)
+        waiting = _temporary(file)
         waiting.write_bytes(content)
         waiting.replace(file)
 
@@ -197,7 +197,7 @@ class StudyFolder:
         return InputError("--out", problem, "give another folder")
 
 
-def _waiting(file: Path) -> Path:
+def _temporary(file: Path) -> Path:
     """Where a file is written before it takes its name."""
     return file.with_name(f".{file.name}.{os.getpid()}")
 

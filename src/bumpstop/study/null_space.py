@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bumpstop.collision import Problem
 
 _STEP = 0.05  # along the self-motion [rad or m]
-_MOST_STEPS = 40
+_MAX_STEPS = 40
 _CORRECTIONS = 2
 # The tool may be off its pose by this much [m, rad].
 _POSE = 1e-6
@@ -46,7 +46,7 @@ def check_redundant(problem: Problem) -> None:
         )
 
 
-def feel_better(problem: Problem, q: FloatArray, direction: FloatArray) -> Suggestion:
+def improve_detectability(problem: Problem, q: FloatArray, direction: FloatArray) -> Suggestion:
     """Follow the self-motion both ways within the joint limits, and keep the best place.
 
     The tool keeps position and orientation. Contact is at the tip, and the force along ``direction``.
@@ -68,7 +68,7 @@ def feel_better(problem: Problem, q: FloatArray, direction: FloatArray) -> Sugge
     for way in (1.0, -1.0):
         here, last = q.copy(), None
         alive = np.ones(len(q), dtype=bool)
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             null = _null(robot.jacobian(here)[:, :, free])
             turn = np.sign((null * last).sum(axis=1)) if last is not None else way * np.sign(null[:, 0] + 1e-300)
             last = null * np.where(turn == 0, 1.0, turn)[:, None]

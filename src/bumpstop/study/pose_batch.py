@@ -27,7 +27,7 @@ class Arms:
     q: FloatArray
     velocity: FloatArray
 
-    def unlimited_rates(self, q: FloatArray) -> FloatArray:
+    def joint_rates(self, q: FloatArray) -> FloatArray:
         """Least-norm joint rates that move the tip with ``velocity`` from ``q`` (N, dof) [rad/s or m/s].
 
         Velocity limits are not looked at. Not finite where the pose is singular and motion.damping is 0.

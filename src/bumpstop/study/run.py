@@ -61,17 +61,17 @@ def run(
         count += len(numbers)
         report()
 
-    groups = list(_groups(missing, study.together, threads))
+    groups = list(_groups(missing, study.batch_size, threads))
     report()
     try:
         if threads == 1:
             for group in groups:
-                put_all(group, study.several(group))
+                put_all(group, study.shard_batch(group))
         else:
             pool = ThreadPoolExecutor(threads)
             try:
                 running: dict[Future[list[pl.DataFrame]], list[int]] = {
-                    pool.submit(study.several, group): group for group in groups
+                    pool.submit(study.shard_batch, group): group for group in groups
                 }
                 while running:
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -81,7 +81,7 @@ def run(
                 pool.shutdown(cancel_futures=True)
     except InputError:
         if store is not None:
-            store.give_up()
+            store.discard()
         raise
     if store is None:
         import polars as pl

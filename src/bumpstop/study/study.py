@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
 
 # Of quantiles: 1 less a smaller risk has no digits left.
-LEAST_RISK = 1e-13
+MIN_RISK = 1e-13
 
 
 def check_risk(scenario: Scenario) -> None:
     """Refuse a risk whose quantile a double cannot hold.
 
     Raises:
-        InputError: verdict.risk is too small.
+        InputError: verdict.accepted_probability is too small.
     """
-    risk = scenario.verdict.risk
-    if risk < LEAST_RISK:
+    risk = scenario.verdict.accepted_probability
+    if risk < MIN_RISK:
         problem = f"{risk:g} is too small for a search by quantiles"
-        raise InputError("verdict.risk", problem, f"wanted at least {LEAST_RISK:g}")
+        raise InputError("verdict.accepted_probability", problem, f"wanted at least {MIN_RISK:g}")
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Study(ABC):
 
     name: ClassVar[str]
     title: ClassVar[str]
-    together: ClassVar[int] = 1
+    batch_size: ClassVar[int] = 1
     """Shards that are worked out sooner in one go than one by one, at most."""
 
     scenario: Scenario
@@ -67,7 +67,7 @@ class Study(ABC):
     def shard(self, number: int) -> pl.DataFrame:
         """Rows of one shard, counted from 0; every shard has the same columns."""
 
-    def several(self, numbers: Sequence[int]) -> list[pl.DataFrame]:
+    def shard_batch(self, numbers: Sequence[int]) -> list[pl.DataFrame]:
         """Rows of several shards: the same bits as of each by itself."""
         return [self.shard(number) for number in numbers]
 
@@ -75,12 +75,14 @@ class Study(ABC):
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:
         """What the rows of all shards say, as the object of ``--json``; a pure function of study and rows.
 
-        Numbers that are not finite may stand in it: :func:`plain` makes them None.
+        Numbers that are not finite may stand in it: :func:`to_jsonable` makes them None.
         """
 
     def settings(self) -> dict[str, Any]:
         """Everything but the scenario that decides the rows, by the names of the fields."""
-        return {field.name: plain(getattr(self, field.name)) for field in fields(self) if field.name != "scenario"}
+        return {
+            field.name: to_jsonable(getattr(self, field.name)) for field in fields(self) if field.name != "scenario"
+        }
 
     def fingerprint(self) -> str:
         """Differs where rows may differ: scenario, files it names, settings, code, versions, instruction set."""
@@ -115,16 +117,16 @@ def code_digest() -> str:
     return digest.hexdigest()
 
 
-def plain(value: Any) -> Any:
+def to_jsonable(value: Any) -> Any:
     """The same as JSON can hold it: arrays as lists, what is not finite as None."""
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): to_jsonable(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return to_jsonable(value.tolist())
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [to_jsonable(item) for item in value]
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return to_jsonable(value.item())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value.to_json() if hasattr(value, "to_json") else value

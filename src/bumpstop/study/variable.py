@@ -336,7 +336,7 @@ class Range:
         return f"{self.variable.name}=[{', '.join(f'{value:.12g}' for value in self.values)}]"
 
 
-_MOST_VALUES = 1000
+_MAX_VALUES = 1000
 
 
 def _values(text: str, written: str, count: int) -> list[float]:
@@ -344,8 +344,8 @@ def _values(text: str, written: str, count: int) -> list[float]:
         if written.startswith("[") != written.endswith("]"):
             raise InputError("--vary", f"{text[:200]!r} is not KEY=A,B,...", "close the bracket")
         values = [_number(text, part) for part in list_items(written)]
-        if len(values) > _MOST_VALUES:
-            raise InputError("--vary", f"{len(values)} values are too many", f"wanted at most {_MOST_VALUES}")
+        if len(values) > _MAX_VALUES:
+            raise InputError("--vary", f"{len(values)} values are too many", f"wanted at most {_MAX_VALUES}")
         return values
     parts = [part.strip() for part in written.split(":")]
     even_ratios = parts[-1] == "log"
@@ -356,8 +356,8 @@ def _values(text: str, written: str, count: int) -> list[float]:
     low, high = _number(text, parts[0]), _number(text, parts[1])
     if len(parts) == 3:
         number = _number(text, parts[2])
-        if number != int(number) or not 2 <= number <= _MOST_VALUES:
-            raise InputError("--vary", f"{parts[2]!r} is no count of values", f"wanted 2 to {_MOST_VALUES}")
+        if number != int(number) or not 2 <= number <= _MAX_VALUES:
+            raise InputError("--vary", f"{parts[2]!r} is no count of values", f"wanted 2 to {_MAX_VALUES}")
         count = int(number)
     if not low < high:
         raise InputError("--vary", f"{low:g} to {high:g} is an empty range", "wanted the lower end first")

@@ -17,8 +17,8 @@ from bumpstop.text_files import list_items
 _MAX_LIST = 10_000  # characters
 NOT_ACCEPTABLE = 3
 INCONCLUSIVE = 4
-MOST_SAMPLES = 100_000_000
-MOST_THREADS = 256
+MAX_SAMPLES = 100_000_000
+MAX_THREADS = 256
 
 
 def whole(low: int, high: int) -> Callable[[str | int], int]:
@@ -44,7 +44,7 @@ def command(
     sampled: Annotated[
         int | None,
         typer.Option(
-            parser=whole(1, MOST_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of the exact law."
+            parser=whole(1, MAX_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of the exact law."
         ),
     ] = None,
     seed: Annotated[
@@ -53,7 +53,7 @@ def command(
     threads: Annotated[
         int,
         typer.Option(
-            parser=whole(1, MOST_THREADS), metavar="NUMBER", help="Threads of the sampled law; they do not change it."
+            parser=whole(1, MAX_THREADS), metavar="NUMBER", help="Threads of the sampled law; they do not change it."
         ),
     ] = 1,
     changes: Annotated[

@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Any
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop.collision import ForceLaw
+    from bumpstop.collision import CollisionResult
 
 
-def write_outputs(law: ForceLaw, folder: Path) -> Path:
+def write_outputs(law: CollisionResult, folder: Path) -> Path:
     """Write report.html with its figures, law.parquet and settings.toml; returns the report's path.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    from bumpstop.collision.tables import law_table
+    from bumpstop.collision.tables import result_table
     from bumpstop.report import write_report
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "settings.toml").write_bytes(settings_toml(law).encode("utf-8"))
-        law_table(law).write_parquet(folder / "law.parquet")
+        result_table(law).write_parquet(folder / "law.parquet")
         return write_report(law, folder)
     except UnicodeEncodeError as error:
         text = error.object[max(0, error.start - 20) : error.end]
@@ -39,7 +39,7 @@ def write_outputs(law: ForceLaw, folder: Path) -> Path:
         ) from None
 
 
-def settings_toml(law: ForceLaw) -> str:
+def settings_toml(law: CollisionResult) -> str:
     """Scenario, law and versions: enough to repeat the evaluation.
 
     The file is itself a scenario: its reader passes over the table ``[made_by]``.

@@ -28,7 +28,10 @@ def require(
         ),
     ],
     risk: Annotated[
-        float | None, typer.Option(metavar="PROBABILITY", help="Accepted; default: verdict.risk.", show_default=False)
+        float | None,
+        typer.Option(
+            metavar="PROBABILITY", help="Accepted; default: verdict.accepted_probability.", show_default=False
+        ),
     ] = None,
     as_json: AsJson = False,
     changes: Changes = None,
@@ -39,7 +42,7 @@ def require(
     contact.padding. Exit status: 0 found, 3 no value meets the limits or alarms are too probable there, 2 bad input.
     """
     from bumpstop.cli.progress import progress
-    from bumpstop.study import plain
+    from bumpstop.study import to_jsonable
     from bumpstop.study.requirement.requirement import require as solve
     from bumpstop.study.requirement.requirement import require_curve
     from bumpstop.study.variable import Range, Variable
@@ -52,7 +55,7 @@ def require(
         with progress("searching"):
             found = solve(checked, name, risk=risk, low=low, high=high)
         if as_json:
-            typer.echo(json.dumps(plain(found.to_json()), allow_nan=False, indent=2))
+            typer.echo(json.dumps(to_jsonable(found.to_json()), allow_nan=False, indent=2))
         else:
             bound = "at most" if found.harsher == "higher" else "at least"
             typer.echo(f"{name}: " + ("no value" if found.value is None else f"{bound} {found.value:g} {found.unit}"))
@@ -67,7 +70,7 @@ def require(
     with progress("searching"):
         rows = require_curve(checked, name, against, risk=risk, low=low, high=high)
     if as_json:
-        typer.echo(json.dumps(plain({"curve": rows}), allow_nan=False, indent=2))
+        typer.echo(json.dumps(to_jsonable({"curve": rows}), allow_nan=False, indent=2))
     else:
         _print_curve(rows, Variable(name).label(checked), against.variable.label(checked))
     return 0 if any(row["value"] is not None and row["false_alarm_ok"] for row in rows) else NOT_ACCEPTABLE

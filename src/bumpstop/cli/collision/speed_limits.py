@@ -14,10 +14,10 @@ from bumpstop.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.study.speed.atlas import TrajectoryAtlas
+    from bumpstop.study.speed.atlas import TrajectorySpeedLimits
     from bumpstop.study.speed.retiming import Retimed
 
-_MOST_POSES = 10_000_000
+_MAX_POSES = 10_000_000
 _NOTES = (
     "At every row the tool moves on a straight line through the pose, and the body is clamped; where the scenario does "
     "not say how far away, one feedback period of travel or less, evenly.",
@@ -31,7 +31,7 @@ def atlas(
     poses: Annotated[
         int | None,
         typer.Option(
-            parser=whole(1, _MOST_POSES),
+            parser=whole(1, _MAX_POSES),
             metavar="NUMBER",
             help="Random poses, for a scenario of a line.",
             show_default=False,
@@ -60,13 +60,13 @@ def atlas(
     A scenario of a line gives the highest safe speed at random poses instead. Exit status: 0 done, 3 the trajectory is
     too fast as it is, 2 bad input.
     """  # fmt: skip
-    from bumpstop.study.speed.atlas import TrajectoryAtlas, WorkspaceAtlas
+    from bumpstop.study.speed.atlas import TrajectorySpeedLimits, WorkspaceSpeedLimits
 
     checked = load(scenario, changes)
     if checked.motion.kind == "line":
         if null_space:
             raise InputError("--null-space", "has no meaning without a trajectory", "leave it out")
-        study = WorkspaceAtlas(
+        study = WorkspaceSpeedLimits(
             checked,
             cap_mm_s=cap,
             cone_deg=180.0 if cone is None else cone,
@@ -85,10 +85,10 @@ def atlas(
         raise InputError("--poses", "has no meaning with a trajectory", "leave it out")
     if seed:
         raise InputError("--seed", "has no meaning with a trajectory, where nothing is drawn", "leave it out")
-    return _along(TrajectoryAtlas(checked, cap_mm_s=cap, cone_deg=cone or 0.0), null_space, out, as_json, threads)
+    return _along(TrajectorySpeedLimits(checked, cap_mm_s=cap, cone_deg=cone or 0.0), null_space, out, as_json, threads)
 
 
-def _along(study: TrajectoryAtlas, null_space: bool, out: Path | None, as_json: bool, threads: int) -> int:
+def _along(study: TrajectorySpeedLimits, null_space: bool, out: Path | None, as_json: bool, threads: int) -> int:
     if null_space:
         from bumpstop.study.null_space import check_redundant
 
@@ -167,7 +167,7 @@ def verdict_words(verdict: dict[str, Any]) -> str:
     return f"{word}. {verdict['reason']}"
 
 
-def _speeds(study: TrajectoryAtlas, retimed: Retimed | None, rows: pl.DataFrame) -> Any:
+def _speeds(study: TrajectorySpeedLimits, retimed: Retimed | None, rows: pl.DataFrame) -> Any:
     """Speed of the slowed tip at the rows [mm/s]; None where there is no slower trajectory."""
     import numpy as np
 
@@ -180,13 +180,13 @@ def _speeds(study: TrajectoryAtlas, retimed: Retimed | None, rows: pl.DataFrame)
     return share * rows["speed_mm_s"].to_numpy()
 
 
-def _suggest(study: TrajectoryAtlas, rows: pl.DataFrame) -> pl.DataFrame:
+def _suggest(study: TrajectorySpeedLimits, rows: pl.DataFrame) -> pl.DataFrame:
     import polars as pl
 
-    from bumpstop.study.null_space import feel_better
+    from bumpstop.study.null_space import improve_detectability
 
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
-    found = feel_better(study.problem, study.given.position, direction)
+    found = improve_detectability(study.problem, study.given.position, direction)
     columns = {f"q_{j + 1}": found.q[:, j] for j in range(found.q.shape[1])}
     return pl.DataFrame({"waypoint": rows["waypoint"], **columns, "unnoticed_N": found.unnoticed, "gain": found.gain})
 

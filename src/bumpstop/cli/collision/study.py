@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from bumpstop.cli.collision.evaluate import MOST_THREADS, change, whole
+from bumpstop.cli.collision.evaluate import MAX_THREADS, change, whole
 from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.progress import progress
 
@@ -41,7 +41,7 @@ Changes = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
 ]
 Threads = Annotated[
-    int, typer.Option(parser=whole(1, MOST_THREADS), metavar="NUMBER", help="Threads; they do not change the result.")
+    int, typer.Option(parser=whole(1, MAX_THREADS), metavar="NUMBER", help="Threads; they do not change the result.")
 ]
 Seed = Annotated[int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of what is drawn.")]
 
@@ -75,7 +75,7 @@ def execute(
     Returns:
         The summary.
     """
-    from bumpstop.study import plain, run
+    from bumpstop.study import run, to_jsonable
     from bumpstop.text_files import running_command
 
     begin = time.perf_counter()
@@ -91,7 +91,7 @@ def execute(
         title, parts, notes = report(rows, summary)
         page = write_study_report(study, title, parts, out, notes=notes)
     if as_json:
-        typer.echo(json.dumps(plain(summary) | {"seconds": round(seconds, 3)}, allow_nan=False, indent=2))
+        typer.echo(json.dumps(to_jsonable(summary) | {"seconds": round(seconds, 3)}, allow_nan=False, indent=2))
         return summary
     for line in lines(summary):
         typer.echo(line)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bumpstop.collision import Distribution, ForceLaw
+    from bumpstop.collision import CollisionResult, Distribution
     from bumpstop.contact import ContactLimits
 
 
-def print_summary(law: ForceLaw, report: Path | None) -> None:
+def print_summary(law: CollisionResult, report: Path | None) -> None:
     """Print verdict, figures and notes; ``report`` is the page that was written, if any."""
     from rich.console import Console
     from rich.table import Table
@@ -42,7 +42,7 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
     table.add_column("")
     for heading in ("mean", "sd", "p50", "p95", "p99", "p99.9", "limit", "P(over)"):
         table.add_column(heading, justify="right")
-    contact_time = law.contact_time
+    contact_duration = law.contact_duration
     first = verdict.transient
     rows: list[tuple[str, Distribution | None, float, str, float | None]] = [
         ("peak force, N", law.peak_force, 1, _limits(first, limits, "force_N"), verdict.p_over_force),
@@ -50,7 +50,7 @@ def print_summary(law: ForceLaw, report: Path | None) -> None:
         ("compression, mm", law.compression, 1, "", None),
         ("felt at force, N", law.force_at_detection, 1, "", None),
         ("felt after, ms", law.detection_delay, 1e3, "", None),
-        ("contact lasts, ms", contact_time, 1e3, "", None),
+        ("contact lasts, ms", contact_duration, 1e3, "", None),
     ]
     for name, quantity, factor, limit, over in rows:
         if quantity is None:

@@ -69,8 +69,8 @@ def detect(
 ) -> int:
     """Run a collision detector over a recording: alarms, and when it was blind."""
     from bumpstop.cli.detection.sensitivity import stiction_of
-    from bumpstop.detection import blind_stretches
     from bumpstop.detection import detect as run_detector
+    from bumpstop.detection import undetectable_stretches
     from bumpstop.detection.standing import hidden_torques
 
     given, arm = origin.parts
@@ -87,7 +87,7 @@ def detect(
         if not 0 < blind_force < math.inf:
             raise InputError("--blind-force", f"is {blind_force}", "wanted more than zero")
         hidden = hidden_torques(arm, given, settings.stiction)
-        stretches = blind_stretches(
+        stretches = undetectable_stretches(
             arm, log.t, log.q, law.constant, blind_force, link=link, point=settings.point, dead_zone=hidden
         )
     more = {

@@ -80,7 +80,7 @@ def trade(tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNois
     Everything but the constant thresholds and the noise stays as the scenario says. The noise is what was tuned on,
     where that fits the scenario.
     """
-    from bumpstop.detection import FARTHEST
+    from bumpstop.detection import MAX_EXTRAPOLATION
 
     points = []
     noisy = {name: noise.of(scenario) for name, scenario in scenarios.items()}
@@ -90,20 +90,20 @@ def trade(tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNois
             continue
         thresholds = tuning.thresholds(rate)
         forces = {name: _forces(scenario, thresholds) for name, scenario in noisy.items()}
-        points.append(TradePoint(rate, thresholds, tuning.extrapolation(rate) > FARTHEST, forces))
+        points.append(TradePoint(rate, thresholds, tuning.extrapolation(rate) > MAX_EXTRAPOLATION, forces))
     return points
 
 
 def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
     from bumpstop.collision import evaluate
-    from bumpstop.detection import blind_forces
+    from bumpstop.detection import undetectable_forces
 
     # Measured noise is sampled, and seven rates take their time.
     samples = None if scenario.detector.residuals is None else _SAMPLES
     law = evaluate(scenario.with_values({"detector.thresholds_Nm": thresholds.tolist()}), samples=samples)
     problem, contact, verdict = law.problem, scenario.contact, law.verdict
     peak = law.peak_force.to_json()
-    blind = blind_forces(problem.robot, problem.q, thresholds, link=contact.link, point=contact.point_m)
+    blind = undetectable_forces(problem.robot, problem.q, thresholds, link=contact.link, point=contact.point_m)
     largest = float(blind.largest)
     return {
         **{key: peak[key] for key in ("p50", "p95", "p999")},

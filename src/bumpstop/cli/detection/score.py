@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bumpstop.detection.scoring.scoring import Interval
     from bumpstop.recording import Recording
 
-_MOST_BYTES = 100_000_000  # of events
+_MAX_BYTES = 100_000_000  # of events
 _REARM_S = 0.5
 # From a quarter of the thresholds to four times, in steps of a quarter of an octave.
 _FACTORS = tuple(2 ** (k / 4) for k in range(-8, 9))
@@ -92,7 +92,7 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> S
     from bumpstop.detection import score
 
     wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, blind"
-    text = read_text(file, wanted, most_bytes=_MOST_BYTES)
+    text = read_text(file, wanted, most_bytes=_MAX_BYTES)
     try:
         data: Any = json.loads(text)
         events = [float(event["t"]) for event in data["events"]]

@@ -130,15 +130,15 @@ def _standing(
     arm: Robot, q: list[float], limits: FloatArray, hidden: FloatArray, along: Vector, about: dict[str, Any]
 ) -> dict[str, Any]:
     """What goes unnoticed while all joints stand still: thresholds and what friction holds."""
-    from bumpstop.detection import blind_force_along, blind_forces
+    from bumpstop.detection import undetectable_force_along, undetectable_forces
 
     wide = limits + hidden
-    blind = blind_forces(arm, q, wide, **about)
+    blind = undetectable_forces(arm, q, wide, **about)
     return {
         "dead_zone_Nm": hidden.tolist(),
         "largest_force_N": float(blind.largest),
         "largest_felt_force_N": float(blind.largest_felt),
-        "force_along_N": float(blind_force_along(arm, q, along, wide, **about)),
+        "force_along_N": float(undetectable_force_along(arm, q, along, wide, **about)),
     }
 
 
@@ -196,16 +196,16 @@ def _found(
     import numpy as np
 
     from bumpstop.detection import (
-        blind_force_along,
-        blind_forces,
         largest_undetected_force,
         largest_undetected_torque,
+        undetectable_force_along,
+        undetectable_forces,
     )
     from bumpstop.model import singular_values
 
     link, point = about["link"], about["point"]
     along = np.array(direction)
-    blind = blind_forces(robot, q, thresholds, **about)
+    blind = undetectable_forces(robot, q, thresholds, **about)
     columns = robot.jacobian(q, link, point)[:3]
     per_newton = columns.T @ along
     # What is left of a lever that is none is a rounding.
@@ -221,7 +221,7 @@ def _found(
         "farthest_force_N": blind.farthest.tolist(),
         "null_space": blind.null_space.tolist(),
         "direction": along.tolist(),
-        "force_along_N": float(blind_force_along(robot, q, along, thresholds, **about)),
+        "force_along_N": float(undetectable_force_along(robot, q, along, thresholds, **about)),
         "worst_case_force_along_N": float(forces.min()),
         "singular_values_watched": blind.singular_values.tolist(),
         "singular_values_linear": linear.tolist(),

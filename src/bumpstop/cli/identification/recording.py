@@ -35,8 +35,8 @@ Topic = Annotated[str | None, typer.Option("--topic", help="Topic of a bag that 
 MaxBad = Annotated[
     float, typer.Option("--max-bad", metavar="SHARE", help="Share of bad rows up to which they are dropped.")
 ]
-_MOST_GAPS = 5
-_WIDEST = 160  # of the table: a figure cut short says nothing, a long line wraps
+_MAX_GAPS = 5
+_MAX_WIDTH = 160  # of the table: a figure cut short says nothing, a long line wraps
 
 
 @app.command("info")
@@ -58,7 +58,7 @@ def info(
     found = _load(file, columns, arm, topic, max_bad)
     if picture is not None:
         _draw(found, arm, picture)
-    width = max(Console().width, _WIDEST)
+    width = max(Console().width, _MAX_WIDTH)
     _print(found, arm, Console(highlight=False, markup=False, soft_wrap=True, width=width))
     if picture is not None:
         typer.echo(f"picture: {picture}")
@@ -131,9 +131,9 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
     if recording.wrench is not None:
         force, torque = (np.linalg.norm(recording.wrench[:, part], axis=1).max() for part in (slice(3), slice(3, 6)))
         console.print(f"wrench: up to {force:.4g} N and {torque:.4g} Nm")
-    longest = sorted(report.gaps, key=lambda gap: -gap[1])[:_MOST_GAPS]
+    longest = sorted(report.gaps, key=lambda gap: -gap[1])[:_MAX_GAPS]
     where = ": " + ", ".join(f"{1e3 * length:.4g} ms at {start:.6g} s" for start, length in longest) if longest else ""
-    console.print(f"gaps: {len(report.gaps)}{where}" + (" ..." if len(report.gaps) > _MOST_GAPS else ""))
+    console.print(f"gaps: {len(report.gaps)}{where}" + (" ..." if len(report.gaps) > _MAX_GAPS else ""))
     console.print(f"bad rows: {report.rows_dropped} of {report.rows_read}" + _counts(report.counts))
     for row, reason in report.dropped:
         console.print(f"  {report.numbered} {row}: {reason}")

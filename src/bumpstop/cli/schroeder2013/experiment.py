@@ -90,7 +90,7 @@ def _number(value: float | None) -> str:
 
 
 def _speeds(text: str | None) -> list[float]:
-    from bumpstop.reproduction.schroeder2013.collisions import FASTEST, SLOWEST
+    from bumpstop.reproduction.schroeder2013.collisions import MAX_SPEED, MIN_SPEED
 
     if text is None:
         return []
@@ -99,6 +99,6 @@ def _speeds(text: str | None) -> list[float]:
     except ValueError:
         raise InputError("--speeds", f"is {text!r}", "wanted numbers like 25,50") from None
     for speed in speeds:
-        if not SLOWEST <= speed / 1e3 <= FASTEST:
-            raise InputError("--speeds", f"has {speed:g}", f"wanted {1e3 * SLOWEST:g} to {1e3 * FASTEST:g} mm/s")
+        if not MIN_SPEED <= speed / 1e3 <= MAX_SPEED:
+            raise InputError("--speeds", f"has {speed:g}", f"wanted {1e3 * MIN_SPEED:g} to {1e3 * MAX_SPEED:g} mm/s")
     return speeds

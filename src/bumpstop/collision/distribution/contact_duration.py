@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # force grows slowly there are millions of pieces, each a sliver of the whole: then they have fewer, but at least one
 # cell and two nodes.
 _CELLS, _NODES = 16, 12
-_MOST_CELLS = 400_000
+_MAX_CELLS = 400_000
 # But pieces of panels that span more than this share of all offsets count by themselves: where a reaction goes far
 # beyond the line a few panels, as wide as the offset's density allows, may hold much of the probability.
 _SLIVER = 1 / 64
@@ -26,7 +26,7 @@ _SLIVER = 1 / 64
 _NEGLIGIBLE = 1e-11
 
 
-class ContactSpans:
+class ReleaseTimes:
     """How long the contact lasts when the arm reverses, by tick of detection and offset."""
 
     def __init__(self, problem: Problem, curve: Any, ticks: np.ndarray, least_offset: np.ndarray) -> None:
@@ -45,7 +45,7 @@ class ContactSpans:
         An arm whose path ends in contact stays there; one that has reversed has let go by then.
         """
         path = np.concatenate([self._distance[: self._begin[tick]], self._path[tick]])
-        touch = np.nan_to_num(contact_times(path, offset, self._step), nan=np.inf)
+        touch = np.nan_to_num(first_passage_times(path, offset, self._step), nan=np.inf)
         turn = np.minimum(np.ceil((touch + first_s) / self._step - 1e-9), path.size).astype(np.int64)
         reached = np.maximum.accumulate(path)
         rest = path[-1]  # where the arm stays, unless it has let go
@@ -66,7 +66,7 @@ class ContactSpans:
         """Times [s] from the first touch until the distance is below each offset for good; NaN without contact."""
         # The whole path of this case: the line up to the reaction, then the reaction.
         path = np.concatenate([self._distance[: self._begin[tick]], self._path[tick]])
-        touch = contact_times(path, offset, self._step)
+        touch = first_passage_times(path, offset, self._step)
         # Release is the last time the path is above the offset: search the falling envelope from the end.
         envelope = np.maximum.accumulate(path[::-1])[::-1]
         index = np.searchsorted(-envelope, -offset, side="left")  # first step at or below the offset, for good
@@ -77,7 +77,7 @@ class ContactSpans:
         return np.where(inside, (last - 1 + part) * self._step - touch, np.nan)
 
 
-def contact_times(distance: FloatArray, offset: FloatArray, step: float) -> FloatArray:
+def first_passage_times(distance: FloatArray, offset: FloatArray, step: float) -> FloatArray:
     """Times [s] at which a path first passes each offset, linear between steps; NaN beyond its end."""
     index = np.searchsorted(np.maximum.accumulate(distance), offset, side="right")
     inside = index < distance.size
@@ -102,7 +102,7 @@ class Cells:
         series: Legendre series of the offset's density over that panel, per unit of it (pieces, order).
     """
 
-    spans: ContactSpans
+    spans: ReleaseTimes
     tick: int
     edge: FloatArray
     mass: FloatArray
@@ -128,7 +128,7 @@ class Cells:
 
 
 def _cell_count(pieces: int) -> int:
-    return int(np.clip(_MOST_CELLS // max(pieces, 1), 1, _CELLS))
+    return int(np.clip(_MAX_CELLS // max(pieces, 1), 1, _CELLS))
 
 
 def _unit_quadrature(nodes: int) -> tuple[FloatArray, FloatArray]:
@@ -154,7 +154,7 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
     wide = 2 * half[panels_used] > _SLIVER * span
     cells_in = {group: _cell_count(int(np.sum(wide[order_of_ticks] == group))) for group in (False, True)}
     low = mid[panels_used[order_of_ticks]] - half[panels_used[order_of_ticks]]
-    spans = ContactSpans(problem, curve, ticks, np.minimum.reduceat(low, begin))
+    spans = ReleaseTimes(problem, curve, ticks, np.minimum.reduceat(low, begin))
     parts = [
         (int(k), own[wide[own] == group], cells)
         for k, own in zip(ticks, np.split(order_of_ticks, begin[1:]), strict=True)
@@ -191,7 +191,7 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
         )
 
 
-def exact_contact_time(problem: Problem, curve: Any, law: Any) -> tuple[MixtureDistribution, float]:
+def integrated_contact_duration(problem: Problem, curve: Any, law: Any) -> tuple[MixtureDistribution, float]:
     """Contact time [s] of the exact law, given that the reaction ends a contact.
 
     Also the probability that a reaction does not, as far as it is followed.
@@ -210,7 +210,7 @@ def exact_contact_time(problem: Problem, curve: Any, law: Any) -> tuple[MixtureD
     return MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), unended
 
 
-def sampled_contact_time(problem: Problem, curve: Any, tick: np.ndarray, offset: FloatArray) -> FloatArray:
+def monte_carlo_contact_duration(problem: Problem, curve: Any, tick: np.ndarray, offset: FloatArray) -> FloatArray:
     """Contact time [s] of every run (runs,); NaN for runs without contact or without a reaction that ends it."""
     result = np.full(tick.shape, np.nan)
     detected = tick >= 0
@@ -219,7 +219,7 @@ def sampled_contact_time(problem: Problem, curve: Any, tick: np.ndarray, offset:
         return result
     groups = {int(k): np.flatnonzero(tick == k) for k in ticks}
     least = np.array([offset[groups[int(k)]].min() for k in ticks])
-    spans = ContactSpans(problem, curve, ticks, least)
+    spans = ReleaseTimes(problem, curve, ticks, least)
     for k, runs in groups.items():
         result[runs] = spans.at(k, offset[runs])
     return result

@@ -20,7 +20,7 @@ from bumpstop.collision.distribution.distribution import (
 )
 
 if TYPE_CHECKING:
-    from bumpstop.collision.result import ForceLaw
+    from bumpstop.collision.result import CollisionResult
 
 # Runs that are held one by one: all of a smaller sample, of a larger one the first.
 BLOCK = 1_000_000
@@ -107,9 +107,9 @@ class Counter:
         return CountedDistribution(upper, self._count, mean, sd)
 
 
-_COUNTED = ("peak_force", "force_at_detection", "detection_delay", "free_contact_time", "spans")
+_COUNTED = ("peak_force", "force_at_detection", "detection_delay", "transient_contact_duration", "contact_durations")
 _SHARES = ("false_alarm_probability", "undetected_probability", "no_contact_probability")
-_GIVEN_DETECTION = ("trigger_joint_probability", "several_joints_probability")
+_GIVEN_DETECTION = ("trigger_joint_probability", "multi_joint_probability")
 
 
 def block_seed(seed: int, first: int) -> int:
@@ -119,7 +119,9 @@ def block_seed(seed: int, first: int) -> int:
     return int.from_bytes(hashlib.sha256(f"{seed} {first}".encode()).digest()[:8], "little")
 
 
-def in_blocks(sample: Callable[[int, int], ForceLaw], samples: int, progress: Progress | None = None) -> ForceLaw:
+def in_blocks(
+    sample: Callable[[int, int], CollisionResult], samples: int, progress: Progress | None = None
+) -> CollisionResult:
     """The law of many runs, in the memory of some.
 
     Blocks are always the same runs in the same order, so that nothing depends on threads. ``runs``, and what is worked
@@ -132,7 +134,7 @@ def in_blocks(sample: Callable[[int, int], ForceLaw], samples: int, progress: Pr
     """
     counters: dict[str, Counter] = {}
     shares: dict[str, Any] = dict.fromkeys((*_SHARES, *_GIVEN_DETECTION), 0.0)
-    first: ForceLaw | None = None
+    first: CollisionResult | None = None
     done, detected = 0, 0
     more: dict[str, Any] = {}
     while done < samples:
@@ -147,8 +149,8 @@ def in_blocks(sample: Callable[[int, int], ForceLaw], samples: int, progress: Pr
             shares[name] += getattr(law, name) * size
         for name in _GIVEN_DETECTION if found else ():
             shares[name] = shares[name] + getattr(law, name) * found
-        if hasattr(law, "greatest_undetected"):
-            more["greatest_undetected"] = max(more.get("greatest_undetected", 0.0), law.greatest_undetected)
+        if hasattr(law, "max_undetected_force"):
+            more["max_undetected_force"] = max(more.get("max_undetected_force", 0.0), law.max_undetected_force)
         first = first or law
         done, detected = done + size, detected + found
         if progress is not None:

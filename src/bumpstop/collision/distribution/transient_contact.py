@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 # Cells per panel, by the order of its quadrature: eight and two for every standard deviation of the noise by which a
 # residual grows in it. In a far tail probability falls steeply across a cell over which it is spread evenly.
 _CELLS = {8: 4, 10: 8, 14: 16}
-_MOST_CELLS = 32
+_MAX_CELLS = 32
 # With fewer panels than these there is time for more cells.
 _FEW_PANELS, _CELLS_OF_FEW = 64, 16
 
 
 def _cell_count(order: int, panels: int) -> int:
-    cells = next((cells for highest, cells in _CELLS.items() if order <= highest), _MOST_CELLS)
+    cells = next((cells for highest, cells in _CELLS.items() if order <= highest), _MAX_CELLS)
     return max(cells, _CELLS_OF_FEW) if panels <= _FEW_PANELS else cells
 
 
-class FreeQuantities:
+class TransientQuantities:
     """Peak force, contact time and force at detection of an exact law of free contact."""
 
     def __init__(self, kernel: Any) -> None:
@@ -52,7 +52,7 @@ class FreeQuantities:
         """Peak force [N] of every collision, detected or not; no contact is no force."""
         return self._distribution("peak_force", slice(None), "force", self._harmless)
 
-    def contact_time(self) -> MixtureDistribution:
+    def contact_duration(self) -> MixtureDistribution:
         """Time in contact [s], given contact."""
         return self._distribution("duration", slice(None), "duration", positive=True)
 

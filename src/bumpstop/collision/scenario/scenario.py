@@ -30,9 +30,9 @@ Direction = Annotated[list[Annotated[float, _between(-1e6, 1e6)]], Field(min_len
 NoiseSd = Annotated[float, _between(0, 1e6)]
 NoiseMean = Annotated[float, _between(-1e6, 1e6)]
 JointAcceleration = Annotated[float, _between(0.1, 1e5)]
-_LEAST_SPEED_MM_S = 1e-3
-_LEAST_SUBSTEP_S = 1e-6
-_LEAST_THRESHOLD_NM, _LARGEST_THRESHOLD_NM = 1e-6, 1e9
+_MIN_SPEED_MM_S = 1e-3
+_MIN_SUBSTEP_S = 1e-6
+_MIN_THRESHOLD_NM, _MAX_THRESHOLD_NM = 1e-6, 1e9
 # The table that ``settings.toml`` has more than a scenario.
 MADE_BY = "made_by"
 
@@ -43,7 +43,7 @@ class _Table(BaseModel):
 
 # Keys of [motion] that belong to one kind of motion alone.
 _OF_LINE = ("velocity_mm_s", "speed_mm_s", "direction", "start", "duration_s", "task", "held_joints", "damping")
-_OF_TRAJECTORY = ("file", "contact_time")
+_OF_TRAJECTORY = ("file", "contact_onset_s")
 _SPEED = ("speed_mm_s", "direction")
 # Where the body is, is how far the line still goes to it; in a trajectory it is when contact begins.
 _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
@@ -54,7 +54,7 @@ def _check_direction(field: str, direction: list[float]) -> None:
         raise InputError(field, f"{as_written(direction)} is no direction", "wanted three numbers, not all zero")
 
 
-class Motion(_Table):
+class MotionTable(_Table):
     """A straight line of the tip at constant speed, base frame, or a joint trajectory."""
 
     # Of the kind that is meant where none is given.
@@ -62,7 +62,7 @@ class Motion(_Table):
 
     kind: Literal["line", "trajectory"] = "line"
     velocity_mm_s: Velocity | None = None
-    speed_mm_s: Annotated[float, _between(_LEAST_SPEED_MM_S, 1e5)] | None = None
+    speed_mm_s: Annotated[float, _between(_MIN_SPEED_MM_S, 1e5)] | None = None
     direction: Direction | None = None
     start: Literal["moving", "rest"] = "moving"
     duration_s: Annotated[float, _between(1e-5, 1e5)] = 5.0
@@ -70,7 +70,7 @@ class Motion(_Table):
     held_joints: list[int] = []
     damping: Annotated[float, _between(0, 10)] = 0.0
     file: Annotated[str, Field(description="the path of a .csv, .yaml, .yml or .json file")] | None = None
-    contact_time: Literal["uniform"] | Annotated[float, _between(0, 1e5)] = "uniform"
+    contact_onset_s: Literal["uniform"] | Annotated[float, _between(0, 1e5)] = "uniform"
 
     @property
     def velocity(self) -> tuple[float, float, float]:
@@ -85,7 +85,7 @@ class Motion(_Table):
         return _OF_TRAJECTORY if self.kind == "line" else _OF_LINE
 
     @model_validator(mode="after")
-    def _complete(self) -> Motion:
+    def _complete(self) -> MotionTable:
         for key in self.other_keys:
             if key in self.model_fields_set:
                 raise InputError(f"motion.{key}", f'has no meaning with kind = "{self.kind}"', "leave it out")
@@ -113,9 +113,9 @@ class Motion(_Table):
                 "motion.velocity_mm_s", "is zero", "an arm that does not move hits nothing: give a direction"
             )
         speed = math.hypot(*self.velocity_mm_s)
-        if speed < _LEAST_SPEED_MM_S:
+        if speed < _MIN_SPEED_MM_S:
             raise InputError(
-                "motion.velocity_mm_s", f"is {speed:g} mm/s in all", f"wanted at least {_LEAST_SPEED_MM_S:g}"
+                "motion.velocity_mm_s", f"is {speed:g} mm/s in all", f"wanted at least {_MIN_SPEED_MM_S:g}"
             )
         named: set[int] = set()
         for number in self.held_joints:
@@ -125,7 +125,7 @@ class Motion(_Table):
         return self
 
 
-class Contact(_Table):
+class ContactTable(_Table):
     """What is hit, where on the arm, and how far away it is."""
 
     body: Annotated[str, Field(description="the name of a body region (bumpstop bodies lists them)")] | None = None
@@ -147,7 +147,7 @@ class Contact(_Table):
     offset_mm: Annotated[float, _between(0, 1e6)] | None = None
 
     @model_validator(mode="after")
-    def _complete(self) -> Contact:
+    def _complete(self) -> ContactTable:
         check_one_spelling(f"contact.{key}" for key in self.model_fields_set if getattr(self, key) is not None)
         if self.stiffness_N_mm is not None:
             # As with the velocity: all others read N/m.
@@ -174,7 +174,7 @@ class Contact(_Table):
         return self
 
 
-class Detector(_Table):
+class DetectorTable(_Table):
     """Thresholds and noise of the residual (estimated minus predicted motor torque), per joint.
 
     Noise is first-order correlated (``noise_correlation`` from tick to tick, ``noise_sd_Nm`` its stationary value), or
@@ -192,19 +192,19 @@ class Detector(_Table):
     arming_delay_s: Annotated[float, _between(0, 1e5)] = 0.0
 
     @model_validator(mode="after")
-    def _thresholds(self) -> Detector:
+    def _thresholds(self) -> DetectorTable:
         for j, threshold in enumerate(self.thresholds_Nm, start=1):
-            if not (_LEAST_THRESHOLD_NM <= threshold <= _LARGEST_THRESHOLD_NM or threshold == math.inf):
+            if not (_MIN_THRESHOLD_NM <= threshold <= _MAX_THRESHOLD_NM or threshold == math.inf):
                 raise InputError(
                     f"detector.thresholds_Nm[{j}]",
                     f"{threshold:g} cannot be used",
-                    f"wanted a number from {short(_LEAST_THRESHOLD_NM)} to {short(_LARGEST_THRESHOLD_NM)}, or inf to "
+                    f"wanted a number from {short(_MIN_THRESHOLD_NM)} to {short(_MAX_THRESHOLD_NM)}, or inf to "
                     "leave the joint unwatched",
                 )
         return self
 
     @model_validator(mode="after")
-    def _one_noise(self) -> Detector:
+    def _one_noise(self) -> DetectorTable:
         if self.residuals is None:
             if self.noise_sd_Nm is None:
                 raise InputError(
@@ -220,7 +220,7 @@ class Detector(_Table):
         return self
 
 
-class Reaction(_Table):
+class ReactionTable(_Table):
     """What the arm does after detection."""
 
     kind: Literal["reverse", "stop"] = "reverse"
@@ -228,27 +228,27 @@ class Reaction(_Table):
     latency_s: Annotated[float, _between(0, 10)] = 0.0
 
 
-class Simulation(_Table):
+class SimulationTable(_Table):
     """Time steps of the simulated controller."""
 
     step_s: Annotated[float, _between(1e-5, 0.1)] = 0.001
     substeps: Annotated[int, Field(ge=1, le=1000)] = 5
 
     @model_validator(mode="after")
-    def _not_too_fine(self) -> Simulation:
-        if self.step_s / self.substeps < _LEAST_SUBSTEP_S * (1 - 1e-9):
+    def _not_too_fine(self) -> SimulationTable:
+        if self.step_s / self.substeps < _MIN_SUBSTEP_S * (1 - 1e-9):
             raise InputError(
                 "simulation.substeps",
                 f"{self.substeps} in a step of {self.step_s:g} s are {self.step_s / self.substeps:g} s each",
-                f"wanted at least {short(_LEAST_SUBSTEP_S)} s",
+                f"wanted at least {short(_MIN_SUBSTEP_S)} s",
             )
         return self
 
 
-class VerdictSettings(_Table):
+class VerdictTable(_Table):
     """What counts as acceptable."""
 
-    risk: Probability = 1e-3
+    accepted_probability: Probability = 1e-3
     max_false_alarm: Probability = 1e-3
     clamped_limit: Literal["quasi_static", "two_phase"] = "quasi_static"
 
@@ -265,12 +265,12 @@ class Scenario(_Table):
     tip: Annotated[str, Field(description="the name of a link of the URDF")] | None = None
     pose_deg: list[JointPosition] | None = None
     pose_rad: list[JointPosition] | None = None
-    motion: Motion
-    contact: Contact
-    detector: Detector
-    reaction: Reaction
-    simulation: Simulation = Simulation()
-    verdict: VerdictSettings = VerdictSettings()
+    motion: MotionTable
+    contact: ContactTable
+    detector: DetectorTable
+    reaction: ReactionTable
+    simulation: SimulationTable = SimulationTable()
+    verdict: VerdictTable = VerdictTable()
     folder: Annotated[Path, Field(exclude=True)] = Path()
 
     @property
@@ -298,7 +298,7 @@ class Scenario(_Table):
                     raise InputError(
                         f"contact.{key}",
                         'has no meaning with motion.kind = "trajectory"',
-                        "leave it out: motion.contact_time says when contact begins",
+                        "leave it out: motion.contact_onset_s says when contact begins",
                     )
             if self.contact.arm == "two_mass":
                 problem = "'two_mass' is not available with motion.kind = \"trajectory\""

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 # Beyond this it is no scenario, but perhaps a recording or a device that never ends.
-_MOST_BYTES = 1_000_000
-_MOST_DOTS = 500  # in a line
+_MAX_BYTES = 1_000_000
+_MAX_DOTS = 500  # in a line
 
 
 def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Scenario:
@@ -29,7 +29,7 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
         InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
     """
     path = as_path(path, "scenario")
-    data = _parse(read_text(path, "wanted a scenario file", most_bytes=_MOST_BYTES), str(path))
+    data = _parse(read_text(path, "wanted a scenario file", most_bytes=_MAX_BYTES), str(path))
     set_keys(data, changes or {})
     return Scenario.from_dict(data, path.parent)
 
@@ -37,7 +37,7 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
 def _parse(text: str, path: str) -> dict[str, Any]:
     shallow = "tables one level deep"
     # The parser takes time with the square of a key's depth.
-    if any(line.partition("#")[0].count(".") > _MOST_DOTS for line in text.splitlines()):
+    if any(line.partition("#")[0].count(".") > _MAX_DOTS for line in text.splitlines()):
         raise InputError(path, "is nested too deeply", f"wanted {shallow}")
     try:
         return tomllib.loads(text)

@@ -21,15 +21,15 @@ _STANDSTILL = 1e-6
 # may grow by in one. There are no more nodes in all than this.
 _ORDER = 4
 _GROWTH = 3.0
-_MOST_NODES = 60_000
+_MAX_NODES = 60_000
 # In half a panel the contact normal turns by no more than this, unless the panel is this narrow, in feedback periods.
-_LEAST_COSINE = math.cos(0.1)
-_NARROWEST = 1e-3
+_MIN_COSINE = math.cos(0.1)
+_MIN_WIDTH = 1e-3
 _FEW_PANELS = 1000  # whatever the length of a motion, so many may be added for that
 
 
 @dataclass(frozen=True, eq=False)
-class ContactTimes:
+class OnsetQuadrature:
     """Times at which contact may begin: the nodes of a quadrature over the motion, or one that is given.
 
     Attributes:
@@ -50,24 +50,24 @@ class ContactTimes:
     still: float
 
 
-def contact_times(problem: Problem, refinement: int = 1) -> ContactTimes:
+def onset_quadrature(problem: Problem, refinement: int = 1) -> OnsetQuadrature:
     """Where to look: Gauss-Legendre nodes in panels that end at every feedback tick, or the time that is given.
 
     Raises:
         InputError: the contact point does not move toward the body then, or at no time.
     """
     trajectory = trajectory_of(problem)
-    given = problem.scenario.motion.contact_time
+    given = problem.scenario.motion.contact_onset_s
     if given != "uniform":
         begin = np.array([float(given)])
         normal, speed = approach(problem, begin)
         if not speed[0] > _STANDSTILL:
             raise InputError(
-                "motion.contact_time",
+                "motion.contact_onset_s",
                 f"at {begin[0]:g} s the contact point does not move toward the body ({speed[0] * 1e3:.3g} mm/s)",
                 "give a time at which it does, or another contact.normal",
             )
-        return ContactTimes(begin, np.ones(1), normal, begin, begin, 1, 0.0)
+        return OnsetQuadrature(begin, np.ones(1), normal, begin, begin, 1, 0.0)
     order = _ORDER * refinement
     edges = _panels(problem, trajectory, order)
     node, weight = np.polynomial.legendre.leggauss(order)
@@ -87,7 +87,7 @@ def contact_times(problem: Problem, refinement: int = 1) -> ContactTimes:
             "give a point that moves, and a normal it moves along",
         )
     still = 1 - float(share.sum() / (high - low).sum())
-    return ContactTimes(begin, share / share.sum(), normal, low, high, order, max(0.0, still))
+    return OnsetQuadrature(begin, share / share.sum(), normal, low, high, order, max(0.0, still))
 
 
 def trajectory_of(problem: Problem) -> Trajectory:
@@ -127,8 +127,8 @@ def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
     growth = np.nan_to_num(growth, nan=0.0, posinf=1e6).max(axis=1, initial=0.0) * problem.stiffness
     wanted = np.maximum(np.ceil(growth * np.maximum(speed, 0.0) * width / _GROWTH), 1.0)
     # Where there would be too many nodes, the panels with the most parts get fewer.
-    most = _MOST_NODES
-    while most > 1 and order * np.minimum(wanted, most).sum() > _MOST_NODES:
+    most = _MAX_NODES
+    while most > 1 and order * np.minimum(wanted, most).sum() > _MAX_NODES:
         most = most * 9 // 10
     parts = np.minimum(wanted, most).astype(int)
     starts = np.repeat(edges[:-1], parts)
@@ -138,14 +138,14 @@ def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
 
 def _bent(problem: Problem, edges: FloatArray) -> FloatArray:
     """Halves panels until the normal turns little in each: where the point is slow it may turn round in no time."""
-    narrowest = _NARROWEST * problem.period_steps * problem.scenario.simulation.step_s
+    narrowest = _MIN_WIDTH * problem.period_steps * problem.scenario.simulation.step_s
     ends, most = _way(problem, edges), 2 * edges.size + _FEW_PANELS
     while True:
         between = (edges[1:] + edges[:-1]) / 2
         way = _way(problem, between)
         # A point that stands still has no direction: products with its NaN are below no cosine.
         turn = np.fmin(np.einsum("ni,ni->n", ends[:-1], way), np.einsum("ni,ni->n", way, ends[1:]))
-        cut = np.flatnonzero((turn < _LEAST_COSINE) & (np.diff(edges) > narrowest))
+        cut = np.flatnonzero((turn < _MIN_COSINE) & (np.diff(edges) > narrowest))
         if not cut.size or edges.size + cut.size > most:
             return edges
         edges, ends = np.insert(edges, cut + 1, between[cut]), np.insert(ends, cut + 1, way[cut], axis=0)
@@ -198,7 +198,7 @@ def _bisected(still: Callable[[FloatArray], npt.NDArray[np.bool_]], low: FloatAr
     return low
 
 
-def draw_times(times: ContactTimes, seed: int, samples: int) -> FloatArray:
+def sample_onsets(times: OnsetQuadrature, seed: int, samples: int) -> FloatArray:
     """Times of contact of runs (samples,) [s]: even over the time in which contact may begin."""
     share: FloatArray = core.offsets(seed, 0, samples, "uniform", 1.0)
     moving = times.weight > 0

@@ -11,17 +11,17 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import Distribution, SampledDistribution
 from bumpstop.collision.distribution.mixture import MixtureDistribution
-from bumpstop.collision.trajectory.onset import ContactTimes
+from bumpstop.collision.trajectory.onset import OnsetQuadrature
 
 
-class Mixer:
+class OnsetMixture:
     """Turns values at nodes of the time of contact into distributions.
 
     What is detected at one tick changes smoothly with the time of contact inside a panel. There each node's probability
     is spread evenly between the values at the ends of what the node stands for.
     """
 
-    def __init__(self, times: ContactTimes, contact: npt.NDArray[np.int64], tick: npt.NDArray[np.int64]) -> None:
+    def __init__(self, times: OnsetQuadrature, contact: npt.NDArray[np.int64], tick: npt.NDArray[np.int64]) -> None:
         self._order = times.order
         key = (contact // times.order) * (int(tick.max(initial=0)) + 1) + tick
         _, self._group = np.unique(key, return_inverse=True)
@@ -75,7 +75,7 @@ class Mixer:
 
 
 @dataclass(frozen=True, eq=False)
-class Detections:
+class DetectedCollisions:
     """Detected collisions, single runs or nodes of a quadrature.
 
     Attributes:
@@ -90,7 +90,7 @@ class Detections:
     begin: FloatArray
     normal: FloatArray
     mass: FloatArray | None = None
-    mixer: Mixer | None = None
+    mixer: OnsetMixture | None = None
 
     def distribution(self, value: FloatArray) -> tuple[Distribution, float]:
         """Of a quantity (detections,), and the probability of all of them where that is known."""

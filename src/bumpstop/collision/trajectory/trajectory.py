@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 # A longer motion is more than one: the time to compute grows with the square of its length.
-_MOST_STEPS = 120_000
+_MAX_STEPS = 120_000
 # Between rows a cubic may pass a limit by rounding, or where a row lies on it by what the file's digits leave [rad].
 _ROUNDING = 1e-6
 # No number of a file may be greater [s, rad or m, and per s]: a clock counts from 1970, a joint without limits turns.
-_GREATEST = 1e12
+_MAX_VALUE = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +123,11 @@ def load_motion(path: Path, robot: Robot, step: float = 1e-3) -> Trajectory:
     rows = read_rows(path, robot)
     _check_rows(path, rows, robot)
     trajectory = Trajectory(rows.time - rows.time[0], rows.position, rows.velocity)
-    if not step <= trajectory.duration <= _MOST_STEPS * step:
+    if not step <= trajectory.duration <= _MAX_STEPS * step:
         raise refusal(
             path,
             f"the motion takes {trajectory.duration:.6g} s",
-            f"wanted {step:g} to {_MOST_STEPS * step:g} s, 1 to {_MOST_STEPS} simulation steps",
+            f"wanted {step:g} to {_MAX_STEPS * step:g} s, 1 to {_MAX_STEPS} simulation steps",
         )
     _check_between(path, rows, trajectory, robot)
     return trajectory
@@ -142,10 +142,12 @@ def load_trajectory(scenario: Scenario, robot: Robot) -> Trajectory:
     motion = scenario.motion
     assert motion.file is not None
     trajectory = load_motion(scenario.folder / motion.file, robot, scenario.simulation.step_s)
-    time = motion.contact_time
+    time = motion.contact_onset_s
     if time != "uniform" and not time < trajectory.duration:
         raise InputError(
-            "motion.contact_time", f"{time:g} s is not in the motion", f"wanted less than {trajectory.duration:.6g} s"
+            "motion.contact_onset_s",
+            f"{time:g} s is not in the motion",
+            f"wanted less than {trajectory.duration:.6g} s",
         )
     return trajectory
 
@@ -166,13 +168,13 @@ def _check_rows(path: Path, rows: Rows, robot: Robot) -> None:
             raise refusal(
                 path, f"{rows.row} {i + 1}, column {names[j]}: {values[i, j]} cannot be used", "wanted a finite number"
             )
-        bad = np.argwhere(np.abs(values) > _GREATEST)
+        bad = np.argwhere(np.abs(values) > _MAX_VALUE)
         if len(bad):
             i, j = bad[0]
             raise refusal(
                 path,
                 f"{rows.row} {i + 1}, column {names[j]}: {values[i, j]:g} cannot be used",
-                f"wanted {-_GREATEST:g} to {_GREATEST:g}",
+                f"wanted {-_MAX_VALUE:g} to {_MAX_VALUE:g}",
             )
     late = np.flatnonzero(np.diff(rows.time) <= 0)
     if late.size:

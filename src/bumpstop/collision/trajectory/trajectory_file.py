@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 FIELD = "motion.file"
-_MOST_BYTES = {".csv": 50_000_000, ".json": 50_000_000, ".yaml": 5_000_000, ".yml": 5_000_000}
-_MOST_CHARACTERS = 60  # of a value that is shown
-_MOST_LEVELS = 20  # of YAML
-_LONGEST_INT = 10**_MOST_CHARACTERS
-_MOST_PARTS = 8  # of a table that is shown
+_MAX_BYTES = {".csv": 50_000_000, ".json": 50_000_000, ".yaml": 5_000_000, ".yml": 5_000_000}
+_MAX_CHARACTERS = 60  # of a value that is shown
+_MAX_LEVELS = 20  # of YAML
+_MAX_INT = 10**_MAX_CHARACTERS
+_MAX_PARTS = 8  # of a table that is shown
 _TIMES = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2, of ROS 1
 _MESSAGE_KEYS = ("header", "joint_names", "points")
 _POINT_KEYS = ("positions", "velocities", "accelerations", "effort", "time_from_start")
@@ -55,16 +55,16 @@ def read_rows(path: Path, robot: Robot) -> Rows:
         InputError: the file is absent, too long or damaged; names row and column.
     """
     kind = path.suffix.lower()
-    if kind not in _MOST_BYTES:
-        raise refusal(path, f"has the extension {kind!r}", f"wanted one of {', '.join(_MOST_BYTES)}")
+    if kind not in _MAX_BYTES:
+        raise refusal(path, f"has the extension {kind!r}", f"wanted one of {', '.join(_MAX_BYTES)}")
     try:
         with path.open("rb") as file:
-            content = file.read(_MOST_BYTES[kind] + 1)
+            content = file.read(_MAX_BYTES[kind] + 1)
     except (OSError, ValueError) as error:  # a NUL character in the path is a ValueError
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise refusal(path, f"cannot be read ({why})", "wanted a trajectory file") from None
-    if len(content) > _MOST_BYTES[kind]:
-        raise refusal(path, f"is longer than {_MOST_BYTES[kind]} bytes", "wanted a trajectory file")
+    if len(content) > _MAX_BYTES[kind]:
+        raise refusal(path, f"is longer than {_MAX_BYTES[kind]} bytes", "wanted a trajectory file")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -142,8 +142,8 @@ def _parsed_yaml(path: Path, text: str) -> Any:
             elif isinstance(event, yaml.CollectionEndEvent):
                 depth -= 1
             # Thousands of levels exhaust the stack of the loader in C, which ends the process.
-            if depth > _MOST_LEVELS:
-                raise yaml.YAMLError(f"nested deeper than {_MOST_LEVELS} levels")
+            if depth > _MAX_LEVELS:
+                raise yaml.YAMLError(f"nested deeper than {_MAX_LEVELS} levels")
         # A recording of a topic ends with the mark that begins the next message.
         documents = [document for document in yaml.load_all(text, Loader) if document is not None]
     except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -239,16 +239,16 @@ def _seconds(path: Path, value: Any, where: str) -> float:
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, dict) and len(value) <= _MOST_PARTS and not any(isinstance(x, dict) for x in value.values()):
+    if isinstance(value, dict) and len(value) <= _MAX_PARTS and not any(isinstance(x, dict) for x in value.values()):
         text = "{" + ", ".join(f"{_shown(key)}: {_shown(part)}" for key, part in value.items()) + "}"
-    elif isinstance(value, int) and abs(value) >= _LONGEST_INT:
+    elif isinstance(value, int) and abs(value) >= _MAX_INT:
         text = "a number of more than 60 digits"
     elif isinstance(value, str | int | float | None):
-        text = repr(value[: _MOST_CHARACTERS + 1] if isinstance(value, str) else value)
+        text = repr(value[: _MAX_CHARACTERS + 1] if isinstance(value, str) else value)
     else:
         # Not looked into: references in YAML make a value of a few lines as large as they like.
         text = f"a value of type {type(value).__name__}"
-    return text if len(text) <= _MOST_CHARACTERS else text[:_MOST_CHARACTERS] + "..."
+    return text if len(text) <= _MAX_CHARACTERS else text[:_MAX_CHARACTERS] + "..."
 
 
 def _word(value: Any) -> str:

@@ -15,9 +15,15 @@ from bumpstop.collision.curve import StoppingCurve
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE, Distribution, SampledDistribution
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, arm_mass_at, bounds_at
 from bumpstop.collision.problem import Problem
-from bumpstop.collision.result import ForceLaw
-from bumpstop.collision.trajectory.onset import ContactTimes, approach, contact_times, draw_times, trajectory_of
-from bumpstop.collision.trajectory.onset_mixture import Detections, Mixer
+from bumpstop.collision.result import CollisionResult
+from bumpstop.collision.trajectory.onset import (
+    OnsetQuadrature,
+    approach,
+    onset_quadrature,
+    sample_onsets,
+    trajectory_of,
+)
+from bumpstop.collision.trajectory.onset_mixture import DetectedCollisions, OnsetMixture
 from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_curve, trajectory_kernel
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
@@ -25,51 +31,51 @@ from bumpstop.collision.verdict.verdict import percent
 from bumpstop.errors import InputError
 
 # Every pair of a contact time and a tick that may detect it takes some 300 bytes of memory.
-_MOST_DETECTIONS = 20_000_000
+_MAX_DETECTIONS = 20_000_000
 _CONTACTS_AT_ONCE = 500
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TrajectoryLaw(ForceLaw):
+class TrajectoryCollisionResult(CollisionResult):
     """The distribution of one collision over the time of contact and sensor noise.
 
     ``curve`` is the stopping curve of the contact that is hardest on average, or of the hardest run; ``kernel`` is the
-    kernels' trajectory. Runs have ``contact_time`` [s].
+    kernels' trajectory. Runs have ``contact_duration`` [s].
 
     Attributes:
         times: when contact may begin.
-        contact_begin: of ``curve`` [s].
-        spans: contact time of a reversing arm, or of a body that gets away [s]; None where the arm stops in clamped
+        onset: of ``curve`` [s].
+        contact_durations: of a reversing arm, or of a body that gets away [s]; None where the arm stops in clamped
             contact.
         detections: the detected collisions one by one.
-        greatest_undetected: the greatest force of a collision never detected [N].
+        max_undetected_force: the greatest force of a collision never detected [N].
         undetected_force: force of such collisions, given one [N]; of the exact law of clamped contact, where there are
             any.
     """
 
-    times: ContactTimes = field(kw_only=True)
-    contact_begin: float = field(kw_only=True)
-    spans: Distribution | None = field(kw_only=True)
-    detections: Detections = field(kw_only=True)
-    greatest_undetected: float = field(kw_only=True)
+    times: OnsetQuadrature = field(kw_only=True)
+    onset: float = field(kw_only=True)
+    contact_durations: Distribution | None = field(kw_only=True)
+    detections: DetectedCollisions = field(kw_only=True)
+    max_undetected_force: float = field(kw_only=True)
     undetected_force: Distribution | None = field(kw_only=True, default=None)
 
     @cached_property
-    def contact_time(self) -> Distribution | None:
+    def contact_duration(self) -> Distribution | None:
         """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
-        return self.spans
+        return self.contact_durations
 
     @cached_property
     def impact_bounds(self) -> ImpactBounds | None:
         """Peak force by formula of an undetected impact at the contact of ``curve``; None for clamped contact."""
         if self.problem.body_mass is None:
             return None
-        q = trajectory_of(self.problem).at(self.contact_begin)
+        q = trajectory_of(self.problem).at(self.onset)
         arm = arm_mass_at(self.problem, np.ascontiguousarray(q).reshape(-1), self.curve.normal)
         return bounds_at(self.problem, self.curve.approach_speed, arm)
 
     def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
-        """See :meth:`ForceLaw.phase_shares`."""
+        """See :meth:`CollisionResult.phase_shares`."""
         own = self.detections
         deepest = self.kernel.phases(own.tick.tolist(), own.begin, own.normal, FIRST_PHASE_S)
         share = self.problem.stiffness * np.maximum(deepest[:, 0] * first, deepest[:, 1] * later)
@@ -90,10 +96,10 @@ class TrajectoryLaw(ForceLaw):
             f"The arm follows a joint trajectory of {len(trajectory.time)} rows and {trajectory.duration:.4g} s; "
             f"{joined} between the rows. Once it reacts it slows down along that path."
         ]
-        if motion.contact_time == "uniform":
+        if motion.contact_onset_s == "uniform":
             notes.append("Contact begins at any time of the motion with the same probability.")
         else:
-            notes.append(f"Contact begins {motion.contact_time:g} s after the start of the motion.")
+            notes.append(f"Contact begins {motion.contact_onset_s:g} s after the start of the motion.")
         if self.times.still > NEGLIGIBLE:
             notes.append(
                 f"In {percent(self.times.still)} of the time the contact point does not move toward a body: no contact "
@@ -126,12 +132,12 @@ class TrajectoryLaw(ForceLaw):
                 count = f"They are not detected {because} and count as over every limit, whatever their force"
             notes.append(
                 f"In {percent(self.undetected_probability)} of cases the motion ends without a detection. {count}; the "
-                f"greatest of it is {self.greatest_undetected:.4g} N."
+                f"greatest of it is {self.max_undetected_force:.4g} N."
             )
         return notes
 
     def why_no_contact(self) -> str:
-        """See :meth:`ForceLaw.why_no_contact`."""
+        """See :meth:`CollisionResult.why_no_contact`."""
         return ": the contact point turns back within a simulation step"
 
     def approach_cosine(self) -> float:
@@ -144,18 +150,18 @@ class TrajectoryLaw(ForceLaw):
         return float(self.times.weight @ (along / speed))
 
     def contact_alone(self) -> dict[str, Any]:
-        """See :meth:`ForceLaw.contact_alone`."""
-        return {"motion.contact_time": self.contact_begin}
+        """See :meth:`CollisionResult.contact_alone`."""
+        return {"motion.contact_onset_s": self.onset}
 
     @property
     def unbounded_because(self) -> str | None:
-        """See :attr:`ForceLaw.unbounded_because`."""
+        """See :attr:`CollisionResult.unbounded_because`."""
         if self.problem.body_mass is not None or not stops_short(trajectory_of(self.problem)):
             return None
         return "before the trajectory (motion.file) ends while the arm still moves"
 
     def undetected_over(self, force: float) -> float:
-        """See :meth:`ForceLaw.undetected_over`."""
+        """See :meth:`CollisionResult.undetected_over`."""
         if self.samples is not None or self.unbounded_because is not None:
             return super().undetected_over(force)
         if self.undetected_force is None:
@@ -172,11 +178,11 @@ def stops_short(trajectory: Trajectory) -> bool:
     return bool((rates[-1] > 0.01 * rates.max()).any())
 
 
-def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> TrajectoryLaw:
+def integrate_trajectory(problem: Problem, *, refinement: int = 1) -> TrajectoryCollisionResult:
     """Integrate over the time of contact and sensor noise."""
     if problem.residuals is not None:
         raise InputError("detector.residuals", "measured residuals have no exact law", "draw it: give samples")
-    kernel, times = trajectory_kernel(problem), contact_times(problem, refinement)
+    kernel, times = trajectory_kernel(problem), onset_quadrature(problem, refinement)
     used = np.flatnonzero(times.weight > 0)
     begin, weight, K = times.begin[used], times.weight[used], problem.stiffness
     normal = np.ascontiguousarray(times.normal[used])
@@ -189,18 +195,18 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
     )
     after = out["distance"] >= 0
     never = weight * out["undetected"]
-    mixer = Mixer(times, used[contact], tick)
+    mixer = OnsetMixture(times, used[contact], tick)
     late = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s - begin[contact]
     false_alarm = float(weight @ out["false_alarm"])
     detected = float(mass[after].sum()) + false_alarm
     zero = float(weight @ out["harmless"])
-    spans: Distribution | None = None
+    contact_durations: Distribution | None = None
     undetected_force: Distribution | None = None
     rests = not stops_short(trajectory_of(problem))
     if free or rests:
         # What goes undetected is like what one more tick detects.
         missed = np.flatnonzero(never > 0)
-        everything = Mixer(
+        everything = OnsetMixture(
             times,
             used[np.append(contact, missed)],
             np.append(tick, np.full(missed.size, kernel.ticks, dtype=tick.dtype)),
@@ -211,20 +217,20 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         peak_force = mixer.distribution(peak, mass, zero=zero, end=(undetected_peak[never > 0], never[never > 0]))
     if free:
         lasts = np.append(out["duration"], out["undetected_duration"][missed])
-        spans = everything.distribution(np.where(lasts > 0, lasts, math.nan), all_mass)
+        contact_durations = everything.distribution(np.where(lasts > 0, lasts, math.nan), all_mass)
         force = out["force"]
     else:
         if rests and missed.size:
-            alone = Mixer(times, used[missed], np.full(missed.size, kernel.ticks, dtype=tick.dtype))
+            alone = OnsetMixture(times, used[missed], np.full(missed.size, kernel.ticks, dtype=tick.dtype))
             undetected_force = alone.distribution(undetected_peak[missed], never[missed])
         if problem.scenario.reaction.kind == "reverse":
-            spans = mixer.distribution(kernel.contact_spans(tick.tolist(), begin[contact]), mass)
+            contact_durations = mixer.distribution(kernel.contact_spans(tick.tolist(), begin[contact]), mass)
         force = K * out["distance"]
     expected = np.bincount(contact, probability * peak, len(begin)) + out["undetected"] * undetected_peak
     hardest = float(begin[int(np.argmax(expected))])
     with np.errstate(invalid="ignore"):
         triggers = np.minimum(1.0, weight @ out["trigger"] / (detected if detected > 0 else math.nan))
-    return TrajectoryLaw(
+    return TrajectoryCollisionResult(
         problem=problem,
         curve=trajectory_curve(problem, kernel, hardest),
         kind="exact",
@@ -232,16 +238,16 @@ def exact_trajectory_law(problem: Problem, *, refinement: int = 1) -> Trajectory
         force_at_detection=mixer.distribution(np.where(after, force, math.nan), mass),
         detection_delay=mixer.distribution(np.where(after, late, math.nan), mass),
         trigger_joint_probability=triggers,
-        several_joints_probability=min(1.0, float(weight @ out["several"]) / detected) if detected > 0 else math.nan,
+        multi_joint_probability=min(1.0, float(weight @ out["several"]) / detected) if detected > 0 else math.nan,
         false_alarm_probability=false_alarm,
         undetected_probability=min(1.0, float(never.sum())),
         no_contact_probability=max(0.0, float(weight @ out["no_contact"])),
         kernel=kernel,
         times=times,
-        contact_begin=hardest,
-        spans=spans,
-        detections=Detections(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
-        greatest_undetected=float(undetected_peak.max(where=never > 0, initial=0.0)),
+        onset=hardest,
+        contact_durations=contact_durations,
+        detections=DetectedCollisions(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
+        max_undetected_force=float(undetected_peak.max(where=never > 0, initial=0.0)),
         undetected_force=undetected_force,
     )
 
@@ -255,21 +261,23 @@ def _laws(problem: Problem, kernel: Any, begin: FloatArray, normal: FloatArray) 
         part = kernel.laws(problem.detector, problem.stiffness, begin[own], normal[own], problem.moving_mass)
         part["contact"] += first
         detections += part["contact"].size
-        if detections > _MOST_DETECTIONS:
+        if detections > _MAX_DETECTIONS:
             raise InputError(
                 "motion.file",
-                f"the motion goes unnoticed for so long that the exact law has more than {_MOST_DETECTIONS:,} pairs of "
+                f"the motion goes unnoticed for so long that the exact law has more than {_MAX_DETECTIONS:,} pairs of "
                 "a contact time and a tick that detects it",
-                "draw it: give samples; or give motion.contact_time, or a part of the motion",
+                "draw it: give samples; or give motion.contact_onset_s, or a part of the motion",
             )
         parts.append(part)
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, threads: int = 1) -> TrajectoryLaw:
+def monte_carlo_trajectory(
+    problem: Problem, *, samples: int, seed: int = 0, threads: int = 1
+) -> TrajectoryCollisionResult:
     """Draw single collisions: a time of contact, then noise until a joint alarms."""
-    kernel, times = trajectory_kernel(problem), contact_times(problem)
-    begin = draw_times(times, seed, samples)
+    kernel, times = trajectory_kernel(problem), onset_quadrature(problem)
+    begin = sample_onsets(times, seed, samples)
     normal, _ = approach(problem, begin)
     record = problem.residuals
     runs = kernel.sample(
@@ -296,12 +304,12 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
         peak, force = runs["peak"], np.where(detected, runs["force"], 0.0)
     fired = (runs["triggers"][:, None] >> np.arange(problem.robot.dof, dtype=np.uint32)) & 1
     some = bool(detected.any())
-    spans = SampledDistribution(runs["duration"][runs["duration"] > 0]) if free else None
+    contact_durations = SampledDistribution(runs["duration"][runs["duration"] > 0]) if free else None
     if problem.scenario.reaction.kind == "reverse" and not free:
         lasts = kernel.contact_spans(tick[detected].tolist(), begin[detected])
-        spans = SampledDistribution(lasts[np.isfinite(lasts)])
+        contact_durations = SampledDistribution(lasts[np.isfinite(lasts)])
     hardest = float(begin[int(np.argmax(peak))])
-    return TrajectoryLaw(
+    return TrajectoryCollisionResult(
         problem=problem,
         curve=trajectory_curve(problem, kernel, hardest),
         kind="sampled",
@@ -309,14 +317,14 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
         force_at_detection=SampledDistribution(force[felt]),
         detection_delay=SampledDistribution((tick_time - begin)[felt]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(problem.robot.dof, math.nan),
-        several_joints_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
+        multi_joint_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
         false_alarm_probability=float((detected & ~felt).mean()),
         undetected_probability=float(undetected.mean()),
         no_contact_probability=float((~detected & ~undetected).mean()),
         samples=samples,
         seed=seed,
         runs={
-            "contact_time": begin,
+            "onset": begin,
             "offset": np.zeros(samples),
             "tick": tick,
             "triggers": runs["triggers"],
@@ -328,8 +336,10 @@ def sampled_trajectory_law(problem: Problem, *, samples: int, seed: int = 0, thr
         },
         kernel=kernel,
         times=times,
-        contact_begin=hardest,
-        spans=spans,
-        detections=Detections(tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])),
-        greatest_undetected=float(peak.max(where=undetected, initial=0.0)),
+        onset=hardest,
+        contact_durations=contact_durations,
+        detections=DetectedCollisions(
+            tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])
+        ),
+        max_undetected_force=float(peak.max(where=undetected, initial=0.0)),
     )

@@ -10,19 +10,19 @@ import numpy as np
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop.collision.result import ForceLaw
+    from bumpstop.collision.result import CollisionResult
     from bumpstop.collision.scenario.scenario import Scenario
 
 # A step is cut into so many, and so is a sub-step of the shorter step.
 _FINER = 4
 # More steps than these are not looked at again: they are fine, or the motion goes on for minutes.
-_MOST_STEPS = 100_000
-_LEAST_STEP_S, _LEAST_SUBSTEP_S, _MOST_SUBSTEPS = 1e-5, 1e-6, 1000
+_MAX_STEPS = 100_000
+_MIN_STEP_S, _MIN_SUBSTEP_S, _MAX_SUBSTEPS = 1e-5, 1e-6, 1000
 # A force that finer steps raise by less than this share is told well enough.
 _RISE = 0.02
 
 
-def finer_steps(law: ForceLaw) -> list[str]:
+def finer_steps(law: CollisionResult) -> list[str]:
     """Compare a law with that of finer steps; where it hits harder, say how much.
 
     A reaction takes effect at the ends of sub-steps and the farthest point is looked for at the ends of steps, so that
@@ -33,7 +33,7 @@ def finer_steps(law: ForceLaw) -> list[str]:
     changes = _finer(given)
     if not changes:
         return []
-    if law.problem.residuals is not None or duration / given.simulation.step_s * _FINER > _MOST_STEPS:
+    if law.problem.residuals is not None or duration / given.simulation.step_s * _FINER > _MAX_STEPS:
         return _by_formula(law)
     from bumpstop.collision.result import evaluate
 
@@ -44,7 +44,7 @@ def finer_steps(law: ForceLaw) -> list[str]:
         fine = evaluate(given.with_values(at | changes | _same_phase(law, given.simulation.step_s - step)))
     except InputError:  # an edge that only the finer steps reach, or only the coarse ones miss
         return []
-    p = 1 - given.verdict.risk
+    p = 1 - given.verdict.accepted_probability
     before, after = coarse.peak_force.quantile(p), fine.peak_force.quantile(p)
     if not math.isfinite(before):
         p = 0.5
@@ -52,7 +52,7 @@ def finer_steps(law: ForceLaw) -> list[str]:
     if not after > (1 + _RISE) * before:
         return []
     rise = f"{after:.4g} N, not {before:.4g} N" if math.isfinite(after) else f"without a bound, not {before:.4g} N"
-    which = "" if not at else f" of the contact {at['motion.contact_time']:.4g} s after the start"
+    which = "" if not at else f" of the contact {at['motion.contact_onset_s']:.4g} s after the start"
     verdict = ""
     if coarse.verdict.acceptable is True and fine.verdict.acceptable is False:
         verdict = ", and the verdict is NOT ACCEPTABLE"
@@ -62,12 +62,12 @@ def finer_steps(law: ForceLaw) -> list[str]:
     ]
 
 
-def _by_formula(law: ForceLaw) -> list[str]:
+def _by_formula(law: CollisionResult) -> list[str]:
     """Where there is no other law to compare with: half the speed times a sub-step, as a force."""
     simulation = law.scenario.simulation
     way = law.curve.approach_speed * simulation.step_s / simulation.substeps / 2
     force = law.problem.stiffness * way
-    said = law.peak_force.quantile(1 - law.scenario.verdict.risk)
+    said = law.peak_force.quantile(1 - law.scenario.verdict.accepted_probability)
     if not math.isfinite(said) or not force > _RISE * said:
         return []
     return [
@@ -77,7 +77,7 @@ def _by_formula(law: ForceLaw) -> list[str]:
     ]
 
 
-def _same_phase(law: ForceLaw, earlier: float) -> dict[str, float]:
+def _same_phase(law: CollisionResult, earlier: float) -> dict[str, float]:
     """Keys that move a single contact as far ahead as the control cycles, which follow the first step [s].
 
     The delay from contact to the next cycle is the same then, and what differs is due to the steps.
@@ -97,8 +97,8 @@ def _same_phase(law: ForceLaw, earlier: float) -> dict[str, float]:
 def _finer(scenario: Scenario) -> dict[str, Any]:
     """Finer steps and sub-steps, as far as they may be; empty where these are the finest."""
     step, substeps = scenario.simulation.step_s, scenario.simulation.substeps
-    finer = step / _FINER if step / _FINER >= _LEAST_STEP_S else step
-    most = min(_MOST_SUBSTEPS, int(finer / _LEAST_SUBSTEP_S * (1 + 1e-9)))
+    finer = step / _FINER if step / _FINER >= _MIN_STEP_S else step
+    most = min(_MAX_SUBSTEPS, int(finer / _MIN_SUBSTEP_S * (1 + 1e-9)))
     more = max(1, min(substeps * _FINER, most))
     if finer / more >= step / substeps * (1 - 1e-9):
         return {}

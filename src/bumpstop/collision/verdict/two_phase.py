@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.collision.distribution.contact_duration import ContactSpans, exact_cells
+from bumpstop.collision.distribution.contact_duration import ReleaseTimes, exact_cells
 from bumpstop.collision.distribution.distribution import Distribution, SampledDistribution
 from bumpstop.collision.distribution.mixture import MixtureDistribution
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision.result import ForceLaw
+    from bumpstop.collision.result import CollisionResult
     from bumpstop.contact import ContactLimits
 
 # How long the transient limit holds after contact: ISO/TS 15066, 5.5.5.3, through the facts of the limit table [s].
@@ -36,7 +36,7 @@ class TwoPhaseUse:
     weight: float
 
     @classmethod
-    def of(cls, law: ForceLaw, transient: ContactLimits, lasting: ContactLimits) -> TwoPhaseUse:
+    def of(cls, law: CollisionResult, transient: ContactLimits, lasting: ContactLimits) -> TwoPhaseUse:
         """Work out the shares of a law of clamped contact.
 
         Args:
@@ -57,11 +57,11 @@ class TwoPhaseUse:
         return min(1.0, (self.weight * share.exceedance(1.0) if self.weight > 0 else 0.0) + undetected)
 
 
-def phase_shares(law: ForceLaw, first: float, later: float) -> tuple[Distribution, float]:
-    """Of a law on a line; see :meth:`bumpstop.ForceLaw.phase_shares`."""
+def phase_shares(law: CollisionResult, first: float, later: float) -> tuple[Distribution, float]:
+    """Of a law on a line; see :meth:`bumpstop.CollisionResult.phase_shares`."""
     stiffness = law.problem.stiffness
 
-    def share(spans: ContactSpans, tick: int, offset: FloatArray) -> FloatArray:
+    def share(spans: ReleaseTimes, tick: int, offset: FloatArray) -> FloatArray:
         early, late = spans.phases(tick, offset.ravel(), FIRST_PHASE_S)
         return (stiffness * np.maximum(early * first, late * later)).reshape(offset.shape)
 
@@ -80,7 +80,7 @@ def phase_shares(law: ForceLaw, first: float, later: float) -> tuple[Distributio
             own = {int(k): np.flatnonzero(tick[detected] == k) for k in ticks}
             offsets = offset[detected]
             least = np.array([offsets[own[int(k)]].min() for k in ticks])
-            spans = ContactSpans(law.problem, kernel, ticks, least)
+            spans = ReleaseTimes(law.problem, kernel, ticks, least)
             for k, runs in own.items():
                 values[runs] = share(spans, k, offsets[runs])
         return SampledDistribution(values), float(detected.mean())

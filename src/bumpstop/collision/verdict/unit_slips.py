@@ -11,16 +11,16 @@ from bumpstop.collision.verdict.verdict import percent
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision.result import ForceLaw
+    from bumpstop.collision.result import CollisionResult
 
 # Softer than any body region of the limit tables by a factor of ten [N/m], and deeper than a body can be pressed [mm].
 _SOFTEST_N_M, _DEEPEST_MM = 1000.0, 50.0
 # Joint angles within a turn in radians are a small pose in degrees.
 _TURN = 2 * math.pi
 # Slower than this an arm creeps [mm/s]; m/s were written.
-_SLOWEST_MM_S = 5.0
+_MIN_SPEED_MM_S = 5.0
 # Faster than any industrial arm turns its joints [rad/s], where their own limit is not known.
-_FASTEST_RAD_S = 15.0
+_MAX_SPEED_RAD_S = 15.0
 # Braking that no industrial arm reaches [rad/s2]; degrees were written.
 _HARDEST_RAD_S2 = 100.0
 # The limit of pressure is this many times farther from being reached than that of the force, or nearer.
@@ -29,7 +29,7 @@ _SMALLEST_AREA_CM2 = 0.05
 _LIGHTEST_KG = 0.1
 
 
-def unit_slips(law: ForceLaw) -> list[str]:
+def unit_slips(law: CollisionResult) -> list[str]:
     """A sentence about each value that looks like one of another unit."""
     return [
         *_point(law),
@@ -45,7 +45,7 @@ def unit_slips(law: ForceLaw) -> list[str]:
     ]
 
 
-def _point(law: ForceLaw) -> list[str]:
+def _point(law: CollisionResult) -> list[str]:
     contact, robot = law.scenario.contact, law.problem.robot
     away = math.hypot(*contact.point_m)
     if not away > robot.span:
@@ -56,7 +56,7 @@ def _point(law: ForceLaw) -> list[str]:
     ]
 
 
-def _stiffness(law: ForceLaw) -> list[str]:
+def _stiffness(law: CollisionResult) -> list[str]:
     contact = law.scenario.contact
     soft = {"contact.stiffness_N_m": contact.stiffness_N_m, "contact.padding_N_m": contact.padding_N_m}
     return [
@@ -68,8 +68,8 @@ def _stiffness(law: ForceLaw) -> list[str]:
     ]
 
 
-def _deformation(law: ForceLaw) -> list[str]:
-    risk = law.scenario.verdict.risk
+def _deformation(law: CollisionResult) -> list[str]:
+    risk = law.scenario.verdict.accepted_probability
     deep = law.compression.quantile(1 - risk)
     deep = deep if math.isfinite(deep) else law.compression.quantile(0.5)
     if not (math.isfinite(deep) and deep > _DEEPEST_MM):
@@ -80,12 +80,12 @@ def _deformation(law: ForceLaw) -> list[str]:
     ]
 
 
-def _turning(law: ForceLaw) -> FloatArray:
+def _turning(law: CollisionResult) -> FloatArray:
     """Which joints turn (dof,)."""
     return np.array([joint.kind == "revolute" for joint in law.problem.robot.joints])
 
 
-def _angles(law: ForceLaw) -> list[str]:
+def _angles(law: CollisionResult) -> list[str]:
     scenario, turns = law.scenario, _turning(law)
     if scenario.pose_deg is not None:
         angles = np.abs(np.array(scenario.pose_deg))[turns]
@@ -101,16 +101,16 @@ def _angles(law: ForceLaw) -> list[str]:
     return []
 
 
-def _slow(law: ForceLaw) -> list[str]:
+def _slow(law: CollisionResult) -> list[str]:
     if law.problem.trajectory is not None:
         return []
     speed = 1e3 * math.hypot(*law.scenario.motion.velocity)
-    if speed >= _SLOWEST_MM_S:
+    if speed >= _MIN_SPEED_MM_S:
         return []
     return [f"The tip moves at {speed:.4g} mm/s: an arm so slow hardly works. Speeds are in mm/s."]
 
 
-def _fast_joints(law: ForceLaw) -> list[str]:
+def _fast_joints(law: CollisionResult) -> list[str]:
     problem = law.problem
     limit = problem.robot.velocity
     if problem.trajectory is not None:
@@ -118,7 +118,7 @@ def _fast_joints(law: ForceLaw) -> list[str]:
         rates, what = np.abs(problem.trajectory.at(t, 1)).max(axis=0), "The trajectory"
     else:
         rates, what = np.abs(_rates_asked(law)), "The speed asked for"
-    most = np.where(np.isfinite(limit), limit, np.where(_turning(law), _FASTEST_RAD_S, np.inf))
+    most = np.where(np.isfinite(limit), limit, np.where(_turning(law), _MAX_SPEED_RAD_S, np.inf))
     excess = rates / most
     joint = int(np.argmax(excess))
     if not excess[joint] > 1 + 1e-6:
@@ -131,7 +131,7 @@ def _fast_joints(law: ForceLaw) -> list[str]:
     return [f"{needs}, beyond its limit of {limit[joint]:.4g} {unit}{slower}."]
 
 
-def _rates_asked(law: ForceLaw) -> FloatArray:
+def _rates_asked(law: CollisionResult) -> FloatArray:
     """Joint rates of least norm that the velocity asks for at the start of a line, without any limit (dof,)."""
     problem, motion = law.problem, law.scenario.motion
     free = [j for j in range(problem.robot.dof) if j not in problem.held]
@@ -144,7 +144,7 @@ def _rates_asked(law: ForceLaw) -> FloatArray:
     return rates
 
 
-def _braking(law: ForceLaw) -> list[str]:
+def _braking(law: CollisionResult) -> list[str]:
     acceleration = law.problem.joint_acceleration[_turning(law)]
     if not (acceleration.size and acceleration.max() > _HARDEST_RAD_S2):
         return []
@@ -154,7 +154,7 @@ def _braking(law: ForceLaw) -> list[str]:
     ]
 
 
-def _area(law: ForceLaw) -> list[str]:
+def _area(law: CollisionResult) -> list[str]:
     """Mean pressure is force over area: a wrong area makes pressure vanish, or decide alone."""
     limits, contact = law.problem.limits, law.scenario.contact
     if limits is None or not limits.permitted or not limits.pressure_N_cm2:
@@ -174,14 +174,14 @@ def _area(law: ForceLaw) -> list[str]:
     return []
 
 
-def _mass(law: ForceLaw) -> list[str]:
+def _mass(law: CollisionResult) -> list[str]:
     mass = law.problem.body_mass
     if mass is None or mass >= _LIGHTEST_KG:
         return []
     return [f"contact.body_mass_kg = {mass:g} is lighter than any body region: it is in kg."]
 
 
-def _thresholds(law: ForceLaw) -> list[str]:
+def _thresholds(law: CollisionResult) -> list[str]:
     """A residual without noise never alarms by itself, which no detector does."""
     problem = law.problem
     watched = np.isfinite(problem.thresholds)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from bumpstop.collision.distribution.distribution import Distribution
-    from bumpstop.collision.scenario.scenario import VerdictSettings
+    from bumpstop.collision.scenario.scenario import VerdictTable
     from bumpstop.contact import ContactLimits
 
 
@@ -22,7 +22,7 @@ class Verdict:
             for what comes after.
         p_over_force, p_over_pressure: probability that the peak passes its limit; collisions never detected count
             as over where their force has no bound. None where there is no limit.
-        false_alarm_probability, risk, max_false_alarm: as found, and as accepted.
+        false_alarm_probability, accepted_probability, max_false_alarm: as found, and as accepted.
         false_alarms_per_hour: of free motion.
         nothing_hit: why most cases touch nothing, so that there is no verdict; empty where they do.
         reason: one sentence.
@@ -33,7 +33,7 @@ class Verdict:
     p_over_force: float | None
     p_over_pressure: float | None
     false_alarm_probability: float
-    risk: float
+    accepted_probability: float
     max_false_alarm: float
     false_alarms_per_hour: float
     nothing_hit: str = ""
@@ -62,7 +62,7 @@ class Verdict:
     def fails_by(self) -> tuple[str, ...]:
         """What is not within what is accepted, of ``"force"``, ``"pressure"`` and ``"false_alarm"``."""
         over = {"force": self.p_over_force, "pressure": self.p_over_pressure}
-        limits = tuple(name for name, p in over.items() if p is not None and not p <= self.risk)
+        limits = tuple(name for name, p in over.items() if p is not None and not p <= self.accepted_probability)
         return limits if self.false_alarm_ok else (*limits, "false_alarm")
 
     def to_json(self) -> dict[str, Any]:
@@ -78,7 +78,7 @@ class Verdict:
             "p_over_pressure": self.p_over_pressure,
             "false_alarm_ok": self.false_alarm_ok,
             "false_alarms_per_hour": self.false_alarms_per_hour,
-            "risk": self.risk,
+            "accepted_probability": self.accepted_probability,
             "max_false_alarm": self.max_false_alarm,
         }
         if limits:
@@ -111,7 +111,7 @@ def judge(
     limits: ContactLimits | None,
     false_alarm_probability: float,
     undetected_probability: float,
-    settings: VerdictSettings,
+    settings: VerdictTable,
     transient: ContactLimits | None = None,
     over: tuple[float, float | None] | None = None,
     *,
@@ -154,7 +154,7 @@ def judge(
         p_over_force=p_force,
         p_over_pressure=p_pressure,
         false_alarm_probability=false_alarm_probability,
-        risk=settings.risk,
+        accepted_probability=settings.accepted_probability,
         max_false_alarm=settings.max_false_alarm,
         false_alarms_per_hour=false_alarms_per_hour,
         nothing_hit=nothing_hit,
@@ -165,10 +165,10 @@ def judge(
 class _Words:
     """The sentence that gives the reason."""
 
-    def __init__(self, settings: VerdictSettings) -> None:
+    def __init__(self, settings: VerdictTable) -> None:
         self._settings = settings
         # Where what is accepted is itself next to nothing, figures must be told apart there.
-        self._tiny = min(settings.risk, settings.max_false_alarm) < _NEXT_TO_NOTHING
+        self._tiny = min(settings.accepted_probability, settings.max_false_alarm) < _NEXT_TO_NOTHING
 
     def _said(self, p: float) -> str:
         return f"{100 * p:.2g} %" if self._tiny and 0 < p < _NEXT_TO_NOTHING else percent(p)
@@ -198,9 +198,9 @@ class _Words:
 
         def listed(over: float | None) -> bool:
             """Too probable, and not for those alone of which the sentence says that nobody notices them."""
-            if over is None or not over > settings.risk:
+            if over is None or not over > settings.accepted_probability:
                 return False
-            return not missed > settings.risk or over - missed > settings.risk
+            return not missed > settings.accepted_probability or over - missed > settings.accepted_probability
 
         if listed(p_force):
             assert p_force is not None
@@ -208,8 +208,12 @@ class _Words:
         if listed(p_pressure):
             assert p_pressure is not None
             faults.append(f"the pressure exceeds {pressure} with probability {said(p_pressure)}")
-        accepted = f", more than the accepted {said(settings.risk)}" if faults or missed > settings.risk else ""
-        if missed > settings.risk:
+        accepted = (
+            f", more than the accepted {said(settings.accepted_probability)}"
+            if faults or missed > settings.accepted_probability
+            else ""
+        )
+        if missed > settings.accepted_probability:
             faults.append(f"{said(missed)} of collisions are not detected {because} and count as over every limit")
         if false_alarm > settings.max_false_alarm:
             faults.append(
@@ -231,7 +235,7 @@ class _Words:
         what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
         return (
             f"{what} the limits for {limits.label} with probability {self._said(worst)}, "
-            f"within the accepted {self._said(self._settings.risk)}."
+            f"within the accepted {self._said(self._settings.accepted_probability)}."
         )
 
 

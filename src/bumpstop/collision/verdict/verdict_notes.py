@@ -12,19 +12,19 @@ from bumpstop.collision.verdict.unit_slips import unit_slips
 from bumpstop.collision.verdict.verdict import percent
 
 if TYPE_CHECKING:
-    from bumpstop.collision.result import ForceLaw
+    from bumpstop.collision.result import CollisionResult
 
 # Where more than this share of cases presses nothing, there is no verdict.
-MOST_UNTOUCHED = 0.5
+MAX_UNTOUCHED = 0.5
 # A smaller share is worth no word, unless it hides a risk.
 _MUCH_UNTOUCHED = 0.1
 # A normal farther from the motion than this is approached at less than half the speed.
-_LEAST_COSINE = 0.5
+_MIN_COSINE = 0.5
 # An arm that starts from rest is as good as at full speed from this share on.
 _FULL_SPEED = 0.9
 
 
-def verdict_notes(law: ForceLaw) -> list[str]:
+def verdict_notes(law: CollisionResult) -> list[str]:
     """All of them, in the order in which they are read."""
     return [
         *_nothing_hit_note(law),
@@ -36,10 +36,10 @@ def verdict_notes(law: ForceLaw) -> list[str]:
     ]
 
 
-def nothing_hit(law: ForceLaw) -> str:
+def nothing_hit(law: CollisionResult) -> str:
     """Why most cases press nothing; empty where most do."""
     untouched = untouched_share(law)
-    if not untouched > MOST_UNTOUCHED:
+    if not untouched > MAX_UNTOUCHED:
         return ""
     share = percent(untouched)
     if law.no_contact_probability < untouched / 2:
@@ -47,30 +47,30 @@ def nothing_hit(law: ForceLaw) -> str:
     return f"In {share} of cases nothing is hit, as the motion ends before contact{law.why_no_contact()}."
 
 
-def untouched_share(law: ForceLaw) -> float:
+def untouched_share(law: CollisionResult) -> float:
     """Probability that no force at all is exerted."""
     touched = law.peak_force.exceedance(0.0)
     return 0.0 if math.isnan(touched) else 1 - touched
 
 
-def _nothing_hit_note(law: ForceLaw) -> list[str]:
+def _nothing_hit_note(law: CollisionResult) -> list[str]:
     """Cases without any force dilute the probability of exceeding a limit."""
     untouched, limits, verdict = untouched_share(law), law.problem.limits, law.verdict
-    if limits is None or not limits.permitted or untouched > MOST_UNTOUCHED:
+    if limits is None or not limits.permitted or untouched > MAX_UNTOUCHED:
         return []
     over = max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
     alone = over / (1 - untouched)
-    hides = over <= verdict.risk < alone
+    hides = over <= verdict.accepted_probability < alone
     if not (hides or untouched > _MUCH_UNTOUCHED):
         return []
-    more = f", more than the accepted {percent(verdict.risk)}" if hides else ""
+    more = f", more than the accepted {percent(verdict.accepted_probability)}" if hides else ""
     return [
         f"In {percent(untouched)} of cases nothing is hit; they count as below every limit. Of the others alone "
         f"{percent(alone)} exceed one{more}."
     ]
 
 
-def _pressure_note(law: ForceLaw) -> list[str]:
+def _pressure_note(law: CollisionResult) -> list[str]:
     limits = law.problem.limits
     if limits is None or not limits.permitted or limits.pressure_N_cm2 is not None:
         return []
@@ -80,12 +80,12 @@ def _pressure_note(law: ForceLaw) -> list[str]:
     ]
 
 
-def _normal_note(law: ForceLaw) -> list[str]:
+def _normal_note(law: CollisionResult) -> list[str]:
     """A force along a normal that lies across the motion is that of a fraction of the speed."""
     if law.scenario.contact.normal is None:
         return []
     cosine = law.approach_cosine()
-    if not cosine < _LEAST_COSINE:
+    if not cosine < _MIN_COSINE:
         return []
     angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
     return [
@@ -94,7 +94,7 @@ def _normal_note(law: ForceLaw) -> list[str]:
     ]
 
 
-def _rest_note(law: ForceLaw) -> list[str]:
+def _rest_note(law: CollisionResult) -> list[str]:
     """From rest the gap decides how fast the arm is when it touches."""
     if law.problem.trajectory is not None or law.scenario.motion.start != "rest":
         return []

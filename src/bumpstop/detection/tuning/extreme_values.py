@@ -13,9 +13,9 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.signal import correlation_time
 
-MOST_PEAKS = 200
-FEWEST_PEAKS = 6
-FEWEST_ROWS = 100
+MAX_PEAKS = 200
+MIN_PEAKS = 6
+MIN_ROWS = 100
 # Peaks taken, as a share of the rows that are as good as independent: the tail, and not the body.
 _TAIL = 0.05
 # Of the prior of the shape: a residual's tail, not a flood's.
@@ -72,14 +72,14 @@ class PeaksOverThreshold:
         """
         stretches = [part**2 for part in stretches]
         joined = np.concatenate(stretches)
-        if joined.size < FEWEST_ROWS:
-            raise InputError("residuals", f"{joined.size} rows", f"wanted at least {FEWEST_ROWS}")
+        if joined.size < MIN_ROWS:
+            raise InputError("residuals", f"{joined.size} rows", f"wanted at least {MIN_ROWS}")
         memory = correlation_time(max(stretches, key=lambda part: part.size))
-        wanted = int(np.clip(_TAIL * joined.size / memory, 10, MOST_PEAKS))
+        wanted = int(np.clip(_TAIL * joined.size / memory, 10, MAX_PEAKS))
         level, peaks, gap = _level(joined, stretches, math.ceil(memory), wanted)
-        if peaks.size < FEWEST_PEAKS:
+        if peaks.size < MIN_PEAKS:
             problem = f"{peaks.size} independent peaks in {joined.size * period:.4g} s"
-            raise InputError("residuals", problem, f"wanted at least {FEWEST_PEAKS}: record for longer")
+            raise InputError("residuals", problem, f"wanted at least {MIN_PEAKS}: record for longer")
         excess = peaks - level
         hours = joined.size * period / 3600
         scale, found = _most_likely(excess, shape)

@@ -11,9 +11,9 @@ from bumpstop.arrays import FloatArray
 from bumpstop.signal import correlation_time
 
 # Blocks are as long as the slowest residual's memory, and shorter where that would leave fewer than these.
-_FEWEST_BLOCKS, _MOST_BLOCKS = 20, 4000
+_MIN_BLOCKS, _MOST_BLOCKS = 20, 4000
 # Of the blocks, those whose largest residuals are a joint's tail, and how many of them there are.
-_TAIL, _FEWEST, _MOST = 0.2, 5, 50
+_TAIL, _MIN_ROWS, _MAX_ROWS = 0.2, 5, 50
 # With fewer blocks no tail can be told, and in less time [s] an arm makes too few motions.
 _FEW_BLOCKS, _SHORT_S = 40, 60.0
 # A level is not sought farther beyond a joint's own tail: the scale of a few peaks is known too badly.
@@ -29,7 +29,7 @@ def block_rows(stretches: Sequence[FloatArray]) -> int:
     longest = max(stretches, key=len)
     rows = sum(len(part) for part in stretches)
     memory = max(correlation_time(longest[:, j]) for j in range(longest.shape[1]))
-    return max(1, rows // _MOST_BLOCKS, min(math.ceil(memory), rows // _FEWEST_BLOCKS))
+    return max(1, rows // _MOST_BLOCKS, min(math.ceil(memory), rows // _MIN_BLOCKS))
 
 
 def too_few(stretches: Sequence[FloatArray], size: int, period: float) -> bool:
@@ -64,7 +64,7 @@ def joint_scales(stretches: Sequence[FloatArray], size: int, passed: float | Non
         largest: FloatArray = maxima.max(axis=0)
         return largest
     squares = np.sort(maxima**2, axis=0)[::-1]
-    tail = min(count - 1, max(_FEWEST, min(_MOST, int(_TAIL * count))))
+    tail = min(count - 1, max(_MIN_ROWS, min(_MAX_ROWS, int(_TAIL * count))))
     level = squares[tail]
     scale = (squares[:tail] - level).mean(axis=0)
     quantile = min(max(passed, 1.0, tail / _REACH), 0.9 * tail)

@@ -17,7 +17,7 @@ from bumpstop.errors import InputError
 _LONG_S = (1.0, 3.0)  # starts and ends of runs, and to either side of a moment [s]
 _RULES = 1.25  # a threshold that is so many times what it would be without a moment is ruled by it
 _NEAR_S = 5.0  # from a run's first or last row: cutting that much off costs little
-_FEWEST_ROWS = 10  # of what is left of a stretch
+_MIN_ROWS = 10  # of what is left of a stretch
 
 Rows = list[npt.NDArray[np.bool_]]
 
@@ -121,7 +121,7 @@ def _left(stretches: Sequence[Stretch], rows: Rows) -> list[Stretch]:
     for part, of in zip(stretches, rows, strict=True):
         kept = np.flatnonzero(~of)
         for numbers in np.split(kept, np.flatnonzero(np.diff(kept) > 1) + 1):
-            if numbers.size >= _FEWEST_ROWS:
+            if numbers.size >= _MIN_ROWS:
                 found.append(part.only(numbers))
     runs = sorted({part.run for part in found})
     return [replace(part, run=runs.index(part.run)) for part in found]

@@ -13,10 +13,10 @@ from bumpstop.detection.tuning.joint_scales import joint_scales
 
 # Of a joint's mean residual, what its threshold is made of at rest at least: motion explains no noise away.
 _FLOOR = 0.1
-_MOST_FITTED = 20_000  # rows from which the growth is found
+_MAX_FITTED = 20_000  # rows from which the growth is found
 _FOLDS = 5
-_LEAST = 1e-3  # of a threshold, where a joint was still in all the other rows
-_LEAST_RUNS = 3  # from which on a fold is made of whole runs
+_MIN_SHARE = 1e-3  # of a threshold, where a joint was still in all the other rows
+_MIN_RUNS = 3  # from which on a fold is made of whole runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ def largest_unseen(
     """
     runs = max(part.run for part in stretches) + 1
     rows = sum(len(part.t) for part in stretches)
-    if runs >= _LEAST_RUNS:
+    if runs >= _MIN_RUNS:
         folds = [np.full(len(part.t), part.run * min(runs, 2 * _FOLDS) // runs) for part in stretches]
     else:
         begins = np.cumsum([0, *(len(part.t) for part in stretches)])
@@ -149,8 +149,8 @@ def largest_unseen(
         theirs = proportions(others, passed if passed is None else passed * share, size)
         theirs = replace(
             theirs,
-            constant=np.maximum(theirs.constant, _LEAST * whole.constant),
-            fast=np.maximum(theirs.fast, np.where(np.isfinite(whole.fast), _LEAST * whole.fast, 0.0)),
+            constant=np.maximum(theirs.constant, _MIN_SHARE * whole.constant),
+            fast=np.maximum(theirs.fast, np.where(np.isfinite(whole.fast), _MIN_SHARE * whole.fast, 0.0)),
         )
         # Of one size with the whole, in the mean of joints and channels.
         both = [np.log(whole.constant / theirs.constant)]
@@ -174,7 +174,7 @@ def _growth(stretches: Sequence[Stretch]) -> FloatArray:
         return found
     from scipy.optimize import nnls
 
-    stride = max(1, sum(len(part.t) for part in stretches) // _MOST_FITTED)
+    stride = max(1, sum(len(part.t) for part in stretches) // _MAX_FITTED)
     residual = np.concatenate([np.abs(part.residual) for part in stretches])[::stride]
     columns = [np.concatenate([getattr(part, name) for part in stretches])[::stride] for _, name in grown]
     for j in range(dof):

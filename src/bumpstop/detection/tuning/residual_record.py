@@ -17,8 +17,8 @@ from bumpstop.text_files import as_path
 # it, is a lost tick or one too many: over it the noise forgets what it would have remembered, so that correlations are
 # told too small by at most the share of such intervals.
 _UNEVEN = 0.5
-_MOST_UNEVEN = 0.05  # share of the intervals
-_FEWEST_ROWS = 100
+_MAX_UNEVEN_SHARE = 0.05  # share of the intervals
+_MIN_ROWS = 100
 # A block this many correlation times long keeps nine tenths and more of the correlation inside blocks.
 _TIMES = 10
 
@@ -56,8 +56,8 @@ class ResidualRecord:
         """
         rows = as_float_array(rows, "residuals", (None, None))
         count = rows.shape[0]
-        if count < _FEWEST_ROWS:
-            raise InputError("residuals", f"{count} rows", f"wanted at least {_FEWEST_ROWS}")
+        if count < _MIN_ROWS:
+            raise InputError("residuals", f"{count} rows", f"wanted at least {_MIN_ROWS}")
         times = np.array([correlation_time(rows[:, j]) for j in range(rows.shape[1])])
         wanted = math.ceil(_TIMES * float(times.max()))
         block = max(1, min(wanted, count // 10))
@@ -94,8 +94,8 @@ class ResidualRecord:
         if joints > dof:
             problem = f"{str(path)!r} has a column 'residual_{dof + 1}'"
             raise InputError(where, problem, f"the robot has {dof} joints")
-        if rows.shape[0] < _FEWEST_ROWS:
-            raise InputError(where, f"{str(path)!r} has {rows.shape[0]} rows", f"wanted at least {_FEWEST_ROWS}")
+        if rows.shape[0] < _MIN_ROWS:
+            raise InputError(where, f"{str(path)!r} has {rows.shape[0]} rows", f"wanted at least {_MIN_ROWS}")
         return cls.from_rows(rows, _check_time(t, period, where, str(path)), t)
 
     def save(self, path: str | Path) -> None:
@@ -179,7 +179,7 @@ def _check_time(t: FloatArray, period: float, where: str, path: str) -> tuple[st
             f"wanted the feedback period, detector.feedback_period_s = {period:g}",
         )
     uneven = int(np.count_nonzero(np.abs(steps - period) > _UNEVEN * period))
-    if uneven > _MOST_UNEVEN * steps.size:
+    if uneven > _MAX_UNEVEN_SHARE * steps.size:
         raise InputError(where, f"{uneven} of {steps.size} intervals of {path!r} are uneven", "at most 5 % may be")
     if not uneven:
         return ()

@@ -15,7 +15,7 @@ from bumpstop.detection.tuning.extreme_values import PeaksOverThreshold
 # twentieth. Two or three recordings alone say next to nothing of a spread.
 _PRIOR_SD, _PRIOR_RUNS = 0.05, 2
 # Parts of the only run there is, from which its own wandering is told, and peaks in each.
-_PARTS, _FEWEST_PARTS, _PEAKS = 8, 4, 5
+_PARTS, _MIN_PARTS, _PEAKS = 8, 4, 5
 # Logarithms of a run's factor that are tried: beyond them a run is of another kind, and not of another scale.
 _LOGS = np.linspace(-1.5, 1.5, 601)
 _LOOSE = 0.5  # standard deviation of a prior of one run's logarithm, for runs without a peak
@@ -54,7 +54,7 @@ class RunSpread:
         count = len(lengths)
         if count == 1:
             parts = min(_PARTS, tail.excess.size // _PEAKS)
-            if parts < _FEWEST_PARTS:
+            if parts < _MIN_PARTS:
                 return cls(1, 0.0, 0.0, 1)
             lengths = [len(part) for part in np.array_split(np.empty(lengths[0]), parts)]
         edges = np.cumsum([0, *lengths])

@@ -11,9 +11,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_number
-from bumpstop.detection.band_pass_channel import fast_channel
+from bumpstop.detection.band_pass_channel import band_pass_channel
 from bumpstop.detection.thresholds import Thresholds
-from bumpstop.detection.tuning.extreme_values import FEWEST_ROWS, PeaksOverThreshold
+from bumpstop.detection.tuning.extreme_values import MIN_ROWS, PeaksOverThreshold
 from bumpstop.detection.tuning.joint_scales import block_rows, too_few
 from bumpstop.detection.tuning.moments import ruling_moments
 from bumpstop.detection.tuning.proportions import Proportions, Stretch, largest_unseen, proportions
@@ -21,7 +21,7 @@ from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.detection.tuning.run_spread import RunSpread
 from bumpstop.errors import InputError, near_matches
 
-FARTHEST = 100
+MAX_EXTRAPOLATION = 100
 """Rates below one in so many times the recorded hours are flagged as extrapolated."""
 Term = Literal["fast", "speed", "acceleration"]
 """What may be tuned beside constant thresholds."""
@@ -131,7 +131,7 @@ class Tuning:
             "runs": self.spread.runs,
             "run_spread": self.spread.sd,
             "extrapolation": times,
-            "extrapolated_too_far": times > FARTHEST,
+            "extrapolated_too_far": times > MAX_EXTRAPOLATION,
             "hours": self.tail.hours,
             "peaks": int(self.tail.excess.size),
             "tail_shape": self.tail.shape,
@@ -244,8 +244,8 @@ def _tail(rows: Sequence[Stretch], period: float, per_hour: float) -> tuple[Prop
         InputError: too few rows or peaks.
     """
     count = sum(len(one.t) for one in rows)
-    if count < FEWEST_ROWS:
-        raise InputError("residuals", f"{count} rows", f"wanted at least {FEWEST_ROWS}")
+    if count < MIN_ROWS:
+        raise InputError("residuals", f"{count} rows", f"wanted at least {MIN_ROWS}")
     residual = [np.abs(one.residual) for one in rows]
     size = block_rows(residual)
     few = too_few(residual, size, period)
@@ -262,7 +262,7 @@ def _tail(rows: Sequence[Stretch], period: float, per_hour: float) -> tuple[Prop
 
 def _stretches(part: ResidualSeries, run: int, watched: Sequence[int], terms: Sequence[Term]) -> list[Stretch]:
     """Rows of a recording between its gaps, with what the terms need."""
-    fast = fast_channel(part) if "fast" in terms else None
+    fast = band_pass_channel(part) if "fast" in terms else None
     columns = list(watched)
 
     def of(values: FloatArray | None, rows: slice, wanted: bool) -> FloatArray | None:
@@ -354,10 +354,10 @@ def _notes(
             "Record for longer."
         )
     times = tuning.extrapolation()
-    if times > FARTHEST:
+    if times > MAX_EXTRAPOLATION:
         notes.append(
             f"Extrapolated too far: one alarm in {1 / tuning.target:.4g} h is {times:.4g} times what was recorded, "
-            f"more than {FARTHEST} times. Record for at least {1 / tuning.target / FARTHEST:.3g} h."
+            f"more than {MAX_EXTRAPOLATION} times. Record for at least {1 / tuning.target / MAX_EXTRAPOLATION:.3g} h."
         )
     mean = np.concatenate([one.residual for one in rows]).mean(axis=0)
     for j, bias in zip(watched, mean, strict=True):

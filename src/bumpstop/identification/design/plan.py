@@ -26,7 +26,7 @@ SPEED_SHARES = tuple(tenth / 10 for tenth in range(1, 11))  # table 2.1
 _CONSTANT_SHARE = 0.25
 _RAMP_SHARES = (1 / 3, 2 / 3, 1.0)  # of the acceleration
 _TRAVEL_SHARE = 0.3  # of the joints' speeds, between experiments
-_SLOWEST_APPROACH = 0.1  # share of the speed at which a held pose is reached
+_MIN_APPROACH_SHARE = 0.1  # share of the speed at which a held pose is reached
 _ROUTE_CHECKS = 60
 _ROUTE_TRIES = 400
 _SEED = 13
@@ -159,7 +159,7 @@ class IdentificationPlan:
         """From home through strokes, ramps and holds of one joint, and home again."""
         settings, joint = self.settings, experiment.joint
         travel = _TRAVEL_SHARE * self.robot.velocity
-        slow = _SLOWEST_APPROACH * float(self.robot.velocity[joint])
+        slow = _MIN_APPROACH_SHARE * float(self.robot.velocity[joint])
         path = PathBuilder(self.home)
         there = [*experiment.route, experiment.at(experiment.high)]
         path.rest(1.0)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _ROUNDS = 100
 _ROUNDING = 1e-12
-_MOST_DOUBLINGS = 60
+_MAX_DOUBLINGS = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ def currents(model: JointTorqueModel, tau: FloatArray, qd: FloatArray, qdd: Floa
         InputError: a torque that no current gives.
     """
     reach = np.ones(tau.shape)
-    for _ in range(_MOST_DOUBLINGS):
+    for _ in range(_MAX_DOUBLINGS):
         short = (model.torque(reach, qd, qdd) < tau) | (model.torque(-reach, qd, qdd) > tau)
         if not short.any():
             break

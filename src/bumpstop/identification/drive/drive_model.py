@@ -18,7 +18,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.joint.model import OF_FRICTION, OF_MAP, JointParameters
 
 # Slope of the map below this share of B: it has no inverse worth the name, and another value is tried.
-_LEAST_SLOPE = 0.02
+_MIN_SLOPE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +152,10 @@ def inverse_map(
         square = np.abs(current) * current if kind != "load_dependent" else -sign * current**2
         return current, np.full_like(torque, B), square
     if kind == "odd":
-        slope = np.sqrt(np.maximum(B * B + 4 * A * np.abs(torque), (_LEAST_SLOPE * B) ** 2))
+        slope = np.sqrt(np.maximum(B * B + 4 * A * np.abs(torque), (_MIN_SLOPE * B) ** 2))
         current = 2 * torque / (B + slope)
         return current, slope, np.abs(current) * current
-    slope = np.sqrt(np.maximum(B * B - 4 * A * sign * torque, (_LEAST_SLOPE * B) ** 2))
+    slope = np.sqrt(np.maximum(B * B - 4 * A * sign * torque, (_MIN_SLOPE * B) ** 2))
     current = 2 * torque / (B + slope)
     return current, slope, -sign * current**2
 

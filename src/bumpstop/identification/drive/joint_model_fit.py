@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 # No parameter that is given comes near these ends, and what is worked out of them are numbers.
-_LEAST_GAIN, _LARGEST = 1e-9, 1e9
+_MIN_GAIN, _MAX_VALUE = 1e-9, 1e9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,8 +158,8 @@ def _known(known: Mapping[str, Mapping[str, float]], arm: Robot) -> dict[str, di
                 raise InputError(f"known.{joint}.{name}", "is no parameter", near_matches(name, sorted(parameters)))
             if not math.isfinite(value):
                 raise InputError(f"known.{joint}.{name}", f"is {value}", "wanted a finite number")
-            low, high = BOUNDS.get(name, (-_LARGEST, _LARGEST))
-            low, high = max(low, _LEAST_GAIN) if name == "B" else low, min(high, _LARGEST)
+            low, high = BOUNDS.get(name, (-_MAX_VALUE, _MAX_VALUE))
+            low, high = max(low, _MIN_GAIN) if name == "B" else low, min(high, _MAX_VALUE)
             if not low <= value <= high:
                 raise InputError(f"known.{joint}.{name}", f"is {value:g}", f"wanted {low:g} to {high:g}")
         found[joint] = dict(values)

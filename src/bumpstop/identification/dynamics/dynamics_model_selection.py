@@ -28,7 +28,7 @@ SIGN_SHARES = (0.03, 0.001, 0.005, 0.01, 0.1, 0.3)
 ENOUGH_TO_CHOOSE = 4_000
 # Cut-offs are compared on the same rows, so many times the frequency that they are compared at.
 _ROWS_PER_REFERENCE = 5.0
-_MOST_AT_END = 0.05  # of a stretch, that is left away at either end while the cut-off is chosen
+_MAX_TRIMMED_SHARE = 0.05  # of a stretch, that is left away at either end while the cut-off is chosen
 _CUTOFFS_HZ = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 30.0, 60.0)
 # Another law of friction is taken where it leaves so much of the error on held-out fifths, and where the parts of the
 # rows say so beyond chance, by so many standard errors.
@@ -55,7 +55,7 @@ def choose_cutoff(
     """
     rate = min(1 / float(np.median(np.diff(recording.t))) for recording in recordings)
     reference = min(20.0, 0.15 * rate)
-    trim = min(1 / _CUTOFFS_HZ[0], _MOST_AT_END * _usual_stretch(recordings))
+    trim = min(1 / _CUTOFFS_HZ[0], _MAX_TRIMMED_SHARE * _usual_stretch(recordings))
     held_out: dict[float, float] = {}
     for candidate in _CUTOFFS_HZ:
         if candidate <= 0.4 * rate:

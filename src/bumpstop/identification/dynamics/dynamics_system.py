@@ -44,7 +44,7 @@ PIECES: tuple[tuple[int, ...], ...] = tuple(
 )
 # Parameters are left out of a joint's predictions where its held-out error falls to this share of it.
 _CLEARLY_LESS = 0.98
-_LEAST_SIGN_SPEED = 1e-4  # [rad/s or m/s]
+_MIN_SIGN_SPEED = 1e-4  # [rad/s or m/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +105,8 @@ class System:
             reach: of these rows what columns are made of; default: as far as the system's own filter reaches.
         """
         speeds = speeds_of(rows.motion, couplings)
-        sign_speed = np.maximum(sign_shares * np.sqrt(np.mean(speeds**2, axis=0)), _LEAST_SIGN_SPEED)
-        tops = np.maximum(np.abs(speeds).max(axis=0), _LEAST_SIGN_SPEED)
+        sign_speed = np.maximum(sign_shares * np.sqrt(np.mean(speeds**2, axis=0)), _MIN_SIGN_SPEED)
+        tops = np.maximum(np.abs(speeds).max(axis=0), _MIN_SIGN_SPEED)
         top_speed = np.where(bent, tops, np.nan) if np.any(bent) else None
         count = 10 * robot.dof
         cutoff = FIT_PER_CUTOFF * cutoff_hz

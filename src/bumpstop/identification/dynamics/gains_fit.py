@@ -42,7 +42,7 @@ _DEPENDENT, _KNOWN_TO = 1e-3, 0.25
 # Rows behind the filter that are enough, as every step of the search goes through all of them; of more, blocks.
 _ENOUGH = 10_000
 # Of the joints' weights: so many from every start, and so many at most from the best of them until they settle.
-_ROUNDS, _MOST_ROUNDS, _SETTLED = 3, 20, 1e-6
+_ROUNDS, _MAX_ROUNDS, _SETTLED = 3, 20, 1e-6
 # Gains by linear least squares come out too small, as the current is noisy; the search also starts from multiples.
 _MULTIPLES = (1.0, 2.0, 4.0)
 _STEPS, _DONE = 30, 1e-8  # of the search: most of them, and the change of the cost that ends it
@@ -275,7 +275,7 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
     spread = np.maximum(np.sqrt(system.held_out()), 1e-6 * usual)
     found = [few.settled(*start, spread, _ROUNDS) for start in few.starts(inverse, spread)]
     inverse, values, spread, _ = min(found, key=lambda one: one[3])
-    inverse, values, spread, _ = few.settled(inverse, values, spread, _MOST_ROUNDS)
+    inverse, values, spread, _ = few.settled(inverse, values, spread, _MAX_ROUNDS)
     residual = whole.wanted - whole.predicted(inverse, values)
     matrix = whole.slope(inverse, values, spread).reshape(-1, int(free.sum()) + values.size)
     covariance = clustered_covariance(matrix, (residual / spread).ravel(), n)

@@ -14,7 +14,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_system import condition_of, held_out_share
 from bumpstop.identification.dynamics.regressor import INERTIAL, link_regressor
 from bumpstop.identification.segments.drive_samples import stretches_of, without_rotors
-from bumpstop.identification.segments.motion import GRAVITY, LEAST_ROWS, EvenMotion, even_motion, lowpass, onto
+from bumpstop.identification.segments.motion import GRAVITY, MIN_ROWS, EvenMotion, even_motion, lowpass, onto
 from bumpstop.identification.statistics.robust_fit import long_run_covariance, visible_share
 from bumpstop.model.inertia import vector3
 from bumpstop.signal import correlation_time
@@ -36,7 +36,7 @@ _ROUNDS = 4  # of the joints' weights, and of a point mass's second moments
 _WINDOW = 4.0  # of the long-run covariance, in correlation times
 # Torques are compared after a filter at this many times the motion's cut-off.
 _FIT_PER_CUTOFF = 2.0
-_LEAST_PERIODS = 4.0  # of the cut-off, that a stretch between gaps lasts
+_MIN_PERIODS = 4.0  # of the cut-off, that a stretch between gaps lasts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -218,11 +218,11 @@ def _parts(recording: Recording, cutoff_hz: float) -> tuple[list[Recording], int
     found, used = [], 0
     for rows in stretches_of(recording.t):
         t = recording.t[rows]
-        if t.size >= LEAST_ROWS and t[-1] - t[0] >= _LEAST_PERIODS / cutoff_hz:
+        if t.size >= MIN_ROWS and t[-1] - t[0] >= _MIN_PERIODS / cutoff_hz:
             found.append(recording.between(float(t[0]), float(t[-1])))
             used += int(np.count_nonzero(_inside(t, cutoff_hz)))
     if not found:
-        problem = f"has no {LEAST_ROWS} rows and {_LEAST_PERIODS / cutoff_hz:.3g} s without a gap"
+        problem = f"has no {MIN_ROWS} rows and {_MIN_PERIODS / cutoff_hz:.3g} s without a gap"
         raise InputError("recording", problem, "record for longer, or give a higher cut-off")
     return found, recording.t.size - used
 

@@ -10,7 +10,7 @@ import numpy as np
 from bumpstop.identification.segments.motion import EvenGrid
 
 # Of recordings with more rows than are wanted so many blocks stand for the whole, each of no fewer rows than that.
-_BLOCKS, _LEAST_BLOCK = 20, 200
+_BLOCKS, _MIN_BLOCK = 20, 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,17 +52,17 @@ def blocks_of_stretches(stretches: list[Stretch], limit: int | None) -> list[tup
     if limit is None or sum(stretch.size for stretch in stretches) <= limit:
         return [(stretch, stretch.used) for stretch in stretches]
     # Of very many stretches every so manieth, counted from the first of each recording.
-    every = math.ceil(sum(min(stretch.size, _LEAST_BLOCK) for stretch in stretches) / limit)
+    every = math.ceil(sum(min(stretch.size, _MIN_BLOCK) for stretch in stretches) / limit)
     firsts = {stretch.recording: place for place, stretch in reversed(list(enumerate(stretches)))}
     kept = [own for place, own in enumerate(stretches) if (place - firsts[own.recording]) % every == 0]
     total = sum(stretch.size for stretch in kept)
     found: list[tuple[Stretch, slice]] = []
     for stretch in kept:
-        own = max(limit * stretch.size / total, _LEAST_BLOCK)
+        own = max(limit * stretch.size / total, _MIN_BLOCK)
         if own >= stretch.size:
             found.append((stretch, stretch.used))
             continue
-        count = max(1, min(round(_BLOCKS * stretch.size / total), int(own / _LEAST_BLOCK)))
+        count = max(1, min(round(_BLOCKS * stretch.size / total), int(own / _MIN_BLOCK)))
         length = int(own / count)
         room = stretch.size - length
         starts = np.linspace(0, room, count) if count > 1 else np.array([room / 2])

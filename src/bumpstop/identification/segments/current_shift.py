@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 # Motion and currents are compared below this frequency [Hz], on so many rows in one piece, at shifts up to this [s].
-_CUTOFF_HZ, _ROWS, _MOST_S = 5.0, 2500, 0.3
+_CUTOFF_HZ, _ROWS, _MAX_S = 5.0, 2500, 0.3
 _STEPS = 60  # shifts to either side
 # A shift is told from this size on, where it leaves no more than this share of what is left of the currents without it;
 # where it leaves as little as the second share, no fit can be used.
-_LEAST_S, _LEAST_STEPS, _WORTH, _MUCH = 0.02, 1.2, 0.93, 0.75
+_MIN_DURATION_S, _MIN_STEPS, _WORTH, _MUCH = 0.02, 1.2, 0.93, 0.75
 _EXPLAINED = 0.7  # share of the variance
-_LEAST_ROWS = 200
+_MIN_ROWS = 200
 _NONE = (0.0, 1.0)
 _MOVES = 0.01  # [rad or m]
 
@@ -74,12 +74,12 @@ def shift_of(recording: Recording, robot: Robot, effort: FloatArray) -> tuple[fl
     x = lowpass(grid.columns(effort), grid.rate_hz, cutoff)
     qd = np.gradient(q, 1 / grid.rate_hz, axis=0)
     qdd = np.gradient(qd, 1 / grid.rate_hz, axis=0)
-    edge = int(np.ceil((_MOST_S + 1 / cutoff) * grid.rate_hz))
+    edge = int(np.ceil((_MAX_S + 1 / cutoff) * grid.rate_hz))
     rows = np.arange(edge, grid.t.size - edge, every)
-    if rows.size < _LEAST_ROWS:
+    if rows.size < _MIN_ROWS:
         return _NONE
     inertial = inertial_regressor(robot, q[rows], qd[rows], qdd[rows], GRAVITY)
-    shifts = np.linspace(-_MOST_S, _MOST_S, 2 * _STEPS + 1)
+    shifts = np.linspace(-_MAX_S, _MAX_S, 2 * _STEPS + 1)
     left, joints = np.zeros(shifts.size), 0
     for j in range(robot.dof):
         if np.ptp(q[rows, j]) < _MOVES or np.ptp(x[rows, j]) == 0:
@@ -100,14 +100,14 @@ def shift_of(recording: Recording, robot: Robot, effort: FloatArray) -> tuple[fl
         return _NONE
     best, middle = int(np.argmin(left)), _STEPS
     shift = float(shifts[best])
-    if abs(shift) < max(_LEAST_S, _LEAST_STEPS * recording.dt) or left[best] > _WORTH * left[middle]:
+    if abs(shift) < max(_MIN_DURATION_S, _MIN_STEPS * recording.dt) or left[best] > _WORTH * left[middle]:
         return _NONE
     return shift, float(left[best] / left[middle])
 
 
 def _busiest_part(recording: Recording) -> slice:
     """Of a long recording the rows in one piece in which the arm moves most: they are enough, and filtered quickly."""
-    count = int((_ROWS / (8 * _CUTOFF_HZ) + 2 * (_MOST_S + 1 / _CUTOFF_HZ)) / recording.dt)
+    count = int((_ROWS / (8 * _CUTOFF_HZ) + 2 * (_MAX_S + 1 / _CUTOFF_HZ)) / recording.dt)
     if recording.t.size <= count:
         return slice(0, recording.t.size)
     every = max(1, recording.t.size // 20_000)

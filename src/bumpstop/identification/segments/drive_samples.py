@@ -13,7 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive.drive_model import JointMotion, held_share
-from bumpstop.identification.segments.motion import GRAVITY, LEAST_ROWS, EvenGrid, lowpass
+from bumpstop.identification.segments.motion import GRAVITY, MIN_ROWS, EvenGrid, lowpass
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # An interval this long [s], and longer than so many median ones, ends a stretch: nothing is guessed across it.
 _GAP_S, _GAP_STEPS = 0.1, 10.0
 # A stretch is used when it is at least so many times as long as what is cut off at an end.
-_LEAST_TRIMS = 5
+_MIN_TRIMS = 5
 # What is filtered at a cut-off is kept at this many times its rate.
 RATE_PER_CUTOFF = 10.0
 # Share of a speed that the filter swings back by, and more.
@@ -175,7 +175,7 @@ def drive_rows(
         bare = without_rotors(robot)
         for rows in stretches_of(recording.t):
             span = float(recording.t[rows.stop - 1] - recording.t[rows.start])
-            if rows.stop - rows.start < LEAST_ROWS or span < _LEAST_TRIMS * trim:
+            if rows.stop - rows.start < MIN_ROWS or span < _MIN_TRIMS * trim:
                 left += rows.stop - rows.start
                 continue
             t, motion, current, rate = _stretch(recording, rows, cutoff_hz, every_row, smooth_current)
@@ -189,7 +189,7 @@ def drive_rows(
             recorded += rows.stop - rows.start
             at_ends += 2 * round(trim / recording.dt)
     if not parts:
-        problem = f"has no stretch of {LEAST_ROWS} rows and {_LEAST_TRIMS * trim:.3g} s without a gap"
+        problem = f"has no stretch of {MIN_ROWS} rows and {_MIN_TRIMS * trim:.3g} s without a gap"
         raise InputError("recording", problem, "wanted a longer recording")
     ends = np.cumsum([0, *(part[0].size for part in parts)])
     columns = [np.concatenate([part[i] for part in parts]) for i in range(6)] if len(parts) > 1 else list(parts[0])

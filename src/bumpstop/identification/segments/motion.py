@@ -20,8 +20,8 @@ _RATE_PER_CUTOFF = 10.0
 # What lies beyond the margins of a part of a recording would change it by this share of its range: far below the noise
 # of any sensor. A share of 1e-9 would make margins half as wide again.
 REACH_SHARE = 1e-6
-_MOST_ROWS = 100  # of a grid, for a sample of the recording
-LEAST_ROWS = 50  # of a motion
+_MAX_ROWS = 100  # of a grid, for a sample of the recording
+MIN_ROWS = 50  # of a motion
 _SLOPE_ROWS = 2  # that two differences one after the other reach to either side
 
 
@@ -88,9 +88,9 @@ class EvenGrid:
         """
         step = float(np.median(np.diff(t)))
         wanted = (t[-1] - t[0]) / step
-        if wanted > _MOST_ROWS * t.size:
+        if wanted > _MAX_ROWS * t.size:
             raise InputError(
-                "recording", f"needs {wanted:.3g} even rows", f"wanted at most {_MOST_ROWS} a sample: cut the gaps out"
+                "recording", f"needs {wanted:.3g} even rows", f"wanted at most {_MAX_ROWS} a sample: cut the gaps out"
             )
         grid = np.arange(t[0], t[-1] + 0.5 * step, step)
         return cls(t, grid, 1 / step, grid.size == t.size and float(np.abs(grid - t).max()) < _EVEN * step)
@@ -156,8 +156,8 @@ def even_motion(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: 
     """The motion of a whole recording at times ``t`` (N,); other arguments as for :meth:`EvenGrid.motion`.
 
     Raises:
-        InputError: fewer than ``LEAST_ROWS`` rows, or gaps too long to be bridged.
+        InputError: fewer than ``MIN_ROWS`` rows, or gaps too long to be bridged.
     """
-    if t.size < LEAST_ROWS:
-        raise InputError("recording", f"{t.size} rows", f"wanted at least {LEAST_ROWS}")
+    if t.size < MIN_ROWS:
+        raise InputError("recording", f"{t.size} rows", f"wanted at least {MIN_ROWS}")
     return EvenGrid.of(t).motion(q, qd, cutoff_hz)

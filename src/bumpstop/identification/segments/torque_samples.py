@@ -18,7 +18,7 @@ from bumpstop.identification.segments.covariance_blocks import Stretch, blocks_o
 from bumpstop.identification.segments.drive_samples import stretches_of
 from bumpstop.identification.segments.motion import (
     GRAVITY,
-    LEAST_ROWS,
+    MIN_ROWS,
     EvenGrid,
     EvenMotion,
     even_motion,
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 # A stretch is used when it has so many rows and lasts so many periods of the cut-off.
-_LEAST_PERIODS = 5.0
-_LEAST_KEPT = 16  # behind the filter, as torques pass another
+_MIN_PERIODS = 5.0
+_MIN_KEPT = 16  # behind the filter, as torques pass another
 # Beside a gap, and where a recording begins or ends, the filter has one side of the motion only to go by: so many
 # periods of the cut-off are left away, at the ends no more than a share of the stretch.
-_SEAM_PERIODS, _MOST_AT_END = 1.0, 0.05
+_SEAM_PERIODS, _MAX_TRIMMED_SHARE = 1.0, 0.05
 # A joint that moves less far stands still [rad or m]: encoders make some of it, and no planned motion is so small.
 STILL = 0.01
 _SAME_TIME = 1e-3  # of a period
@@ -151,7 +151,7 @@ class TorqueRows:
             seams += len(whole)
             for rows in whole:
                 t = recording.t[rows]
-                if t.size < LEAST_ROWS or (len(whole) > 1 and t[-1] - t[0] < _LEAST_PERIODS * trim):
+                if t.size < MIN_ROWS or (len(whole) > 1 and t[-1] - t[0] < _MIN_PERIODS * trim):
                     left += t.size
                     continue
                 stretch, lost, cut = _stretch(number, rows, recording.t, cutoff_hz, rate_hz, trim, ends)
@@ -163,15 +163,15 @@ class TorqueRows:
             raise InputError(
                 "recording",
                 problem,
-                f"wanted at least {LEAST_ROWS} and {_LEAST_PERIODS * trim:.3g} s without a gap",
+                f"wanted at least {MIN_ROWS} and {_MIN_PERIODS * trim:.3g} s without a gap",
             )
         motions, carried, stretches, kept, recorded, rests = [], [], [], [], [], []
         start = 0
         for stretch, own in blocks_of_stretches(usable, limit):
-            if own.stop - own.start < _LEAST_KEPT:
+            if own.stop - own.start < _MIN_KEPT:
                 span = recordings[stretch.recording].t[stretch.rows]
                 problem = f"{cutoff_hz:g} Hz leaves {own.stop - own.start} rows of {span[-1] - span[0]:.3g} s to fit to"
-                raise InputError("cutoff_hz", problem, f"wanted at least {_LEAST_KEPT}: a higher one")
+                raise InputError("cutoff_hz", problem, f"wanted at least {_MIN_KEPT}: a higher one")
             recording = recordings[stretch.recording]
             around = _with_margins(stretch, own, filters_hz)
             qd = None if recording.qd is None else recording.qd[stretch.rows]
@@ -247,7 +247,7 @@ def _stretch(
     grid = EvenGrid.of(own)
     stride = grid.stride(cutoff_hz) if rate_hz is None else max(1, int(grid.rate_hz / rate_hz * (1 + 1e-6)))
     times = grid.t[::stride]
-    at_end = 0.0 if ends else min(trim_s, _MOST_AT_END * float(own[-1] - own[0]))
+    at_end = 0.0 if ends else min(trim_s, _MAX_TRIMMED_SHARE * float(own[-1] - own[0]))
     before, behind = rows.start > 0, rows.stop < t.size  # gaps
     first = float(own[0]) + (trim_s if before else at_end)
     last = float(own[-1]) - (trim_s if behind else at_end)

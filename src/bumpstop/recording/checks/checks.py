@@ -28,13 +28,13 @@ _TAKEN_FOR_SI = {
     "prismatic": ("mm", 1e-3, "m", "millimetres taken for metres"),
 }
 _ENOUGH = 20_000  # rows that show a unit
-_LEAST_TO_JUDGE = 20  # rows
+_MIN_ROWS_TO_JUDGE = 20  # rows
 _MOVES = 0.05  # [rad/s or m/s]
 _FAR_FROM_ZERO = 0.3  # of the usual size of a column
 _COARSE = 0.2  # share of rows with the time of another
 _TOO_FAST = 3.0  # times the speed limit: what a tenth of the rows exceed are other units
-_SLOWEST = 0.9  # [s] between rows; controllers report more often
-_LARGEST_CURRENT = 200.0  # [A]; drives of arms take less
+_MAX_PERIOD_S = 0.9  # [s] between rows; controllers report more often
+_MAX_CURRENT = 200.0  # [A]; drives of arms take less
 _MANY_TURNS = 20.0  # [rad]; few arms turn a joint so far
 NAMES = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau", "wrench": "wrench"}
 Mask = npt.NDArray[np.bool_]
@@ -127,7 +127,7 @@ def _implausible(
         The quantities with angles unwrapped, notes, faults, and the number of rows whose angles were turned back.
     """
     place = np.flatnonzero(good)
-    if place.size < _LEAST_TO_JUDGE:
+    if place.size < _MIN_ROWS_TO_JUDGE:
         return values, [], [], 0
     # Mostly all of them: views, not copies.
     t, q = (values["t"][:, 0], values["position"]) if good.all() else (values["t"][place, 0], values["position"][place])
@@ -172,7 +172,7 @@ def _zeros(
     values: dict[str, FloatArray], rows: npt.NDArray[np.int64], good: Mask, reasons: list[tuple[int, str, str]]
 ) -> None:
     """Rows in which every rate, current or torque is exactly zero while the arm moves."""
-    if values["position"].shape[1] < 2 or good.sum() < _LEAST_TO_JUDGE:
+    if values["position"].shape[1] < 2 or good.sum() < _MIN_ROWS_TO_JUDGE:
         return
     fastest = None
     for name in ("velocity", "current", "torque"):
@@ -329,14 +329,14 @@ def _other_units(values: dict[str, FloatArray]) -> list[str]:
     """Suspect milliseconds and milliamperes where seconds and amperes were said."""
     notes = []
     step = float(np.median(np.diff(values["t"][:, 0])))
-    if step > _SLOWEST:
+    if step > _MAX_PERIOD_S:
         notes.append(
             f"Rows are {step:.4g} s apart: if these are no seconds, say so in a column file "
             '(time = { ..., unit = "ms" }).'
         )
     if "current" in values:
         largest = float(np.quantile(np.abs(values["current"][:: max(1, values["t"].size // _ENOUGH)]), 0.99))
-        if largest > _LARGEST_CURRENT:
+        if largest > _MAX_CURRENT:
             notes.append(
                 f"Currents reach {largest:.4g} A: if they are milliamperes, say so in a column file "
                 '(current = { ..., unit = "mA" }).'

@@ -9,7 +9,7 @@ from bumpstop.model import Robot
 
 _WINDOW_S = 0.06  # over which differences are taken, and recorded rates are averaged
 _LAG_S = 0.3  # lags that are tried
-_MOST_ROWS = 40_000
+_MAX_ROWS = 40_000
 _MOVES = 0.02  # root mean square speed below which nothing is compared [rad/s or m/s]
 _RELATED, _ALIKE = 0.5, 0.9  # correlations: the rate of these positions or not; alike but for a factor
 _SCALE = 1.2  # factor that is no noise
@@ -36,7 +36,7 @@ def rate_faults(t: FloatArray, q: FloatArray, qd: FloatArray, names: list[str]) 
     """
     if t.size < 50:
         return []
-    rows = slice(0, _MOST_ROWS) if t.size <= _MOST_ROWS else _liveliest(qd)
+    rows = slice(0, _MAX_ROWS) if t.size <= _MAX_ROWS else _liveliest(qd)
     t, q, qd = t[rows], q[rows], qd[rows]
     step = float(np.median(np.diff(t)))
     half = max(1, round(_WINDOW_S / step / 2))
@@ -111,9 +111,9 @@ def _wrong_scales(scales: dict[str, float]) -> list[str]:
 def _liveliest(qd: FloatArray) -> slice:
     """Rows in one piece with the most motion: of a long recording they are enough."""
     power = np.concatenate([[0.0], np.cumsum((qd**2).sum(axis=1))])
-    starts = np.arange(0, qd.shape[0] - _MOST_ROWS, _MOST_ROWS // 4)
-    begin = int(starts[np.argmax(power[starts + _MOST_ROWS] - power[starts])])
-    return slice(begin, begin + _MOST_ROWS)
+    starts = np.arange(0, qd.shape[0] - _MAX_ROWS, _MAX_ROWS // 4)
+    begin = int(starts[np.argmax(power[starts + _MAX_ROWS] - power[starts])])
+    return slice(begin, begin + _MAX_ROWS)
 
 
 def _related(v: FloatArray, r: FloatArray, most: int) -> FloatArray:

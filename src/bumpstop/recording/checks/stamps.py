@@ -21,7 +21,7 @@ _RATES = (1.0, 1e5)  # [Hz]
 _SAME_RATE = 0.02  # of the stated rate, between it and that of the stamps
 _ROUGHLY = 0.3  # likewise, before lost rows are known
 _AHEAD = 251  # rows among which some come without delay
-_LEAST_AHEAD = 50
+_MIN_AHEAD = 50
 _LONG = 1000  # rows over which jitter averages out
 _AROUND = 101  # rows whose median tells a stamp that is none of theirs
 _FAR = 1000  # periods that such a stamp is off
@@ -72,7 +72,7 @@ def even_times(t: FloatArray, rate_hz: float) -> tuple[FloatArray, list[str]]:
     ahead = min(_AHEAD, t.size)
     lowest = minimum_filter1d(offset, ahead, mode="nearest", origin=-((ahead - 1) // 2))
     steps = np.diff(lowest, prepend=lowest[0]) / period
-    steps[-min(_LEAST_AHEAD, t.size) :] = 0  # too few come behind them
+    steps[-min(_MIN_AHEAD, t.size) :] = 0  # too few come behind them
     lost = np.cumsum(np.where(np.abs(steps) > _LOST, np.round(steps), 0)).astype(np.int64)
     # A delay longer than is looked ahead comes back later.
     lost = np.minimum.accumulate(lost[::-1])[::-1]

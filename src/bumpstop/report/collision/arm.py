@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory.trajectory import point_motion
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from bumpstop.report.collision.chain import View, chain_points, draw_chain, draw_views
 from bumpstop.report.formatting import arm, number, what_is_hit
 from bumpstop.report.markup import Html, paragraph, table
@@ -92,7 +92,7 @@ class ArmSection(Section):
     @property
     def _contact_begin(self) -> float | None:
         """When the contact that is drawn begins in its trajectory [s]; None: the motion is a line."""
-        return self.law.contact_begin if isinstance(self.law, TrajectoryLaw) else None
+        return self.law.onset if isinstance(self.law, TrajectoryCollisionResult) else None
 
     @property
     def _q(self) -> FloatArray:

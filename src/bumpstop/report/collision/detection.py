@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from bumpstop.collision.verdict.verdict import percent
 from bumpstop.model import unit_of
 from bumpstop.report.collision.distribution import bins, draw_density
@@ -42,12 +42,12 @@ class DetectionSection(Section):
                 f"Never noticed: {percent(law.undetected_probability)}. "
                 f"Neither contact nor alarm: {percent(law.no_contact_probability)}. "
                 f"Two or more joints at the same tick, given detection: "
-                f"{percent(law.several_joints_probability)}."
+                f"{percent(law.multi_joint_probability)}."
             )
         ]
         if not self._detects:
             text.append(paragraph("Nothing is ever detected, so no joint is the one that notices."))
-        moving = isinstance(law, TrajectoryLaw)
+        moving = isinstance(law, TrajectoryCollisionResult)
         caption = f"Joints as sensors at the {'hardest moment of contact' if moving else 'start of the motion'}"
         headings = (
             "joint", "threshold", "noise sd", "noise mean", "residual per 100 N", "force to reach the threshold",
@@ -67,8 +67,8 @@ class DetectionSection(Section):
         rows: list[tuple[str, ...]] = []
         # Before contact begins in a trajectory, a joint feels nothing of it.
         first = 0
-        if isinstance(law, TrajectoryLaw):
-            first = int(np.searchsorted(law.curve.tick_time[:-1], law.contact_begin, side="right"))
+        if isinstance(law, TrajectoryCollisionResult):
+            first = int(np.searchsorted(law.curve.tick_time[:-1], law.onset, side="right"))
         for j, joint in enumerate(problem.robot.joints):
             unit = unit_of(joint)
             lever = abs(float(law.curve.torque_per_newton[first, j])) if law.curve.ticks else math.nan

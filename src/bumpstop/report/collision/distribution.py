@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bumpstop.collision import Distribution
 
 # The least probability shown: beyond it the model's tails say nothing about an arm.
-_LEAST = 1e-6
+_MIN_PROBABILITY = 1e-6
 
 
 class DistributionSection(Section):
@@ -62,7 +62,7 @@ class DistributionSection(Section):
                     "the body or the motion ends there. The upper panel leaves them out."
                 )
             )
-        if law.undetected_probability > _LEAST and law.unbounded_because is not None:
+        if law.undetected_probability > _MIN_PROBABILITY and law.unbounded_because is not None:
             text.append(
                 paragraph(
                     f"{percent(law.undetected_probability)} of collisions are not detected {law.unbounded_because} and "
@@ -141,7 +141,7 @@ class DistributionSection(Section):
 
     def _draw_exceedance(self, panel: Axes, low: float, high: float) -> None:
         force = self.law.peak_force
-        least = _LEAST if self.law.kind == "exact" else max(_LEAST, 0.3 / (self.law.samples or 1))
+        least = _MIN_PROBABILITY if self.law.kind == "exact" else max(_MIN_PROBABILITY, 0.3 / (self.law.samples or 1))
         x = np.linspace(low, high, 401)
         # Summed from the far end, where the terms are smallest, so that the tail keeps its digits.
         beyond = np.append(force.density(x) * np.diff(x), force.exceedance(high))
@@ -154,7 +154,7 @@ class DistributionSection(Section):
         panel.set_yticks(ticks, [f"{100 * t:g} %" for t in ticks])
         panel.minorticks_off()
         panel.set_ylabel("P(peak is higher)")
-        risk = self.law.scenario.verdict.risk
+        risk = self.law.scenario.verdict.accepted_probability
         if risk > least:
             panel.axhline(risk, color=FAINT, linestyle=":", linewidth=1.4)
             panel.annotate(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.model import unit_of
 from bumpstop.report.collision.rollout import Rollout, Rollouts
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bumpstop.collision import ForceLaw
+    from bumpstop.collision import CollisionResult
 
 _CASES = (("median", "A median collision", 0.5), ("bad", "A bad collision", 0.99))
 
@@ -92,7 +92,7 @@ class ForceOverTimeSection(Section):
         return self.law.scenario.reaction.kind == "stop" and self.law.problem.body_mass is None
 
 
-def _allowed(law: ForceLaw) -> list[tuple[float, float]]:
+def _allowed(law: CollisionResult) -> list[tuple[float, float]]:
     """Forces that the limits allow on this area [N], each with the time after the touch until which it holds [s]."""
     limits, first, contact = law.problem.limits, law.problem.transient_limits, law.scenario.contact
     if limits is None or not limits.permitted or (first is not None and not first.permitted):
@@ -101,11 +101,11 @@ def _allowed(law: ForceLaw) -> list[tuple[float, float]]:
     return [(until, phase.allowed_force_N(contact.area_cm2, contact.peak_factor)) for until, phase in phases]
 
 
-def _which(law: ForceLaw, p: float) -> str:
+def _which(law: CollisionResult, p: float) -> str:
     quantile = law.peak_force.quantile(p)
     if math.isfinite(quantile):
         return f"p{100 * p:g} of the peak force is {number(quantile)} N"
-    if isinstance(law, TrajectoryLaw):
+    if isinstance(law, TrajectoryCollisionResult):
         return f"about p{100 * p:g} of the forces, those of collisions never detected included"
     return f"the p{100 * p:g} collision is never detected: its force has no bound"
 
@@ -151,7 +151,7 @@ class _Panels:
     """Force above, residual below."""
 
     def __init__(
-        self, law: ForceLaw, rollout: Rollout, title: str, window: tuple[float, float], top: float, stays: bool
+        self, law: CollisionResult, rollout: Rollout, title: str, window: tuple[float, float], top: float, stays: bool
     ) -> None:
         self._law, self._rollout, self._title, self._window = law, rollout, title, window
         self._top, self._stays = top, stays

@@ -19,7 +19,7 @@ from bumpstop.report.formatting import arm, what_is_hit, which_law
 from bumpstop.text_files import as_path
 
 if TYPE_CHECKING:
-    from bumpstop.collision import ForceLaw
+    from bumpstop.collision import CollisionResult
     from bumpstop.report.section import Section
 
 FIGURES = (
@@ -37,7 +37,7 @@ FIGURES = (
 class Page(Document):
     """A law's report, drawn on construction; its title names robot, speed and body."""
 
-    def __init__(self, law: ForceLaw, details: Mapping[str, str] | None = None) -> None:
+    def __init__(self, law: CollisionResult, details: Mapping[str, str] | None = None) -> None:
         sections: list[Section] = [
             VerdictSection(law),
             ArmSection(law),
@@ -58,7 +58,7 @@ class Page(Document):
         )
 
 
-def write_report(law: ForceLaw, folder: Path, *, details: Mapping[str, str] | None = None) -> Path:
+def write_report(law: CollisionResult, folder: Path, *, details: Mapping[str, str] | None = None) -> Path:
     """Write ``report.html`` and its figures as ``<name>.png`` and ``<name>.svg``.
 
     The page holds everything it shows. The same law gives the same bytes.

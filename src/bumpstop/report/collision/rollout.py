@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision import sampled_law
+from bumpstop.collision import monte_carlo
 from bumpstop.collision.distribution.noise import contact_residual, noise_of_run
 from bumpstop.collision.distribution.transient_contact import body_displacement
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryLaw, sampled_trajectory_law
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult, monte_carlo_trajectory
 
 if TYPE_CHECKING:
-    from bumpstop.collision import ForceLaw, Problem
+    from bumpstop.collision import CollisionResult, Problem
 
 # Runs to choose from where the law itself has none: some twenty lie beyond the 99 % quantile.
 _SAMPLES = 2000
@@ -73,7 +73,7 @@ class Rollout:
 class Rollouts:
     """The sampled runs behind a law: its own, or for an exact law some drawn on the same stopping curve."""
 
-    def __init__(self, law: ForceLaw) -> None:
+    def __init__(self, law: CollisionResult) -> None:
         self._law = law
         sampled = law if law.runs is not None else _sampled(law)
         assert sampled.runs is not None
@@ -93,7 +93,7 @@ class Rollouts:
             # Without a bound, runs never detected count as beyond every quantile, whatever force is left at the end.
             bounded = self._law.unbounded_because is None
             missed = np.where((tick >= 0) | bounded, np.abs(peak - wanted), math.inf)
-        elif isinstance(self._law, TrajectoryLaw):
+        elif isinstance(self._law, TrajectoryCollisionResult):
             # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
             missed = np.abs(peak - np.quantile(peak, p))
         else:
@@ -105,8 +105,8 @@ class Rollouts:
     def rollout(self, run: int) -> Rollout:
         """Follow one run from the start of the motion until the force is gone, or the motion ends."""
         problem, curve = self._law.problem, self._law.curve
-        if isinstance(self._law, TrajectoryLaw):
-            curve = self._law.curve_at(float(self._runs["contact_time"][run]))
+        if isinstance(self._law, TrajectoryCollisionResult):
+            curve = self._law.curve_at(float(self._runs["onset"][run]))
         offset, tick = float(self._runs["offset"][run]), int(self._runs["tick"][run])
         step, period = problem.scenario.simulation.step_s, problem.period_steps
         distance: FloatArray = curve.distance
@@ -164,16 +164,16 @@ class Rollouts:
         )
 
 
-def _sampled(law: ForceLaw) -> ForceLaw:
-    if isinstance(law, TrajectoryLaw):
-        return sampled_trajectory_law(law.problem, samples=_SAMPLES, seed=0)
-    return sampled_law(law.problem, law.curve, samples=_SAMPLES, seed=0)
+def _sampled(law: CollisionResult) -> CollisionResult:
+    if isinstance(law, TrajectoryCollisionResult):
+        return monte_carlo_trajectory(law.problem, samples=_SAMPLES, seed=0)
+    return monte_carlo(law.problem, law.curve, samples=_SAMPLES, seed=0)
 
 
-def _motion_steps(law: ForceLaw, distance: FloatArray) -> int:
+def _motion_steps(law: CollisionResult, distance: FloatArray) -> int:
     """Simulation steps until an undetected motion ends."""
     problem = law.problem
-    if isinstance(law, TrajectoryLaw):
+    if isinstance(law, TrajectoryCollisionResult):
         return distance.size - 1 - problem.latency_steps
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
 

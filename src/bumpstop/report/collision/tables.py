@@ -19,7 +19,7 @@ from bumpstop.report.section import Section
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bumpstop.collision import Distribution, ForceLaw
+    from bumpstop.collision import CollisionResult, Distribution
 
 # How docs/contact.md explains the words of the limit tables.
 _STATUS = {
@@ -44,7 +44,7 @@ class FiguresSection(Section):
             ("compression [mm]", law.compression, 1),
             ("force at detection [N]", law.force_at_detection, 1),
             ("detection delay [ms]", law.detection_delay, 1e3),
-            ("contact time [ms]", law.contact_time, 1e3),
+            ("contact time [ms]", law.contact_duration, 1e3),
         ]
         headings = ("", "mean", "sd", *(percentile(name) for name in QUANTILES))
         free = law.problem.body_mass is not None
@@ -61,7 +61,7 @@ class FiguresSection(Section):
         if math.isinf(law.peak_force.mean):
             mean = quantity(finite_mean(law.peak_force), "N")
             found.append(paragraph(f"The mean peak force of the collisions that have a bound is {mean}."))
-        if law.contact_time is None:
+        if law.contact_duration is None:
             found.append(paragraph("There is no contact time: a stopped arm keeps the body clamped."))
         return found
 
@@ -142,7 +142,7 @@ class SettingsSection(Section):
     title = "Settings"
     anchor = "settings"
 
-    def __init__(self, law: ForceLaw, details: Mapping[str, str]) -> None:
+    def __init__(self, law: CollisionResult, details: Mapping[str, str]) -> None:
         super().__init__(law)
         self._details = details
 

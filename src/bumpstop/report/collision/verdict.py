@@ -49,7 +49,7 @@ class VerdictSection(Section):
     def _rows(self) -> list[tuple[str, str, str, str]]:
         law, verdict, limits, first = self.law, self.law.verdict, self.law.problem.limits, self.law.verdict.transient
         # The quantile of the accepted probability is what the verdict compares with the limit; p99 may be below it.
-        p = 1 - verdict.risk
+        p = 1 - verdict.accepted_probability
         share, name = f"{100 * p:.10g} %", f"p{100 * p:.10g}"
         rows = [
             _below(f"Peak force that {share} of collisions stay below ({name})", law.peak_force.quantile(p), "N",
@@ -59,7 +59,7 @@ class VerdictSection(Section):
         ]  # fmt: skip
         for what, over in (("force", verdict.p_over_force), ("pressure", verdict.p_over_pressure)):
             if over is not None:
-                rows.append(_accepted(f"Probability of exceeding the {what} limit", over, verdict.risk))
+                rows.append(_accepted(f"Probability of exceeding the {what} limit", over, verdict.accepted_probability))
         rows.append(
             _accepted(
                 "Probability of a false alarm before contact",
@@ -83,8 +83,9 @@ class VerdictSection(Section):
                 "them is not judged."
             )
         meaning = (
-            f"Acceptable means here: each limit is exceeded with a probability of at most {percent(verdict.risk)}, "
-            f"and an alarm before contact has a probability of at most {percent(verdict.max_false_alarm)}. "
+            "Acceptable means here: each limit is exceeded with a probability of at most "
+            f"{percent(verdict.accepted_probability)}, and an alarm before contact has a probability "
+            f"of at most {percent(verdict.max_false_alarm)}. "
         )
         if self.law.problem.body_mass is None:
             because = self.law.unbounded_because

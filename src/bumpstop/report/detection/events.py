@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.report.picture import Picture
 
-_MOST_EVENTS = 200
+_MAX_EVENTS = 200
 # What a reader may do about the faults that have a way out.
 _REMEDIES = {
     "repeated": "stamps closer than a tenth of a period; --rate HZ reads rows as even",
@@ -86,8 +86,8 @@ class AlarmsPart(Part):
                 "force, N",
                 "likeliest link",
             )
-            rows = [self._row(k) for k in range(min(len(run.events), _MOST_EVENTS))]
-            more = f" (the first {_MOST_EVENTS} of {len(run.events)})" if len(run.events) > _MOST_EVENTS else ""
+            rows = [self._row(k) for k in range(min(len(run.events), _MAX_EVENTS))]
+            more = f" (the first {_MAX_EVENTS} of {len(run.events)})" if len(run.events) > _MAX_EVENTS else ""
             text.append(table(headings, rows, caption=f"Events{more}", numbers=True))
             text.append(
                 paragraph(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # No more can be told apart at a figure's width; each keeps its lowest and its highest value.
 _STRIPES = 600
-_MOST_EVENTS = 200
+_MAX_EVENTS = 200
 _PANEL = 0.95  # [inch]
 
 
@@ -38,7 +38,7 @@ def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str
                 at, lowest, _ = _envelope(run.t, limit)
                 panel.plot(at, lowest, color=LIMIT, linestyle="--", linewidth=1.1, label="threshold")
                 panel.plot(at, -lowest, color=LIMIT, linestyle="--", linewidth=1.1)
-            for event in run.events[:_MOST_EVENTS]:
+            for event in run.events[:_MAX_EVENTS]:
                 mine = j in event.joints or j in event.fast_joints
                 panel.axvline(
                     event.t, color=EVENT, linewidth=1.6 if mine else 0.7, linestyle="-" if mine else ":", label="alarm"

@@ -41,7 +41,7 @@ def write_scoring(score: Score, roc: Roc | None, folder: Path, about: str = "") 
 class DetectionsPart(Part):
     """Contacts with their delays, and false alarms."""
 
-    title = "Detections"
+    title = "DetectedCollisions"
     anchor = "detections"
 
     def __init__(self, score: Score) -> None:
@@ -98,7 +98,7 @@ class DetectionsPart(Part):
 
 
 class RocPart(Part):
-    """Detections and false alarms at thresholds times a factor."""
+    """DetectedCollisions and false alarms at thresholds times a factor."""
 
     title = "Other thresholds"
     anchor = "roc"
@@ -119,7 +119,7 @@ class RocPart(Part):
         return [table(headings, rows, caption="All thresholds times a factor", numbers=True)]
 
     def pictures(self) -> list[Picture]:
-        """Detections against false alarms; then both, and the delay, against the factor."""
+        """DetectedCollisions against false alarms; then both, and the delay, against the factor."""
         roc = self.roc
 
         def draw_roc(figure: Figure) -> None:
@@ -141,7 +141,7 @@ class RocPart(Part):
             plot.set_ylim(-0.05, 1.1)
             plot.set_xlabel("false alarms an hour")
             plot.set_ylabel("share of contacts detected")
-            plot.set_title("Detections against false alarms")
+            plot.set_title("DetectedCollisions against false alarms")
 
         def draw_factors(figure: Figure) -> None:
             upper, middle, lower = stack(figure, [1.0, 1.0, 1.0], left=0.8)

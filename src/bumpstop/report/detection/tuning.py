@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.detection import FARTHEST
+from bumpstop.detection import MAX_EXTRAPOLATION
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.formatting import acceptable, number
 from bumpstop.report.markup import Html, bullets, paragraph, table
@@ -85,7 +85,7 @@ class TailPart(Part):
         """Rate against factor, with the peaks it was fitted to."""
         tuning, tail = self.tuning, self.tuning.tail
         chosen = tail.level_of(tuning.target)
-        far = 1 / (FARTHEST * tail.hours)
+        far = 1 / (MAX_EXTRAPOLATION * tail.hours)
         rates = np.geomspace(min(tuning.target / 10, 1 / tail.hours), 0.98 * tail.rate, 25)
 
         def draw(figure: Figure) -> None:
@@ -112,7 +112,7 @@ class TailPart(Part):
         caption = (
             f"Shaded: {100 * tuning.confidence:g} % interval. Dots: independent peaks of the recording, each at the "
             "rate at which it was reached or passed."
-        ) + (f" Hatched: more than {FARTHEST} times beyond what was recorded." if far > rates[0] else "")
+        ) + (f" Hatched: more than {MAX_EXTRAPOLATION} times beyond what was recorded." if far > rates[0] else "")
         return [Picture("alarm_rate", alt, caption, draw)]
 
 

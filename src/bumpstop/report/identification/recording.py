@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # No more can be told apart at a figure's width; each keeps its lowest and its highest value.
 _STRIPES = 600
-_MOST_GAPS = 200
+_MAX_GAPS = 200
 # Okabe and Ito's without yellow, and line styles for those who see no colours.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#222222", "#767676")
 _LINES = ("-", "--", "-.", ":")
@@ -39,7 +39,7 @@ def recording_picture(recording: Recording, robot: Robot | None = None) -> Pictu
                 style = _LINES[(j // len(_COLOURS) + j) % len(_LINES)]
                 colour = _COLOURS[j % len(_COLOURS)]
                 panel.plot(t, x, color=colour, linestyle=style, linewidth=0.9, label=str(j + 1))
-            for start, length in recording.report.gaps[:_MOST_GAPS]:
+            for start, length in recording.report.gaps[:_MAX_GAPS]:
                 panel.axvspan(start, start + length, color=EVENT, alpha=0.3, linewidth=0)
             panel.set_ylabel(label)
         if robot is not None:

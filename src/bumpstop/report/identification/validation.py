@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.identification.validation import Comparison, ContactComparison
 
-_MOST_POINTS = 1500  # more cannot be told apart at a figure's width
+_MAX_POINTS = 1500  # more cannot be told apart at a figure's width
 
 
 class ScoresPart(Part):
@@ -323,9 +323,9 @@ def write_validation_report(
 
 def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A line that looks the same: lowest and highest value of each of many stretches."""
-    if t.size <= 2 * _MOST_POINTS:
+    if t.size <= 2 * _MAX_POINTS:
         return t, x
-    begins = np.linspace(0, t.size, _MOST_POINTS + 1).astype(np.int64)[:-1]
+    begins = np.linspace(0, t.size, _MAX_POINTS + 1).astype(np.int64)[:-1]
     ends = np.stack([np.minimum.reduceat(x, begins), np.maximum.reduceat(x, begins)], axis=1)
     return np.repeat(t[begins], 2), ends.ravel()
 

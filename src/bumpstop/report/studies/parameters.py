@@ -13,7 +13,7 @@ from bumpstop.report.formatting import NONE, number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.study.parameters.fits import R2_WANTED, Fit, fit_laws
+from bumpstop.study.parameters.fits import R2_WANTED, Fit, fit_models
 from bumpstop.study.variable import ALIASES, per
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def pages_of(
     if "equal_risk" in summary:
         parts.append(EqualRiskPart(summary["equal_risk"]))
     if "guide" in summary:
-        parts.append(GuidePart(summary, study.scenario.verdict.risk))
+        parts.append(GuidePart(summary, study.scenario.verdict.accepted_probability))
     notes = [
         "One parameter is changed at a time, all others stay as in the scenario.",
         _law_note(study.scenario),
@@ -125,7 +125,7 @@ class SweepsPart(Part):
 
 
 def _fits(x: Any, y: Any) -> list[Fit]:
-    return fit_laws(x, y) if x.size >= 3 else []
+    return fit_models(x, y) if x.size >= 3 else []
 
 
 class FitsPart(Part):

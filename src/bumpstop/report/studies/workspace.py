@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _SLICES = 4
 # More dots than this hide each other and make a page of many megabytes.
-_MOST_DOTS = 3000
+_MAX_DOTS = 3000
 
 
 def pages_of(
@@ -227,8 +227,8 @@ class SlicesPart(Part):
             "Slices of the workspace by the height of the tip at the start, with equally many points each. A point is "
             "a pose with one direction: neighbours may differ because their directions do."
         )
-        cut = self._tip.shape[0] > _MOST_DOTS
-        more = f" Drawn: the first {_MOST_DOTS} of {self._tip.shape[0]}; all are in the rows." if cut else ""
+        cut = self._tip.shape[0] > _MAX_DOTS
+        more = f" Drawn: the first {_MAX_DOTS} of {self._tip.shape[0]}; all are in the rows." if cut else ""
         return [paragraph(text + more)]
 
     def pictures(self) -> list[Picture]:
@@ -245,10 +245,10 @@ class SlicesPart(Part):
         ]
 
     def _draw(self, figure: Figure) -> None:
-        tip, worst = self._tip[:_MOST_DOTS], self._worst[:_MOST_DOTS]
+        tip, worst = self._tip[:_MAX_DOTS], self._worst[:_MAX_DOTS]
         edges = np.quantile(tip[:, 2], np.linspace(0, 1, _SLICES + 1))
         reach = 1.05 * float(np.abs(tip[:, :2]).max())
-        risk = self._study.scenario.verdict.risk
+        risk = self._study.scenario.verdict.accepted_probability
         panels = figure.subplots(2, 2, sharex=True, sharey=True)
         figure.subplots_adjust(left=0.15, right=0.98, bottom=0.09, top=0.95, hspace=0.2, wspace=0.08)
         looks: tuple[tuple[Any, dict[str, Any]], ...] = (

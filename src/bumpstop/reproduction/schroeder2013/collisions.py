@@ -45,7 +45,7 @@ PERIOD_S = 0.004
 _WINDOW_S = 7 * PERIOD_S  # of the derivatives: short, as the source differentiates
 ARMING_S = 0.5
 # Speeds of the hand [m/s].
-SLOWEST, FASTEST = 1e-3, 0.25
+MIN_SPEED, MAX_SPEED = 1e-3, 0.25
 # Free way before contact: the motion is judged from ARMING_S on.
 _FREE_S = 0.6
 _FREE_M = 0.005
@@ -342,8 +342,8 @@ class CollisionExperiment:
         Raises:
             InputError: the speed cannot be used, mujoco is not installed.
         """
-        if not SLOWEST <= as_number(speed, "speed") <= FASTEST:
-            raise InputError("speed", f"is {speed:g} m/s", f"wanted {SLOWEST:g} to {FASTEST:g}")
+        if not MIN_SPEED <= as_number(speed, "speed") <= MAX_SPEED:
+            raise InputError("speed", f"is {speed:g} m/s", f"wanted {MIN_SPEED:g} to {MAX_SPEED:g}")
         rng = np.random.default_rng([6, seed])
         offset = float(rng.random()) * speed * PERIOD_S * float(np.linalg.norm(self._slide))
         plant = self._plant(seed, [self.object(offset)])

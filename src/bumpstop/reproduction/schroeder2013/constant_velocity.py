@@ -23,8 +23,8 @@ _STEADY = 0.2  # acceleration at constant speed, as a share of the stroke's larg
 _STILL = 0.01  # speed below which a joint stands [rad/s]
 _NEAR_POSE = math.radians(3.0)
 _PIECE_S = 0.1  # of a ramp
-_LEAST_ROWS = 20
-_LEAST_WAY = 0.1  # share of the stroke that a stretch must cover
+_MIN_ROWS = 20
+_MIN_STROKE_SHARE = 0.1  # share of the stroke that a stretch must cover
 _GAP_S = 0.5  # a longer one ends a stretch
 _BEFORE_MOTION_S = 0.5  # at the end of a hold the joint may begin to move
 _SETTLED = 0.5  # share of a hold after which the current has settled
@@ -125,14 +125,14 @@ def _strokes(experiment: JointExperiment, log: Prepared) -> tuple[list[Stretch],
     alone = in_pose & (np.abs(log.qd[:, others]) < _STILL).all(axis=1)
     moving = alone & (np.abs(log.qd[:, j]) > 2 * _STILL)
     found: list[Stretch] = []
-    way = _LEAST_WAY * (experiment.high - experiment.low)
+    way = _MIN_STROKE_SHARE * (experiment.high - experiment.low)
     speeds = np.array(experiment.speeds)
     for rows in _runs(moving, log.t):
         speed = np.abs(log.qd[rows, j])
         sign = float(np.sign(log.qd[rows, j].mean()))
         if np.ptp(log.q[rows, j]) < way:
             continue
-        if rows.size >= _LEAST_ROWS:
+        if rows.size >= _MIN_ROWS:
             found.append(_ramp(sign * float(speed.max()), log, rows, j))
         # The fastest planned speed that the stroke reaches: slower ones are passed on the ramps.
         top = float(np.quantile(speed, 0.9))
@@ -141,7 +141,7 @@ def _strokes(experiment: JointExperiment, log: Prepared) -> tuple[list[Stretch],
         near &= np.abs(log.qdd[rows, j]) < _STEADY * np.abs(log.qdd[rows, j]).max()
         for part in _runs(near, log.t[rows]):
             at = rows[part][_trimmed(log.t[rows][part])]
-            if at.size >= _LEAST_ROWS and np.ptp(log.q[at, j]) >= way:
+            if at.size >= _MIN_ROWS and np.ptp(log.q[at, j]) >= way:
                 found.append(_stretch("constant", sign * planned, log, at, j))
     return found, float(np.abs(log.qd[alone, j]).max()) if alone.any() else 0.0
 
@@ -162,7 +162,7 @@ def _holds(experiment: JointExperiment, log: Prepared) -> list[Stretch]:
             continue
         begin = log.t[rows[0]] + _SETTLED * (log.t[rows[-1]] - log.t[rows[0]])
         settled = rows[(log.t[rows] >= begin) & (log.t[rows] <= log.t[rows[-1]] - _BEFORE_MOTION_S)]
-        if settled.size >= _LEAST_ROWS:
+        if settled.size >= _MIN_ROWS:
             found.append(_stretch("hold", float(moved[before[-1]]), log, settled, j))
     return found
 

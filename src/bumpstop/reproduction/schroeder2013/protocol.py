@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 MAPS = ("odd", "load_dependent")
-_LEAST_STROKES = 4
+_MIN_STROKES = 4
 # Joints that move less fast count as held [rad/s], and other joints are in the planned pose within this [rad].
-_SLOWEST, _NEAR_POSE = 0.03, math.radians(3.0)
+_MIN_SPEED, _NEAR_POSE = 0.03, math.radians(3.0)
 # Strokes show a law of friction where the fastest is so many times as fast as the slowest.
 _SPEED_RATIO = 1.3
 # Gravity's torque shows a map where it changes by this share of what a plan wants on one side of a stroke.
-_LEAST_SPAN = 0.5
+_MIN_SPAN = 0.5
 _POSES = 40  # of a stroke
 # A map is better than the first where its error is this share, and the gain so many of its standard errors.
 _CLEARLY, _BEYOND_CHANCE = 0.98, 2.0
@@ -186,7 +186,7 @@ def identify_protocol(
 
 def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) -> str:
     """Why these stretches are not enough, or nothing."""
-    if found.fastest_seen < _SLOWEST:
+    if found.fastest_seen < _MIN_SPEED:
         why = "it never moves alone in its planned pose"
         if found.pose_missed > _NEAR_POSE:
             return (
@@ -194,10 +194,10 @@ def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) 
                 f"{math.degrees(_NEAR_POSE):.3g}"
             )
         return f"{why}: holds alone show no friction"
-    if len(found.constant) < _LEAST_STROKES:
+    if len(found.constant) < _MIN_STROKES:
         speeds = ", ".join(f"{math.degrees(speed):.3g}" for speed in experiment.speeds)
         return (
-            f"{len(found.constant)} strokes at a planned speed ({speeds} deg/s), wanted at least {_LEAST_STROKES}; the "
+            f"{len(found.constant)} strokes at a planned speed ({speeds} deg/s), wanted at least {_MIN_STROKES}; the "
             f"fastest motion is {math.degrees(found.fastest_seen):.3g} deg/s"
         )
     if len({part.speed > 0 for part in found.constant}) < 2:
@@ -211,7 +211,7 @@ def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) 
     poses = np.stack([experiment.at(position) for position in np.linspace(experiment.low, experiment.high, _POSES)])
     span = float(np.ptp(gravity_torque(plan.loaded, poses, gravity=plan.settings.gravity)[:, experiment.joint]))
     least_torque = plan.settings.least_torque
-    if span < _LEAST_SPAN * least_torque:
+    if span < _MIN_SPAN * least_torque:
         return (
             f"gravity's torque changes by {span:.2g} Nm along its strokes, wanted {2 * least_torque:g}: give it a pose "
             "in which gravity acts about it, tilt the base or fix a known load to the tip"
@@ -228,7 +228,7 @@ def one_speed(strokes: Sequence[Stretch]) -> bool:
 def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
     notes = []
     crossing = tuple(part for part in found.constant if part.torque.min() < 0 < part.torque.max())
-    enough = len(crossing) >= _LEAST_STROKES and len({part.speed > 0 for part in crossing}) == 2
+    enough = len(crossing) >= _MIN_STROKES and len({part.speed > 0 for part in crossing}) == 2
     if enough and not one_speed(crossing):
         # Others are ways to a hold, or end before gravity torque changes its sign.
         found = Cut(crossing, found.ramps, found.holds, found.fastest_seen)

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from bumpstop.reproduction.schroeder2013.constant_velocity import Stretch
 
 LAWS = {"power": ("D", "F"), "load_dependent": ("coulomb", "viscous", "load")}
-_MOST_LOAD = 0.6  # share of the current that gears lose
+_MAX_LOAD_SHARE = 0.6  # share of the current that gears lose
 _ROWS = 150  # of a stroke, where the share is looked for
 _GROUPS = 5  # of strokes, each left out once for the share's standard error
 _PIECES = 10  # of a stroke, to compare by
-_LEAST_STROKES = 8  # that three figures and their errors take
+_MIN_STROKES = 8  # that three figures and their errors take
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ def held_out_by_law(law: str, kind: str, parts: Sequence[Stretch]) -> FloatArray
         known = [part for k, part in enumerate(parts) if k // 2 % 2 == half]
         other = [k for k in range(len(parts)) if k // 2 % 2 != half]
         speeds = {round(abs(part.speed), 6) for part in known}
-        if len(known) < _LEAST_STROKES // 2 or len(speeds) < 2 or not other or not _both_ways(known):
+        if len(known) < _MIN_STROKES // 2 or len(speeds) < 2 or not other or not _both_ways(known):
             return np.full(len(parts), np.nan)
         share = 0.0 if law == "power" else _share(kind, known)
         strokes = [fit_stroke(kind, _unloaded(part, share)) for part in known]
@@ -232,7 +232,7 @@ def _share(kind: str, parts: Sequence[Stretch]) -> float:
             error += float(((current - expected - constant) ** 2).mean())
         return error
 
-    return float(minimize_scalar(left, bounds=(0.0, _MOST_LOAD), method="bounded", options={"xatol": 1e-4}).x)
+    return float(minimize_scalar(left, bounds=(0.0, _MAX_LOAD_SHARE), method="bounded", options={"xatol": 1e-4}).x)
 
 
 def _thin(part: Stretch) -> Stretch:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bumpstop.reproduction.schroeder2013.protocol_friction import FrictionFit
 
 # A ramp shows its acceleration where it lasts this long, several windows of the derivatives [s].
-_LEAST_RAMP_S = 0.35
+_MIN_RAMP_S = 0.35
 # Of a stroke, to compare maps by; a stroke has more rows than that.
 _PIECES = 10
 _NEWTON = 30  # steps; a few are enough where the map is far from level
@@ -291,7 +291,7 @@ def fit_inertia(found: MapFit, friction: FrictionFit, ramps: Sequence[Stretch], 
         speed = np.abs(ramp.qd)
         moving = speed > slowest
         peak = float(np.abs(ramp.qdd).max())
-        if moving.sum() < 5 or 1.5 * speed.max() < _LEAST_RAMP_S * peak:
+        if moving.sum() < 5 or 1.5 * speed.max() < _MIN_RAMP_S * peak:
             continue
         rows.append(np.column_stack([ramp.current, ramp.qd, ramp.qdd, ramp.torque])[moving])
         clusters.append(np.full(int(moving.sum()), k))

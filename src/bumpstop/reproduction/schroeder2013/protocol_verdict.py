@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _WORTHLESS, _POOR = 1.0, 0.3
 # Both fits see the same noise: what lies so many standard errors, and this share of itself, apart is another matter.
 _APART, _BY = 5.0, 0.1
-_LARGEST_EXPONENT = 3.0
+_MAX_EXPONENT = 3.0
 
 
 def judge_protocol(fit: ProtocolFit, beside: GeneralBeside, recordings: Sequence[Recording]) -> FitVerdict:
@@ -51,7 +51,7 @@ def judge_protocol(fit: ProtocolFit, beside: GeneralBeside, recordings: Sequence
             text = f"{named(joint.hardly_seen)} of {name} is hardly seen: its standard error is above a quarter of it"
             (faults if lost and len(fit.joints) == 1 else warnings).append(text)
         exponent = joint.parameters.get("F")
-        if exponent is not None and exponent.value >= _LARGEST_EXPONENT:
+        if exponent is not None and exponent.value >= _MAX_EXPONENT:
             faults.append(f"friction of {name} grows as fast as the law allows, F = {exponent.value:.3g}: it is none")
     for pair in beside.joints:
         apart = []

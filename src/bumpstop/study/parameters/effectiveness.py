@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bumpstop.errors import InputError, near_matches
-from bumpstop.study.requirement.sampling_ripple import is_sawtooth
+from bumpstop.study.requirement.sampling_ripple import has_ripple
 from bumpstop.study.study import Study, check_risk
 from bumpstop.study.variable import Variable
 
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.collision import ForceLaw, Scenario
+    from bumpstop.collision import CollisionResult, Scenario
     from bumpstop.contact import LimitTable
     from bumpstop.study.requirement.requirement import Requirement
 
@@ -32,10 +32,10 @@ DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
 SPEEDS_MM_S = (10.0, 25.0, 50.0, 75.0, 100.0)
 AREAS_CM2 = (1.0, 2.0)
 # Reduced speed of robots with a person in the cell (ISO 10218-1).
-HIGHEST_SPEED_MM_S = 250.0
-LOWEST_SPEED_MM_S = 1.0
+MAX_SPEED_MM_S = 250.0
+MIN_SPEED_MM_S = 1.0
 SPEED_STEP_MM_S = 0.1
-_FASTEST_MM_S = 1e5  # that a scenario takes
+_MAX_SCENARIO_SPEED_MM_S = 1e5  # that a scenario takes
 _SCAN = 10
 
 
@@ -58,7 +58,7 @@ class EffectivenessStudy(Study):
     directions: tuple[str, ...] = ("down", "left")
     speeds_mm_s: tuple[float, ...] = SPEEDS_MM_S
     areas_cm2: tuple[float, ...] = AREAS_CM2
-    highest_speed_mm_s: float = HIGHEST_SPEED_MM_S
+    highest_speed_mm_s: float = MAX_SPEED_MM_S
 
     @classmethod
     def of(
@@ -68,7 +68,7 @@ class EffectivenessStudy(Study):
         directions: list[str] | None = None,
         speeds_mm_s: list[float] | None = None,
         areas_cm2: list[float] | None = None,
-        highest_speed_mm_s: float = HIGHEST_SPEED_MM_S,
+        highest_speed_mm_s: float = MAX_SPEED_MM_S,
     ) -> EffectivenessStudy:
         """Check what a person asks for; None takes every region of every table, and the source's other choices.
 
@@ -103,9 +103,9 @@ class EffectivenessStudy(Study):
             _ascending("--area", areas_cm2, AREAS_CM2),
             highest_speed_mm_s,
         )
-        if not LOWEST_SPEED_MM_S < highest_speed_mm_s <= _FASTEST_MM_S:
+        if not MIN_SPEED_MM_S < highest_speed_mm_s <= _MAX_SCENARIO_SPEED_MM_S:
             problem = f"{highest_speed_mm_s:g} mm/s cannot be used"
-            valid = f"wanted more than {LOWEST_SPEED_MM_S:g} mm/s, and at most {_FASTEST_MM_S:g} mm/s"
+            valid = f"wanted more than {MIN_SPEED_MM_S:g} mm/s, and at most {_MAX_SCENARIO_SPEED_MM_S:g} mm/s"
             raise InputError("--highest-speed", problem, valid)
         study._check_directions()
         return study
@@ -143,7 +143,7 @@ class EffectivenessStudy(Study):
         return {
             "study": self.name,
             "contact": self.scenario.contact.kind,
-            "risk": self.scenario.verdict.risk,
+            "risk": self.scenario.verdict.accepted_probability,
             "collisions": kinds["collision"].drop("kind", "safe_speed_mm_s", "binding").to_dicts(),
             "safe_speeds": kinds["safe_speed"].select(*keys, "safe_speed_mm_s", "binding", "reason").to_dicts(),
         }
@@ -212,7 +212,7 @@ class _Laws:
     def __init__(self, study: EffectivenessStudy, table: str, body: str, direction: str) -> None:
         self._study = study
         self._which = (table, body, direction)
-        self._known: dict[float, ForceLaw] = {}
+        self._known: dict[float, CollisionResult] = {}
         self._at_risk: dict[float, float] = {}
         self._requirements: dict[float, Requirement] = {}
 
@@ -221,7 +221,7 @@ class _Laws:
         scenario = self._study.scenario
         return scenario.verdict.clamped_limit == "two_phase" and scenario.contact.kind == "clamped"
 
-    def law(self, speed: float, area: float) -> ForceLaw:
+    def law(self, speed: float, area: float) -> CollisionResult:
         """The law at a speed; where contact has two phases, the area belongs to it."""
         from bumpstop.collision import evaluate
 
@@ -234,7 +234,7 @@ class _Laws:
         """Peak force passed with the accepted risk [N]."""
         law = self.law(speed, area)
         if speed not in self._at_risk:
-            self._at_risk[speed] = law.peak_force.quantile(1 - self._study.scenario.verdict.risk)
+            self._at_risk[speed] = law.peak_force.quantile(1 - self._study.scenario.verdict.accepted_probability)
         return self._at_risk[speed]
 
     def over(self, speed: float, area: float) -> tuple[float | None, float | None]:
@@ -264,7 +264,7 @@ class _Laws:
             return False, "false_alarm"
         if self._two_phases:
             force, pressure = (p or 0.0 for p in self.over(speed, area))
-            return max(force, pressure) <= settings.risk, "pressure" if pressure > force else "force"
+            return max(force, pressure) <= settings.accepted_probability, "pressure" if pressure > force else "force"
         factor = law.scenario.contact.peak_factor
         within = self.force_at_risk(speed, area) <= limits.allowed_force_N(area, factor)
         return within, limits.governing(area, factor)
@@ -289,7 +289,7 @@ class _Laws:
             "p999_N": force.quantile(0.999),
             "false_alarm": law.false_alarm_probability,
             "undetected": law.undetected_probability,
-            "several_joints": law.several_joints_probability,
+            "several_joints": law.multi_joint_probability,
             **triggers,
             "p_over_force": over[0],
             "p_over_pressure": over[1],
@@ -313,8 +313,8 @@ class _Laws:
                 tenths = math.floor(required.value / SPEED_STEP_MM_S + 1e-6)
                 top, beyond = round(tenths * SPEED_STEP_MM_S, 1), required.binding
             judged = self._alarms_judged
-        ratio = (top / LOWEST_SPEED_MM_S) ** (1 / (_SCAN - 1))
-        scan = sorted({round(LOWEST_SPEED_MM_S * ratio**i, 1) for i in range(_SCAN - 1)} | {top})
+        ratio = (top / MIN_SPEED_MM_S) ** (1 / (_SCAN - 1))
+        scan = sorted({round(MIN_SPEED_MM_S * ratio**i, 1) for i in range(_SCAN - 1)} | {top})
         low = None
         for speed in scan:
             acceptable, binding = judged(speed, area)
@@ -344,7 +344,7 @@ class _Laws:
     def _on_teeth(self) -> bool:
         """Whether the risk may be a sawtooth in the speed, and has the exact law that requirements ask for."""
         scenario = self._study.scenario
-        return is_sawtooth(scenario) and scenario.detector.residuals is None
+        return has_ripple(scenario) and scenario.detector.residuals is None
 
     def _required(self, area: float) -> Requirement:
         """The highest speed that meets the risk, with every slower one; slower arms get longer to go as far."""
@@ -358,7 +358,7 @@ class _Laws:
         key = area if self._two_phases else limits.allowed_force_N(area, scenario.contact.peak_factor)
         if key not in self._requirements:
             highest = self._study.highest_speed_mm_s
-            self._requirements[key] = require(scenario, "motion.speed", low=LOWEST_SPEED_MM_S, high=highest)
+            self._requirements[key] = require(scenario, "motion.speed", low=MIN_SPEED_MM_S, high=highest)
         return self._requirements[key]
 
     def _alarms_judged(self, speed: float, area: float) -> tuple[bool, str]:

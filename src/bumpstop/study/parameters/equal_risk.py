@@ -27,8 +27,8 @@ _POINTS = 32
 # Of the force over what is allowed, in the logarithm: a point this close below is on its curve.
 _CLOSE = 1e-4
 # How far a point may be moved, and how narrow its place is made where the force leaps, in cells of the rows.
-_FARTHEST, _NARROW = 1.5, 1e-4
-_MOST_LAWS = 24
+_MAX_CELLS, _NARROW = 1.5, 1e-4
+_MAX_EVALUATIONS = 24
 # Without bound is far over.
 _BOUNDLESS_N = 1e9
 
@@ -142,8 +142,8 @@ class _Curve:
         slopes = [0.0 if whole else float(slope[i, j]) for whole, slope in zip(self.whole, self.slopes, strict=True)]
         k = int(np.argmax(np.abs(slopes)))
         low, high = (
-            max(self.ranges[k].low, point[k] - _FARTHEST * self.cell[k]),
-            min(self.ranges[k].high, point[k] + _FARTHEST * self.cell[k]),
+            max(self.ranges[k].low, point[k] - _MAX_CELLS * self.cell[k]),
+            min(self.ranges[k].high, point[k] + _MAX_CELLS * self.cell[k]),
         )
 
         def place(value: float) -> FloatArray:
@@ -157,7 +157,7 @@ class _Curve:
         reach = max(abs(ratio / slopes[k]) if slopes[k] else 1.0, 1e-3) * self.cell[k]
         toward = -math.copysign(1.0, ratio * slopes[k])
         beyond, other = here, ratio
-        for _ in range(_MOST_LAWS):
+        for _ in range(_MAX_EVALUATIONS):
             if abs(ratio) < 0.5 * _CLOSE or ratio * other < 0:
                 break
             here, ratio = beyond, other
@@ -165,7 +165,7 @@ class _Curve:
             if beyond[k] == here[k]:
                 return None
             other, reach = self.ratio(beyond), 2 * reach
-        for turn in range(_MOST_LAWS):
+        for turn in range(_MAX_EVALUATIONS):
             if abs(ratio) < 0.5 * _CLOSE:
                 return here
             if abs(other) < 0.5 * _CLOSE:

@@ -40,7 +40,7 @@ class Fit:
         return {"name": self.name, "formula": self.formula, "parameters": list(self.parameters), "r2": self.r2}
 
 
-def fit_laws(x: FloatArray, y: FloatArray) -> list[Fit]:
+def fit_models(x: FloatArray, y: FloatArray) -> list[Fit]:
     """Fit every law that the points allow: more points than parameters, and powers of positive x only.
 
     None where y does not vary.
@@ -130,13 +130,13 @@ def _constant_plus_power(x: FloatArray, y: FloatArray) -> _Found:
 _EXPONENTS = np.linspace(-4.0, 4.0, 81)
 _STEEP, _STEEPEST = 1.05, 40.0
 # Powers of ten within which all powers of x stay, so that their squares are still numbers.
-_MOST_DECADES = 140.0
+_MAX_DECADES = 140.0
 
 
 def _exponents(x: FloatArray) -> FloatArray:
     """Exponents to look at, ascending."""
     decades = float(np.abs(np.log10([x[0], x[-1], x[-1] / x[0]])).max())
-    most = min(_STEEPEST, _MOST_DECADES / max(decades, 1e-9))
+    most = min(_STEEPEST, _MAX_DECADES / max(decades, 1e-9))
     count = max(0, math.floor(math.log(most / _EXPONENTS[-1]) / math.log(_STEEP)))
     steep = _EXPONENTS[-1] * _STEEP ** np.arange(1, count + 1)
     return np.concatenate([-steep[::-1], _EXPONENTS, steep])

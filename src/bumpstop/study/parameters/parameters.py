@@ -11,15 +11,15 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.study.parameters.equal_risk import RISKS, equal_risk_curves
-from bumpstop.study.parameters.fits import R2_WANTED, fit_laws
-from bumpstop.study.requirement.design_guide import Price, cheapest, check_whole_steps
+from bumpstop.study.parameters.fits import R2_WANTED, fit_models
+from bumpstop.study.requirement.design_guide import CostRate, cheapest, check_whole_steps
 from bumpstop.study.study import Study, check_risk
 from bumpstop.study.variable import Range, Variable
 
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.collision import ForceLaw, Scenario
+    from bumpstop.collision import CollisionResult, Scenario
 
 # What the source found: the law it fitted (table 5.3), and its derivative at its control group (table 5.4).
 SOURCE: dict[str, tuple[str, float]] = {
@@ -61,7 +61,7 @@ class ParameterStudy(Study):
 
     ranges: tuple[Range, ...] = ()
     pairs: tuple[tuple[Range, Range], ...] = ()
-    prices: tuple[Price, ...] = ()
+    prices: tuple[CostRate, ...] = ()
 
     @classmethod
     def of(
@@ -111,12 +111,12 @@ class ParameterStudy(Study):
             if pair in found:
                 raise InputError("--pair", f"names {text!r} twice", "name each pair once")
             found.append(pair)
-        priced: list[Price] = []
+        priced: list[CostRate] = []
         if prices:
             check_risk(scenario)
         for text in prices or []:
             name, _, written = (part.strip() for part in text.partition("="))
-            price = Price.of(varied("--price", name), written)
+            price = CostRate.of(varied("--price", name), written)
             if any(price.swept is each.swept for each in priced):
                 raise InputError("--price", f"names {name!r} twice", "name each key once")
             priced.append(price)
@@ -176,7 +176,7 @@ class ParameterStudy(Study):
         sweep = own.filter(own["kind"] == "sweep")
         x, y = sweep["value"].to_numpy(), sweep["mean_N"].to_numpy()
         bounded = np.isfinite(y)
-        fits = fit_laws(x[bounded], y[bounded]) if bounded.sum() >= 3 else []
+        fits = fit_models(x[bounded], y[bounded]) if bounded.sum() >= 3 else []
         named = SOURCE.get(variable.name)
         result: dict[str, Any] = {
             "key": variable.name,
@@ -227,13 +227,13 @@ _SCHEMA: dict[str, Any] = {"kind": str, "key": str, "value": float, "key_2": str
 )
 
 
-def _evaluate(scenario: Scenario) -> ForceLaw:
+def _evaluate(scenario: Scenario) -> CollisionResult:
     from bumpstop.collision import evaluate
 
     return evaluate(scenario)
 
 
-def _figures(law: ForceLaw) -> dict[str, float | None]:
+def _figures(law: CollisionResult) -> dict[str, float | None]:
     force, verdict = law.peak_force, law.verdict
     quantiles = [force.quantile(p) for p in (0.5, *(1 - risk for risk in RISKS))]
     over = (verdict.p_over_force, verdict.p_over_pressure)

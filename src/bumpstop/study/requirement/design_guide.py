@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # Below this a false alarm is so rare that no digit of it matters, and its logarithm stays finite.
 _RAREST = 1e-30
 # Combinations of whole steps, with a search over all other variables for each, or with a law where there are none.
-_MOST_SEARCHES, _MOST_LAWS = 64, 4096
+_MAX_SEARCHES, _MAX_EVALUATIONS = 64, 4096
 # Values of one variable looked at, as many on either side of the present one.
 _LOOKS = 16
 # Rounds through all variables on the way to the mildest values: one may only matter where another has changed.
@@ -31,7 +31,7 @@ _SAME = 1e-6
 
 
 @dataclass(frozen=True)
-class Price:
+class CostRate:
     """What it costs to change a variable.
 
     Attributes:
@@ -43,7 +43,7 @@ class Price:
     per_unit: float
 
     @classmethod
-    def of(cls, swept: Range, written: str) -> Price:
+    def of(cls, swept: Range, written: str) -> CostRate:
         """Read a price.
 
         Raises:
@@ -94,7 +94,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Guide:
+class DesignGuide:
     """What the guide found.
 
     Attributes:
@@ -119,7 +119,7 @@ class Guide:
         }
 
 
-def cheapest(scenario: Scenario, prices: Sequence[Price]) -> Guide:
+def cheapest(scenario: Scenario, prices: Sequence[CostRate]) -> DesignGuide:
     """Find the changes of least total cost with which the scenario meets its limits and its false-alarm rate.
 
     Quantised variables are tried at every value on the way to their mildest one; for each, the rest is a smooth problem
@@ -136,7 +136,7 @@ def cheapest(scenario: Scenario, prices: Sequence[Price]) -> Guide:
     search = _Search(scenario, prices)
     now = search.plan(search.start)
     if now.meets:
-        return Guide(now, {}, now, "The scenario meets its limits as it is.")
+        return DesignGuide(now, {}, now, "The scenario meets its limits as it is.")
     alone = {price.swept.variable.name: search.alone(k) for k, price in enumerate(prices)}
     together = search.together([plan for plan in alone.values() if plan is not None])
     reason = ""
@@ -147,10 +147,10 @@ def cheapest(scenario: Scenario, prices: Sequence[Price]) -> Guide:
             f"with the accepted risk is {math.exp(-mild.margin):.3g} times what is allowed"
             + ("." if mild.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
         )
-    return Guide(now, alone, together, reason)
+    return DesignGuide(now, alone, together, reason)
 
 
-def check_whole_steps(scenario: Scenario, prices: Sequence[Price]) -> None:
+def check_whole_steps(scenario: Scenario, prices: Sequence[CostRate]) -> None:
     """Refuse what :func:`cheapest` would, with too many whole steps to be tried, before a study has worked for long.
 
     Raises:
@@ -166,7 +166,7 @@ def check_whole_steps(scenario: Scenario, prices: Sequence[Price]) -> None:
 class _Search:
     """Laws about one scenario, remembered."""
 
-    def __init__(self, scenario: Scenario, prices: Sequence[Price]) -> None:
+    def __init__(self, scenario: Scenario, prices: Sequence[CostRate]) -> None:
         self.scenario, self.prices = scenario, prices
         self.variables: list[Variable] = [price.swept.variable for price in prices]
         self.start = np.array([variable.value(scenario) for variable in self.variables])
@@ -189,7 +189,7 @@ class _Search:
             settings = scenario.verdict
             allowed = allowed_force(Problem.from_scenario(scenario))
             # Just inside: the verdict asks the tail, which the quantile inverts to rounding.
-            force = law.peak_force.quantile(1 - settings.risk * (1 - 1e-6))
+            force = law.peak_force.quantile(1 - settings.accepted_probability * (1 - 1e-6))
             alarm = max(law.false_alarm_probability, _RAREST)
             # A force without bound is far over, and still a number that a search can improve on.
             margin = math.log(allowed / max(force, 1e-9)) if math.isfinite(force) else -20.0
@@ -316,7 +316,7 @@ class _Search:
                     self.variables[k].quantised(self.scenario, self.start[k] + sign * i) for i in range(steps + 1)
                 ]
         count = math.prod(len(values) for values in choices.values())
-        most = _MOST_LAWS if all(self.quantum) else _MOST_SEARCHES
+        most = _MAX_EVALUATIONS if all(self.quantum) else _MAX_SEARCHES
         if count > most:
             problem = f"{count} combinations of whole steps of {', '.join(self.variables[k].name for k in choices)}"
             raise InputError("--price", problem, f"wanted at most {most}: a narrower range, or fewer prices")

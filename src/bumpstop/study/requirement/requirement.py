@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bumpstop.study.requirement.risk import Risk
 
 # Whether higher values are harsher.
-HIGHER_IS_HARSHER = {
+HIGHER_IS_WORSE = {
     "motion.speed": True,
     "detector.thresholds": True,
     "detector.feedback_period_s": True,
@@ -25,8 +25,10 @@ HIGHER_IS_HARSHER = {
 # Looked at where no range is given: so many times less and more than the scenario's own value.
 _SPREAD = 10.0
 _PADDING_N_M = (1e3, 1e8)
-_LEAST, _MOST = {"reaction.joint_acceleration_rad_s2": 0.1, "motion.speed": 1e-2}, {"motion.speed": 1e4}
-_ERRATIC = " The arm cannot follow its line here, as near a singularity; values between those looked at may fail."
+_MIN, _MAX = {"reaction.joint_acceleration_rad_s2": 0.1, "motion.speed": 1e-2}, {"motion.speed": 1e4}
+_ILL_CONDITIONED = (
+    " The arm cannot follow its line here, as near a singularity; values between those looked at may fail."
+)
 _SINGULARITY = (
     "a singularity before a collision is noticed for certain: whether it gets across or ends there, with collisions "
     "unnoticed, hangs on the last digits"
@@ -48,8 +50,8 @@ class Requirement:
         false_alarm_ok: that is no more than verdict.max_false_alarm.
         low, high: range looked at.
         reason: one sentence or two.
-        erratic: the arm cannot follow its line, as near a singularity: the risk jumps from value to value, and values
-            between those looked at may fail.
+        ill_conditioned: the arm cannot follow its line, as near a singularity: the risk jumps from value to
+            value, and values between those looked at may fail.
         evaluations: laws worked out.
     """
 
@@ -65,7 +67,7 @@ class Requirement:
     low: float
     high: float
     reason: str
-    erratic: bool
+    ill_conditioned: bool
     evaluations: int
 
     def to_json(self) -> dict[str, Any]:
@@ -84,8 +86,8 @@ def require(
 
     Args:
         scenario: a straight line against a body with limits, with Gaussian noise.
-        vary: one of :data:`HIGHER_IS_HARSHER`.
-        risk: accepted probability of passing a limit; default: verdict.risk.
+        vary: one of :data:`HIGHER_IS_WORSE`.
+        risk: accepted probability of passing a limit; default: verdict.accepted_probability.
         low: end of the range looked at; default: a tenth of the scenario's own value.
         high: the other end; default: ten times that value.
 
@@ -94,20 +96,20 @@ def require(
     """
     vary = Variable(vary).name
     check_name(vary)
-    accepted = scenario.verdict.risk if risk is None else risk
+    accepted = scenario.verdict.accepted_probability if risk is None else risk
     if not 0 < accepted < 1:
         raise InputError("--risk", f"{accepted:g} is no probability", "wanted more than 0 and less than 1")
-    scenario = scenario.with_values({"verdict.risk": accepted})
+    scenario = scenario.with_values({"verdict.accepted_probability": accepted})
     variable = Variable(vary)
     ends = _range(scenario, variable, low, high)
-    search = RiskSearch(scenario, variable, ends, accepted, upward=HIGHER_IS_HARSHER[vary])
+    search = RiskSearch(scenario, variable, ends, accepted, upward=HIGHER_IS_WORSE[vary])
     return _Answer(search, ends).requirement()
 
 
 def check_name(name: str) -> None:
-    """Refuse what is not in :data:`HIGHER_IS_HARSHER`."""
-    if name not in HIGHER_IS_HARSHER:
-        raise InputError("--vary", f"{name!r} is nothing to require", near_matches(name, HIGHER_IS_HARSHER))
+    """Refuse what is not in :data:`HIGHER_IS_WORSE`."""
+    if name not in HIGHER_IS_WORSE:
+        raise InputError("--vary", f"{name!r} is nothing to require", near_matches(name, HIGHER_IS_WORSE))
 
 
 def require_curve(
@@ -126,7 +128,7 @@ def require_curve(
     """
     if against.variable.name == vary:
         raise InputError("--vary", f"{vary!r} is given twice", "wanted two different variables")
-    if against.variable.key == "verdict.risk" and risk is not None:
+    if against.variable.key == "verdict.accepted_probability" and risk is not None:
         raise InputError("--risk", "would replace the risk that is varied", "leave one of the two out")
     return [
         {"against": {"variable": against.variable.name, "value": value, "unit": against.variable.unit(scenario)}}
@@ -141,8 +143,8 @@ def _range(scenario: Scenario, variable: Variable, low: float | None, high: floa
     else:
         own = variable.value(scenario)
         ends = (
-            max(own / _SPREAD, _LEAST.get(variable.name, 0.0)),
-            min(own * _SPREAD, _MOST.get(variable.name, math.inf)),
+            max(own / _SPREAD, _MIN.get(variable.name, 0.0)),
+            min(own * _SPREAD, _MAX.get(variable.name, math.inf)),
         )
         step = variable.quantum(scenario)
         if step is not None:
@@ -171,12 +173,12 @@ class _Answer:
     def requirement(self) -> Requirement:
         crossing = self.search.crossing()
         if crossing.value is None:
-            return self._none(crossing.erratic)
+            return self._none(crossing.ill_conditioned)
         fails = crossing.fails
         binding = "range" if fails is None else _binding(self.search.risk(fails))
-        return self._found(crossing.value, binding, crossing.erratic)
+        return self._found(crossing.value, binding, crossing.ill_conditioned)
 
-    def _found(self, value: float, binding: str, erratic: bool) -> Requirement:
+    def _found(self, value: float, binding: str, ill_conditioned: bool) -> Requirement:
         at = self.search.risk(value)
         limits = self.search.risks.problem.limits
         assert limits is not None
@@ -196,15 +198,15 @@ class _Answer:
         allowed = self.search.scenario.verdict.max_false_alarm
         if at.false_alarm > allowed:
             reason += f" Alarms before contact there have a probability of {at.false_alarm:.2g}, more than {allowed:g}."
-        return self._result(value, binding, at, reason, erratic)
+        return self._result(value, binding, at, reason, ill_conditioned)
 
-    def _none(self, erratic: bool) -> Requirement:
+    def _none(self, ill_conditioned: bool) -> Requirement:
         at = self.search.risk(self.search.mildest)
         binding = _binding(at)
         mildest = f"even at {self.search.mildest:g} {self.unit}"
         if binding == "singularity":
             reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
-            return self._result(None, binding, at, reason, erratic)
+            return self._result(None, binding, at, reason, ill_conditioned)
         at = self.search.risks.at(self.search.mildest, closely=True)
         why = f"{mildest} limits are passed with a probability of {at.over:.2g}"
         deaf = self.search.risks.unnoticed
@@ -215,9 +217,9 @@ class _Answer:
             why += f": {deaf:.3g} N go unnoticed here, and the limit is {limit:.3g} N"
         elif self.search.variable.name != "motion.speed":
             why += ": what the arm travels after detection is too much at this speed"
-        return self._result(None, binding, at, f"No value meets it: {why}.", erratic)
+        return self._result(None, binding, at, f"No value meets it: {why}.", ill_conditioned)
 
-    def _result(self, value: float | None, binding: str, at: Risk, reason: str, erratic: bool) -> Requirement:
+    def _result(self, value: float | None, binding: str, at: Risk, reason: str, ill_conditioned: bool) -> Requirement:
         return Requirement(
             variable=self.search.variable.name,
             unit=self.unit,
@@ -230,7 +232,7 @@ class _Answer:
             false_alarm_ok=at.false_alarm <= self.search.scenario.verdict.max_false_alarm,
             low=self.ends[0],
             high=self.ends[1],
-            reason=reason + (_ERRATIC if erratic and binding != "singularity" else ""),
-            erratic=erratic,
+            reason=reason + (_ILL_CONDITIONED if ill_conditioned and binding != "singularity" else ""),
+            ill_conditioned=ill_conditioned,
             evaluations=self.search.risks.evaluations,
         )

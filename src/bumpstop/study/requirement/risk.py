@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision import Problem, exact_law, stopping_curve
+from bumpstop.collision import Problem, integrate, stopping_curve
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.study.speed.motion_duration import duration_s
@@ -76,7 +76,7 @@ class VariedRisk:
         """Prepare a scenario.
 
         Args:
-            scenario: a straight line against a body with limits, with Gaussian noise; its verdict.risk is accepted.
+            scenario: a straight line against a body with limits, with Gaussian noise.
             variable: what is varied.
 
         Raises:
@@ -88,7 +88,7 @@ class VariedRisk:
         self.evaluations = 0
         self._given = variable.value(scenario)
         self._path = core.KnownPath() if variable.name in _SAME_PATH else None
-        self._whole_tail = scenario.verdict.risk < _FAR
+        self._whole_tail = scenario.verdict.accepted_probability < _FAR
 
     def _check(self) -> None:
         problem = self.problem
@@ -140,7 +140,7 @@ class VariedRisk:
         if problem.body_mass is not None or problem.transient_limits is not None or self._whole_tail:
             return self._at_by_law(problem)
         by_force, by_pressure = self._force_limits()
-        accepted = self.scenario.verdict.risk
+        accepted = self.scenario.verdict.accepted_probability
         new_path = self.variable.name in _NEW_PATH
 
         def ask(accepted: float) -> dict[str, Any]:
@@ -181,7 +181,7 @@ class VariedRisk:
     def _at_by_law(self, problem: Problem) -> Risk:
         """The same by the whole law: for free contact, two phases, and tails too far out for interpolation."""
         curve = stopping_curve(problem)
-        law = exact_law(problem, curve)
+        law = integrate(problem, curve)
         verdict = law.verdict
         force, pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
         undetected = 0.0 if law.unbounded_because is None else law.undetected_probability
@@ -193,7 +193,7 @@ class VariedRisk:
             undetected,
             law.false_alarm_probability,
             "pressure" if pressure > force else "force",
-            over <= self.scenario.verdict.risk,
+            over <= self.scenario.verdict.accepted_probability,
             follows or not self._straight(),
         )
 

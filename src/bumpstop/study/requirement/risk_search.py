@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bumpstop.study.requirement.risk import Risk, VariedRisk
-from bumpstop.study.requirement.sampling_ripple import Teeth, is_sawtooth, pick_up_of
+from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple, initial_acceleration
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 _SCAN = 14
 # Where the arm cannot follow its line the risk is less even; the coarse values are among these.
 _FINE_SCAN = 2 * _SCAN - 1
-_PRECISION, _ERRATIC_PRECISION = 1e-4, 1e-3
-_LEAST_RISK = 1e-30
+_PRECISION, _ILL_CONDITIONED_PRECISION = 1e-4, 1e-3
+_MIN_RISK = 1e-30
 # So much milder than a crossing of a risk that jumps others are looked for, in the logarithm.
 _BESIDE = (0.03, 0.024, 0.018, 0.012, 0.006)
 # Of a risk that is a sawtooth so many values are looked at, at most.
-_MOST_TEETH_VALUES = 600
+_MAX_RIPPLE_VALUES = 600
 # How closely a tooth's summit is found, in the logarithm.
 _SUMMIT = 3e-4
 # Of the accepted risk: no tooth is so high that a value with less is beside one that fails.
@@ -37,12 +37,12 @@ class Crossing:
     Attributes:
         value: the harshest that is met, with every milder one looked at; None: not even the mildest is.
         fails: the next harsher value looked at; None: even the harshest of the range is met.
-        erratic: the arm cannot follow its line, so the risk jumps from value to value.
+        ill_conditioned: the arm cannot follow its line, so the risk jumps from value to value.
     """
 
     value: float | None
     fails: float | None
-    erratic: bool
+    ill_conditioned: bool
 
 
 class RiskSearch:
@@ -66,18 +66,18 @@ class RiskSearch:
     def crossing(self) -> Crossing:
         """Scan, look at teeth where the risk has any, and narrow the last step down."""
         value, fails = self._first_failure(self._scan(_SCAN))
-        erratic = not self.risk(self.mildest if fails is None else fails).follows
-        if erratic and fails != self.mildest:
+        ill_conditioned = not self.risk(self.mildest if fails is None else fails).follows
+        if ill_conditioned and fails != self.mildest:
             value, fails = self._first_failure(self._scan(_FINE_SCAN))
         if fails == self.mildest:
-            return Crossing(None, fails, erratic)
+            return Crossing(None, fails, ill_conditioned)
         value, fails = self._refine_teeth(value, fails)
         if fails is None:
-            return Crossing(value, None, erratic)
-        value, fails = self._bisect(value, fails, _ERRATIC_PRECISION if erratic else _PRECISION)
-        if erratic:
-            value, fails = self._bisect(*self._first_failure_beside(value, fails), _ERRATIC_PRECISION)
-        return Crossing(self._rounded(value), fails, erratic)
+            return Crossing(value, None, ill_conditioned)
+        value, fails = self._bisect(value, fails, _ILL_CONDITIONED_PRECISION if ill_conditioned else _PRECISION)
+        if ill_conditioned:
+            value, fails = self._bisect(*self._first_failure_beside(value, fails), _ILL_CONDITIONED_PRECISION)
+        return Crossing(self._rounded(value), fails, ill_conditioned)
 
     def risk(self, value: float) -> Risk:
         """At a value, worked out once."""
@@ -122,7 +122,7 @@ class RiskSearch:
         last = self.harshest if fails is None else fails
         # Whether a collision is noticed before the motion ends hangs on where the last ticks fall.
         last_ticks_decide = self.quantum is not None and self.risk(last).undetected > _SOME_RISK * self.accepted
-        if not (last_ticks_decide or is_sawtooth(self.scenario)):
+        if not (last_ticks_decide or has_ripple(self.scenario)):
             return met, fails
         while True:
             candidates = self._with_summits(self._on_teeth(last))
@@ -138,8 +138,8 @@ class RiskSearch:
         """Values close enough together for the teeth below one, from the mildest to itself."""
         start, apart = self._teeth(last)
         first, end = self._hardness(start), self._hardness(last)
-        count = min(_MOST_TEETH_VALUES, max(2, math.ceil(abs(math.log(end / first)) / apart)))
-        if self.quantum is not None and abs(last - start) <= _MOST_TEETH_VALUES * self.quantum:
+        count = min(_MAX_RIPPLE_VALUES, max(2, math.ceil(abs(math.log(end / first)) / apart)))
+        if self.quantum is not None and abs(last - start) <= _MAX_RIPPLE_VALUES * self.quantum:
             # No summits are searched for between whole steps, so each is looked at.
             steps = round((last - start) / self.quantum)
             return [self._quantised(start + i * self.quantum) for i in range(steps)] + [last]
@@ -154,7 +154,7 @@ class RiskSearch:
             if not self._met(value):
                 break
             beside = values[max(i - 1, 0)], values[min(i + 1, len(values) - 1)]
-            highest = max(_LEAST_RISK, *(self.risk(each).over for each in beside))
+            highest = max(_MIN_RISK, *(self.risk(each).over for each in beside))
             if self.quantum is None and self.risk(value).over >= highest:
                 found.append(self._summit(*beside))
         return sorted(found, reverse=not self.upward)
@@ -180,13 +180,13 @@ class RiskSearch:
         hardness = self._hardness(last)
         own = self._hardness(self.variable.value(self.scenario)) if name != "contact.padding" else problem.stiffness
         scale = hardness / own
-        teeth = Teeth.of(
+        teeth = RippleScan.of(
             problem,
             self.risks.force_limit,
             speed=problem.approach_speed * (scale if name == "motion.speed" else 1.0),
             stiffness=hardness if name == "contact.padding" else problem.stiffness,
             period=last if name == "detector.feedback_period_s" else None,
-            pick_up=pick_up_of(problem) * (scale if name == "reaction.joint_acceleration_rad_s2" else 1.0),
+            pick_up=initial_acceleration(problem) * (scale if name == "reaction.joint_acceleration_rad_s2" else 1.0),
         )
         start = self._softened(hardness * (1 - teeth.share) if self.upward else hardness / (1 - teeth.share))
         if self.scenario.motion.start == "rest" and name in _CHANGES_START:
@@ -238,8 +238,8 @@ class RiskSearch:
         if self.risk(fails).binding == "singularity":
             return 0.5
         accepted = math.log(self.accepted)
-        points = [(math.log(value), math.log(max(risk.over, _LEAST_RISK))) for value, risk in self.known.items()]
-        ends = [(math.log(value), math.log(max(self.risk(value).over, _LEAST_RISK))) for value in (met, fails)]
+        points = [(math.log(value), math.log(max(risk.over, _MIN_RISK))) for value, risk in self.known.items()]
+        ends = [(math.log(value), math.log(max(self.risk(value).over, _MIN_RISK))) for value in (met, fails)]
         points.sort(key=lambda point: abs(point[1] - accepted))
         for (x, y), (x2, y2) in (points[:2], ends):
             if y == y2:

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 # Values looked at in each tooth.
 _IN_A_TOOTH = 6
 # A tooth reaches no farther than the force that grows in so many ticks, and never more than this share of the limit.
-_TICKS, _MOST = 3, 0.6
+_TICKS, _MAX_SHARE = 3, 0.6
 
 
-def is_sawtooth(scenario: Scenario) -> bool:
+def has_ripple(scenario: Scenario) -> bool:
     """Whether a milder value may have the greater risk, because of where ticks fall.
 
     Contact that begins anywhere between two ticks alike, at an even speed, has no teeth. Contact at a fixed distance,
@@ -30,7 +30,7 @@ def is_sawtooth(scenario: Scenario) -> bool:
 
 
 @dataclass(frozen=True)
-class Teeth:
+class RippleScan:
     """Of the risk over what the force is in proportion to.
 
     Attributes:
@@ -51,8 +51,8 @@ class Teeth:
         pick_up: float,
         stiffness: float | None = None,
         period: float | None = None,
-    ) -> Teeth:
-        """Teeth at the force limit.
+    ) -> RippleScan:
+        """RippleScan at the force limit.
 
         Args:
             problem: all that is not said otherwise.
@@ -69,13 +69,13 @@ class Teeth:
         fixed = problem.offset_kind == "fixed"
         farthest = problem.offset_size * (1.0 if fixed else speed / problem.approach_speed)
         deepest = farthest + force_limit / stiffness
-        share = min(_MOST, _TICKS * stiffness * speed * period / force_limit)
+        share = min(_MAX_SHARE, _TICKS * stiffness * speed * period / force_limit)
         if problem.scenario.motion.start == "rest":
             speed = min(speed, math.sqrt(2 * pick_up * deepest))
         return cls(share, speed * period / deepest / _IN_A_TOOTH)
 
 
-def pick_up_of(problem: Problem) -> float:
+def initial_acceleration(problem: Problem) -> float:
     """Acceleration of the contact point from rest [m/s2]: joint rates grow in one proportion."""
     slowest = float((np.abs(problem.start["qd"]) / problem.joint_acceleration).max())
     return problem.approach_speed / slowest

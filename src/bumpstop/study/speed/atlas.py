@@ -19,10 +19,10 @@ from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.pose_batch import Arms
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.own_motion import own_speeds
-from bumpstop.study.speed.path_speed import deepest, greatest_pace, least_of_ranges
+from bumpstop.study.speed.path_speed import deepest, max_path_speed, sliding_min
 from bumpstop.study.speed.slowing import Judged, Slowing, judge_motion, slow_down
-from bumpstop.study.speed.speed_limit import SLOWEST, SpeedLimits, foretold_speed, stop_gain
-from bumpstop.study.speed.waypoint_refinement import cut_at_summits, cut_by_turn
+from bumpstop.study.speed.speed_limit import MIN_SPEED, SpeedLimits, foretold_speed, stopping_time_per_speed
+from bumpstop.study.speed.waypoint_refinement import refine_at_peaks, refine_by_joint_motion
 from bumpstop.study.speed.worst_direction import searched, worst_directions
 from bumpstop.study.study import Study, check_risk
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 SHARD_ROWS = 250
 # Of poses, whose worst directions take longer; poses are drawn in blocks of the former.
 _SHARD_POSES = 10
-MOST_POSES = 10_000_000
+MAX_POSES = 10_000_000
 # The trajectory turns its joints more than a straight line would, if by this much; and so much less that no straight
 # line says anything about it, as near a singularity.
 _TURNS_MORE, _FOLLOWS_NO_LINE = 1.02, 0.2
@@ -108,7 +108,7 @@ class Atlas(Study):
 
 
 @dataclass(frozen=True)
-class TrajectoryAtlas(Atlas):
+class TrajectorySpeedLimits(Atlas):
     """A row for every waypoint: the tool moves on a straight line through it, in the direction it moves there.
 
     Where waypoints are far apart there are rows for moments between them too. Rows at which the tip stands still take
@@ -142,12 +142,12 @@ class TrajectoryAtlas(Atlas):
     @cached_property
     def _coarse(self) -> Trajectory:
         """The same with rows between waypoints that are far apart, by how far joints turn."""
-        return cut_by_turn(self.given)
+        return refine_by_joint_motion(self.given)
 
     @cached_property
     def trajectory(self) -> Trajectory:
         """The same with a row for every moment looked at."""
-        return cut_at_summits(self._coarse, self._nearness)
+        return refine_at_peaks(self._coarse, self._nearness)
 
     @cached_property
     def _waypoint(self) -> npt.NDArray[np.int64]:
@@ -199,10 +199,15 @@ class TrajectoryAtlas(Atlas):
         arms = Arms(problem, q, own)
         torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), own)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            gain = np.fmax(stop_gain(problem, arms.unlimited_rates(q)), stop_gain(problem, self.given.at(t, 1)) / speed)
+            gain = np.fmax(
+                stopping_time_per_speed(problem, arms.joint_rates(q)),
+                stopping_time_per_speed(problem, self.given.at(t, 1)) / speed,
+            )
         gain = np.nan_to_num(gain, posinf=1e9)
-        allowed = foretold_speed(problem, torque, gain, allowed_force(problem), self.scenario.verdict.risk)
-        return np.asarray(speed / np.maximum(allowed, SLOWEST))
+        allowed = foretold_speed(
+            problem, torque, gain, allowed_force(problem), self.scenario.verdict.accepted_probability
+        )
+        return np.asarray(speed / np.maximum(allowed, MIN_SPEED))
 
     @cached_property
     def _travelled(self) -> FloatArray:
@@ -224,7 +229,7 @@ class TrajectoryAtlas(Atlas):
         """Of the tip from every row on, for as far as a collision that begins there can go (rows,) [m/s]."""
         way = self._travelled
         last = np.searchsorted(way, way + deepest(self._line_problem), side="right") - 1
-        return -least_of_ranges(-self._speed, np.arange(len(way)), last)
+        return -sliding_min(-self._speed, np.arange(len(way)), last)
 
     @cached_property
     def _at_singularity(self) -> npt.NDArray[np.bool_]:
@@ -266,12 +271,16 @@ class TrajectoryAtlas(Atlas):
         problem, q = self._line_problem, self.trajectory.position[rows]
         speed = np.linalg.norm(self.tip_velocity[rows], axis=1)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            gain = stop_gain(problem, self.trajectory.at(self.trajectory.time[rows], 1)) / speed
-            straight = stop_gain(problem, Arms(problem, q, own).unlimited_rates(q))
+            gain = stopping_time_per_speed(problem, self.trajectory.at(self.trajectory.time[rows], 1)) / speed
+            straight = stopping_time_per_speed(problem, Arms(problem, q, own).joint_rates(q))
         torque = np.einsum("nij,ni->nj", Arms(problem, q, own).linear_jacobian(q), own)
         more = (speed > STANDS) & ~(gain <= _TURNS_MORE * straight)
         allowed = foretold_speed(
-            problem, torque, np.where(more, gain, 0.0), allowed_force(problem), self.scenario.verdict.risk
+            problem,
+            torque,
+            np.where(more, gain, 0.0),
+            allowed_force(problem),
+            self.scenario.verdict.accepted_probability,
         )
         lower = more & (allowed < found.speed)
         return SpeedLimits(
@@ -290,15 +299,15 @@ class TrajectoryAtlas(Atlas):
         # Rows at which the tip stands take all of it from the nearest one at which it moves, as their direction.
         moving = nearest_moving(self.tip_velocity)[rows]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            gain = stop_gain(problem, self.trajectory.at(time[moving], 1)) / self._speed[moving]
-            straight = stop_gain(problem, Arms(problem, q, own).unlimited_rates(q))
+            gain = stopping_time_per_speed(problem, self.trajectory.at(time[moving], 1)) / self._speed[moving]
+            straight = stopping_time_per_speed(problem, Arms(problem, q, own).joint_rates(q))
         turning = found.by == "turning"
         apart = self._at_singularity[rows] | (~(gain >= _FOLLOWS_NO_LINE * straight) & (found.speed == 0))
         # Where the formula leaves no speed, the law may.
         at = np.flatnonzero(apart | (turning & (found.speed == 0)))
         if not at.size:
             return found
-        limit, accepted = allowed_force(problem), self.scenario.verdict.risk
+        limit, accepted = allowed_force(problem), self.scenario.verdict.accepted_probability
         torque = np.einsum("nij,ni->nj", Arms(problem, q[at], own[at]).linear_jacobian(q[at]), own[at])
         guess = np.minimum(foretold_speed(problem, torque, gain[at], limit, accepted), self.cap_mm_s / 1e3)
         speed, risk = own_speeds(self.problem, time[moving[at]], self._speed[moving[at]], guess)
@@ -317,7 +326,7 @@ class TrajectoryAtlas(Atlas):
         """
         if not rows["over"].any():
             return np.ones(rows.height)
-        return greatest_pace(self._line_problem, self.trajectory, self._travelled, self.direction, rows)
+        return max_path_speed(self._line_problem, self.trajectory, self._travelled, self.direction, rows)
 
     @cached_property
     def _judged(self) -> Judged:
@@ -367,7 +376,7 @@ class TrajectoryAtlas(Atlas):
 
 
 @dataclass(frozen=True)
-class WorkspaceAtlas(Atlas):
+class WorkspaceSpeedLimits(Atlas):
     """A row for every random pose: the highest speed that is safe in all directions of a cone, or in every direction.
 
     Attributes:
@@ -382,8 +391,8 @@ class WorkspaceAtlas(Atlas):
     def __post_init__(self) -> None:
         if self.scenario.motion.kind != "line":
             raise InputError("--poses", "has no meaning with a trajectory", "leave it out, or give a line")
-        if not 1 <= self.poses <= MOST_POSES:
-            raise InputError("--poses", f"{self.poses} cannot be used", f"wanted 1 to {MOST_POSES}")
+        if not 1 <= self.poses <= MAX_POSES:
+            raise InputError("--poses", f"{self.poses} cannot be used", f"wanted 1 to {MAX_POSES}")
         self._check()
         joint_ranges(self._line_problem)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bumpstop.collision.problem import MOST_STEPS
+from bumpstop.collision.problem import MAX_STEPS
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario import Scenario
@@ -17,4 +17,4 @@ def duration_s(scenario: Scenario, factor: float) -> float:
     would have no lower end.
     """
     own = scenario.motion.duration_s
-    return max(own, min(own / min(1.0, factor), MOST_STEPS * scenario.simulation.step_s))
+    return max(own, min(own / min(1.0, factor), MAX_STEPS * scenario.simulation.step_s))

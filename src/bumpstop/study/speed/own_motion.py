@@ -11,7 +11,7 @@ from bumpstop.collision.trajectory.onset import approach
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import SLOWEST
+from bumpstop.study.speed.speed_limit import MIN_SPEED
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # From one speed looked at to the next slower one.
 _STEP = 0.9
 # So many times the trajectory's own speed is far above it; and no motion of more steps is looked at.
-_FAR_ABOVE, _MOST_STEPS = 2.0, 120_000
+_FAR_ABOVE, _MAX_STEPS = 2.0, 120_000
 
 
 def own_speeds(
@@ -29,7 +29,7 @@ def own_speeds(
     """Highest safe speeds of the tip, and risks there, where the whole trajectory is followed at one pace.
 
     The exact law of a collision that begins at a time of the trajectory decides, as in ``bumpstop evaluate`` with
-    ``motion.contact_time``: contact at that place, and an arm that brakes along its path. Speeds are tried from the
+    ``motion.contact_onset_s``: contact at that place, and an arm that brakes along its path. Speeds are tried from the
     guess down, or from the trajectory's own where that is higher; what lies above is not looked at. A guess far above
     the trajectory's own speed is taken as it is.
 
@@ -45,14 +45,14 @@ def own_speeds(
     """
     given = problem.trajectory
     assert given is not None
-    limit, accepted = allowed_force(problem), problem.scenario.verdict.risk
+    limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
     found, risk = np.zeros(len(time)), np.full(len(time), np.nan)
     # Rows share the steps of the pace, so that one motion serves all that are tried at it.
     level = np.ceil(np.log(np.maximum(guess, speed) / speed) / np.log(_STEP)).astype(np.int64)
     far = guess > _FAR_ABOVE * speed
     found[far] = guess[far]
     open_ = ~far
-    slowest = given.duration / (_MOST_STEPS * problem.scenario.simulation.step_s)
+    slowest = given.duration / (_MAX_STEPS * problem.scenario.simulation.step_s)
     while open_.any():
         now = int(level[open_].min())
         rows = np.flatnonzero(open_ & (level == now))
@@ -62,7 +62,7 @@ def own_speeds(
         met = over <= accepted
         found[rows[met]], risk[rows[met]] = pace * speed[rows[met]], over[met]
         level[rows] += 1
-        open_[rows] = ~met & (pace * _STEP * speed[rows] >= SLOWEST) & (pace * _STEP >= slowest)
+        open_[rows] = ~met & (pace * _STEP * speed[rows] >= MIN_SPEED) & (pace * _STEP >= slowest)
     return found, risk
 
 

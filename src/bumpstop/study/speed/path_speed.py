@@ -10,7 +10,7 @@ import numpy.typing as npt
 from bumpstop.study.directions import STANDS
 from bumpstop.study.pose_batch import Arms
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import CLOSE, missed, speed_of_force, stop_gain
+from bumpstop.study.speed.speed_limit import CLOSE, missed, speed_of_force, stopping_time_per_speed
 
 if TYPE_CHECKING:
     import polars as pl
@@ -29,7 +29,7 @@ def deepest(problem: Problem) -> float:
     return allowed_force(problem) / problem.stiffness
 
 
-def greatest_pace(
+def max_path_speed(
     problem: Problem, trajectory: Trajectory, travelled: FloatArray, direction: FloatArray, rows: pl.DataFrame
 ) -> FloatArray:
     """Greatest pace at every row, 0 to 1, at which no collision passes the limit of the row where it begins.
@@ -51,19 +51,19 @@ def greatest_pace(
     """
     speed = np.maximum(rows["speed_mm_s"].to_numpy() / 1e3, STANDS)
     limit = rows["limit_mm_s"].to_numpy() / 1e3
-    share = _least_beside(lowest_between(trajectory.time, np.minimum(1.0, limit / speed)))
+    share = _least_beside(min_between(trajectory.time, np.minimum(1.0, limit / speed)))
     # Limits in themselves, not shares of a speed that may be next to none: they hold for faster rows behind.
-    limit = np.where(share < 1, np.minimum(limit, _least_beside(lowest_between(trajectory.time, limit))), limit)
+    limit = np.where(share < 1, np.minimum(limit, _least_beside(min_between(trajectory.time, limit))), limit)
     turning = rows["by"].is_in(["turning", "singularity"]).to_numpy()
     here = np.arange(rows.height)
     first = (np.searchsorted(travelled, travelled - deepest(problem), side="right") - 1).clip(min=0)
-    lowest = least_of_ranges(np.where(turning, np.inf, limit), first, here)
+    lowest = sliding_min(np.where(turning, np.inf, limit), first, here)
     torque = np.einsum(
         "nij,ni->nj", Arms(problem, trajectory.position, direction).linear_jacobian(trajectory.position), direction
     )
-    unnoticed = np.where(turning, missed(problem, torque, problem.scenario.verdict.risk), -1.0)
-    most = -least_of_ranges(-unnoticed, first, here)
-    gain = stop_gain(problem, trajectory.at(trajectory.time, 1)) / speed
+    unnoticed = np.where(turning, missed(problem, torque, problem.scenario.verdict.accepted_probability), -1.0)
+    most = -sliding_min(-unnoticed, first, here)
+    gain = stopping_time_per_speed(problem, trajectory.at(trajectory.time, 1)) / speed
     turned = np.where(most < 0, np.inf, speed_of_force(problem, most, gain, allowed_force(problem)))
     allowed = (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned)
     own = np.minimum(np.where(share < 1, (1 - CLOSE) * share, 1.0), allowed / speed)
@@ -71,11 +71,11 @@ def greatest_pace(
     first = np.minimum(np.searchsorted(turned_yet, turned_yet - _BESIDE), here - 1).clip(min=0)
     last = np.maximum(np.searchsorted(turned_yet, turned_yet + _BESIDE, side="right") - 1, here + 1)
     last = last.clip(max=here[-1])
-    slow_enough = least_of_ranges(allowed, first, last) / speed
-    return np.minimum(own, np.maximum(least_of_ranges(own, first, last), slow_enough))
+    slow_enough = sliding_min(allowed, first, last) / speed
+    return np.minimum(own, np.maximum(sliding_min(own, first, last), slow_enough))
 
 
-def lowest_between(time: FloatArray, value: FloatArray) -> FloatArray:
+def min_between(time: FloatArray, value: FloatArray) -> FloatArray:
     """What values (N,) at times (N,) come down to between each two of them (N - 1,).
 
     Where they fall from both sides they go on so until they meet, but never by more than half of the lower one: limits
@@ -96,7 +96,7 @@ def _least_beside(between: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(np.append(between, np.inf), np.append(np.inf, between)))
 
 
-def least_of_ranges(values: FloatArray, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64]) -> FloatArray:
+def sliding_min(values: FloatArray, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64]) -> FloatArray:
     """The least of ``values[first]`` to ``values[last]``, both among them (ranges,).
 
     By the least of 1, 2, 4, 8 ... neighbours, of which two cover any range.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _SHARE = 0.98
 # Between two rows of the output a cubic is this near to the path [rad or m].
 _PATH = 5e-10
-_MOST_PARTS = 1024  # between two waypoints
+_MAX_PARTS = 1024  # between two waypoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def retime(
 _STILL = 1e-200
 # Within a piece the square of the pace falls to no less than this share: an arm that could only just stop at the end of
 # a piece would not go on.
-_LEAST_LEFT = 0.01
+_MIN_LEFT = 0.01
 
 
 class _Pieces:
@@ -141,7 +141,7 @@ class _Pieces:
             if x > self._most[i]:
                 return False
             shift = drift * x
-            low = max(-float((room + shift).min()), -(1 - _LEAST_LEFT) * x / (2 * step))
+            low = max(-float((room + shift).min()), -(1 - _MIN_LEFT) * x / (2 * step))
             high = min(float((room - shift).min()), (after - x) / (2 * step))
             return low <= high + 1e-12 * abs(high)
 
@@ -177,7 +177,7 @@ def _written(trajectory: Trajectory, x: FloatArray) -> Retimed:
         strays = _strays(trajectory, time, position, velocity, moment, speed)
         if strays <= _PATH:
             break
-        if parts >= _MOST_PARTS:
+        if parts >= _MAX_PARTS:
             problem = f"{parts} rows between two waypoints still stray by {strays:.2g} from the path"
             raise InputError("motion.file", problem, "give waypoints that are closer together")
         parts *= 2

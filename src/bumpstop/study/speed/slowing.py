@@ -98,7 +98,7 @@ def slow_down(problem: Problem, trajectory: Trajectory, pace: FloatArray) -> Slo
         slowing = Slowing(retimed, judged=_judged(problem.scenario, retimed), eased=1 - factor)
         assert slowing.judged is not None
         over = slowing.judged.over
-        if over <= problem.scenario.verdict.risk:
+        if over <= problem.scenario.verdict.accepted_probability:
             return slowing
         first = first or slowing
         if over > _HELPS * least:

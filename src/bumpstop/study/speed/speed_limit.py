@@ -12,13 +12,13 @@ import numpy.typing as npt
 from bumpstop.collision import Problem, evaluate_batch
 from bumpstop.study.pose_batch import Arms
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.requirement.sampling_ripple import Teeth, is_sawtooth
+from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import Scenario
 
-SLOWEST = 1e-3  # m/s; slower arms are not looked at
+MIN_SPEED = 1e-3  # m/s; slower arms are not looked at
 _FIRST = 5e-3  # m/s; the first guess is no slower: laws of slow arms are long
 # The search ends by itself, mostly after five; late ones look at the middle too, so that none can go on for long.
 _ROUNDS = 48
@@ -28,7 +28,7 @@ CLOSE = 0.01  # between a speed that is met and one that is not
 
 @dataclass(frozen=True, eq=False)
 class SpeedLimits:
-    """Highest safe speeds; 0 where not even :data:`SLOWEST` is safe.
+    """Highest safe speeds; 0 where not even :data:`MIN_SPEED` is safe.
 
     Attributes:
         speed: of the tip (N,) [m/s].
@@ -84,9 +84,9 @@ def speed_limits(
 ) -> SpeedLimits:
     """Find the highest safe speeds along straight lines through poses.
 
-    A formula gives the first guess, exact laws decide: every speed returned has been worked out and meets verdict.risk,
-    and one at most 1 % higher does not, unless the cap or the formula for turning joints is lower. Where the risk is a
-    sawtooth over speed no slower one is left that fails.
+    A formula gives the first guess, exact laws decide: every speed returned has been computed and meets
+    verdict.accepted_probability, and one at most 1 % higher does not, unless the cap or the formula for turning
+    joints is lower. Where the risk is a sawtooth over speed no slower one is left that fails.
 
     Args:
         scenario: a straight line of the tip, checked or not; its pose and velocity are replaced.
@@ -96,11 +96,11 @@ def speed_limits(
         threads: for the exact laws.
     """
     problem = scenario if isinstance(scenario, Problem) else Problem.from_scenario(scenario)
-    limit, accepted = allowed_force(problem), problem.scenario.verdict.risk
+    limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
     arms = Arms(problem, q, direction)
     torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
     with np.errstate(invalid="ignore", over="ignore"):
-        gain = stop_gain(problem, arms.unlimited_rates(q))
+        gain = stopping_time_per_speed(problem, arms.joint_rates(q))
     guess = np.nan_to_num(foretold_speed(problem, torque, gain, limit, accepted))
     count = len(q)
     met, fails = np.zeros(count), np.full(count, np.inf)
@@ -108,7 +108,7 @@ def speed_limits(
     force_met, force_fails = np.zeros(count), np.full(count, np.inf)
     silent = missed(problem, torque, accepted)
     trial = np.clip(guess, np.minimum(_FIRST, cap), cap)
-    open_ = np.flatnonzero(cap >= SLOWEST)
+    open_ = np.flatnonzero(cap >= MIN_SPEED)
     laws = 0
     for number in range(_ROUNDS):
         if not open_.size:
@@ -127,14 +127,14 @@ def speed_limits(
         ):
             at[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
         risk[open_[good]] = over[good]
-        done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + CLOSE)) | (fails <= SLOWEST * (1 + 1e-9))
+        done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + CLOSE)) | (fails <= MIN_SPEED * (1 + 1e-9))
         open_ = open_[~done[open_]]
         trial[open_] = _next(
             met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_], cap[open_],
             number,
         )  # fmt: skip
     by = np.where(met >= cap * (1 - 1e-12), "cap", np.where(met > 0, "law", "none"))
-    if is_sawtooth(problem.scenario):
+    if has_ripple(problem.scenario):
         slower, more = _below_all_teeth(problem, q, direction, met, risk, gain, threads)
         by = np.where(slower < met, np.where(slower > 0, "law", "none"), by)
         met, laws = slower, laws + more
@@ -149,7 +149,7 @@ def _below_all_teeth(
 
     ``risk`` is brought to these speeds.
     """
-    limit, accepted = allowed_force(problem), problem.scenario.verdict.risk
+    limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
     laws = 0
 
     def risks(trials: dict[int, FloatArray]) -> dict[int, FloatArray]:
@@ -169,7 +169,7 @@ def _below_all_teeth(
     while open_:
         trials = {}
         for row in open_:
-            teeth = Teeth.of(problem, limit, speed=float(top[row]), pick_up=float(1 / gain[row]))
+            teeth = RippleScan.of(problem, limit, speed=float(top[row]), pick_up=float(1 / gain[row]))
             count = math.ceil(-math.log(1 - teeth.share) / min(teeth.apart, 0.9 * CLOSE))
             trials[row] = top[row] * (1 - teeth.share) ** (np.arange(count + 1) / count)
         found = risks(trials)
@@ -186,7 +186,7 @@ def _below_all_teeth(
                 continue
             lower = trials[row][trials[row] < failing.min()]
             top[row] = lower[0] if lower.size else failing.min() * (1 - CLOSE)
-            if top[row] >= SLOWEST:
+            if top[row] >= MIN_SPEED:
                 again.append(row)
         open_ = again
     return safe, laws
@@ -201,7 +201,7 @@ def _about_summits(speed: FloatArray, risk: FloatArray) -> FloatArray:
     return np.asarray((speed[pieces, None] ** (1 - share) * speed[pieces + 1, None] ** share).ravel())
 
 
-def stop_gain(problem: Problem, rates: FloatArray) -> FloatArray:
+def stopping_time_per_speed(problem: Problem, rates: FloatArray) -> FloatArray:
     """Time to stop per speed, from joint rates per speed of the tip (N, dof): (N,) [s2/m]."""
     return np.asarray((np.abs(rates) / problem.joint_acceleration).max(axis=1))
 
@@ -238,6 +238,6 @@ def _next(
         between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
         left = (limit - silent) / (low - silent)
         up = met * np.clip(np.where(left > 0, left**0.8, 3.0), least, 3.0)
-        down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6), SLOWEST)
+        down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6), MIN_SPEED)
     trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), down)
     return np.asarray(np.minimum(trial, cap))

@@ -13,7 +13,7 @@ from bumpstop.collision.trajectory.trajectory import Trajectory
 
 # No joint turns more from one moment to the next [rad or m]: what is safe changes little on the way. Short trajectories
 # are looked at more closely: so many moments cost little.
-_TURN, _LEAST_TURN = 0.02, 0.002
+_TURN, _MIN_TURN = 0.02, 0.002
 _MOMENTS = 600
 # Looked at between two moments. Where the arm is nearer to its limit there than at both by more than this share, and
 # not far below it anyway, as many moments are added.
@@ -22,18 +22,18 @@ _NEARER, _FAR_BELOW = 0.02, 0.25
 _AT_ONCE = 16_384
 
 
-def cut_by_turn(trajectory: Trajectory) -> Trajectory:
+def refine_by_joint_motion(trajectory: Trajectory) -> Trajectory:
     """The same trajectory with rows between its own where a joint turns far from one to the next.
 
     All that these functions return has the same cubics, with velocities, and every row of what is given bit for bit;
     it is what is given where nothing is added.
     """
     turns = np.abs(trajectory.extremes(1)[1]).max(axis=(1, 2)) * np.diff(trajectory.time)
-    parts = np.ceil(turns / np.clip(turns.sum() / _MOMENTS, _LEAST_TURN, _TURN))
+    parts = np.ceil(turns / np.clip(turns.sum() / _MOMENTS, _MIN_TURN, _TURN))
     return _cut(trajectory, np.maximum(1, parts).astype(np.int64))
 
 
-def cut_at_summits(trajectory: Trajectory, nearness: Callable[[FloatArray], FloatArray]) -> Trajectory:
+def refine_at_peaks(trajectory: Trajectory, nearness: Callable[[FloatArray], FloatArray]) -> Trajectory:
     """The same trajectory with more rows where the arm comes nearest to its limit between two of them.
 
     Args:

@@ -14,7 +14,7 @@ from bumpstop.collision import evaluate_batch
 from bumpstop.study.directions import cone_directions, tilted
 from bumpstop.study.pose_batch import Arms
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import CLOSE, SpeedLimits, foretold_speed, speed_limits, stop_gain
+from bumpstop.study.speed.speed_limit import CLOSE, SpeedLimits, foretold_speed, speed_limits, stopping_time_per_speed
 
 if TYPE_CHECKING:
     from bumpstop.collision import Problem
@@ -23,7 +23,7 @@ Rows = npt.NDArray[np.int64]
 
 # Directions the formula is asked about, all over the sphere; a narrower cone takes its share of them, but no fewer than
 # the latter. It takes next to nothing, and finds the narrow cones in which no joint feels much.
-_FORMULA, _FEWEST = 3000, 200
+_FORMULA, _MIN_DIRECTIONS = 3000, 200
 # Directions whose laws are worked out beside those the formula picks.
 _SAMPLED = 48
 # So many of the worst are looked around in, none nearer to another than this [rad].
@@ -48,7 +48,7 @@ def searched(angle: float) -> str:
 
 
 def _foretold_count(angle: float) -> int:
-    return max(_FEWEST, round(_FORMULA * (1 - math.cos(angle)) / 2))
+    return max(_MIN_DIRECTIONS, round(_FORMULA * (1 - math.cos(angle)) / 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class _Search:
 
     def __init__(self, problem: Problem, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> None:
         self.problem, self.q, self.direction, self.found = problem, q, direction, found
-        self._limit, self._accepted = allowed_force(problem), problem.scenario.verdict.risk
+        self._limit, self._accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
 
     def settle(self, candidates: FloatArray) -> FloatArray:
         """Lower speeds until no candidate (N, M, 3) passes; the force of each (N, M) [N] at the accepted risk."""
@@ -212,7 +212,7 @@ class _Formula:
         self._problem = problem
         along = [np.tile(axis, (len(q), 1)) for axis in np.eye(3)]
         with np.errstate(invalid="ignore", over="ignore"):
-            rates = [Arms(problem, q, axis).unlimited_rates(q) for axis in along]
+            rates = [Arms(problem, q, axis).joint_rates(q) for axis in along]
         self._rates = np.stack(rates, axis=1)  # (N, 3, dof)
         self._jacobian = Arms(problem, q, along[0]).linear_jacobian(q)
 
@@ -220,9 +220,9 @@ class _Formula:
         """Speeds (N, M) [m/s] in directions (N, M, 3)."""
         problem, shape = self._problem, directions.shape[:2]
         with np.errstate(invalid="ignore", over="ignore"):
-            gain = stop_gain(problem, (directions @ self._rates).reshape(-1, self._rates.shape[2]))
+            gain = stopping_time_per_speed(problem, (directions @ self._rates).reshape(-1, self._rates.shape[2]))
         torque = (directions @ self._jacobian).reshape(len(gain), -1)
-        accepted = problem.scenario.verdict.risk
+        accepted = problem.scenario.verdict.accepted_probability
         speed = foretold_speed(problem, torque, gain, allowed_force(problem), accepted)
         # Where the formula misses the limit itself the directions are told apart by how little they feel.
         unfelt = -1e-9 / np.maximum(_felt(problem, torque), 1e-12)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.detection.sensitivity import blind_band
+from bumpstop.detection.sensitivity import residual_band
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.study.workspace.prediction import check_foretold, foretold_scenario
@@ -44,15 +44,15 @@ def check(problem: Problem) -> None:
 
 
 def quantile_of(problem: Problem) -> float:
-    """Of the bound: what is left of certainty by verdict.risk."""
-    return min(max(0.5, 1 - problem.scenario.verdict.risk), 1 - 1e-9)
+    """Of the bound: what is left of certainty by verdict.accepted_probability."""
+    return min(max(0.5, 1 - problem.scenario.verdict.accepted_probability), 1 - 1e-9)
 
 
 def foretold_columns(problem: Problem, q: FloatArray, velocity: FloatArray) -> dict[str, Any]:
     """Expected peak force and bound of every pose, along its velocity and as fast in the direction that is felt least.
 
     That direction leads to the farthest vertex of the polytope of unnoticed forces, see
-    :func:`bumpstop.detection.blind_forces`. Where no joint feels some direction at all, it is one of those.
+    :func:`bumpstop.detection.undetectable_forces`. Where no joint feels some direction at all, it is one of those.
 
     Args:
         problem: all but pose and velocity.
@@ -78,7 +78,7 @@ def foretold_columns(problem: Problem, q: FloatArray, velocity: FloatArray) -> d
 def worst_directions(problem: Problem, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit vectors (N, 3) along which the largest forces go unnoticed, and these forces (N,) [N]; infinite: any."""
     link, point = problem.contact_point
-    low, high = blind_band(problem.robot.dof, problem.thresholds, noise_mean=problem.noise_mean)
+    low, high = residual_band(problem.robot.dof, problem.thresholds, noise_mean=problem.noise_mean)
     jacobian = problem.robot.chain.jacobians(np.ascontiguousarray(q), link, point)[:, :3]
     largest, _, farthest, _, rank, axes = core.blind_forces(np.ascontiguousarray(jacobian), low, high)
     length = np.linalg.norm(farthest, axis=1)

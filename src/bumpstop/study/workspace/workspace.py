@@ -12,7 +12,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
-from bumpstop.study.capsules import self_collision, thickest_links
+from bumpstop.study.capsules import max_link_radius, self_collision
 from bumpstop.study.directions import DirectionLaw, draw_directions, spread_directions
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
     import polars as pl
 
-    from bumpstop.collision import BatchLaws, Problem
+    from bumpstop.collision import BatchResult, Problem
 
 # Small enough for a bar that moves and for two threads to end together, large enough for the batch's lanes.
 SHARD_ROWS = 250
-MOST_ROWS = 100_000_000
+MAX_ROWS = 100_000_000
 QUANTILES = {"p50_N": 0.5, "p95_N": 0.95, "p99_N": 0.99, "p999_N": 0.999}
 _BINS = 30
 # Rounds of drawing again before a radius is called too large.
-_MOST_ROUNDS = 1000
+_MAX_ROUNDS = 1000
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class WorkspaceStudy(Study):
 
     name: ClassVar[str] = "workspace"
     title: ClassVar[str] = "workspace"
-    together: ClassVar[int] = 12  # lanes that are done find another pose longer
+    batch_size: ClassVar[int] = 12  # lanes that are done find another pose longer
 
     poses: int = 0
     grid: int = 0
@@ -87,8 +87,8 @@ class WorkspaceStudy(Study):
         if self.speed_sd_mm_s > self._speed:
             problem = f"{self.speed_sd_mm_s:g} mm/s is more than the speed of {self._speed:g} mm/s"
             raise InputError("--speed-sd", problem, "wanted less, or most speeds would be drawn again")
-        if self.drawn > MOST_ROWS:
-            raise InputError("--grid", f"{self.drawn} laws are too many", f"wanted at most {MOST_ROWS}")
+        if self.drawn > MAX_ROWS:
+            raise InputError("--grid", f"{self.drawn} laws are too many", f"wanted at most {MAX_ROWS}")
         if self.foretell:
             foretold.check(self._problem)
         # Everything a shard would refuse, it refuses here, before any work.
@@ -97,7 +97,7 @@ class WorkspaceStudy(Study):
             problem = "'two_phase' has two limits at once"
             raise InputError("verdict.clamped_limit", problem, "wanted 'quasi_static' for a workspace")
         self._laws(self._problem.q[None], np.array([[*self._own * self._speed / 1e3]]))
-        thickest = 1e3 * thickest_links(self._problem.robot, self._problem.q)
+        thickest = 1e3 * max_link_radius(self._problem.robot, self._problem.q)
         if self.link_radius_mm > thickest:
             problem = f"at {self.link_radius_mm:g} mm all links are neighbours, and none could touch"
             raise InputError("--link-radius", problem, f"wanted at most {thickest:.3g} mm")
@@ -112,9 +112,9 @@ class WorkspaceStudy(Study):
         return math.ceil(self.drawn / SHARD_ROWS)
 
     def shard(self, number: int) -> pl.DataFrame:  # noqa: D102
-        return self.several([number])[0]
+        return self.shard_batch([number])[0]
 
-    def several(self, numbers: Sequence[int]) -> list[pl.DataFrame]:  # noqa: D102
+    def shard_batch(self, numbers: Sequence[int]) -> list[pl.DataFrame]:  # noqa: D102
         cases = [self._cases(number) for number in numbers]
         rows = self._table(*(np.concatenate(columns) for columns in zip(*cases, strict=True)))
         ends = np.cumsum([len(q) for q, *_ in cases])
@@ -180,7 +180,7 @@ class WorkspaceStudy(Study):
         q = np.tile(self._problem.q, (count, 1))
         redrawn = np.zeros(count, dtype=np.int64)
         wanted = np.arange(count)
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(_MAX_ROUNDS):
             q[wanted[:, None], joints] = rng.uniform(low, high, size=(wanted.size, low.size))
             wanted = wanted[self._touches(q[wanted])]
             if not wanted.size:
@@ -233,7 +233,7 @@ class WorkspaceStudy(Study):
         width = min((size * step for step in (1, 2, 5, 10)), key=lambda w: abs(math.log(w * _BINS / span)))
         return np.asarray(np.arange(_BINS + 1) * width, dtype=np.float64)
 
-    def _laws(self, q: FloatArray, velocity: FloatArray) -> BatchLaws:
+    def _laws(self, q: FloatArray, velocity: FloatArray) -> BatchResult:
         from bumpstop.collision import evaluate_batch
 
         limits = [*self.edges, *self.force_limits]

@@ -52,7 +52,7 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
     mixture[:, 0] = np.maximum(0.0, mixture[:, 0] - no_contact)
     hits = no_contact <= 0.5
     touching = known.filter(no_contact < _NEVER)
-    unsafe = worst_risk(known) > study.scenario.verdict.risk
+    unsafe = worst_risk(known) > study.scenario.verdict.accepted_probability
     if study.foretell and limits:
         result["predictors"] = predictors(known, unsafe, min(study.force_limits))
         result["trusted"] = int(known["trusted"].sum())
@@ -63,7 +63,7 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
         "never_touch": known.height - touching.height,
         "p_over_force_of_touching": _share(touching["p_over_force"].to_numpy()) if touching.height else None,
         "p_over_pressure_of_touching": _share(touching["p_over_pressure"].to_numpy()) if touching.height else None,
-        "accepted_risk": study.scenario.verdict.risk,
+        "accepted_risk": study.scenario.verdict.accepted_probability,
         "poses_over_risk": int(unsafe.sum()) if limits else None,
         "undetected": _share(known["undetected"].to_numpy()),
         "poses_more_often_undetected": int((known["undetected"] > 0.5).sum()),
