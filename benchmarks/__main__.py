@@ -58,7 +58,7 @@ def row(what: str, value: str, target: str, ok: bool | None, ratio: str = "") ->
     )
 
 
-def whole_law(problem: bs.Problem) -> object:
+def whole_law(problem: bs.CollisionProblem) -> object:
     """A complete law from a checked scenario: curve, distribution, moments, quantiles, probabilities of excess."""
     law = bs.integrate(problem, bs.stopping_curve(problem))
     force = law.peak_force
@@ -68,7 +68,7 @@ def whole_law(problem: bs.Problem) -> object:
 
 def twin_seconds_per_run(scenario: bs.Scenario, runs: int = 12) -> float:
     """Time of one run of the twin with noise of its own [s]."""
-    settings = twin_of(scenario, noise_sd_Nm=bs.Problem.from_scenario(scenario).noise_sd)
+    settings = twin_of(scenario, noise_sd_Nm=bs.CollisionProblem.from_scenario(scenario).noise_sd)
     offsets = np.abs(np.random.default_rng(1).normal(size=runs)) * 0.1 * np.linalg.norm(settings.velocity_m_s)
     return seconds(lambda: twin.simulate_seeded(settings, offsets, 1), 3) / runs
 
@@ -209,7 +209,7 @@ def main() -> None:
         scenario = bs.load_scenario(path)
         if scenario.motion.kind == "trajectory":  # a mixture of hundreds of laws, which the twin does not know
             continue
-        problem = bs.Problem.from_scenario(scenario)
+        problem = bs.CollisionProblem.from_scenario(scenario)
         ours = seconds(lambda p=problem: whole_law(p), 30)  # type: ignore[misc]
         theirs = twin_seconds_per_run(scenario) * TWIN_RUNS
         row(f"complete law, {path.stem}", f"{ours * 1e3:.2f} ms", "<= 1 ms", ours <= 1e-3, f"{theirs / ours:.0f}")
@@ -219,7 +219,7 @@ def main() -> None:
         ("free contact, 40 kg, soft", free(40.0, contact__stiffness_N_m=12000)),
         ("correlated noise", control_group(detector__noise_correlation=0.5)),
     ):
-        problem = bs.Problem.from_scenario(scenario)
+        problem = bs.CollisionProblem.from_scenario(scenario)
         row(f"complete law, {what}", f"{seconds(lambda p=problem: whole_law(p), 5) * 1e3:.1f} ms", "", None)  # type: ignore[misc]
 
     scenario = control_group(motion__velocity_mm_s=[0, 0, -10])
@@ -249,7 +249,7 @@ def main() -> None:
     )
 
     scenario = bs.load_scenario(REPOSITORY / "examples/01_hand_downward.toml")
-    problem = bs.Problem.from_scenario(scenario)
+    problem = bs.CollisionProblem.from_scenario(scenario)
     curve = bs.stopping_curve(problem)
     runs = 500_000
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)

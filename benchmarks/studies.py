@@ -16,7 +16,7 @@ from unittest.mock import patch
 import numpy as np
 
 import bumpstop as bs
-from bumpstop.collision import BatchResult, Problem
+from bumpstop.collision import BatchResult, CollisionProblem
 from bumpstop.report.studies.study import write_study_report
 from bumpstop.report.studies.workspace import pages_of
 from bumpstop.study import run
@@ -37,7 +37,7 @@ def workspace_without_laws() -> float:
     study = WorkspaceStudy(
         slow, poses=SOURCE_POSES, speed_sd_mm_s=2.0, directions="polar", link_radius_mm=LINK_RADIUS_MM
     )
-    one = study._laws(Problem.from_scenario(slow).q[None], np.array([[0.0, 0.0, -0.01]]))
+    one = study._laws(CollisionProblem.from_scenario(slow).q[None], np.array([[0.0, 0.0, -0.01]]))
 
     def same(self: Any, q: Any, velocity: Any) -> BatchResult:
         rows = np.zeros(len(q), dtype=np.int64)
@@ -99,7 +99,7 @@ def atlas_command() -> tuple[float, float]:
     Each the best of three [s].
     """
     example = REPOSITORY / "examples/06_pick_and_place_trajectory.toml"
-    trajectory = Problem.from_scenario(bs.load_scenario(example)).trajectory
+    trajectory = CollisionProblem.from_scenario(bs.load_scenario(example)).trajectory
     assert trajectory is not None
     t = np.linspace(0, trajectory.duration, WAYPOINTS)
     walls, processors = [], []

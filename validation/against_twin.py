@@ -85,7 +85,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def _same_noise(findings: Findings, name: str, runs: int) -> list[Cell]:
     scenario = VARIED[name]
     found = _differences(scenario, runs)
-    stiffness = bs.Problem.from_scenario(scenario).stiffness
+    stiffness = bs.CollisionProblem.from_scenario(scenario).stiffness
     allowed = CURVE_ALLOWED * stiffness
     findings.check(
         f"{name}: {found.runs} runs have the same tick and joints",
@@ -118,7 +118,7 @@ def _same_noise(findings: Findings, name: str, runs: int) -> list[Cell]:
 
 def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences:
     """Simulate the runs of a sampled law again with the twin, with the law's offsets and noise."""
-    problem = bs.Problem.from_scenario(scenario)
+    problem = bs.CollisionProblem.from_scenario(scenario)
     law = bs.evaluate(scenario, samples=runs, seed=seed)
     assert law.runs is not None
     offset, tick = law.runs["offset"], law.runs["tick"]

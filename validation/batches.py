@@ -60,7 +60,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def _apart(base: bs.Scenario, poses: int) -> dict[str, list[float]]:
     """Of every pose that both say something of."""
     robot = bs.Robot.load(base.robot)
-    problem = bs.Problem.from_scenario(base)
+    problem = bs.CollisionProblem.from_scenario(base)
     rng = np.random.default_rng(623)
     q = rng.uniform(robot.lower, robot.upper, size=(poses, robot.dof))
     for joint in base.motion.held_joints:

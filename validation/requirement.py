@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 import bumpstop as bs
-from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, Requirement, require
+from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, Requirement, solve_requirement
 from bumpstop.study.variable import Variable
 from study.prediction_cases import draw
 from validation.findings import Cell, Findings
@@ -36,7 +36,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         best = np.inf
         for _ in range(TIMES):
             begin = time.process_time()
-            found = require(scenario, name)
+            found = solve_requirement(scenario, name)
             best = min(best, time.process_time() - begin)
         seconds.append((name, best))
         off += found.ill_conditioned

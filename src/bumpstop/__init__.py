@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bumpstop.collision import (
+        CollisionProblem,
         CollisionResult,
         Distribution,
-        Problem,
         Scenario,
         StoppingCurve,
         Verdict,
@@ -40,7 +40,7 @@ _HOME = {
     "bumpstop.collision": (
         "Distribution",
         "CollisionResult",
-        "Problem",
+        "CollisionProblem",
         "Scenario",
         "StoppingCurve",
         "Verdict",
@@ -60,13 +60,13 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "BumpstopError",
+    "CollisionProblem",
     "CollisionResult",
     "ContactLimits",
     "Distribution",
     "InputError",
     "Joint",
     "LimitTable",
-    "Problem",
     "Recording",
     "Robot",
     "Scenario",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bumpstop import Problem, Robot, Scenario
+from bumpstop import CollisionProblem, Robot, Scenario
 from twin import Joint, TwinSettings, TwinTrace, tick_count, trace
 
 SIA5D_POSE = [0, 30, 0, -20, 0, -40, 0]
@@ -222,14 +222,14 @@ def swinging_forward(offset_mm: float, tick: int, **changes: Any) -> Scenario:
 
 def twin_run(scenario: Scenario, **changes: Any) -> TwinTrace:
     """The slow twin's one run of a scenario with a fixed offset, its noise the mean, until arm and body have parted."""
-    problem, settings = Problem.from_scenario(scenario), twin_of(scenario, run_until_free=True, **changes)
+    problem, settings = CollisionProblem.from_scenario(scenario), twin_of(scenario, run_until_free=True, **changes)
     noise = np.tile(problem.noise_mean, (tick_count(settings), 1))
     return trace(settings, problem.offset_size, noise)
 
 
 def twin_of(scenario: Scenario, **changes: Any) -> TwinSettings:
     """The slow twin's settings for a scenario."""
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     robot, motion, contact = problem.robot, scenario.motion, scenario.contact
     link, point = robot.frame(contact.link, contact.point_m)
     settings: dict[str, Any] = {

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import bumpstop as bs
-from bumpstop import Problem, Robot, Scenario
+from bumpstop import CollisionProblem, Robot, Scenario
 from bumpstop.errors import InputError
 from bumpstop.model import Joint, write_urdf
 from bumpstop.study.workspace.prediction import predict_batch
@@ -110,7 +110,7 @@ def random_scenario(seed: int, folder: Path, *, one_sub_step: bool = False) -> S
 
 def figures(scenario: Scenario, seed: int) -> dict[str, Any]:
     """Of its law, and of a batch with the same pose, its neighbours and others; None where there are none."""
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     law = bs.evaluate(scenario)
     curve = law.curve
     assert curve is not None

@@ -21,7 +21,7 @@ RUNS = 40
 def test_run_by_run(name: str) -> None:
     """With the same offsets and the same noise every single collision comes out the same."""
     scenario = VARIED[name]
-    problem = bs.Problem.from_scenario(scenario)
+    problem = bs.CollisionProblem.from_scenario(scenario)
     settings = twin_of(scenario)
     law = bs.evaluate(scenario, samples=RUNS, seed=5)
     assert law.runs is not None
@@ -76,7 +76,7 @@ def test_reactions_come_forward_again_beside_a_singularity() -> None:
             "simulation": {"step_s": 0.002, "substeps": 7},
         }
     )
-    curve = bs.stopping_curve(bs.Problem.from_scenario(scenario), whole=True)
+    curve = bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario), whole=True)
     settings = twin_of(scenario)
     ticks = range(50, 80)
     noise = np.zeros((len(ticks), tick_count(settings), 7))
@@ -88,7 +88,7 @@ def test_reactions_come_forward_again_beside_a_singularity() -> None:
 
 
 def assert_same_path(scenario: bs.Scenario) -> None:
-    curve = bs.stopping_curve(bs.Problem.from_scenario(scenario))
+    curve = bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario))
     settings = twin_of(scenario, thresholds_Nm=np.full(len(twin_of(scenario).thresholds_Nm), math.inf))
     steps = curve.distance.size - 1
     path = trace(replace(settings, duration_s=steps * settings.step_s), math.inf)
@@ -102,7 +102,7 @@ def assert_same_path(scenario: bs.Scenario) -> None:
 def test_statistics_of_noise_drawn_by_the_twin_itself() -> None:
     scenario = control_group(motion__velocity_mm_s=[0, 0, -75])
     rng = np.random.default_rng(8)
-    settings = twin_of(scenario, noise_sd_Nm=bs.Problem.from_scenario(scenario).noise_sd)
+    settings = twin_of(scenario, noise_sd_Nm=bs.CollisionProblem.from_scenario(scenario).noise_sd)
     runs = simulate_seeded(settings, half_normal_offsets(settings, 400, rng), seed=3)
     law = bs.evaluate(scenario)
     assert runs.max_force_N.mean() == pytest.approx(law.peak_force.mean, abs=4 * law.peak_force.sd / math.sqrt(400))

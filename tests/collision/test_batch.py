@@ -19,7 +19,7 @@ from collision.cases import control_group, ur10e
 
 @pytest.mark.parametrize("base", [control_group(), ur10e()], ids=["sia5d", "ur10e"])
 def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
-    problem = bs.Problem.from_scenario(base)
+    problem = bs.CollisionProblem.from_scenario(base)
     rng = np.random.default_rng(2)
     q = problem.q + rng.normal(scale=0.15, size=(13, problem.robot.dof))
     velocity = problem.velocity * rng.uniform(0.4, 1.5, size=(13, 1))
@@ -51,7 +51,7 @@ robot = bs.Robot.load(base.robot)
 rng = np.random.default_rng(11)
 q = rng.uniform(robot.lower, robot.upper, size=(400, robot.dof))
 for joint in base.motion.held_joints:
-    q[:, joint - 1] = bs.Problem.from_scenario(base).q[joint - 1]
+    q[:, joint - 1] = bs.CollisionProblem.from_scenario(base).q[joint - 1]
 laws = bs.evaluate_batch(base, q, rng.normal(scale=0.006, size=(400, 3)), limits_N=[60.0, 135.0])
 np.savez(sys.argv[2], **vars(laws))
 """
@@ -87,7 +87,7 @@ def test_a_batch_ends_with_its_motion_between_two_ticks(duration_s: float, laten
     scenario = control_group(
         detector__thresholds_Nm=[400] * 7, motion__duration_s=duration_s, reaction__latency_s=latency_s
     )
-    problem = bs.Problem.from_scenario(scenario)
+    problem = bs.CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(scenario, problem.q[None], problem.velocity[None], limits_N=[135.0])
     law = bs.evaluate(scenario)
     assert batch.end[0] == law.curve.end == "horizon"
@@ -98,7 +98,7 @@ def test_a_batch_ends_with_its_motion_between_two_ticks(duration_s: float, laten
 
 def test_batches_refuse_what_they_cannot_use() -> None:
     base = control_group()
-    good_q, good_v = np.tile(bs.Problem.from_scenario(base).q, (3, 1)), np.tile([0, 0, -0.05], (3, 1))
+    good_q, good_v = np.tile(bs.CollisionProblem.from_scenario(base).q, (3, 1)), np.tile([0, 0, -0.05], (3, 1))
     bad_q, bad_v = good_q.copy(), good_v.copy()
     bad_q[1, 1], bad_v[2] = 3.0, 0.0
     with pytest.raises(bs.InputError, match=r"q\[1\]: joint 2"):

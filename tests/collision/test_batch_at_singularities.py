@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop import Problem, Robot
+from bumpstop import CollisionProblem, Robot
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import problem as problem_module
 from collision.cases import control_group, ur10e
@@ -35,7 +35,7 @@ def no_limits(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def beside(base: bs.Scenario, count: int, speed: float) -> tuple[FloatArray, FloatArray]:
     """Poses (count, dof), within the robot's own limits but for a joint next to zero, and velocities (count, 3)."""
-    robot, problem = Robot.load(base.robot), Problem.from_scenario(base)
+    robot, problem = Robot.load(base.robot), CollisionProblem.from_scenario(base)
     rng = np.random.default_rng(3)
     q = rng.uniform(robot.lower, robot.upper, size=(count, robot.dof))
     for joint in base.motion.held_joints:
@@ -62,7 +62,7 @@ def test_a_batch_is_its_laws_beside_singularities(
 ) -> None:
     base = BASES[robot].with_values({"reaction.kind": kind})
     q, velocity = beside(base, count, speed)
-    problem = Problem.from_scenario(base)
+    problem = CollisionProblem.from_scenario(base)
     limits = [60.0, 135.0, 250.0]
     batch = bs.evaluate_batch(problem, q[rows], velocity[rows], limits_N=limits)
     for row, i in enumerate(rows):
@@ -90,7 +90,7 @@ def test_a_batch_sees_the_farthest_place_of_a_fast_turn(monkeypatch: pytest.Monk
         return replace(robot, joints=tuple(free))
 
     monkeypatch.setattr(problem_module, "robot_of", unlimited)
-    batch = bs.evaluate_batch(Problem.from_scenario(base), q[[0, 2]], velocity[[0, 2]])
+    batch = bs.evaluate_batch(CollisionProblem.from_scenario(base), q[[0, 2]], velocity[[0, 2]])
     for row, i in enumerate((0, 2)):
         pose = {"pose_deg": None, "pose_rad": q[i].tolist(), "motion.velocity_mm_s": (1e3 * velocity[i]).tolist()}
         assert batch.mean[row] == pytest.approx(bs.evaluate(base.with_values(pose)).peak_force.mean, rel=1e-4)

@@ -49,7 +49,7 @@ def test_tails_against_forty_digits() -> None:
     """P(peak > x) of a fixed offset down to 1e-40, from the same curve by the formula itself in 40 digits."""
     mp.mp.dps = 40
     scenario = control_group(contact__offset_law="fixed", contact__offset_mm=1.17, motion__velocity_mm_s=[0, 0, -20])
-    problem = bs.Problem.from_scenario(scenario)
+    problem = bs.CollisionProblem.from_scenario(scenario)
     law = bs.evaluate(scenario)
     curve = law.curve
     survival, rows = mp.mpf(1), []
@@ -266,7 +266,7 @@ def test_no_leap_passes_over_two_singularities_in_a_row() -> None:
 
 
 def assert_farthest_is_that_of_each_reaction(scenario: bs.Scenario) -> None:
-    problem = bs.Problem.from_scenario(scenario)
+    problem = bs.CollisionProblem.from_scenario(scenario)
     curve = bs.stopping_curve(problem)
     ticks = list(range(len(curve.farthest)))
     there = [float(curve.kernel.distance[problem.period_steps * k + 1]) for k in ticks]

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import norm
 
 import bumpstop as bs
-from bumpstop import Problem, Scenario
+from bumpstop import CollisionProblem, Scenario
 from collision.cases import control_group, fixed
 
 PERIOD, STEP = 0.004, 0.001
@@ -65,7 +65,7 @@ def test_a_sure_alarm_comes_at_the_first_armed_tick(delay: float, first: int, ki
         runs = bs.evaluate(scenario, samples=50, threads=threads).runs
         assert runs is not None
         assert set(runs["tick"]) == {first}
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(problem, problem.q[None], problem.velocity[None])
     assert batch.false_alarm_probability[0] == law.false_alarm_probability
     assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-6)
@@ -84,7 +84,7 @@ def test_every_armed_tick_before_contact_counts_once(delay: float, first: int) -
     expected = -math.expm1(ticks * math.log1p(-2 * norm.sf(THRESHOLD / SD)))
     law = bs.evaluate(scenario)
     assert law.false_alarm_probability == pytest.approx(expected, rel=1e-9)
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(problem, problem.q[None], problem.velocity[None])
     assert batch.false_alarm_probability[0] == pytest.approx(expected, rel=1e-6)
 
@@ -99,7 +99,7 @@ def test_batches_arm_at_the_same_tick(delay: float, first: int, offset_law: str)
         detector__arming_delay_s=delay,
         detector__noise_sd_Nm=2.0,
     )
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(problem, problem.q[None], problem.velocity[None])
     law = bs.evaluate(scenario)
     assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-6)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop import Problem, Scenario
+from bumpstop import CollisionProblem, Scenario
 from bumpstop.study.workspace.prediction import predict_batch
 from cli.support import REPOSITORY
 from collision.cases import control_group, free
@@ -46,7 +46,7 @@ def interrupted() -> Iterator[list[float]]:
 
 
 def many_poses(count: int) -> tuple[Any, Any]:
-    problem = Problem.from_scenario(control_group())
+    problem = CollisionProblem.from_scenario(control_group())
     rng = np.random.default_rng(5)
     q = rng.uniform(problem.robot.lower, problem.robot.upper, (count, problem.robot.dof))
     return q, 0.05 * rng.normal(size=(count, 3))
@@ -103,7 +103,7 @@ def test_an_interruption_is_heard(name: str) -> None:
 
 def test_nothing_is_lost() -> None:
     """The same objects answer as before."""
-    problem = Problem.from_scenario(control_group())
+    problem = CollisionProblem.from_scenario(control_group())
     curve = bs.stopping_curve(problem)
     q, velocity = many_poses(100_000)
     before = bs.evaluate_batch(problem, q[:50], velocity[:50])

@@ -121,7 +121,7 @@ def test_lines_that_end_within_the_latency_turn_no_verdict(robot: str, limit: fl
 def test_a_reaction_that_never_turns_back_keeps_its_farthest_point() -> None:
     """Left at its longest time, it is as far as all of its steps say: the last of them count."""
     scenario = bs.Scenario.from_dict(NEVER_TURNS)
-    curve = bs.stopping_curve(bs.Problem.from_scenario(scenario), whole=True)
+    curve = bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario), whole=True)
     ticks = list(range(curve.ticks))
     every = [float(path.max()) for path in curve.kernel.reaction_paths(ticks, [-1e9] * len(ticks))]
     np.testing.assert_allclose(np.maximum(every, curve.tick_distance), curve.farthest, rtol=1e-7)

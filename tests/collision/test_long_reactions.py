@@ -30,7 +30,7 @@ def line(folder: Path, **changes: Any) -> bs.Scenario:
 
 @pytest.mark.parametrize("kind", ["stop", "reverse"])
 def test_a_slow_arm_is_followed_until_it_stands(kind: str, tmp_path: Path) -> None:
-    curve = bs.stopping_curve(bs.Problem.from_scenario(line(tmp_path, reaction__kind=kind)), whole=True)
+    curve = bs.stopping_curve(bs.CollisionProblem.from_scenario(line(tmp_path, reaction__kind=kind)), whole=True)
     np.testing.assert_allclose(curve.farthest - curve.tick_distance, OVERRUN, rtol=1e-6)
 
 

@@ -62,7 +62,9 @@ def test_detection_tick_by_tick_against_the_multivariate_normal(correlation: flo
 
 def test_observer_against_its_step_response() -> None:
     """A step of torque leaves 1 - exp(-K t) of itself in the residual of a momentum observer of gain K."""
-    problem = bs.Problem.from_scenario(control_group(detector__residual="observer", detector__observer_gain_1_s=40.0))
+    problem = bs.CollisionProblem.from_scenario(
+        control_group(detector__residual="observer", detector__observer_gain_1_s=40.0)
+    )
     torque = np.zeros((60, 7))
     torque[10:] = np.arange(1.0, 8.0)
     residual = contact_residual(problem, torque)
@@ -221,7 +223,7 @@ def test_residuals_that_lean_away_from_the_contact_are_followed_on_a_trajectory(
 def test_resampling_keeps_rows_whole_and_in_order(tmp_path: Path) -> None:
     rows = np.random.default_rng(1).normal(size=(500, 7))
     path = record_file(tmp_path, rows)
-    problem = bs.Problem.from_scenario(with_record(path))
+    problem = bs.CollisionProblem.from_scenario(with_record(path))
     assert problem.residuals is not None
     block = problem.residuals.block_rows
     noise = noise_of_run(problem, 9, 5, 200)
@@ -275,13 +277,13 @@ def test_records_that_cannot_be_used(tmp_path: Path, spoil: Any, message: str) -
     path = record_file(tmp_path, np.zeros((1000, 7)))
     spoil(pl.read_parquet(path)).write_parquet(path)
     with pytest.raises(bs.InputError, match=message):
-        bs.Problem.from_scenario(with_record(path))
+        bs.CollisionProblem.from_scenario(with_record(path))
 
 
 def test_files_that_are_no_records(tmp_path: Path) -> None:
     with pytest.raises(bs.InputError, match="is no file"):
-        bs.Problem.from_scenario(with_record(tmp_path / "absent.parquet"))
+        bs.CollisionProblem.from_scenario(with_record(tmp_path / "absent.parquet"))
     damaged = tmp_path / "damaged.parquet"
     damaged.write_bytes(b"PAR1 but not really")
     with pytest.raises(bs.InputError, match="cannot be read"):
-        bs.Problem.from_scenario(with_record(damaged))
+        bs.CollisionProblem.from_scenario(with_record(damaged))

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision import Problem, Scenario, load_scenario
+from bumpstop.collision import CollisionProblem, Scenario, load_scenario
 from bumpstop.collision.scenario.scenario import MADE_BY
 from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.errors import InputError, near_matches
@@ -31,7 +31,7 @@ def changed(key: str, value: Any) -> dict[str, Any]:
 def refusal(data: Any) -> str:
     """The message with which a scenario is refused, by the reader or with its robot and tables in view."""
     with pytest.raises(InputError) as caught:
-        Problem.from_scenario(Scenario.from_dict(data))
+        CollisionProblem.from_scenario(Scenario.from_dict(data))
     return str(caught.value)
 
 
@@ -91,9 +91,9 @@ def test_an_assumed_area_stays_an_assumption() -> None:
     scenario = Scenario.from_dict(data)
     again = Scenario.from_dict(scenario.to_dict())
     note = "Contact area not given: 1 cm² assumed."
-    assert note in Problem.from_scenario(scenario).notes
-    assert note in Problem.from_scenario(again).notes
-    assert note not in Problem.from_scenario(again.with_values({"contact.area_cm2": 1.0})).notes
+    assert note in CollisionProblem.from_scenario(scenario).notes
+    assert note in CollisionProblem.from_scenario(again).notes
+    assert note not in CollisionProblem.from_scenario(again.with_values({"contact.area_cm2": 1.0})).notes
 
 
 def test_of_the_two_poses_a_change_replaces_the_other() -> None:
@@ -101,7 +101,7 @@ def test_of_the_two_poses_a_change_replaces_the_other() -> None:
     pose = [math.radians(angle) for angle in scenario.pose_deg or []]
     in_radians = scenario.with_values({"pose_rad": pose})
     assert in_radians.pose_deg is None
-    assert Problem.from_scenario(in_radians).q == pytest.approx(Problem.from_scenario(scenario).q)
+    assert CollisionProblem.from_scenario(in_radians).q == pytest.approx(CollisionProblem.from_scenario(scenario).q)
 
 
 def test_the_record_of_a_run_is_passed_over() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import hypothesis.strategies as st
 from hypothesis import given, settings
 
-from bumpstop.collision import Problem, Scenario, load_scenario
+from bumpstop.collision import CollisionProblem, Scenario, load_scenario
 from bumpstop.errors import InputError
 from collision.scenario_cases import EXAMPLE, example
 
@@ -71,7 +71,7 @@ def test_any_mutation_is_read_or_refused(mutations: list[tuple[str, Any]]) -> No
             mutate(data, key, lambda table, last, value=value: table.__setitem__(last, value))  # type: ignore[misc]
     try:
         scenario = Scenario.from_dict(data)
-        Problem.from_scenario(scenario)
+        CollisionProblem.from_scenario(scenario)
     except InputError as error:
         assert error.field  # noqa: PT017
         assert error.problem  # noqa: PT017
@@ -95,7 +95,7 @@ def test_any_corruption_of_a_file_is_read_or_refused(tmp_path: Path) -> None:
             )
         path.write_bytes(bytes(content))
         try:
-            Problem.from_scenario(load_scenario(path))
+            CollisionProblem.from_scenario(load_scenario(path))
         except InputError:
             refused += 1
     # Neither is everything refused nor does everything pass.

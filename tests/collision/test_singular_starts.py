@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop import Problem, Robot, Scenario
+from bumpstop import CollisionProblem, Robot, Scenario
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 
@@ -73,7 +73,7 @@ CASES = [
 @pytest.mark.parametrize(("name", "motion"), CASES, ids=[f"{name} {motion}" for name, motion in CASES])
 def test_right_angles_and_their_parts(name: str, motion: dict[str, Any]) -> None:
     """Of poses at multiples of 90, 45 and 30 degrees: by an SVD that shares nothing with the kernels."""
-    problem = Problem.from_scenario(scenario(name, **motion))
+    problem = CollisionProblem.from_scenario(scenario(name, **motion))
     robot = problem.robot
     q = np.concatenate([multiples(robot, degrees, 150) for degrees in (90, 45, 30)])
     near = closeness(robot, q, motion["task"], motion["held_joints"])
@@ -91,7 +91,7 @@ def test_right_angles_and_their_parts(name: str, motion: dict[str, Any]) -> None
 
 @pytest.mark.parametrize("name", bs.robots())
 def test_random_poses_are_not_refused(name: str) -> None:
-    problem = Problem.from_scenario(scenario(name))
+    problem = CollisionProblem.from_scenario(scenario(name))
     robot = problem.robot
     q = np.random.default_rng(3).uniform(
         np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), (300, robot.dof)
@@ -114,7 +114,7 @@ def test_a_row_of_nothing_but_rounding_is_a_singularity(name: str, pose: list[fl
 def test_with_damping_there_is_none(damping: float) -> None:
     """However small it is, and alone as in a batch."""
     damped = scenario("ur10e", damping=damping).with_values({"pose_deg": [0, -90, 90, 0, 0, 0]})
-    problem = Problem.from_scenario(damped)
+    problem = CollisionProblem.from_scenario(damped)
     assert not problem.start["singular"]
     assert np.isfinite(problem.start["qd"]).all()
     end = bs.evaluate_batch(problem, problem.q[None], np.array([VELOCITY])).end
@@ -125,7 +125,7 @@ def test_with_damping_there_is_none(damping: float) -> None:
 def test_how_near_does_not_depend_on_the_base_frame(off: float) -> None:
     """A row that all but vanishes in one base frame leans on the others in another: both say the same."""
     singular = np.deg2rad([0.0, -90, 90, 0, 0, 0])
-    problem = Problem.from_scenario(scenario("ur10e"))
+    problem = CollisionProblem.from_scenario(scenario("ur10e"))
     for turn in np.linspace(0, 2 * np.pi, 9):
         # A turn of the first joint turns the whole Jacobian.
         pose = singular + off

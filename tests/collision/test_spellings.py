@@ -12,7 +12,7 @@ import bumpstop as bs
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError
 from bumpstop.study import Variable
-from bumpstop.study.requirement.requirement import require
+from bumpstop.study.requirement.requirement import solve_requirement
 from bumpstop.text_files import to_toml
 from collision.scenario_cases import EXAMPLE, example
 
@@ -58,7 +58,7 @@ def test_both_set_at_once_are_refused() -> None:
 def test_newtons_a_millimetre() -> None:
     scenario = bs.load_scenario(EXAMPLE, {"contact.stiffness_N_mm": 60.0})
     assert scenario.contact.stiffness_N_m == 60000.0
-    assert bs.Problem.from_scenario(scenario).stiffness == 60000.0
+    assert bs.CollisionProblem.from_scenario(scenario).stiffness == 60000.0
     # Set after each other the later one counts, whatever was there before.
     assert scenario.with_values({"contact.stiffness_N_m": 5000.0}).contact.stiffness_N_m == 5000.0
     assert scenario.with_values({"contact.area_cm2": 3.0}).contact.stiffness_N_mm == 60.0
@@ -115,7 +115,7 @@ def test_both_spellings_can_be_varied() -> None:
     assert stiffness.apply(scenario, 50.0).contact.stiffness_N_m == 50000.0
     with pytest.raises(InputError, match="is a direction"):
         Variable("motion.direction").value(scenario.with_values({"motion.speed_mm_s": 20}))
-    assert require(scenario, "motion.speed_mm_s").value == require(scenario, "motion.speed").value
+    assert solve_requirement(scenario, "motion.speed_mm_s").value == solve_requirement(scenario, "motion.speed").value
 
 
 def test_with_a_trajectory_they_have_no_meaning() -> None:

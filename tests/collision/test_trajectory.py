@@ -65,7 +65,7 @@ def test_a_turning_arm_along_a_line(tmp_path: Path) -> None:
     line = control_group(
         contact__offset_law="fixed", contact__offset_mm=6.3, reaction__kind="stop", motion__duration_s=0.6
     )
-    problem = bs.Problem.from_scenario(line)
+    problem = bs.CollisionProblem.from_scenario(line)
     curve = bs.stopping_curve(problem, whole=True)
     free = [j for j in range(7) if j not in problem.held]
     state = np.zeros((curve.ticks + 1, 2, 7))
@@ -93,7 +93,7 @@ def test_stopping_distance(speed: float, tmp_path: Path) -> None:
     gantry(tmp_path)
     t = np.array([0.0, 1.0, 2.0])
     write_csv(tmp_path / "path.csv", t, t[:, None] * [0, 0, -speed])
-    problem = bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion()))
+    problem = bs.CollisionProblem.from_scenario(scenario(tmp_path, trajectory_motion()))
     kernel = trajectory_kernel(problem)
     curve = kernel.curve(0.1, np.array([0.0, 0.0, -1.0]))
     for k in (30, 100, 200):
@@ -125,7 +125,7 @@ def test_no_joint_brakes_harder_than_it_may(seed: int, kind: str, tmp_path: Path
     t, q = waves(seed, 2.0)
     write_csv(tmp_path / "path.csv", t, q)
     limit = np.array([3.0, 2.0, 4.0, 2.5, 4.0, 3.0, 5.0])
-    problem = bs.Problem.from_scenario(
+    problem = bs.CollisionProblem.from_scenario(
         scenario(
             tmp_path,
             trajectory_motion(),
@@ -340,7 +340,7 @@ def test_nodes_go_where_the_residual_grows(tmp_path: Path, monkeypatch: pytest.M
     gantry(tmp_path)
     t = np.linspace(0, 1, 200)
     write_csv(tmp_path / "path.csv", t, (0.05 * t**12)[:, None] * [0, 0, -1.0], (0.6 * t**11)[:, None] * [0, 0, -1.0])
-    problem = bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion(), detector__noise_sd_Nm=0.2))
+    problem = bs.CollisionProblem.from_scenario(scenario(tmp_path, trajectory_motion(), detector__noise_sd_Nm=0.2))
     plenty = onset.onset_quadrature(problem).begin.size
     monkeypatch.setattr(onset, "_MAX_NODES", 1500)
     times = onset.onset_quadrature(problem)
@@ -360,7 +360,7 @@ def test_a_recording_that_trembles_needs_no_more_nodes_than_it_is_worth(
     way[:, 2] += 0.01 * np.clip(t - 3.5, 0, None) ** 2
     write_csv(tmp_path / "path.csv", t, way)
     contact = {"stiffness_N_m": 20000} | ({"normal": normal} if normal else {})
-    problem = bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion(), contact=contact))
+    problem = bs.CollisionProblem.from_scenario(scenario(tmp_path, trajectory_motion(), contact=contact))
     times = onset.onset_quadrature(problem)
     assert times.begin.size < 4 * (3 * 1000 + 2000)
 

@@ -28,7 +28,7 @@ def message(**changes: Any) -> dict[str, Any]:
 def read(folder: Path, name: str, text: str) -> Trajectory:
     gantry(folder, speed=1.0)
     (folder / name).write_text(text, encoding="utf-8")
-    problem = bs.Problem.from_scenario(scenario(folder, {"kind": "trajectory", "file": name}))
+    problem = bs.CollisionProblem.from_scenario(scenario(folder, {"kind": "trajectory", "file": name}))
     assert problem.trajectory is not None
     return problem.trajectory
 
@@ -198,13 +198,13 @@ def test_damaged_files(name: str, text: str, words: str, tmp_path: Path) -> None
 def test_absent_and_endless_files(tmp_path: Path) -> None:
     gantry(tmp_path)
     with pytest.raises(bs.InputError, match=r"cannot be read \(No such file"):
-        bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion()))
+        bs.CollisionProblem.from_scenario(scenario(tmp_path, trajectory_motion()))
     (tmp_path / "path.yaml").write_bytes(b" " * 5_000_001)
     with pytest.raises(bs.InputError, match="longer than 5000000 bytes"):
-        bs.Problem.from_scenario(scenario(tmp_path, {"kind": "trajectory", "file": "path.yaml"}))
+        bs.CollisionProblem.from_scenario(scenario(tmp_path, {"kind": "trajectory", "file": "path.yaml"}))
     (tmp_path / "path.csv").write_bytes(b"t,q_1\xff\n")
     with pytest.raises(bs.InputError, match="is not UTF-8 text"):
-        bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion()))
+        bs.CollisionProblem.from_scenario(scenario(tmp_path, trajectory_motion()))
 
 
 # --- Keys ---------------------------------------------------------------------------------------------------
@@ -249,7 +249,7 @@ def test_refusals_of_the_motion(tmp_path: Path) -> None:
     with pytest.raises(bs.InputError, match=r"contact\.normal: the contact point never moves toward the body"):
         bs.evaluate(scenario(tmp_path, trajectory_motion(), contact__normal=[0, 0, 1]))
     with pytest.raises(bs.InputError, match="a stopping curve for every time of contact"):
-        bs.stopping_curve(bs.Problem.from_scenario(scenario(tmp_path, trajectory_motion())))
+        bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario(tmp_path, trajectory_motion())))
     with pytest.raises(bs.InputError, match="straight lines only"):
         bs.evaluate_batch(scenario(tmp_path, trajectory_motion()), np.zeros((1, 3)), np.ones((1, 3)))
 

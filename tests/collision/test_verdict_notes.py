@@ -147,9 +147,12 @@ def test_false_alarms_an_hour_are_those_of_the_noise() -> None:
     rate = bs.evaluate(case).verdict.false_alarms_per_hour
     each = [math.erfc(threshold / 4.0 / math.sqrt(2)) for threshold in (12.0, *[20.0] * 5)]
     assert rate == pytest.approx(-math.expm1(sum(math.log1p(-p) for p in each)) * 3600 / 0.004, rel=1e-9)
-    correlated = alarm_rate(bs.Problem.from_scenario(case.with_values({"detector.noise_correlation": 0.5})))
+    correlated = alarm_rate(bs.CollisionProblem.from_scenario(case.with_values({"detector.noise_correlation": 0.5})))
     assert correlated.words.startswith("at most ")
-    assert alarm_rate(bs.Problem.from_scenario(control_group())).words == "0.239 false alarms an hour of free motion"
+    assert (
+        alarm_rate(bs.CollisionProblem.from_scenario(control_group())).words
+        == "0.239 false alarms an hour of free motion"
+    )
 
 
 def test_false_alarms_an_hour_of_measured_residuals_are_counted(tmp_path: Path) -> None:
@@ -161,7 +164,7 @@ def test_false_alarms_an_hour_of_measured_residuals_are_counted(tmp_path: Path) 
     del data["detector"]["noise_sd_Nm"]
     del data["detector"]["noise_mean_Nm"], data["detector"]["noise_correlation"]
     data["detector"]["residuals"] = "free.parquet"
-    rate = alarm_rate(bs.Problem.from_scenario(bs.Scenario.from_dict(data, tmp_path)))
+    rate = alarm_rate(bs.CollisionProblem.from_scenario(bs.Scenario.from_dict(data, tmp_path)))
     assert rate.kind == "measured"
     assert rate.per_hour == pytest.approx(2 / 0.01)
     assert rate.words == "200 false alarms an hour in 0.01 h of measured free motion"

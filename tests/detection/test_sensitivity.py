@@ -101,7 +101,7 @@ def test_three_prismatic_joints_make_a_box() -> None:
 def test_along_a_direction() -> None:
     robot = Robot.load("sia5d")
     scenario = bs.load_scenario(EXAMPLE)
-    problem = bs.Problem.from_scenario(scenario)
+    problem = bs.CollisionProblem.from_scenario(scenario)
     curve = bs.stopping_curve(problem)
     share = np.abs(curve.torque_per_newton[0])
     along = undetectable_force_along(robot, problem.q, curve.normal, problem.thresholds)

@@ -115,7 +115,7 @@ def test_residuals_become_the_noise_of_a_scenario(noise: Path) -> None:
     for key in ("noise_sd_Nm", "noise_mean_Nm", "noise_correlation"):
         data["detector"].pop(key, None)
     data["detector"]["residuals"] = str(noise)
-    problem = bs.Problem.from_scenario(bs.Scenario.from_dict(data, EXAMPLE.parent))
+    problem = bs.CollisionProblem.from_scenario(bs.Scenario.from_dict(data, EXAMPLE.parent))
     assert problem.residuals is not None
     np.testing.assert_array_equal(problem.residuals.rows, series.rows)
     np.testing.assert_allclose(problem.noise_sd, series.rows.std(axis=0), rtol=1e-3)
@@ -252,9 +252,9 @@ def test_residuals_of_a_loop_that_loses_samples_are_noise(noise: Path, tmp_path:
         made = bs.Scenario.from_dict(scenario, EXAMPLE.parent)
         if not usable:
             with pytest.raises(bs.InputError, match="are uneven; at most 5 % may be"):
-                bs.Problem.from_scenario(made)
+                bs.CollisionProblem.from_scenario(made)
             continue
-        record = bs.Problem.from_scenario(made).residuals
+        record = bs.CollisionProblem.from_scenario(made).residuals
         assert record is not None
         gaps = int(np.count_nonzero(np.diff(np.flatnonzero(kept)) > 1))
         assert f"{gaps} of {kept.sum() - 1} intervals" in record.notes[0]

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from bumpstop import evaluate
-from bumpstop.collision import Problem, Scenario
+from bumpstop.collision import CollisionProblem, Scenario
 from bumpstop.errors import InputError
 from model.urdf_cases import ARM
 from validation import facts
@@ -36,9 +36,11 @@ def test_scenario(tmp_path: Path) -> None:
     assert law.problem.robot.tip_name == "tool"
     assert "arm.urdf has no inertia for 'wrist'." in law.notes
     # A point of a link that is fixed to another is a point of that other one.
-    camera = Problem.from_scenario(scenario.with_values({"contact.link": "camera", "contact.point_m": [0.1, 0, 0]}))
+    camera = CollisionProblem.from_scenario(
+        scenario.with_values({"contact.link": "camera", "contact.point_m": [0.1, 0, 0]})
+    )
     point = [0.1 * math.cos(1.5), 0.05 + 0.1 * math.sin(1.5), 0.0]
-    slide = Problem.from_scenario(scenario.with_values({"contact.link": "slide", "contact.point_m": point}))
+    slide = CollisionProblem.from_scenario(scenario.with_values({"contact.link": "slide", "contact.point_m": point}))
     assert camera.approach_speed == pytest.approx(slide.approach_speed, rel=1e-12)
 
 
@@ -50,7 +52,7 @@ def test_scenario_with_base_and_tip(tmp_path: Path) -> None:
         evaluate(scenario)
     for key, value in (("base", "bas"), ("tip", "camra")):
         with pytest.raises(InputError, match=f"^{key}: arm.urdf has no link {value!r}; did you mean") as refused:
-            Problem.from_scenario(scenario.with_values({key: value}))
+            CollisionProblem.from_scenario(scenario.with_values({key: value}))
         assert refused.value.field == key
         with pytest.raises(InputError, match=rf"^{key}: has no meaning with the built-in robot 'ur10e'; "):
             Scenario.from_dict({**SCENARIO, "robot": "ur10e", key: value}, tmp_path)

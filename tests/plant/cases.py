@@ -165,7 +165,7 @@ class Hits:
 
 def hits(pose: str, body: str, seeds: int) -> Hits:
     """Run the plant into a body once for each seed, with the law's detector: a threshold on J' F + noise."""
-    problem = bs.Problem.from_scenario(hit_scenario(pose, body))
+    problem = bs.CollisionProblem.from_scenario(hit_scenario(pose, body))
     robot, n = problem.robot, problem.velocity / np.linalg.norm(problem.velocity)
     tip = robot.pose(problem.q)[:3, 3]
 

@@ -167,7 +167,7 @@ def test_gears_that_give_are_in_series() -> None:
 @pytest.mark.parametrize("kind", ["reverse", "stop"])
 def test_the_reaction_is_the_one_of_collision(kind: str) -> None:
     """Along the same path, worked out there by other code."""
-    problem = bs.Problem.from_scenario(
+    problem = bs.CollisionProblem.from_scenario(
         hit_scenario("standard, downward", "hand_finger").with_values({"reaction.kind": kind})
     )
     curve = bs.stopping_curve(problem, whole=True)

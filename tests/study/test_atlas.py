@@ -14,7 +14,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import bumpstop as bs
-from bumpstop.collision import Problem, evaluate_batch, load_scenario
+from bumpstop.collision import CollisionProblem, evaluate_batch, load_scenario
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.errors import InputError
 from bumpstop.study import run
@@ -225,7 +225,7 @@ def test_no_pace_makes_a_path_faster_than_it_was_given(pace: float) -> None:
 def test_the_risk_accepted_is_accepted_to_the_last_digit() -> None:
     """The speed looked at first passes the limit with a known probability: just accepted, and just not."""
     case = load_scenario(LINE)
-    problem = Problem.from_scenario(case)
+    problem = CollisionProblem.from_scenario(case)
     limit, q = allowed_force(problem), problem.q[None]
     direction = (problem.velocity / np.linalg.norm(problem.velocity))[None]
     # By halves to a probability near the usual one.
@@ -395,7 +395,7 @@ def test_every_slower_speed_is_safe_where_the_body_is_at_a_fixed_distance() -> N
     """There the risk is a sawtooth over speed: a limit must lie below its first tooth that fails."""
     changes = {"contact.offset_law": "fixed", "contact.offset_mm": 11.0, "detector.feedback_period_s": 0.012}
     case = load_scenario(LINE, changes)
-    problem = Problem.from_scenario(case)
+    problem = CollisionProblem.from_scenario(case)
     direction = problem.velocity / np.linalg.norm(problem.velocity)
     found = speed_limits(case, problem.q[None], direction[None], np.array([1.0]))
     assert found.by[0] == "law"

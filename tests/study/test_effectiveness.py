@@ -10,7 +10,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.study import run
 from bumpstop.study.parameters.effectiveness import EffectivenessStudy
-from bumpstop.study.requirement.requirement import require
+from bumpstop.study.requirement.requirement import solve_requirement
 from collision.cases import control_group, ur10e
 
 BODIES = ["hand_finger", "lower_arm_wrist", "upper_arm_elbow"]
@@ -169,7 +169,7 @@ def test_a_soft_body_has_a_safe_speed_though_a_slow_arm_takes_longer_to_be_notic
     assert [row["acceptable"] for row in summary["collisions"]] == [True, True]
     (safe,) = [row["safe_speed_mm_s"] for row in summary["safe_speeds"]]
     downward = case.with_values({"motion.velocity_mm_s": [0, 0, -107.7], "contact.area_cm2": 1.0})
-    required = require(downward, "motion.speed", low=1.0, high=250.0).value
+    required = solve_requirement(downward, "motion.speed", low=1.0, high=250.0).value
     assert required is not None
     assert safe == pytest.approx(required, abs=0.1 + 1e-4 * required)
 

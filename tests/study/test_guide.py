@@ -13,7 +13,7 @@ from bumpstop.study import run
 from bumpstop.study.parameters.equal_risk import allowed_force
 from bumpstop.study.parameters.parameters import ParameterStudy
 from bumpstop.study.requirement.design_guide import cheapest
-from bumpstop.study.requirement.requirement import require
+from bumpstop.study.requirement.requirement import solve_requirement
 from bumpstop.study.variable import Variable
 from collision.cases import control_group, ur10e
 
@@ -210,7 +210,7 @@ def test_no_arm_is_slowed_until_it_does_not_arrive() -> None:
     study = ParameterStudy.of(scenario, vary=["motion.speed=20:80:4"], prices=["motion.speed=1"])
     rows, summary = run(study)
     assert rows["no_contact"].max() == 0
-    harshest = require(scenario, "motion.speed").value
+    harshest = solve_requirement(scenario, "motion.speed").value
     assert harshest is not None
     assert harshest < 70
     # Against a body at a fixed distance the risk is a sawtooth: the guide may stop at a tooth that is a little higher.

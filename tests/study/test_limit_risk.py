@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bumpstop as bs
-from bumpstop.collision import Problem, integrate, stopping_curve
+from bumpstop.collision import CollisionProblem, integrate, stopping_curve
 from bumpstop.kernels import core
 from collision.cases import REMEMBERING, VARIED
 from study.prediction_cases import draw
@@ -21,7 +21,7 @@ RESOLUTION = 1e-3  # of the answer near the accepted risk
 ROUNDING = 1e-4
 
 
-def _ask(problem: Problem, force: float, accepted: float, known: object = None) -> dict[str, float]:
+def _ask(problem: CollisionProblem, force: float, accepted: float, known: object = None) -> dict[str, float]:
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size, force, accepted)
     found: dict[str, float] = core.limit_risk(problem.setup, problem.q, problem.velocity, *question, known)
     return found
@@ -45,7 +45,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_risk_is_that_of_the_whole_law(name: str) -> None:
     scenario = CASES[name]
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     law = integrate(problem, stopping_curve(problem))
     asked = 0
     for share in (0.5, 0.05, 1e-3):
@@ -80,7 +80,7 @@ def test_the_risk_is_that_of_the_whole_law_wherever_an_arm_stands(number: int) -
     scenario, q, velocity = draw(np.random.default_rng(number), number, 1)
     changes = {"pose_rad": q[0].tolist(), "motion.velocity_mm_s": (1e3 * velocity[0]).tolist()}
     try:
-        problem = Problem.from_scenario(scenario.with_values(changes))
+        problem = CollisionProblem.from_scenario(scenario.with_values(changes))
     except bs.InputError:
         return  # a singular start
     law = integrate(problem, stopping_curve(problem))
@@ -101,7 +101,7 @@ def test_a_known_path_serves_other_thresholds_and_stiffnesses() -> None:
     for factor, stiffness in ((1.0, 3e4), (0.6, 3e4), (0.6, 8e4), (1.3, 8e4), (1.3, 1e4), (1.0, 3e4)):
         thresholds = [factor * each for each in scenario.detector.thresholds_Nm]
         changed = scenario.with_values({"detector.thresholds_Nm": thresholds, "contact.stiffness_N_m": stiffness})
-        problem = Problem.from_scenario(changed)
+        problem = CollisionProblem.from_scenario(changed)
         force = bs.evaluate(changed).peak_force.quantile(0.9)
         alone, shared = _ask(problem, force, 0.1), _ask(problem, force, 0.1, known)
         for bound in ("low", "high", "undetected", "false_alarm"):
@@ -120,7 +120,7 @@ def test_an_arm_that_passes_a_singularity_may_as_well_stop_there(name: str) -> N
     for pose, way in zip(q, velocity, strict=True):
         changes = {"pose_rad": pose.tolist(), "motion.velocity_mm_s": (1e3 * way).tolist()}
         try:
-            problem = Problem.from_scenario(scenario.with_values(changes))
+            problem = CollisionProblem.from_scenario(scenario.with_values(changes))
         except bs.InputError:
             continue
         found = _ask(problem, 50.0, 1.0)

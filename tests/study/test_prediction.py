@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bumpstop.collision import Problem, evaluate_batch, stopping_curve
+from bumpstop.collision import CollisionProblem, evaluate_batch, stopping_curve
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.study.workspace.prediction import foretold_scenario, predict, predict_batch
@@ -124,7 +124,7 @@ def test_stopping_is_that_of_the_traced_arm_and_never_less(kind: str) -> None:
         one = scenario.with_values(
             {"pose_rad": pose.tolist(), "motion.velocity_mm_s": (1e3 * v).tolist(), "reaction.kind": kind}
         )
-        problem = Problem.from_scenario(one)
+        problem = CollisionProblem.from_scenario(one)
         curve = stopping_curve(problem)
         if curve.ticks < 2:
             continue

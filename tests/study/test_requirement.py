@@ -12,7 +12,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.cli.main import main
 from bumpstop.errors import InputError
-from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, _Answer, require, require_curve
+from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, _Answer, require_curve, solve_requirement
 from bumpstop.study.requirement.risk import Risk
 from bumpstop.study.requirement.risk_search import RiskSearch
 from bumpstop.study.variable import Range, Variable
@@ -46,7 +46,7 @@ def over(case: bs.Scenario, vary: str, value: float) -> float:
 @pytest.mark.parametrize("vary", HIGHER_IS_WORSE)
 def test_value_meets_the_risk_and_two_percent_more_does_not(vary: str) -> None:
     case = scenario(**({"detector.thresholds_Nm": [40, 40, 40, 40, 40, 40]} if vary == "contact.padding" else {}))
-    found = require(case, vary)
+    found = solve_requirement(case, vary)
     assert found.value is not None
     assert found.binding in ("force", "pressure")
     assert over(case, vary, found.value) <= found.risk
@@ -60,7 +60,7 @@ def test_agrees_with_trying_every_value(offset: float | None) -> None:
     fixed = {} if offset is None else {"contact.offset_law": "fixed", "contact.offset_mm": offset}
     # Little noise, so that a fixed distance shows its teeth.
     case = scenario(**fixed, **{"detector.noise_sd_Nm": 0.5, "detector.feedback_period_s": 0.008})
-    found = require(case, "motion.speed", low=40.0, high=300.0)
+    found = solve_requirement(case, "motion.speed", low=40.0, high=300.0)
     assert found.value is not None
     values = 40 * (300 / 40) ** np.linspace(0, 1, 1300)
     failing = [value for value in values if over(case, "motion.speed", float(value)) > found.risk]
@@ -69,7 +69,7 @@ def test_agrees_with_trying_every_value(offset: float | None) -> None:
 
 def test_quantised_values_are_safe_whole_steps() -> None:
     case = scenario()
-    found = require(case, "detector.feedback_period_s")
+    found = solve_requirement(case, "detector.feedback_period_s")
     steps = found.value / 0.001 if found.value else 0.0
     assert math.isclose(steps, round(steps))
     risks = [over(case, "detector.feedback_period_s", 0.001 * n) for n in range(1, round(steps) + 2)]
@@ -79,37 +79,37 @@ def test_quantised_values_are_safe_whole_steps() -> None:
 
 def test_says_why_no_value_meets_it() -> None:
     deaf = scenario(**{"detector.thresholds_Nm": [400.0, 400.0, 400.0, 400.0, 400.0, 400.0]})
-    found = require(deaf, "motion.speed")
+    found = solve_requirement(deaf, "motion.speed")
     assert found.value is None
     assert found.risk_at_value > found.risk
     assert "go unnoticed" in found.reason or "never noticed" in found.reason
 
 
 def test_a_small_risk_is_not_said_to_be_that_of_most_collisions() -> None:
-    found = require(scenario(), "motion.speed", risk=1e-300)
+    found = solve_requirement(scenario(), "motion.speed", risk=1e-300)
     assert found.value is None
     assert found.risk_at_value < 1e-3
     assert "most collisions" not in found.reason
 
 
 def test_whole_range_may_meet_it() -> None:
-    found = require(scenario(), "motion.speed", low=5.0, high=20.0)
+    found = solve_requirement(scenario(), "motion.speed", low=5.0, high=20.0)
     assert (found.value, found.binding) == (20.0, "range")
 
 
 def test_a_slow_arm_is_followed_no_longer_than_a_simulation_takes() -> None:
     """At a tenth of the speed a scenario of 400 s would take 4000 s, twice as many steps as there may be."""
-    long = require(control_group(motion__duration_s=400.0), "motion.speed")
-    assert long.value == require(control_group(), "motion.speed").value
+    long = solve_requirement(control_group(motion__duration_s=400.0), "motion.speed")
+    assert long.value == solve_requirement(control_group(), "motion.speed").value
 
 
 def test_padding_is_looked_for_in_a_range_too() -> None:
     case = scenario(**{"motion.velocity_mm_s": [160.0, 80.0, -160.0]})
-    anywhere = require(case, "contact.padding")
+    anywhere = solve_requirement(case, "contact.padding")
     assert anywhere.value is not None
     assert anywhere.binding != "range"
     ends = Range.parse(f"contact.padding={anywhere.value / 3}:{anywhere.value * 3}", case)
-    found = require(case, "contact.padding", low=ends.low, high=ends.high)
+    found = solve_requirement(case, "contact.padding", low=ends.low, high=ends.high)
     assert found.value == pytest.approx(anywhere.value, rel=AGREES)
     against = Range.parse("contact.padding=3e3:3e4:2", case)
     softer, harder = (row["value"] for row in require_curve(case, "motion.speed", against))
@@ -203,7 +203,7 @@ def test_points_of_a_trade_curve_are_on_the_edge(case: bs.Scenario, vary: str, a
 )
 def test_refuses_by_name(changes: dict[str, Any], arguments: dict[str, Any], field: str) -> None:
     with pytest.raises(InputError) as caught:
-        require(scenario(**changes), **arguments)
+        solve_requirement(scenario(**changes), **arguments)
     assert caught.value.field == field
 
 
@@ -218,7 +218,7 @@ def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
             "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.0, "latency_s": 0.01},
         }
     )
-    found = require(case, "reaction.joint_acceleration_rad_s2")
+    found = solve_requirement(case, "reaction.joint_acceleration_rad_s2")
     assert found.value is None
     assert found.binding == "singularity"
     assert found.ill_conditioned
@@ -230,7 +230,7 @@ def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
     assert "singularity" in ends
     assert len(ends) > 1
     # What does not change the path does not change on which side of the singularity it ends.
-    assert require(case, "contact.padding").binding != "singularity"
+    assert solve_requirement(case, "contact.padding").binding != "singularity"
 
 
 _FIXED = {"contact.offset_law": "fixed", "contact.offset_mm": 4.0}
@@ -252,7 +252,7 @@ def test_every_milder_value_is_met_where_the_risk_is_a_sawtooth(
     vary: str, changes: dict[str, Any], high: float | None
 ) -> None:
     case = scenario(**changes)
-    found = require(case, vary, high=high)
+    found = solve_requirement(case, vary, high=high)
     assert found.value is not None
     milder = np.geomspace(0.5 * found.value, found.value, 60)
     assert max(over(case, vary, float(value)) for value in milder) <= case.verdict.accepted_probability
@@ -267,7 +267,7 @@ def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> 
         "verdict.accepted_probability": 0.01,
     }
     case = scenario(**changes)
-    found = require(case, "detector.feedback_period_s")
+    found = solve_requirement(case, "detector.feedback_period_s")
     assert found.value is not None
     tried = {step: over(case, "detector.feedback_period_s", 1e-3 * step) for step in range(1, 51)}
     least = min(step for step, risk in tried.items() if risk > 0.01)
@@ -289,7 +289,7 @@ def test_every_shorter_feedback_period_is_met_where_the_last_ticks_decide() -> N
     vary = "detector.feedback_period_s"
     fails = [ms for ms in range(1, 61) if over(case, vary, ms / 1000) > 0.02]
     assert over(case, vary, 0.059) < 0.02 < over(case, vary, 0.05)
-    assert require(case, vary, low=0.001, high=0.06).value == pytest.approx((fails[0] - 1) / 1000)
+    assert solve_requirement(case, vary, low=0.001, high=0.06).value == pytest.approx((fails[0] - 1) / 1000)
 
 
 def test_a_risk_that_no_value_meets_is_told_closely() -> None:
@@ -304,7 +304,7 @@ def test_a_risk_that_no_value_meets_is_told_closely() -> None:
         "reaction.latency_s": 0.01,
     }
     case = control_group().with_values(changes)
-    found = require(case, "reaction.joint_acceleration_rad_s2", high=45.0)
+    found = solve_requirement(case, "reaction.joint_acceleration_rad_s2", high=45.0)
     assert found.value is None
     assert 1e-3 < found.risk_at_value < 0.1
     assert found.risk_at_value == pytest.approx(over(case, found.variable, 45.0), rel=2e-3)
@@ -325,7 +325,7 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> N
         "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.84},
         "verdict": {"accepted_probability": 1.8e-5},
     })  # fmt: skip
-    found = require(case, "contact.padding")
+    found = solve_requirement(case, "contact.padding")
     assert found.value is not None
     milder = np.geomspace(found.value / 4, found.value, 40)
     assert max(over(case, "contact.padding", float(value)) for value in milder) <= case.verdict.accepted_probability
@@ -341,7 +341,7 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_lower_speeds_too() -> No
         "reaction.joint_acceleration_rad_s2": 2.64,
         "verdict.accepted_probability": 5.5e-5,
     })  # fmt: skip
-    found = require(case, "motion.speed")
+    found = solve_requirement(case, "motion.speed")
     assert found.value is not None
     lower = np.geomspace(0.8 * found.value, found.value, 60)
     assert max(over(case, "motion.speed", float(value)) for value in lower) <= case.verdict.accepted_probability
@@ -367,7 +367,7 @@ LAGGING = {
 @pytest.mark.parametrize("high", [2.1e3, 3e3, 2e4, 1e8])
 def test_values_close_below_a_crossing_are_met_where_the_risk_jumps(high: float) -> None:
     case = bs.Scenario.from_dict(LAGGING)
-    found = require(case, "contact.padding", low=1e3, high=high)
+    found = solve_requirement(case, "contact.padding", low=1e3, high=high)
     assert found.value is not None
     assert found.ill_conditioned
     for step in np.linspace(0, 0.03, 7):

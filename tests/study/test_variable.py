@@ -108,7 +108,7 @@ def test_thresholds_change_in_proportion_with_noise_or_without() -> None:
 def test_latency_is_rounded_up_to_whole_steps_as_the_law_does(latency: str) -> None:
     scenario = control_group(reaction__latency_s=float(latency))
     steps = math.ceil(Decimal(latency) / Decimal("0.001"))
-    assert bs.Problem.from_scenario(scenario).latency_steps == steps
+    assert bs.CollisionProblem.from_scenario(scenario).latency_steps == steps
     assert Variable("reaction.latency_s").value(scenario) == pytest.approx(1e-3 * steps, abs=1e-12)
 
 

@@ -3,7 +3,7 @@
 from bumpstop.collision.batch import BatchResult, evaluate_batch
 from bumpstop.collision.curve import StoppingCurve, stopping_curve
 from bumpstop.collision.distribution.distribution import Distribution
-from bumpstop.collision.problem import Problem
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult, evaluate, integrate, monte_carlo
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import load_scenario
@@ -11,9 +11,9 @@ from bumpstop.collision.verdict.verdict import Verdict
 
 __all__ = [
     "BatchResult",
+    "CollisionProblem",
     "CollisionResult",
     "Distribution",
-    "Problem",
     "Scenario",
     "StoppingCurve",
     "Verdict",

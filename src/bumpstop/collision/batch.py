@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.collision.problem import Problem
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.scenario.scenario import Scenario, as_scenario
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
@@ -42,7 +42,7 @@ class BatchResult:
 
 
 def evaluate_batch(
-    scenario: Scenario | Problem,
+    scenario: Scenario | CollisionProblem,
     q: npt.ArrayLike,
     velocity: npt.ArrayLike,
     *,
@@ -64,7 +64,9 @@ def evaluate_batch(
     Raises:
         InputError: a shape or value cannot be used; names the first pose.
     """
-    problem = scenario if isinstance(scenario, Problem) else Problem.from_scenario(as_scenario(scenario))
+    problem = (
+        scenario if isinstance(scenario, CollisionProblem) else CollisionProblem.from_scenario(as_scenario(scenario))
+    )
     scenario = problem.scenario
     if problem.trajectory is not None:
         raise InputError("motion.kind", "batches are computed for straight lines only", "wanted 'line'")

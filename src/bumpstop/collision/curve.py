@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.problem import Problem
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 
@@ -56,7 +56,7 @@ class StoppingCurve:
         return int(self.tick_time.size)
 
 
-def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
+def stopping_curve(problem: CollisionProblem, *, whole: bool = False) -> StoppingCurve:
     """Trace the motion of a problem and the reaction to every feedback tick.
 
     Args:
@@ -68,9 +68,9 @@ def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
         InputError: what is given is no problem, or its motion is a trajectory, which has such a curve for every time of
             contact.
     """
-    if not isinstance(problem, Problem):
+    if not isinstance(problem, CollisionProblem):
         raise InputError(
-            "problem", f"a {type(problem).__name__} is no checked one", "wanted Problem.from_scenario(...)"
+            "problem", f"a {type(problem).__name__} is no checked one", "wanted CollisionProblem.from_scenario(...)"
         )
     if problem.trajectory is not None:
         raise InputError("motion.kind", "a trajectory has a stopping curve for every time of contact", "wanted 'line'")
@@ -100,7 +100,7 @@ def stopping_curve(problem: Problem, *, whole: bool = False) -> StoppingCurve:
     )
 
 
-def _certain_detector(problem: Problem) -> Any:
+def _certain_detector(problem: CollisionProblem) -> Any:
     """A detector that alarms for certain only where the problem's does.
 
     Measured noise is neither centred nor white nor Gaussian: a tick is certain to alarm where each row of the record

@@ -27,7 +27,7 @@ MAX_STEPS = 2_000_000
 
 
 @dataclass(frozen=True)
-class Problem:
+class CollisionProblem:
     """A checked scenario in the kernels' terms.
 
     Attributes:
@@ -65,7 +65,7 @@ class Problem:
     trajectory: Trajectory | None = None
 
     @classmethod
-    def from_scenario(cls, scenario: Scenario) -> Problem:
+    def from_scenario(cls, scenario: Scenario) -> CollisionProblem:
         """Check a scenario against its robot and its limit table.
 
         Raises:

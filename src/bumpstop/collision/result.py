@@ -26,7 +26,7 @@ from bumpstop.collision.distribution.distribution import (
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_seed, in_blocks
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, TransientQuantities, impact_bounds
 from bumpstop.collision.notes import notes_of
-from bumpstop.collision.problem import Problem
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.scenario.scenario import as_scenario
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import TwoPhaseUse, phase_shares
@@ -65,7 +65,7 @@ class CollisionResult:
         transient_contact_duration: of free contact, until the body has got away [s].
     """
 
-    problem: Problem
+    problem: CollisionProblem
     curve: StoppingCurve
     kind: Literal["exact", "sampled"]
     peak_force: Distribution
@@ -320,7 +320,7 @@ def evaluate(
     Raises:
         InputError: the scenario cannot be computed.
     """
-    problem = Problem.from_scenario(as_scenario(scenario))
+    problem = CollisionProblem.from_scenario(as_scenario(scenario))
     refinement = as_whole_number(refinement, "refinement", 1, 100)
     as_whole_number(threads, "threads", 1, 256)
     as_whole_number(seed, "seed", 0, 2**64 - 1, "0 to 2^64 - 1")
@@ -350,7 +350,7 @@ def evaluate(
     )
 
 
-def integrate(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) -> CollisionResult:
+def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: int = 1) -> CollisionResult:
     """Integrate over contact offset and noise on a stopping curve of this problem's pose, motion and reaction.
 
     Args:
@@ -403,7 +403,7 @@ def integrate(problem: Problem, curve: StoppingCurve, *, refinement: int = 1) ->
 
 
 def monte_carlo(
-    problem: Problem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1, first: int = 0
+    problem: CollisionProblem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1, first: int = 0
 ) -> CollisionResult:
     """Draw single collisions on a stopping curve of this problem's pose, motion and reaction.
 
@@ -490,7 +490,7 @@ def _check_sample(samples: int, seed: int, threads: int) -> None:
     as_whole_number(threads, "threads", 1, 256)
 
 
-def _horizon(problem: Problem) -> int:
+def _horizon(problem: CollisionProblem) -> int:
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
 
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop.collision import Problem
+    from bumpstop.collision import CollisionProblem
 
 
-def joint_ranges(problem: Problem) -> list[tuple[int, float, float]]:
+def joint_ranges(problem: CollisionProblem) -> list[tuple[int, float, float]]:
     """Joints that move, with the limits between which they are drawn; a joint without limits turns once.
 
     Returns:

@@ -11,7 +11,7 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision import Problem
+    from bumpstop.collision import CollisionProblem
 
 _STEP = 0.05  # along the self-motion [rad or m]
 _MAX_STEPS = 40
@@ -35,7 +35,7 @@ class Suggestion:
     gain: FloatArray
 
 
-def check_redundant(problem: Problem) -> None:
+def check_redundant(problem: CollisionProblem) -> None:
     """Refuse an arm that has no joint to spare, or more than one."""
     free = problem.robot.dof - len(problem.held)
     if free != 7:
@@ -46,7 +46,7 @@ def check_redundant(problem: Problem) -> None:
         )
 
 
-def improve_detectability(problem: Problem, q: FloatArray, direction: FloatArray) -> Suggestion:
+def improve_detectability(problem: CollisionProblem, q: FloatArray, direction: FloatArray) -> Suggestion:
     """Follow the self-motion both ways within the joint limits, and keep the best place.
 
     The tool keeps position and orientation. Contact is at the tip, and the force along ``direction``.
@@ -92,7 +92,7 @@ def improve_detectability(problem: Problem, q: FloatArray, direction: FloatArray
     return Suggestion(best_q, best, gain)
 
 
-def _unnoticed(problem: Problem, q: FloatArray, direction: FloatArray) -> FloatArray:
+def _unnoticed(problem: CollisionProblem, q: FloatArray, direction: FloatArray) -> FloatArray:
     torque = np.einsum("nij,ni->nj", problem.robot.jacobian(q)[:, :3], direction)
     with np.errstate(divide="ignore"):
         return np.asarray((problem.thresholds / np.abs(torque)).min(axis=1))

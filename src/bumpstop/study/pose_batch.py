@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision import Problem
+    from bumpstop.collision import CollisionProblem
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Arms:
         velocity: of the tip, base frame (N, 3) [m/s].
     """
 
-    problem: Problem
+    problem: CollisionProblem
     q: FloatArray
     velocity: FloatArray
 

@@ -124,9 +124,9 @@ class Variable:
         if self.name in ("contact.stiffness", "contact.stiffness_N_mm"):
             stiffness = scenario.contact.stiffness_N_m
             if stiffness is None:
-                from bumpstop.collision import Problem
+                from bumpstop.collision import CollisionProblem
 
-                stiffness = Problem.from_scenario(scenario).body_stiffness
+                stiffness = CollisionProblem.from_scenario(scenario).body_stiffness
             return stiffness if self.name == "contact.stiffness" else stiffness / 1e3
         if self.name == "contact.padding" and scenario.contact.padding_N_m is None:
             return math.inf

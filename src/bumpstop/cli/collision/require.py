@@ -43,8 +43,7 @@ def require(
     """
     from bumpstop.cli.progress import progress
     from bumpstop.study import to_jsonable
-    from bumpstop.study.requirement.requirement import require as solve
-    from bumpstop.study.requirement.requirement import require_curve
+    from bumpstop.study.requirement.requirement import require_curve, solve_requirement
     from bumpstop.study.variable import Range, Variable
 
     checked = load(scenario, changes)
@@ -53,7 +52,7 @@ def require(
     name, low, high = _ends(vary[0], checked)
     if len(vary) == 1:
         with progress("searching"):
-            found = solve(checked, name, risk=risk, low=low, high=high)
+            found = solve_requirement(checked, name, risk=risk, low=low, high=high)
         if as_json:
             typer.echo(json.dumps(to_jsonable(found.to_json()), allow_nan=False, indent=2))
         else:

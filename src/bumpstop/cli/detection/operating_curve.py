@@ -54,11 +54,11 @@ def load_scenarios(paths: Sequence[Path]) -> dict[str, Scenario]:
     Raises:
         InputError: one cannot be used.
     """
-    from bumpstop.collision import Problem, load_scenario
+    from bumpstop.collision import CollisionProblem, load_scenario
 
     loaded = {str(path): load_scenario(path) for path in paths}
     for scenario in loaded.values():
-        Problem.from_scenario(scenario)
+        CollisionProblem.from_scenario(scenario)
     return loaded
 
 

@@ -12,7 +12,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.mixture import MixtureDistribution
 
 if TYPE_CHECKING:
-    from bumpstop.collision.problem import Problem
+    from bumpstop.collision.problem import CollisionProblem
 
 # Cells per piece, and nodes for the moments: inside a panel the time of release bends a little with the offset. Where a
 # force grows slowly there are millions of pieces, each a sliver of the whole: then they have fewer, but at least one
@@ -29,7 +29,7 @@ _NEGLIGIBLE = 1e-11
 class ReleaseTimes:
     """How long the contact lasts when the arm reverses, by tick of detection and offset."""
 
-    def __init__(self, problem: Problem, curve: Any, ticks: np.ndarray, least_offset: np.ndarray) -> None:
+    def __init__(self, problem: CollisionProblem, curve: Any, ticks: np.ndarray, least_offset: np.ndarray) -> None:
         """Simulate the reactions to ``ticks`` until the point is back behind the ``least_offset`` [m] of each."""
         self._step = problem.scenario.simulation.step_s
         # Where a line ends while the latency runs, the arm brakes from there.
@@ -137,7 +137,7 @@ def _unit_quadrature(nodes: int) -> tuple[FloatArray, FloatArray]:
     return (node + 1) / 2, weight / 2
 
 
-def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
+def exact_cells(problem: CollisionProblem, curve: Any, law: Any) -> Iterator[Cells]:
     """Cut all detections of an exact law into cells, tick by tick; those of wide panels by themselves."""
     coefficients = law.coefficients
     mid, half, first_tick = law.panel_mid, law.panel_half, law.panel_first_tick
@@ -191,7 +191,7 @@ def exact_cells(problem: Problem, curve: Any, law: Any) -> Iterator[Cells]:
         )
 
 
-def integrated_contact_duration(problem: Problem, curve: Any, law: Any) -> tuple[MixtureDistribution, float]:
+def integrated_contact_duration(problem: CollisionProblem, curve: Any, law: Any) -> tuple[MixtureDistribution, float]:
     """Contact time [s] of the exact law, given that the reaction ends a contact.
 
     Also the probability that a reaction does not, as far as it is followed.
@@ -210,7 +210,9 @@ def integrated_contact_duration(problem: Problem, curve: Any, law: Any) -> tuple
     return MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), unended
 
 
-def monte_carlo_contact_duration(problem: Problem, curve: Any, tick: np.ndarray, offset: FloatArray) -> FloatArray:
+def monte_carlo_contact_duration(
+    problem: CollisionProblem, curve: Any, tick: np.ndarray, offset: FloatArray
+) -> FloatArray:
     """Contact time [s] of every run (runs,); NaN for runs without contact or without a reaction that ends it."""
     result = np.full(tick.shape, np.nan)
     detected = tick >= 0

@@ -10,10 +10,10 @@ from bumpstop.arrays import FloatArray
 from bumpstop.kernels import core
 
 if TYPE_CHECKING:
-    from bumpstop.collision.problem import Problem
+    from bumpstop.collision.problem import CollisionProblem
 
 
-def noise_of_run(problem: Problem, seed: int, run: int, ticks: int) -> FloatArray:
+def noise_of_run(problem: CollisionProblem, seed: int, run: int, ticks: int) -> FloatArray:
     """Noise of a run of the sampled law at its first ``ticks`` ticks, mean included: (ticks, dof) [Nm or N].
 
     The same numbers as the law's own; before the detector is armed it is not watched and taken as it is when it is.
@@ -34,7 +34,7 @@ def noise_of_run(problem: Problem, seed: int, run: int, ticks: int) -> FloatArra
     return noise
 
 
-def contact_residual(problem: Problem, torque: FloatArray) -> FloatArray:
+def contact_residual(problem: CollisionProblem, torque: FloatArray) -> FloatArray:
     """What the detector makes of contact torques, without noise: the torques themselves, or an observer's of them.
 
     Args:

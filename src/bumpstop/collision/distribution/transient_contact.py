@@ -15,7 +15,7 @@ from bumpstop.errors import InputError
 from bumpstop.model import effective_mass
 
 if TYPE_CHECKING:
-    from bumpstop.collision.problem import Problem
+    from bumpstop.collision.problem import CollisionProblem
 
 # Cells per panel, by the order of its quadrature: eight and two for every standard deviation of the noise by which a
 # residual grows in it. In a far tail probability falls steeply across a cell over which it is spread evenly.
@@ -184,14 +184,14 @@ class ImpactBounds:
         }
 
 
-def impact_bounds(problem: Problem) -> ImpactBounds | None:
+def impact_bounds(problem: CollisionProblem) -> ImpactBounds | None:
     """Bounds on the peak force of free contact along a line; None for clamped contact."""
     if problem.body_mass is None:
         return None
     return bounds_at(problem, problem.approach_speed, arm_mass(problem))
 
 
-def bounds_at(problem: Problem, speed: float, arm: float | None) -> ImpactBounds:
+def bounds_at(problem: CollisionProblem, speed: float, arm: float | None) -> ImpactBounds:
     """The same at an approach speed [m/s] and with an effective mass of the arm [kg], None where it is not known."""
     mass, stiffness = problem.body_mass, problem.stiffness
     assert mass is not None
@@ -209,13 +209,13 @@ def reduced_mass(body: float, arm: float) -> float:
     return body if np.isinf(arm) else body * arm / (body + arm)
 
 
-def arm_mass(problem: Problem) -> float | None:
+def arm_mass(problem: CollisionProblem) -> float | None:
     """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or not believed."""
     normal = problem.scenario.contact.normal
     return arm_mass_at(problem, problem.q, np.array(normal if normal is not None else problem.start["point_velocity"]))
 
 
-def arm_mass_at(problem: Problem, q: FloatArray, normal: FloatArray) -> float | None:
+def arm_mass_at(problem: CollisionProblem, q: FloatArray, normal: FloatArray) -> float | None:
     """The same at joint positions (dof,) [rad or m] along any direction (3,), base frame."""
     if any(joint.inertia is None for joint in problem.robot.joints) or problem.robot.inertia_doubts:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.problem import Problem
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion, point_places
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
@@ -50,7 +50,7 @@ class OnsetQuadrature:
     still: float
 
 
-def onset_quadrature(problem: Problem, refinement: int = 1) -> OnsetQuadrature:
+def onset_quadrature(problem: CollisionProblem, refinement: int = 1) -> OnsetQuadrature:
     """Where to look: Gauss-Legendre nodes in panels that end at every feedback tick, or the time that is given.
 
     Raises:
@@ -90,13 +90,13 @@ def onset_quadrature(problem: Problem, refinement: int = 1) -> OnsetQuadrature:
     return OnsetQuadrature(begin, share / share.sum(), normal, low, high, order, max(0.0, still))
 
 
-def trajectory_of(problem: Problem) -> Trajectory:
+def trajectory_of(problem: CollisionProblem) -> Trajectory:
     """The trajectory of a problem whose motion is one."""
     assert problem.trajectory is not None
     return problem.trajectory
 
 
-def approach(problem: Problem, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+def approach(problem: CollisionProblem, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Contact normals (N, 3), base frame, at times (N,) [s] and the speed toward the body then (N,) [m/s]."""
     velocity, _ = point_motion(trajectory_of(problem), problem.robot, problem.contact_point, t)
     given = problem.scenario.contact.normal
@@ -107,7 +107,7 @@ def approach(problem: Problem, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.ascontiguousarray(velocity / np.maximum(speed, 1e-300)[:, None]), speed
 
 
-def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
+def _panels(problem: CollisionProblem, trajectory: Trajectory, order: int) -> FloatArray:
     """Edges of the panels [s]: every tick, where the point turns, and more where the residual grows fast."""
     step, end = problem.scenario.simulation.step_s, trajectory.duration
     ticks = np.arange(1, math.ceil(end / step) + 1, problem.period_steps) * step
@@ -136,7 +136,7 @@ def _panels(problem: Problem, trajectory: Trajectory, order: int) -> FloatArray:
     return np.append(starts + np.repeat(width / parts, parts) * place, end)
 
 
-def _bent(problem: Problem, edges: FloatArray) -> FloatArray:
+def _bent(problem: CollisionProblem, edges: FloatArray) -> FloatArray:
     """Halves panels until the normal turns little in each: where the point is slow it may turn round in no time."""
     narrowest = _MIN_WIDTH * problem.period_steps * problem.scenario.simulation.step_s
     ends, most = _way(problem, edges), 2 * edges.size + _FEW_PANELS
@@ -151,13 +151,13 @@ def _bent(problem: Problem, edges: FloatArray) -> FloatArray:
         edges, ends = np.insert(edges, cut + 1, between[cut]), np.insert(ends, cut + 1, way[cut], axis=0)
 
 
-def _way(problem: Problem, t: FloatArray) -> FloatArray:
+def _way(problem: CollisionProblem, t: FloatArray) -> FloatArray:
     """Contact normals at times [s], NaN where the point does not move toward the body (N, 3)."""
     normal, speed = approach(problem, t)
     return np.where(speed[:, None] > _STANDSTILL, normal, np.nan)
 
 
-def _turns(problem: Problem, trajectory: Trajectory, step: float) -> FloatArray:
+def _turns(problem: CollisionProblem, trajectory: Trajectory, step: float) -> FloatArray:
     """Times at which the contact point begins or ceases to move toward the body [s].
 
     So are those from which on it ceases too soon to touch anything at the end of a step. A panel across one would count

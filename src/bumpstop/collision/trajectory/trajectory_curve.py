@@ -8,7 +8,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.curve import StoppingCurve
-from bumpstop.collision.problem import Problem
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.trajectory.onset import approach, trajectory_of
 from bumpstop.kernels import core
 
@@ -24,7 +24,7 @@ class _Reactions:
         return [self._kernel.reaction_distances(tick, self._begin, self._normal) for tick in ticks]
 
 
-def trajectory_kernel(problem: Problem) -> Any:
+def trajectory_kernel(problem: CollisionProblem) -> Any:
     """The motion and the reactions to every tick of it, for the kernels."""
     trajectory, scenario = trajectory_of(problem), problem.scenario
     link, point = problem.contact_point
@@ -43,7 +43,7 @@ def trajectory_kernel(problem: Problem) -> Any:
     )
 
 
-def trajectory_curve(problem: Problem, kernel: Any, begin: float) -> StoppingCurve:
+def trajectory_curve(problem: CollisionProblem, kernel: Any, begin: float) -> StoppingCurve:
     """The stopping curve of a contact that begins at a time of the trajectory [s].
 
     Distances are those from the place of contact and never above zero before it.

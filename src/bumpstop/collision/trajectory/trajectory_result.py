@@ -14,7 +14,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision.curve import StoppingCurve
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE, Distribution, SampledDistribution
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, arm_mass_at, bounds_at
-from bumpstop.collision.problem import Problem
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
 from bumpstop.collision.trajectory.onset import (
     OnsetQuadrature,
@@ -178,7 +178,7 @@ def stops_short(trajectory: Trajectory) -> bool:
     return bool((rates[-1] > 0.01 * rates.max()).any())
 
 
-def integrate_trajectory(problem: Problem, *, refinement: int = 1) -> TrajectoryCollisionResult:
+def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> TrajectoryCollisionResult:
     """Integrate over the time of contact and sensor noise."""
     if problem.residuals is not None:
         raise InputError("detector.residuals", "measured residuals have no exact law", "draw it: give samples")
@@ -252,7 +252,7 @@ def integrate_trajectory(problem: Problem, *, refinement: int = 1) -> Trajectory
     )
 
 
-def _laws(problem: Problem, kernel: Any, begin: FloatArray, normal: FloatArray) -> dict[str, npt.NDArray[Any]]:
+def _laws(problem: CollisionProblem, kernel: Any, begin: FloatArray, normal: FloatArray) -> dict[str, npt.NDArray[Any]]:
     """The exact laws of contact times, some hundreds at a time: of slow motions each has thousands of detections."""
     parts: list[dict[str, npt.NDArray[Any]]] = []
     detections = 0
@@ -273,7 +273,7 @@ def _laws(problem: Problem, kernel: Any, begin: FloatArray, normal: FloatArray) 
 
 
 def monte_carlo_trajectory(
-    problem: Problem, *, samples: int, seed: int = 0, threads: int = 1
+    problem: CollisionProblem, *, samples: int, seed: int = 0, threads: int = 1
 ) -> TrajectoryCollisionResult:
     """Draw single collisions: a time of contact, then noise until a joint alarms."""
     kernel, times = trajectory_kernel(problem), onset_quadrature(problem)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from bumpstop.collision.problem import Problem
+    from bumpstop.collision.problem import CollisionProblem
 
 _SECONDS_PER_HOUR = 3600.0
 
@@ -40,7 +40,7 @@ class AlarmRate:
         return f"{'at most ' if self.kind == 'bound' else ''}{rate} false alarms an hour of free motion"
 
 
-def alarm_rate(problem: Problem) -> AlarmRate:
+def alarm_rate(problem: CollisionProblem) -> AlarmRate:
     """How often a problem's detector alarms without contact."""
     period = problem.period_steps * problem.scenario.simulation.step_s
     record = problem.residuals

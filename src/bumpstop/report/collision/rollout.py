@@ -17,7 +17,7 @@ from bumpstop.collision.distribution.transient_contact import body_displacement
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult, monte_carlo_trajectory
 
 if TYPE_CHECKING:
-    from bumpstop.collision import CollisionResult, Problem
+    from bumpstop.collision import CollisionProblem, CollisionResult
 
 # Runs to choose from where the law itself has none: some twenty lie beyond the 99 % quantile.
 _SAMPLES = 2000
@@ -178,7 +178,7 @@ def _motion_steps(law: CollisionResult, distance: FloatArray) -> int:
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
 
 
-def _until_parted(problem: Problem, distance: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
+def _until_parted(problem: CollisionProblem, distance: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
     """A path of the arm, prolonged until a free body has got away, and how far that has been pushed [m].
 
     Where the path ends in contact, the arm stands; the body swings away in a quarter of an oscillation at most.
@@ -196,7 +196,7 @@ def _until_parted(problem: Problem, distance: FloatArray, offset: float) -> tupl
 
 
 def _between_steps(
-    problem: Problem, time: FloatArray, distance: FloatArray, pushed: FloatArray, offset: float
+    problem: CollisionProblem, time: FloatArray, distance: FloatArray, pushed: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The same at times between the steps, too, while the body is touched: a light one rings faster than they come."""
     touched = np.flatnonzero(distance - offset > pushed)

@@ -173,7 +173,7 @@ class EffectivenessStudy(Study):
         return f"{table} gives no mass of a body region, which free contact needs."
 
     def _check_directions(self) -> None:
-        from bumpstop.collision import Problem
+        from bumpstop.collision import CollisionProblem
 
         table, body = next((each for each in self.bodies if not self._refused(*each)), (None, None))
         if table is None or body is None:
@@ -181,7 +181,9 @@ class EffectivenessStudy(Study):
                              "valid: 'clamped', or give contact.body_mass_kg")  # fmt: skip
         for direction in self.directions:
             try:
-                Problem.from_scenario(self.scenario_of(table, body, direction, self.speeds_mm_s[0], self.areas_cm2[0]))
+                CollisionProblem.from_scenario(
+                    self.scenario_of(table, body, direction, self.speeds_mm_s[0], self.areas_cm2[0])
+                )
             except InputError as error:
                 raise InputError(error.field, f"moving {direction}: {error.problem}", error.valid) from None
 
@@ -190,14 +192,14 @@ class EffectivenessStudy(Study):
         return bool(limits.reason or self._without_law(table, body))
 
     def _schema(self) -> dict[str, Any]:
-        from bumpstop.collision import Problem
+        from bumpstop.collision import CollisionProblem
 
         text = ("kind", "table", "body", "label", "direction")
         numbers = (
             "area_cm2", "speed_mm_s", "limit_force_N", "limit_pressure_N_cm2", "mean_N", "sd_N", "p99_N", "p999_N",
             "p_over_force", "p_over_pressure", "false_alarm", "undetected", "several_joints",
         )  # fmt: skip
-        dof = Problem.from_scenario(self.scenario).robot.dof
+        dof = CollisionProblem.from_scenario(self.scenario).robot.dof
         return (
             dict.fromkeys(text, str)
             | dict.fromkeys(numbers, float)
@@ -348,7 +350,7 @@ class _Laws:
 
     def _required(self, area: float) -> Requirement:
         """The highest speed that meets the risk, with every slower one; slower arms get longer to go as far."""
-        from bumpstop.study.requirement.requirement import require
+        from bumpstop.study.requirement.requirement import solve_requirement
 
         own = Variable("motion.speed").value(self._study.scenario)
         scenario = self._study.scenario_of(*self._which, own, area)
@@ -358,7 +360,7 @@ class _Laws:
         key = area if self._two_phases else limits.allowed_force_N(area, scenario.contact.peak_factor)
         if key not in self._requirements:
             highest = self._study.highest_speed_mm_s
-            self._requirements[key] = require(scenario, "motion.speed", low=MIN_SPEED_MM_S, high=highest)
+            self._requirements[key] = solve_requirement(scenario, "motion.speed", low=MIN_SPEED_MM_S, high=highest)
         return self._requirements[key]
 
     def _alarms_judged(self, speed: float, area: float) -> tuple[bool, str]:

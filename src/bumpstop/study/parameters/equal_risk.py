@@ -45,7 +45,7 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
     """
     from contourpy import contour_generator
 
-    from bumpstop.collision import Problem, evaluate
+    from bumpstop.collision import CollisionProblem, evaluate
 
     own = rows.filter(
         (rows["kind"] == "pair") & (rows["key"] == first.variable.name) & (rows["key_2"] == second.variable.name)
@@ -60,7 +60,7 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
         # Aimed a little below: where single forces are probable the risk leaps at the curve.
         return _log_ratio(law.peak_force.quantile(1 - risk), allowed_force(law.problem)) + 0.5 * _CLOSE
 
-    allowed = np.array([[allowed_force(Problem.from_scenario(at(a, b))) for a in x] for b in y])
+    allowed = np.array([[allowed_force(CollisionProblem.from_scenario(at(a, b))) for a in x] for b in y])
     curves = []
     for risk, column in zip(RISKS, ("p90_N", "p99_N", "p999_N", "p9999_N"), strict=True):
         quantile = own[column].to_numpy().reshape(x.size, y.size).T

@@ -82,10 +82,10 @@ class ParameterStudy(Study):
         Raises:
             InputError: something in them cannot be used.
         """
-        from bumpstop.collision import Problem
+        from bumpstop.collision import CollisionProblem
 
         # What is wrong without any change is no fault of a varied value.
-        Problem.from_scenario(scenario)
+        CollisionProblem.from_scenario(scenario)
         ranges = tuple(Range.parse(text, scenario) for text in (DEFAULT_RANGES if vary is None else vary))
         by_name: dict[str, Range] = {}
         for each in ranges:
@@ -208,9 +208,9 @@ def _thinned(swept: Range) -> Range:
 
 
 def _check_limits(scenario: Scenario) -> None:
-    from bumpstop.collision import Problem
+    from bumpstop.collision import CollisionProblem
 
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     if problem.limits is None:
         raise InputError("contact.body", "is missing", "curves of equal risk and the guide need a body with limits")
     if not problem.limits.permitted:

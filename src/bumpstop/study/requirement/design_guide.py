@@ -178,7 +178,7 @@ class _Search:
 
     def margins(self, x: FloatArray) -> tuple[float, float]:
         """Logarithms of allowed over accepted force, and of accepted over actual false alarms."""
-        from bumpstop.collision import Problem, evaluate
+        from bumpstop.collision import CollisionProblem, evaluate
 
         key = tuple(float(value) for value in x)
         if key not in self._known:
@@ -187,7 +187,7 @@ class _Search:
                 scenario = variable.apply(scenario, value)
             law = evaluate(scenario)
             settings = scenario.verdict
-            allowed = allowed_force(Problem.from_scenario(scenario))
+            allowed = allowed_force(CollisionProblem.from_scenario(scenario))
             # Just inside: the verdict asks the tail, which the quantile inverts to rounding.
             force = law.peak_force.quantile(1 - settings.accepted_probability * (1 - 1e-6))
             alarm = max(law.false_alarm_probability, _RAREST)

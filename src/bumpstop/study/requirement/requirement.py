@@ -75,7 +75,7 @@ class Requirement:
         return {**self.__dict__, "law": "exact"}
 
 
-def require(
+def solve_requirement(
     scenario: Scenario, vary: str, *, risk: float | None = None, low: float | None = None, high: float | None = None
 ) -> Requirement:
     """Find the harshest value of a variable at which the risk is accepted, and at every milder one too.
@@ -132,7 +132,7 @@ def require_curve(
         raise InputError("--risk", "would replace the risk that is varied", "leave one of the two out")
     return [
         {"against": {"variable": against.variable.name, "value": value, "unit": against.variable.unit(scenario)}}
-        | require(against.variable.apply(scenario, value), vary, risk=risk, low=low, high=high).to_json()
+        | solve_requirement(against.variable.apply(scenario, value), vary, risk=risk, low=low, high=high).to_json()
         for value in against.values
     ]
 

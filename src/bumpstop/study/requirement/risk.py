@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision import Problem, integrate, stopping_curve
+from bumpstop.collision import CollisionProblem, integrate, stopping_curve
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.study.speed.motion_duration import duration_s
@@ -30,7 +30,7 @@ _SAME_PATH = ("detector.thresholds", "contact.padding")
 _NEW_PATH = ("motion.speed", "reaction.joint_acceleration_rad_s2")
 
 
-def allowed_force(problem: Problem) -> float:
+def allowed_force(problem: CollisionProblem) -> float:
     """Largest peak force within both limits of the body [N]; the problem has limits."""
     assert problem.limits is not None
     contact = problem.scenario.contact
@@ -83,7 +83,7 @@ class VariedRisk:
             InputError: there is no limit for such a contact, or no exact law.
         """
         self.scenario, self.variable = scenario, variable
-        self.problem = Problem.from_scenario(scenario)
+        self.problem = CollisionProblem.from_scenario(scenario)
         self._check()
         self.evaluations = 0
         self._given = variable.value(scenario)
@@ -178,7 +178,7 @@ class VariedRisk:
             found["follows"] or not self._straight(),
         )
 
-    def _at_by_law(self, problem: Problem) -> Risk:
+    def _at_by_law(self, problem: CollisionProblem) -> Risk:
         """The same by the whole law: for free contact, two phases, and tails too far out for interpolation."""
         curve = stopping_curve(problem)
         law = integrate(problem, curve)
@@ -204,7 +204,7 @@ class VariedRisk:
             contact.normal is not None or contact.link is not None or any(contact.point_m) or (motion.start == "rest")
         )
 
-    def _varied(self, value: float) -> Problem:
+    def _varied(self, value: float) -> CollisionProblem:
         """The problem at one value, with what has not changed taken over."""
         problem, name = self.problem, self.variable.name
         keep: tuple[str, ...] = ("held", "contact_point")

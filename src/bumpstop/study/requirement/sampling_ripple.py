@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from bumpstop.collision import Problem, Scenario
+    from bumpstop.collision import CollisionProblem, Scenario
 
 # Values looked at in each tooth.
 _IN_A_TOOTH = 6
@@ -44,7 +44,7 @@ class RippleScan:
     @classmethod
     def of(
         cls,
-        problem: Problem,
+        problem: CollisionProblem,
         force_limit: float,
         *,
         speed: float,
@@ -75,7 +75,7 @@ class RippleScan:
         return cls(share, speed * period / deepest / _IN_A_TOOTH)
 
 
-def initial_acceleration(problem: Problem) -> float:
+def initial_acceleration(problem: CollisionProblem) -> float:
     """Acceleration of the contact point from rest [m/s2]: joint rates grow in one proportion."""
     slowest = float((np.abs(problem.start["qd"]) / problem.joint_acceleration).max())
     return problem.approach_speed / slowest

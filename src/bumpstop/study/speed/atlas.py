@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision import Problem, Scenario
+from bumpstop.collision import CollisionProblem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.directions import STANDS, directions_of, nearest_moving
 from bumpstop.study.joint_ranges import joint_ranges
@@ -82,8 +82,8 @@ class Atlas(Study):
         """The scenario of a straight line that all rows share; its pose and velocity are replaced."""
 
     @cached_property
-    def _line_problem(self) -> Problem:
-        return Problem.from_scenario(self._line)
+    def _line_problem(self) -> CollisionProblem:
+        return CollisionProblem.from_scenario(self._line)
 
     @property
     def _searched(self) -> str:
@@ -128,9 +128,9 @@ class TrajectorySpeedLimits(Atlas):
         self._check()
 
     @cached_property
-    def problem(self) -> Problem:
+    def problem(self) -> CollisionProblem:
         """The trajectory's own."""
-        return Problem.from_scenario(self.scenario)
+        return CollisionProblem.from_scenario(self.scenario)
 
     @property
     def given(self) -> Trajectory:
@@ -166,7 +166,7 @@ class TrajectorySpeedLimits(Atlas):
         return Scenario.from_dict(data, self.scenario.folder)
 
     @cached_property
-    def _line_problem(self) -> Problem:
+    def _line_problem(self) -> CollisionProblem:
         # Checked with the trajectory. Whether a straight line can be followed is asked row by row.
         line = self._line
         assert line.pose_rad is not None

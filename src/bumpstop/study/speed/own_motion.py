@@ -15,7 +15,7 @@ from bumpstop.study.speed.speed_limit import MIN_SPEED
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision import Problem
+    from bumpstop.collision import CollisionProblem
 
 # From one speed looked at to the next slower one.
 _STEP = 0.9
@@ -24,7 +24,7 @@ _FAR_ABOVE, _MAX_STEPS = 2.0, 120_000
 
 
 def own_speeds(
-    problem: Problem, time: FloatArray, speed: FloatArray, guess: FloatArray
+    problem: CollisionProblem, time: FloatArray, speed: FloatArray, guess: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Highest safe speeds of the tip, and risks there, where the whole trajectory is followed at one pace.
 
@@ -70,7 +70,7 @@ def _velocity(trajectory: Trajectory) -> FloatArray:
     return trajectory.at(trajectory.time, 1) if trajectory.velocity is None else trajectory.velocity
 
 
-def _risks(problem: Problem, begin: FloatArray, limit: float) -> FloatArray:
+def _risks(problem: CollisionProblem, begin: FloatArray, limit: float) -> FloatArray:
     """Probability (N,) that a collision that begins at a time (N,) [s] passes the limit [N]."""
     normal, _ = approach(problem, begin)
     out = trajectory_kernel(problem).laws(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import polars as pl
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision import Problem
+    from bumpstop.collision import CollisionProblem
     from bumpstop.collision.trajectory.trajectory import Trajectory
 
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 _BESIDE = 0.02
 
 
-def deepest(problem: Problem) -> float:
+def deepest(problem: CollisionProblem) -> float:
     """How far an arm goes from contact to the force that is allowed [m]."""
     return allowed_force(problem) / problem.stiffness
 
 
 def max_path_speed(
-    problem: Problem, trajectory: Trajectory, travelled: FloatArray, direction: FloatArray, rows: pl.DataFrame
+    problem: CollisionProblem, trajectory: Trajectory, travelled: FloatArray, direction: FloatArray, rows: pl.DataFrame
 ) -> FloatArray:
     """Greatest pace at every row, 0 to 1, at which no collision passes the limit of the row where it begins.
 

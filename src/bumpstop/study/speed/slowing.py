@@ -14,7 +14,7 @@ from bumpstop.study.speed.trajectory_writing import write_csv
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision import Problem, Scenario
+    from bumpstop.collision import CollisionProblem, Scenario
     from bumpstop.collision.trajectory.trajectory import Trajectory
     from bumpstop.collision.verdict.verdict import Verdict
 
@@ -79,7 +79,7 @@ def judge_motion(scenario: Scenario) -> Judged:
         return Judged(None, error.problem)
 
 
-def slow_down(problem: Problem, trajectory: Trajectory, pace: FloatArray) -> Slowing:
+def slow_down(problem: CollisionProblem, trajectory: Trajectory, pace: FloatArray) -> Slowing:
     """Slow a trajectory down to paces of its rows, and further where its own law asks for it.
 
     Args:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.collision import Problem, evaluate_batch
+from bumpstop.collision import CollisionProblem, evaluate_batch
 from bumpstop.study.pose_batch import Arms
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple
@@ -45,7 +45,9 @@ class SpeedLimits:
     laws: int
 
 
-def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float) -> FloatArray:
+def foretold_speed(
+    problem: CollisionProblem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float
+) -> FloatArray:
     """Speed (N,) [m/s] at which the bound of one tick reaches the limit.
 
     The largest force that the accepted share of single ticks misses, the travel of a feedback period and of the
@@ -61,7 +63,7 @@ def foretold_speed(problem: Problem, torque: FloatArray, gain: FloatArray, limit
     return speed_of_force(problem, missed(problem, torque, accepted), gain, limit)
 
 
-def speed_of_force(problem: Problem, unnoticed: FloatArray, gain: FloatArray, limit: float) -> FloatArray:
+def speed_of_force(problem: CollisionProblem, unnoticed: FloatArray, gain: FloatArray, limit: float) -> FloatArray:
     """The same with the force (N,) [N] that goes unnoticed given."""
     step, K = problem.scenario.simulation.step_s, problem.stiffness
     left = np.maximum(0.0, limit - unnoticed) / K
@@ -69,7 +71,7 @@ def speed_of_force(problem: Problem, unnoticed: FloatArray, gain: FloatArray, li
     return np.asarray(2 * left / (late + np.sqrt(late**2 + 2 * gain * left)))
 
 
-def missed(problem: Problem, torque: FloatArray, accepted: float) -> FloatArray:
+def missed(problem: CollisionProblem, torque: FloatArray, accepted: float) -> FloatArray:
     """The largest force (N,) [N] that a single tick misses with the accepted probability."""
     from statistics import NormalDist
 
@@ -80,7 +82,7 @@ def missed(problem: Problem, torque: FloatArray, accepted: float) -> FloatArray:
 
 
 def speed_limits(
-    scenario: Scenario | Problem, q: FloatArray, direction: FloatArray, cap: FloatArray, *, threads: int = 1
+    scenario: Scenario | CollisionProblem, q: FloatArray, direction: FloatArray, cap: FloatArray, *, threads: int = 1
 ) -> SpeedLimits:
     """Find the highest safe speeds along straight lines through poses.
 
@@ -95,7 +97,7 @@ def speed_limits(
         cap: no speed above it is looked at (N,) [m/s].
         threads: for the exact laws.
     """
-    problem = scenario if isinstance(scenario, Problem) else Problem.from_scenario(scenario)
+    problem = scenario if isinstance(scenario, CollisionProblem) else CollisionProblem.from_scenario(scenario)
     limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
     arms = Arms(problem, q, direction)
     torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
@@ -142,9 +144,14 @@ def speed_limits(
 
 
 def _below_all_teeth(
-    problem: Problem, q: FloatArray, direction: FloatArray, met: FloatArray, risk: FloatArray, gain: FloatArray,
+    problem: CollisionProblem,
+    q: FloatArray,
+    direction: FloatArray,
+    met: FloatArray,
+    risk: FloatArray,
+    gain: FloatArray,
     threads: int,
-) -> tuple[FloatArray, int]:  # fmt: skip
+) -> tuple[FloatArray, int]:
     """Highest speeds (N,) [m/s] below which no tooth of the risk passes what is accepted, and laws worked out.
 
     ``risk`` is brought to these speeds.
@@ -201,7 +208,7 @@ def _about_summits(speed: FloatArray, risk: FloatArray) -> FloatArray:
     return np.asarray((speed[pieces, None] ** (1 - share) * speed[pieces + 1, None] ** share).ravel())
 
 
-def stopping_time_per_speed(problem: Problem, rates: FloatArray) -> FloatArray:
+def stopping_time_per_speed(problem: CollisionProblem, rates: FloatArray) -> FloatArray:
     """Time to stop per speed, from joint rates per speed of the tip (N, dof): (N,) [s2/m]."""
     return np.asarray((np.abs(rates) / problem.joint_acceleration).max(axis=1))
 

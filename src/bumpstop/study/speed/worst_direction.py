@@ -17,7 +17,7 @@ from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.speed_limit import CLOSE, SpeedLimits, foretold_speed, speed_limits, stopping_time_per_speed
 
 if TYPE_CHECKING:
-    from bumpstop.collision import Problem
+    from bumpstop.collision import CollisionProblem
 
 Rows = npt.NDArray[np.int64]
 
@@ -65,7 +65,7 @@ class WorstDirections:
 
 
 def worst_directions(
-    problem: Problem, q: FloatArray, own: FloatArray, angle: float, cap: FloatArray
+    problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float, cap: FloatArray
 ) -> WorstDirections:
     """Search the cones of directions about ``own`` for the worst one, and the highest safe speeds there.
 
@@ -99,7 +99,7 @@ def worst_directions(
 class _Search:
     """Speeds that come down wherever a law passes what is accepted."""
 
-    def __init__(self, problem: Problem, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> None:
+    def __init__(self, problem: CollisionProblem, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> None:
         self.problem, self.q, self.direction, self.found = problem, q, direction, found
         self._limit, self._accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
 
@@ -183,7 +183,7 @@ class _Search:
         return over, np.nan_to_num(laws.quantile[:, 0], nan=np.inf, posinf=np.inf)
 
 
-def _foretold(problem: Problem, q: FloatArray, own: FloatArray, angle: float) -> FloatArray:
+def _foretold(problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float) -> FloatArray:
     """Directions whose safe speed is the lowest by the formula (N, starts, 3), the lowest first, some way apart."""
     formula = _Formula(problem, q)
     directions = np.stack(cone_directions(own, angle, _foretold_count(angle)), axis=1)
@@ -208,7 +208,7 @@ def _foretold(problem: Problem, q: FloatArray, own: FloatArray, angle: float) ->
 class _Formula:
     """Foretold safe speeds of many directions of poses: rates and torques are linear in the direction."""
 
-    def __init__(self, problem: Problem, q: FloatArray) -> None:
+    def __init__(self, problem: CollisionProblem, q: FloatArray) -> None:
         self._problem = problem
         along = [np.tile(axis, (len(q), 1)) for axis in np.eye(3)]
         with np.errstate(invalid="ignore", over="ignore"):
@@ -229,7 +229,7 @@ class _Formula:
         return np.asarray(np.nan_to_num(np.where(speed > 0, speed, unfelt), nan=-1.0).reshape(shape))
 
 
-def _felt(problem: Problem, torque: FloatArray) -> FloatArray:
+def _felt(problem: CollisionProblem, torque: FloatArray) -> FloatArray:
     """Share of its threshold that a newton gives the joint that feels it best (N,) [1/N]."""
     return np.asarray((np.abs(torque) / problem.thresholds).max(axis=1))
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import polars as pl
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision import Problem
+    from bumpstop.collision import CollisionProblem
 
 # What a predictor is called in the summary, its column, and whether large values foretell small forces.
 _PREDICTORS = {
@@ -31,7 +31,7 @@ _PREDICTORS = {
 }
 
 
-def check(problem: Problem) -> None:
+def check(problem: CollisionProblem) -> None:
     """Refuse a scenario for which nothing is foretold.
 
     Raises:
@@ -43,12 +43,12 @@ def check(problem: Problem) -> None:
         raise InputError("--foretell", f"is not possible here: {error}", "leave it out") from None
 
 
-def quantile_of(problem: Problem) -> float:
+def quantile_of(problem: CollisionProblem) -> float:
     """Of the bound: what is left of certainty by verdict.accepted_probability."""
     return min(max(0.5, 1 - problem.scenario.verdict.accepted_probability), 1 - 1e-9)
 
 
-def foretold_columns(problem: Problem, q: FloatArray, velocity: FloatArray) -> dict[str, Any]:
+def foretold_columns(problem: CollisionProblem, q: FloatArray, velocity: FloatArray) -> dict[str, Any]:
     """Expected peak force and bound of every pose, along its velocity and as fast in the direction that is felt least.
 
     That direction leads to the farthest vertex of the polytope of unnoticed forces, see
@@ -75,7 +75,7 @@ def foretold_columns(problem: Problem, q: FloatArray, velocity: FloatArray) -> d
                       (("expected_N", "expected"), ("bound_N", "bound"), ("trusted", "trusted"))}  # fmt: skip
 
 
-def worst_directions(problem: Problem, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def worst_directions(problem: CollisionProblem, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit vectors (N, 3) along which the largest forces go unnoticed, and these forces (N,) [N]; infinite: any."""
     link, point = problem.contact_point
     low, high = residual_band(problem.robot.dof, problem.thresholds, noise_mean=problem.noise_mean)

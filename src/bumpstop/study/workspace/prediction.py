@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.collision import Problem
+from bumpstop.collision import CollisionProblem
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 
@@ -47,7 +47,7 @@ class Prediction:
 
 def predict(scenario: Scenario, *, quantile: float = 0.999) -> Prediction:
     """Foretell the peak force of one scenario, N = 1; see :func:`predict_batch`."""
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     check_foretold(problem, quantile)
     return _predict(problem, problem.q[None], problem.velocity[None], quantile)
 
@@ -66,13 +66,13 @@ def predict_batch(
     Raises:
         InputError: a shape or value cannot be used, or nothing is foretold for such a scenario.
     """
-    problem = Problem.from_scenario(scenario)
+    problem = CollisionProblem.from_scenario(scenario)
     check_foretold(problem, quantile)
     poses = as_float_array(q, "q", (None, problem.robot.dof))
     return _predict(problem, poses, as_float_array(velocity, "velocity", (len(poses), 3)), quantile)
 
 
-def check_foretold(problem: Problem, quantile: float) -> None:
+def check_foretold(problem: CollisionProblem, quantile: float) -> None:
     """Refuse a scenario or quantile for which nothing is foretold.
 
     Raises:
@@ -93,12 +93,12 @@ def check_foretold(problem: Problem, quantile: float) -> None:
         raise InputError("detector.thresholds_Nm", "watch no joint", "give one a finite threshold")
 
 
-def _predict(problem: Problem, q: FloatArray, velocity: FloatArray, quantile: float) -> Prediction:
+def _predict(problem: CollisionProblem, q: FloatArray, velocity: FloatArray, quantile: float) -> Prediction:
     found = foretold_scenario(problem, quantile).foretell(np.ascontiguousarray(q), np.ascontiguousarray(velocity))
     return Prediction(quantile=quantile, **found)
 
 
-def foretold_scenario(problem: Problem, quantile: float) -> Any:
+def foretold_scenario(problem: CollisionProblem, quantile: float) -> Any:
     """All but pose and velocity for the kernels, where everything is worked out: include/bumpstop/study."""
     contact = problem.scenario.contact
     half_normal = contact.offset_law == "half_normal"

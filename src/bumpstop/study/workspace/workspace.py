@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     import polars as pl
 
-    from bumpstop.collision import BatchResult, Problem
+    from bumpstop.collision import BatchResult, CollisionProblem
 
 # Small enough for a bar that moves and for two threads to end together, large enough for the batch's lanes.
 SHARD_ROWS = 250
@@ -143,10 +143,10 @@ class WorkspaceStudy(Study):
     # --- What is drawn ------------------------------------------------------------------------------------------
 
     @cached_property
-    def _problem(self) -> Problem:
-        from bumpstop.collision import Problem
+    def _problem(self) -> CollisionProblem:
+        from bumpstop.collision import CollisionProblem
 
-        problem = Problem.from_scenario(self.scenario)
+        problem = CollisionProblem.from_scenario(self.scenario)
         free: dict[str, Any] = {}
         if self.joint_limits == "ignore":
             free |= {"lower": -math.inf, "upper": math.inf}
@@ -160,9 +160,9 @@ class WorkspaceStudy(Study):
     @cached_property
     def _ranges(self) -> list[tuple[int, float, float]]:
         """Moving joints with the range they are drawn from, inside the robot's own limits whatever is ignored."""
-        from bumpstop.collision import Problem
+        from bumpstop.collision import CollisionProblem
 
-        return joint_ranges(Problem.from_scenario(self.scenario))
+        return joint_ranges(CollisionProblem.from_scenario(self.scenario))
 
     @property
     def _speed(self) -> float:
