@@ -5,8 +5,11 @@ bumpstop tells, before anyone stands next to an industrial arm, how hard a colli
     import bumpstop as bs
 
     scenario = bs.load_scenario("examples/01_hand_downward.toml")
-    law = bs.evaluate(scenario)
-    print(law.peak_force.quantile(0.99), law.verdict.reason)
+    result = bs.evaluate(scenario)
+    print(result.peak_force.quantile(0.99), result.verdict.reason)
+
+The names come in groups: robots and recordings; fits of models to recordings; detectors; scenarios, results and
+verdicts; studies and requirements; the simulated robot. Rooms are modules: ``bs.study``, ``bs.detection``.
 
 Names are imported when they are first used, so that ``import bumpstop`` costs nothing.
 """
@@ -18,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bumpstop.collision import (
+        BatchResult,
         CollisionProblem,
         CollisionResult,
         Distribution,
@@ -31,16 +35,86 @@ if TYPE_CHECKING:
         monte_carlo,
         stopping_curve,
     )
-    from bumpstop.contact import ContactLimits, LimitTable
-    from bumpstop.errors import BumpstopError, InputError
-    from bumpstop.model import Joint, Robot, robots
-    from bumpstop.recording import Recording
+    from bumpstop.contact import (
+        ContactLimits,
+        LimitTable,
+    )
+    from bumpstop.detection import (
+        Detector,
+        Thresholds,
+        detect,
+        load_labels,
+        score,
+        tune,
+    )
+    from bumpstop.errors import (
+        BumpstopError,
+        InputError,
+    )
+    from bumpstop.identification import (
+        Payload,
+        identify_dynamics,
+        identify_gains,
+        identify_joint_model,
+        identify_payload,
+        load_fit,
+        save_fit,
+    )
+    from bumpstop.joint import (
+        JointTorqueModel,
+    )
+    from bumpstop.model import (
+        Joint,
+        Robot,
+        robots,
+    )
+    from bumpstop.plant import (
+        Experiment,
+        Plant,
+    )
+    from bumpstop.recording import (
+        Recording,
+    )
+    from bumpstop.study import (
+        EffectivenessStudy,
+        ParameterStudy,
+        Requirement,
+        TrajectorySpeedLimits,
+        WorkspaceSpeedLimits,
+        WorkspaceStudy,
+        solve_requirement,
+    )
 
 _HOME = {
+    "bumpstop.model": (
+        "Joint",
+        "Robot",
+        "robots",
+    ),
+    "bumpstop.recording": ("Recording",),
+    "bumpstop.joint": ("JointTorqueModel",),
+    "bumpstop.identification": (
+        "Payload",
+        "identify_dynamics",
+        "identify_gains",
+        "identify_joint_model",
+        "identify_payload",
+        "load_fit",
+        "save_fit",
+    ),
+    "bumpstop.detection": (
+        "Detector",
+        "Thresholds",
+        "detect",
+        "load_labels",
+        "score",
+        "tune",
+    ),
     "bumpstop.collision": (
-        "Distribution",
-        "CollisionResult",
+        "BatchResult",
         "CollisionProblem",
+        "CollisionResult",
+        "Distribution",
         "Scenario",
         "StoppingCurve",
         "Verdict",
@@ -51,34 +125,89 @@ _HOME = {
         "monte_carlo",
         "stopping_curve",
     ),
-    "bumpstop.contact": ("ContactLimits", "LimitTable"),
-    "bumpstop.errors": ("BumpstopError", "InputError"),
-    "bumpstop.model": ("Joint", "Robot", "robots"),
-    "bumpstop.recording": ("Recording",),
+    "bumpstop.contact": (
+        "ContactLimits",
+        "LimitTable",
+    ),
+    "bumpstop.study": (
+        "EffectivenessStudy",
+        "ParameterStudy",
+        "Requirement",
+        "TrajectorySpeedLimits",
+        "WorkspaceSpeedLimits",
+        "WorkspaceStudy",
+        "solve_requirement",
+    ),
+    "bumpstop.plant": (
+        "Experiment",
+        "Plant",
+    ),
+    "bumpstop.errors": (
+        "BumpstopError",
+        "InputError",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+_ROOMS = (
+    "collision",
+    "contact",
+    "detection",
+    "identification",
+    "joint",
+    "model",
+    "plant",
+    "recording",
+    "report",
+    "reproduction",
+    "signal",
+    "study",
+)
 
 __all__ = [
+    "BatchResult",
     "BumpstopError",
     "CollisionProblem",
     "CollisionResult",
     "ContactLimits",
+    "Detector",
     "Distribution",
+    "EffectivenessStudy",
+    "Experiment",
     "InputError",
     "Joint",
+    "JointTorqueModel",
     "LimitTable",
+    "ParameterStudy",
+    "Payload",
+    "Plant",
     "Recording",
+    "Requirement",
     "Robot",
     "Scenario",
     "StoppingCurve",
+    "Thresholds",
+    "TrajectorySpeedLimits",
     "Verdict",
+    "WorkspaceSpeedLimits",
+    "WorkspaceStudy",
+    "detect",
     "evaluate",
     "evaluate_batch",
+    "identify_dynamics",
+    "identify_gains",
+    "identify_joint_model",
+    "identify_payload",
     "integrate",
+    "load_fit",
+    "load_labels",
     "load_scenario",
     "monte_carlo",
     "robots",
+    "save_fit",
+    "score",
+    "solve_requirement",
     "stopping_curve",
+    "tune",
 ]
 
 
@@ -87,10 +216,12 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("bumpstop")
+    if name in _ROOMS:
+        return importlib.import_module(f"bumpstop.{name}")
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'bumpstop' has no attribute {name!r}")
     return getattr(importlib.import_module(_MODULE_OF[name]), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "__version__"])
+    return sorted([*__all__, *_ROOMS, "__version__"])

@@ -1,7 +1,24 @@
-"""Studies: many laws with a question."""
+"""Studies: many collisions with a question."""
 
+from bumpstop.study.parameters.effectiveness import EffectivenessStudy
+from bumpstop.study.parameters.parameters import ParameterStudy
+from bumpstop.study.requirement.requirement import Requirement, solve_requirement
 from bumpstop.study.run import run
+from bumpstop.study.speed.atlas import TrajectorySpeedLimits, WorkspaceSpeedLimits
 from bumpstop.study.study import Study, to_jsonable
 from bumpstop.study.variable import Variable
+from bumpstop.study.workspace.workspace import WorkspaceStudy
 
-__all__ = ["Study", "Variable", "run", "to_jsonable"]
+__all__ = [
+    "EffectivenessStudy",
+    "ParameterStudy",
+    "Requirement",
+    "Study",
+    "TrajectorySpeedLimits",
+    "Variable",
+    "WorkspaceSpeedLimits",
+    "WorkspaceStudy",
+    "run",
+    "solve_requirement",
+    "to_jsonable",
+]
