@@ -107,7 +107,7 @@ def test_a_seed_is_refused_where_nothing_is_drawn() -> None:
 
 
 def test_a_page_says_whether_its_laws_are_exact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bumpstop.collision.result.RESAMPLED_RUNS", 2000)
+    monkeypatch.setattr("bumpstop.collision.evaluation.RESAMPLED_RUNS", 2000)
     noise = np.random.default_rng(0).normal(0, 1.8, (400, 7))
     write_residuals(tmp_path / "free.parquet", 0.004 * np.arange(400), noise)
     text = EXAMPLE.read_text(encoding="utf-8")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
 from bumpstop.contact import ContactLimits, LimitTable
@@ -289,6 +290,13 @@ class CollisionProblem:
         return table.contact_limits(contact.body, "free", contact.pressure_area)
 
     @cached_property
+    def arm_mass(self) -> float | None:
+        """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or not believed."""
+        normal = self.scenario.contact.normal
+        along = np.array(normal) if normal is not None else self.start["point_velocity"]
+        return arm_mass_at(self.robot, self.scenario.contact, self.q, along)
+
+    @cached_property
     def moving_mass(self) -> float:
         """Mass behind the spring of free contact [kg], 0 for clamped contact.
 
@@ -298,12 +306,10 @@ class CollisionProblem:
             return 0.0
         if self.scenario.contact.arm == "position_driven":
             return self.body_mass
-        from bumpstop.collision.distribution.transient_contact import arm_mass, reduced_mass
-
         if self.robot.inertia_doubts:
             problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_doubts[0]}"
             raise InputError("contact.arm", problem, "valid: 'position_driven', or a robot with its real inertia")
-        arm = arm_mass(self)
+        arm = self.arm_mass
         if arm is None:
             raise InputError(
                 "contact.arm",

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.arm_mass import reduced_mass
 from bumpstop.collision.distribution.contact_duration import antiderivatives
 from bumpstop.collision.distribution.mixture import MixtureDistribution
-from bumpstop.errors import InputError
-from bumpstop.model import effective_mass
 
 if TYPE_CHECKING:
     from bumpstop.collision.problem import CollisionProblem
@@ -188,7 +187,7 @@ def impact_bounds(problem: CollisionProblem) -> ImpactBounds | None:
     """Bounds on the peak force of free contact along a line; None for clamped contact."""
     if problem.body_mass is None:
         return None
-    return bounds_at(problem, problem.approach_speed, arm_mass(problem))
+    return bounds_at(problem, problem.approach_speed, problem.arm_mass)
 
 
 def bounds_at(problem: CollisionProblem, speed: float, arm: float | None) -> ImpactBounds:
@@ -202,26 +201,3 @@ def bounds_at(problem: CollisionProblem, speed: float, arm: float | None) -> Imp
         arm_mass=arm,
         status=problem.robot.inertia_status,
     )
-
-
-def reduced_mass(body: float, arm: float) -> float:
-    """Mass with which two free bodies meet [kg]."""
-    return body if np.isinf(arm) else body * arm / (body + arm)
-
-
-def arm_mass(problem: CollisionProblem) -> float | None:
-    """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or not believed."""
-    normal = problem.scenario.contact.normal
-    return arm_mass_at(problem, problem.q, np.array(normal if normal is not None else problem.start["point_velocity"]))
-
-
-def arm_mass_at(problem: CollisionProblem, q: FloatArray, normal: FloatArray) -> float | None:
-    """The same at joint positions (dof,) [rad or m] along any direction (3,), base frame."""
-    if any(joint.inertia is None for joint in problem.robot.joints) or problem.robot.inertia_doubts:
-        return None
-    contact = problem.scenario.contact
-    try:
-        mass = effective_mass(problem.robot, q, normal / np.linalg.norm(normal), contact.link, contact.point_m)
-    except InputError:  # a mass matrix without an inverse says nothing
-        return None
-    return float(mass)

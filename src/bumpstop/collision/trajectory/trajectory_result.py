@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.arm_mass import arm_mass_at
 from bumpstop.collision.curve import StoppingCurve
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE, Distribution, SampledDistribution
-from bumpstop.collision.distribution.transient_contact import ImpactBounds, arm_mass_at, bounds_at
+from bumpstop.collision.distribution.transient_contact import ImpactBounds, bounds_at
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
 from bumpstop.collision.trajectory.onset import (
@@ -71,7 +72,9 @@ class TrajectoryCollisionResult(CollisionResult):
         if self.problem.body_mass is None:
             return None
         q = trajectory_of(self.problem).at(self.onset)
-        arm = arm_mass_at(self.problem, np.ascontiguousarray(q).reshape(-1), self.curve.normal)
+        arm = arm_mass_at(
+            self.problem.robot, self.scenario.contact, np.ascontiguousarray(q).reshape(-1), self.curve.normal
+        )
         return bounds_at(self.problem, self.curve.approach_speed, arm)
 
     def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:

@@ -35,7 +35,7 @@ def finer_steps(law: CollisionResult) -> list[str]:
         return []
     if law.problem.residuals is not None or duration / given.simulation.step_s * _FINER > _MAX_STEPS:
         return _by_formula(law)
-    from bumpstop.collision.result import evaluate
+    from bumpstop.collision.evaluation import evaluate
 
     at = law.contact_alone()
     step, substeps = changes["simulation.step_s"], changes["simulation.substeps"]

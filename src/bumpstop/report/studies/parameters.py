@@ -58,7 +58,7 @@ def _law_note(scenario: Scenario) -> str:
     """What the laws behind all figures are."""
     if scenario.detector.residuals is None:
         return "Every figure is of an exact law: there is no sampling noise in curves, fits or derivatives."
-    from bumpstop.collision.result import RESAMPLED_RUNS
+    from bumpstop.collision.evaluation import RESAMPLED_RUNS
 
     return (
         f"Measured residuals have no exact law: every figure is of {RESAMPLED_RUNS} sampled collisions, drawn from the "

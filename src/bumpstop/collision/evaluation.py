@@ -1,0 +1,221 @@
+"""From a scenario to its result: by quadrature, or by single collisions that are drawn."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray, as_whole_number
+from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
+from bumpstop.collision.distribution.contact_duration import first_passage_times
+from bumpstop.collision.distribution.distribution import Distribution, ExactDistribution, SampledDistribution
+from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_seed, in_blocks
+from bumpstop.collision.distribution.transient_contact import TransientQuantities
+from bumpstop.collision.problem import CollisionProblem
+from bumpstop.collision.result import CollisionResult
+from bumpstop.collision.scenario.scenario import as_scenario
+from bumpstop.collision.trajectory.trajectory_result import integrate_trajectory, monte_carlo_trajectory
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario.scenario import Scenario
+
+# Runs of a scenario that can only be sampled, where their number is not given.
+RESAMPLED_RUNS = 100_000
+
+
+def evaluate(
+    scenario: Scenario,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    threads: int = 1,
+    refinement: int = 1,
+    progress: Progress | None = None,
+) -> CollisionResult:
+    """Work out the whole distribution of a collision.
+
+    Args:
+        scenario: what happens.
+        samples: None for the exact law; else the number of runs of the sampled law. Measured residuals know no exact
+            law: None then means 100 000 runs. Of more than a million runs only the first million are kept one by one.
+        seed: of the sampled law, 0 to 2^64 - 1. The same seed gives the same runs, whatever the threads.
+        threads: for the sampled law, 1 to 256.
+        refinement: multiplies the order of the exact law's quadrature, 1 to 100. 2 shows that 1 is converged.
+        progress: told the share of the runs of the sampled law that are done.
+
+    Raises:
+        InputError: the scenario cannot be computed.
+    """
+    problem = CollisionProblem.from_scenario(as_scenario(scenario))
+    refinement = as_whole_number(refinement, "refinement", 1, 100)
+    as_whole_number(threads, "threads", 1, 256)
+    as_whole_number(seed, "seed", 0, 2**64 - 1, "0 to 2^64 - 1")
+    if samples is not None:
+        _check_sample(samples, seed, threads)
+    elif problem.residuals is not None:
+        samples = RESAMPLED_RUNS
+    if problem.trajectory is not None:
+        if samples is None:
+            return integrate_trajectory(problem, refinement=refinement)
+        return in_blocks(
+            lambda first, size: monte_carlo_trajectory(
+                problem, samples=size, seed=block_seed(seed, first), threads=threads
+            ),
+            samples,
+            progress,
+        )
+    curve = stopping_curve(problem)
+    if samples is None:
+        return integrate(problem, curve, refinement=refinement)
+    return in_blocks(
+        lambda first, size: monte_carlo(problem, curve, samples=size, seed=seed, threads=threads, first=first),
+        samples,
+        progress,
+    )
+
+
+def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: int = 1) -> CollisionResult:
+    """Integrate over contact offset and noise on a stopping curve of this problem's pose, motion and reaction.
+
+    Args:
+        problem: a checked scenario.
+        curve: of :func:`stopping_curve`; traced whole it serves other bodies, offsets, thresholds and noise, too.
+        refinement: multiplies the order of the quadrature.
+
+    Raises:
+        InputError: the noise is measured residuals, of which there are only samples.
+    """
+    if problem.residuals is not None:
+        raise InputError("detector.residuals", "measured residuals have no exact law", "draw it: give samples")
+    question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
+    law = curve.kernel.exact_law(*question, refinement, problem.moving_mass)
+    undetected = min(1.0, max(0.0, law.undetected))
+    after_contact = law.total("force_at_detection")
+    detected = after_contact + law.false_alarm
+    with np.errstate(invalid="ignore"):
+        triggers = np.minimum(1.0, np.asarray(law.trigger) / (detected if detected > 0 else math.nan))
+    if problem.body_mass is not None:
+        free = TransientQuantities(law)
+        peak_force: Distribution = free.peak_force()
+        force_at_detection: Distribution = free.force_at_detection()
+        contact_duration: Distribution | None = free.contact_duration()
+    else:
+        peak_force = ExactDistribution(
+            law,
+            "peak_force",
+            undetected=0.0 if law.rests else undetected,
+            bounded=curve.end != "horizon",
+            far_tail=lambda force: float(curve.kernel.tail_directly(*question, force)),
+        )
+        force_at_detection = ExactDistribution(law, "force_at_detection", condition=after_contact)
+        contact_duration = None
+    return CollisionResult(
+        problem=problem,
+        curve=curve,
+        kind="exact",
+        peak_force=peak_force,
+        force_at_detection=force_at_detection,
+        transient_contact_duration=contact_duration,
+        detection_delay=ExactDistribution(law, "detection_delay", condition=after_contact),
+        trigger_joint_probability=triggers,
+        multi_joint_probability=min(1.0, law.several / detected) if detected > 0 else math.nan,
+        false_alarm_probability=law.false_alarm,
+        undetected_probability=undetected,
+        no_contact_probability=max(0.0, law.no_contact),
+        kernel=law,
+    )
+
+
+def monte_carlo(
+    problem: CollisionProblem, curve: StoppingCurve, *, samples: int, seed: int = 0, threads: int = 1, first: int = 0
+) -> CollisionResult:
+    """Draw single collisions on a stopping curve of this problem's pose, motion and reaction.
+
+    Args:
+        problem: a checked scenario.
+        curve: as for :func:`integrate`.
+        samples: number of collisions.
+        seed: 0 to 2^64 - 1. The same seed gives the same collisions, whatever the threads.
+        threads: that share the work.
+        first: number of the first of them.
+
+    Raises:
+        InputError: no samples, or a seed that is none.
+    """
+    _check_sample(samples, seed, threads)
+    runs = curve.kernel.sample(
+        problem.detector,
+        problem.stiffness,
+        problem.offset_kind,
+        problem.offset_size,
+        seed,
+        first,
+        samples,
+        True,
+        threads,
+        problem.residuals.rows if problem.residuals is not None else None,
+        problem.residuals.block_rows if problem.residuals is not None else 1,
+        problem.moving_mass,
+    )
+    offset, tick = runs["offset"], runs["tick"]
+    detected = tick >= 0
+    at = np.where(detected, tick, 0)
+    K, step = problem.stiffness, problem.scenario.simulation.step_s
+
+    def at_tick(values: FloatArray) -> FloatArray:
+        # A motion that ends before the first tick has none to look up, and no detection.
+        return values[at] if values.size else np.zeros(at.shape)
+
+    peak = K * np.maximum(0.0, at_tick(curve.farthest) - offset)
+    # The path goes on for a latency beyond the horizon, for the reactions; the motion does not.
+    motion = curve.distance[: _horizon(problem) + 1]
+    braking = curve.kernel.braking if curve.end in ("joint_limit", "singularity") else np.zeros(0)
+    if problem.body_mass is not None:
+        motion, braking = np.append(motion, braking), np.zeros(0)
+    touches = offset < motion.max()
+    # A body that the arm reaches only while it brakes at the end of its line is pressed as deep as any other.
+    greatest = K * np.maximum(0.0, max(motion.max(), braking.max(initial=-math.inf)) - offset)
+    missed = ~detected & touches
+    peak = np.where(detected, peak, np.where(missed & (curve.end == "horizon"), math.inf, greatest))
+    force = K * np.maximum(0.0, at_tick(curve.tick_distance) - offset)
+    transient_contact_duration = None
+    # From the first tick in contact on, also where the arm falls back from the body again.
+    felt = detected & (tick >= np.searchsorted(np.maximum.accumulate(curve.tick_distance), offset, side="right"))
+    if problem.body_mass is not None:
+        peak, force = runs["peak_force"], np.where(detected, runs["force_at_detection"], 0.0)
+        felt = detected & (force > 0)
+        transient_contact_duration = SampledDistribution(runs["duration"][runs["duration"] > 0])
+    delay = at_tick(curve.tick_time) - first_passage_times(curve.distance, offset, step)
+    dof = problem.robot.dof
+    fired = (runs["triggers"][:, None] >> np.arange(dof, dtype=np.uint32)) & 1
+    some = detected.any()
+    return CollisionResult(
+        problem=problem,
+        curve=curve,
+        kind="sampled",
+        peak_force=SampledDistribution(peak, None if problem.body_mass is not None or curve.end in AT_REST else missed),
+        transient_contact_duration=transient_contact_duration,
+        force_at_detection=SampledDistribution(force[felt]),
+        detection_delay=SampledDistribution(delay[felt]),
+        trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(dof, math.nan),
+        multi_joint_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
+        false_alarm_probability=float((detected & ~felt).mean()),
+        undetected_probability=float(missed.mean()),
+        no_contact_probability=float((~detected & ~touches).mean()),
+        samples=samples,
+        seed=seed,
+        runs=runs | {"peak_force": peak, "force_at_detection": force, "felt": felt},
+    )
+
+
+def _check_sample(samples: int, seed: int, threads: int) -> None:
+    as_whole_number(samples, "samples", 1, 100_000_000)
+    as_whole_number(seed, "seed", 0, 2**64 - 1, "0 to 2^64 - 1")
+    as_whole_number(threads, "threads", 1, 256)
+
+
+def _horizon(problem: CollisionProblem) -> int:
+    return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
