@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <limits>
 
-#include "bumpstop/collision/line_controller.hpp"
+#include "bumpstop/collision/line_motion.hpp"
 
 using namespace bumpstop;
 
@@ -37,19 +37,25 @@ static double nanoseconds_per_lane(int dof, int free, bool on_rail) {
     }
     state.refresh_angles(chain);
     const Point3<T> velocity{T(0.01), T(-0.004), T(0.005)};
-    LineController<T> controller(chain, motion);
-    Rates<T> rates;
-    controller.find_rates(state, velocity, rates);
+    const FullChangeInverse full(motion);
     double best = 1e300;
     for (int repeat = 0; repeat < 40; ++repeat) {
-        constexpr int count = 400;
+        constexpr int count = 2000;
         const auto begin = std::chrono::steady_clock::now();
         for (int i = 0; i < count; ++i) {
-            controller.step(rates, velocity, state);
-            controller.find_rates(state, velocity, rates);
+            Posture<T> posture;
+            forward_kinematics(chain, state.q, state.angle, posture);
+            const Rates<T> wanted = resolved_rates(chain, motion, posture, velocity);
+            T change[max_joints], load[max_joints];
+            limited_change(motion, full, wanted.free, state, change, load);
+            for (int f = 0; f < free; ++f) {
+                state.qd[f] += change[f];
+                state.q[f] += state.qd[f] * motion.substep();
+                state.angle.set(chain, f, state.q[f]);
+            }
         }
         const std::chrono::duration<double> time = std::chrono::steady_clock::now() - begin;
-        best = std::min(best, time.count() / count / motion.substeps / Scalar<T>::lanes);
+        best = std::min(best, time.count() / count / Scalar<T>::lanes);
     }
     volatile double sink = lane_of(state.q[0], 0);
     (void)sink;

@@ -3,6 +3,7 @@
 
 #include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
+#include "bumpstop/collision/survival_criterion.hpp"
 #include "interrupt.hpp"
 #include "law.hpp"
 #include "setup.hpp"
@@ -97,20 +98,22 @@ Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetect
             double largest_offset, double body_mass) {
     const Unlocked unlocked;
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
-    PathIsOver is_over = NeverFinished{};
+    LinePath& path = result.curve.path;
     if (detector != nullptr && body_mass > 0) {
         const FreeBody body{stiffness, body_mass};
         for (double half_oscillations = 3;; half_oscillations *= 4) {
-            is_over = CertainParting<double>(body, setup.timing, setup.motion.step, largest_offset, half_oscillations);
-            result.curve.path = trace_line(setup, result.q.data(), velocity, is_over);
-            if (result.curve.path.end != PathEnd::certain_detection ||
-                all_parted(result.curve.path, body, setup.timing, setup.motion.step, largest_offset))
+            path = trace_line(
+                setup, result.q.data(), velocity,
+                SeparationCriterion<L>(body, setup.timing, setup.motion.step, largest_offset, half_oscillations));
+            if (path.end != PathEnd::certain_detection ||
+                all_parted(path, body, setup.timing, setup.motion.step, largest_offset))
                 break;
         }
+    } else if (detector != nullptr) {
+        path = trace_line(setup, result.q.data(), velocity,
+                          SurvivalCriterion<L>(*detector, setup.timing, setup.motion.step, stiffness, largest_offset));
     } else {
-        if (detector != nullptr)
-            is_over = CertainDetection<double>(*detector, setup.timing, setup.motion.step, stiffness, largest_offset);
-        result.curve.path = trace_line(setup, result.q.data(), velocity, is_over);
+        path = trace_line(setup, result.q.data(), velocity, NoCriterion<L>());
     }
     complete_curves<L>(
         setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve, 1,

@@ -1,7 +1,7 @@
 // How probably a collision passes a force.
 #include "bumpstop/study/limit_risk.hpp"
 
-#include "bumpstop/collision/lane_tracer.hpp"
+#include "bumpstop/collision/survival_criterion.hpp"
 #include "interrupt.hpp"
 #include "setup.hpp"
 
@@ -10,16 +10,6 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 namespace {
 
 using L = NativeLanes;
-
-/// The path until `certain` is over. Where nothing is remembered from tick to tick, an arm that lags behind its line leaps.
-LinePath traced(const Setup& setup, const double* q, Vector velocity, const ThresholdDetector& detector,
-                double stiffness, const CertainDetection<double>& certain, double largest) {
-    if (detector.remembers()) return trace_line(setup, q, velocity, certain);
-    const LineJob job{q, {velocity(0), velocity(1), velocity(2)}, largest};
-    LinePath path;
-    LaneTracer<L>(setup.chain, setup.motion, setup.contact, setup.timing, detector, stiffness).trace(&job, &path, 1);
-    return path;
-}
 
 nb::dict limit_risk(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector& detector, double stiffness,
                     const std::string& offset_kind, double offset_size, double force, double accepted, KnownPath* known,
@@ -31,11 +21,13 @@ nb::dict limit_risk(const Setup& setup, Vector q, Vector velocity, const Thresho
         const LimitQuestion question{stiffness, offset_law(offset_kind, offset_size), force, accepted,
                                      crossing_decides};
         KnownPath& path_known = known == nullptr ? none : *known;
-        const CertainDetection<double> certain(detector, setup.timing, setup.motion.step, stiffness,
-                                               question.offset.largest());
+        auto criterion = [&]<class T>(T) {
+            return SurvivalCriterion<T>(detector, setup.timing, setup.motion.step, stiffness,
+                                        question.offset.largest());
+        };
         LinePath path;
-        if (CertainDetection<double> finished = certain; !path_known.shortened(setup.timing, finished, path)) {
-            path = traced(setup, q.data(), velocity, detector, stiffness, certain, question.offset.largest());
+        if (auto finished = criterion(0.0); !path_known.shortened(setup.timing, finished, path)) {
+            path = trace_line(setup, q.data(), velocity, criterion(L()));
             if (known != nullptr) known->path = path;
         }
         found = LimitRiskFinder<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, detector,

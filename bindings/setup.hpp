@@ -1,8 +1,6 @@
 // What a scenario is to the kernels.
 #pragma once
 
-#include <functional>
-
 #include "bumpstop/collision/line_tracer.hpp"
 #include "bumpstop/collision/offset_law.hpp"
 #include "bumpstop/collision/reaction.hpp"
@@ -20,14 +18,11 @@ struct Setup {
     ReactionKind reaction = ReactionKind::reverse;
 };
 
-// Tells where a path is over. One type for all that may tell: the tracer is compiled once.
-using PathIsOver = std::function<bool(double, const double*)>;
-
-inline LinePath trace_line(const Setup& setup, const double* q, Vector velocity, PathIsOver is_over) {
-    LinePath path;
-    LineTracer<double, PathIsOver>(setup.chain, setup.motion, setup.contact, setup.timing, is_over)
-        .trace(q, {velocity(0), velocity(1), velocity(2)}, &path, 1);
-    return path;
+// The path of one line until `criterion` ends it.
+template <class Criterion>
+LinePath trace_line(const Setup& setup, const double* q, Vector velocity, Criterion criterion) {
+    return trace_line<NativeLanes>(setup.chain, setup.motion, setup.contact, setup.timing,
+                                   LineRequest{q, {velocity(0), velocity(1), velocity(2)}}, std::move(criterion));
 }
 
 inline OffsetLaw offset_law(const std::string& kind, double size) {

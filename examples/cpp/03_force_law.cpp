@@ -5,6 +5,7 @@
 
 #include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/line_tracer.hpp"
+#include "bumpstop/collision/survival_criterion.hpp"
 #include "bumpstop/model/robot_description.hpp"
 
 using namespace bumpstop;
@@ -23,7 +24,6 @@ int main(int count, char** arguments) {
     // The motion: 50 mm/s straight down, orientation held, joint 7 held.
     const double degree = std::numbers::pi / 180;
     double q[max_joints] = {0, 30 * degree, 0, -20 * degree, 0, -40 * degree, 0};
-    const Point3<double> velocity{0, 0, -0.05};  // m/s
     MotionSettings motion;
     motion.tip = robot->tip(chain);
     motion.free_count = 6;
@@ -49,9 +49,8 @@ int main(int count, char** arguments) {
     // The stopping curve, then the law: a clamped hand, a half-normal distance away.
     const double stiffness = 75000, offset_sd = 0.1 * 0.05;  // N/m, m
     StoppingCurve curve;
-    CertainDetection<double> finished(detector, timing, motion.step, stiffness, 7 * offset_sd);
-    LineTracer<double, CertainDetection<double>>(chain, motion, contact, timing, finished)
-        .trace(q, velocity, &curve.path, 1);
+    const SurvivalCriterion<L> criterion(detector, timing, motion.step, stiffness, 7 * offset_sd);
+    curve.path = trace_line<L>(chain, motion, contact, timing, {q, {0, 0, -0.05}}, criterion);  // m/s
     complete_curves<L>(
         chain, motion, contact, timing, ReactionKind::reverse, &curve, 1, [&](int) { return q; },
         [](int) { return FarthestTolerance{}; });

@@ -22,7 +22,7 @@ void set_out(const random_arm::Arm& arm, Braking& braking, int lane) {
     set_lane(braking.target.x, lane, 0.1 * checks::normal());
     set_lane(braking.target.y, lane, 0.1 * checks::normal());
     set_lane(braking.target.z, lane, 0.1 * checks::normal());
-    braking.begin(lane, loose_braking_leap_tolerance, 1.0);
+    braking.begin(lane, loose_braking_leap_tolerance);
 }
 
 L advance(Braking& braking) {
@@ -56,7 +56,7 @@ void goes_the_same_way_again(int dof, int held) {
             const L expected = advance(further);
             for (int lane = 1; lane < native_lanes; lane += 2) {
                 CHECK(lane_of(gone, lane) == lane_of(expected, lane));
-                CHECK(lane_of(back.poor(), lane) == lane_of(further.poor(), lane));
+                CHECK(lane_of(back.near_singular(), lane) == lane_of(further.near_singular(), lane));
                 CHECK(lane_of(back.reached(), lane) == lane_of(further.reached(), lane));
                 for (int j = 0; j < dof; ++j) {
                     CHECK(same_bits(lane_of(back.state.q[j], lane), lane_of(further.state.q[j], lane)));

@@ -6,6 +6,7 @@
 #include "bumpstop/collision/batch.hpp"
 #include "bumpstop/collision/line_tracer.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
+#include "bumpstop/collision/survival_criterion.hpp"
 #include "bumpstop/collision/trajectory.hpp"
 
 using namespace bumpstop;
@@ -58,11 +59,10 @@ Arm make_arm(int dof, int rows) {
 }
 
 void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
-    const Point3<double> velocity{0.03, -0.02, 0.04};
-    CertainDetection<double> finished(arm.detector, arm.timing, arm.motion.step, 20000, offset.largest());
     StoppingCurve curve;
-    LineTracer<double, CertainDetection<double>>(arm.chain, arm.motion, arm.contact, arm.timing, finished)
-        .trace(arm.q.data(), velocity, &curve.path, 1);
+    curve.path =
+        trace_line<L>(arm.chain, arm.motion, arm.contact, arm.timing, {arm.q.data(), {0.03, -0.02, 0.04}},
+                      SurvivalCriterion<L>(arm.detector, arm.timing, arm.motion.step, 20000, offset.largest()));
     complete_curves<L>(
         arm.chain, arm.motion, arm.contact, arm.timing, reaction, &curve, 1, [&](int) { return arm.q.data(); },
         [](int) { return FarthestTolerance{}; });
@@ -96,7 +96,6 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
 
 // Noise that remembers, an observer, and a body that gets away.
 void check_memory_and_free_contact(Arm arm) {
-    const Point3<double> velocity{0.03, -0.02, 0.04};
     const OffsetLaw offset{OffsetKind::uniform, 0.0005};
     const FreeBody body{20000, 3.0};
     arm.timing.steps = 60;
@@ -104,10 +103,9 @@ void check_memory_and_free_contact(Arm arm) {
         arm.detector.correlation = correlation;
         arm.detector.filter = filter;
         check_case(arm, ReactionKind::reverse, {OffsetKind::fixed, 0.0004});
-        CertainParting<double> finished(body, arm.timing, arm.motion.step, offset.largest());
         StoppingCurve curve;
-        LineTracer<double, CertainParting<double>>(arm.chain, arm.motion, arm.contact, arm.timing, finished)
-            .trace(arm.q.data(), velocity, &curve.path, 1);
+        curve.path = trace_line<L>(arm.chain, arm.motion, arm.contact, arm.timing, {arm.q.data(), {0.03, -0.02, 0.04}},
+                                   SeparationCriterion<L>(body, arm.timing, arm.motion.step, offset.largest()));
         complete_curves<L>(
             arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, &curve, 1,
             [&](int) { return arm.q.data(); }, [](int) { return FarthestTolerance{}; });

@@ -31,7 +31,6 @@ BUILDS = {
 CASES = [
     *((ROOT / "tests/math/lanes.cpp", build) for build in BUILDS),
     *((ROOT / "tests/model/min_norm.cpp", build) for build in BUILDS),
-    *((ROOT / "tests/model/screw_rates.cpp", build) for build in BUILDS),
     *((ROOT / "tests/model/dynamics.cpp", build) for build in BUILDS),
     *((ROOT / "tests/signal/causal_derivative.cpp", build) for build in BUILDS),
     *((ROOT / "tests/signal/zero_phase.cpp", build) for build in BUILDS),
@@ -39,7 +38,7 @@ CASES = [
     *((ROOT / "tests/joint/joint_torque.cpp", build) for build in BUILDS),
     *((ROOT / "tests/joint/joint_bank.cpp", build) for build in BUILDS),
     *((ROOT / "tests/collision/braking_arm.cpp", build) for build in BUILDS),
-    *((ROOT / "tests/collision/line_controller.cpp", build) for build in BUILDS),
+    *((ROOT / "tests/collision/line_tracer.cpp", build) for build in BUILDS),
     *((ROOT / "tests/collision/panel_moments.cpp", build) for build in BUILDS),
     *((ROOT / "tests/detection/detector.cpp", build) for build in BUILDS),
     *((ROOT / "tests/detection/sample_guard.cpp", build) for build in BUILDS),

@@ -6,8 +6,8 @@
 
 #include "bumpstop/collision/batch_law.hpp"
 #include "bumpstop/collision/exact_law.hpp"
-#include "bumpstop/collision/lane_tracer.hpp"
 #include "bumpstop/collision/line_tracer.hpp"
+#include "bumpstop/collision/survival_criterion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -47,7 +47,7 @@ struct BatchProblem {
 namespace detail {
 
 /// The poses by how hard their start works the joints: by the time the slowest needs to get to its rate. Poses near a
-/// singularity leap less, and where `LineTracer` traces, a register waits for its slowest lane, so like goes with like.
+/// singularity take more steps.
 inline std::vector<int> order_of_work(const BatchProblem& problem) {
     const int dof = problem.chain->dof;
     std::vector<double> effort(std::size_t(problem.poses));
@@ -152,47 +152,37 @@ void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const
 /// The paths of `count` poses into worker.path.
 template <class L>
 void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int* poses, int count) {
-    constexpr int lanes = Scalar<L>::lanes;
     const Timing& timing = *problem.timing;
-    std::vector<LineJob> jobs;
-    for (int i = 0; i < count; ++i) {
+    using P = Unfused<L>;  // loose leaps enlarge what instruction sets round otherwise
+    std::vector<LineRequest> requests;
+    std::vector<SurvivalCriterion<P>> criteria;
+    auto add = [&](int i) {
         const double* v = problem.velocity + 3 * std::size_t(poses[i]);
         // The offset's size follows from the approach speed, which is the tool's own speed along its line.
         const double speed = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
         const double size = problem.offset_size * (problem.offset_kind == OffsetKind::fixed ? 1.0 : speed);
-        jobs.push_back({problem.q + std::size_t(poses[i]) * problem.chain->dof,
-                        {v[0], v[1], v[2]},
-                        OffsetLaw{problem.offset_kind, size}.largest()});
-    }
+        requests.push_back({problem.q + std::size_t(poses[i]) * problem.chain->dof, {v[0], v[1], v[2]}});
+        criteria.emplace_back(*problem.detector, timing, problem.motion->step, problem.stiffness,
+                              OffsetLaw{problem.offset_kind, size}.largest());
+    };
+    for (int i = 0; i < count; ++i) add(i);
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
-    if (!problem.detector->remembers()) {
-        // Reactions begin where it says. Their loose leaps enlarge what instruction sets round otherwise, and what lanes that
-        // leap together do to each other.
-        LaneTracer<Unfused<L>>(*problem.chain, *problem.motion, *problem.contact, timing, *problem.detector,
-                               problem.stiffness)
-            .trace(jobs.data(), worker.path.data(), count);
-        // Near a singularity what a leap leaves out decides where the arm goes, and whether it meets the singularity: there a
-        // batch traces as a single law does. Each line by itself, with the same roundings on every instruction set.
-        using One = Unfused<Lanes<2>>;
-        for (int i = 0; i < count; ++i) {
-            LinePath& path = worker.path[std::size_t(i)];
-            if (!path.met_singularity || path.singular_start) continue;
-            const LineLanes<One> start(&jobs[std::size_t(i)], 1, problem.chain->dof);
-            CertainDetection<One> finished(*problem.detector, timing, problem.motion->step, problem.stiffness,
-                                           start.largest_offset);
-            LineTracer<One, CertainDetection<One>>(*problem.chain, *problem.motion, *problem.contact, timing, finished)
-                .trace(start.q, start.velocity, &path, 1);
-        }
-        return;
-    }
-    for (int first = 0; first < count; first += lanes) {
-        const int here = std::min(lanes, count - first);
-        const LineLanes<L> start(&jobs[std::size_t(first)], here, problem.chain->dof);
-        CertainDetection<L> finished(*problem.detector, timing, problem.motion->step, problem.stiffness,
-                                     start.largest_offset);
-        LineTracer<L, CertainDetection<L>>(*problem.chain, *problem.motion, *problem.contact, timing, finished)
-            .trace(start.q, start.velocity, &worker.path[std::size_t(first)], here);
-    }
+    LineTracer<P, Tracing::fast, SurvivalCriterion<P>>(*problem.chain, *problem.motion, *problem.contact, timing)
+        .trace(requests.data(), criteria.data(), worker.path.data(), count);
+    // Near a singularity what a leap leaves out decides where the arm goes, and whether it meets the singularity: there a
+    // batch traces as a single law does.
+    std::vector<int> again;
+    for (int i = 0; i < count; ++i)
+        if (worker.path[std::size_t(i)].met_singularity && !worker.path[std::size_t(i)].singular_start)
+            again.push_back(i);
+    if (again.empty()) return;
+    requests.clear();
+    criteria.clear();
+    for (int i : again) add(i);
+    std::vector<LinePath> path(again.size());
+    LineTracer<P, Tracing::exact, SurvivalCriterion<P>>(*problem.chain, *problem.motion, *problem.contact, timing)
+        .trace(requests.data(), criteria.data(), path.data(), int(again.size()));
+    for (std::size_t i = 0; i < again.size(); ++i) worker.path[std::size_t(again[i])] = std::move(path[i]);
 }
 
 /// The laws of poses whose paths are traced.

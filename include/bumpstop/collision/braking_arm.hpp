@@ -4,11 +4,10 @@
 
 #include "bumpstop/collision/line_motion.hpp"
 #include "bumpstop/collision/uneven_history.hpp"
-#include "bumpstop/model/pivoted_rates.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int longest_braking_leap = 128;  ///< sub-steps
+inline constexpr int longest_braking_leap = 128, longest_tracing_leap = 256;  ///< sub-steps
 
 /// Changes extrapolated over a leap and those found at its end may differ by this much, relative to the largest change,
 /// for the leap to stand; the difference then corrects the leap, which is some thirty times better. Roundings decide about
@@ -22,6 +21,12 @@ inline constexpr double loosest_braking_leap_tolerance = 1e-3;
 
 /// Of reactions that met a singularity, which would enlarge the error of a looser leap.
 inline constexpr double singular_leap_tolerance = 1e-8;
+
+/// A singularity is near where the sine of some row of the Jacobian is this small.
+inline constexpr double near_singular_sine = 1e-2;
+/// Near enough for an arm that traces to ask at every step whether it is met. Farther off no leap gets past it: the rates
+/// asked for would have grown by more than a leap may extrapolate.
+inline constexpr double tracing_near_singular_sine = 1e-3;
 
 /// Values that leaps go by, and that those judged loosely do: of these, one more costs more than it spares leaps.
 inline constexpr int braking_order = 7, loose_braking_order = 6;
@@ -47,22 +52,18 @@ class BrakingArm {
         : chain_(chain),
           motion_(motion),
           full_(motion),
-          screws_(chain, motion.free_joint.data(), motion.free_count, motion.tip, farthest_travel(motion).data()),
-          uses_screws_(screws_.works() && motion.task_rows == 6 && motion.damping == 0),
-          kind_(kind) {}
+          kind_(kind),
+          near_singular_below_(std::pow(kind == Kind::traces ? tracing_near_singular_sine : near_singular_sine, 2)) {}
 
     ArmState<T> state;
     Point3<T> target;  ///< velocity asked of the tool: the line's, or the reaction's [m/s]
 
     /// The lane's state and target have been set anew. Its next `advance` only looks where it is. Changes of the rates
-    /// may differ from those extrapolated by `leap_tolerance`, relative to the largest. `least_square`: as of Conditioning
-    /// where the lane is. If it is given, the manipulability tells how near a singularity is from here on, and rates are found
-    /// in a way that rounds otherwise; if not, the sines themselves are asked for at every look, which costs more than the rates.
-    void begin(int lane, double leap_tolerance, double least_square = 0) {
-        set_lane(judged_, lane, !(uses_screws_ && least_square > 0));
-        const double sine = kind_ == Kind::traces ? tracing_poor_sine : poor_sine;
-        set_lane(poor_share_, lane, sine * sine / std::max(least_square, 1e-300));
+    /// may differ from those extrapolated by `leap_tolerance`, relative to the largest, and rates that are reached by
+    /// `rate_tolerance`.
+    void begin(int lane, double leap_tolerance, double rate_tolerance = following_leap_tolerance) {
         set_lane(tolerance_, lane, leap_tolerance);
+        set_lane(rate_tolerance_, lane, rate_tolerance);
         set_lane(slack_, lane, 1.0);
         begun_anew_ = true;
         history_.forget(lane);
@@ -92,17 +93,20 @@ class BrakingArm {
         for (T BrakingArm::*value : {&BrakingArm::slack_, &BrakingArm::velocity_load_, &BrakingArm::known_,
                                      &BrakingArm::wish_, &BrakingArm::error_})
             take(this->*value, other.*value);
-        for (MaskOf<T> BrakingArm::*value : {&BrakingArm::reaches_, &BrakingArm::reached_, &BrakingArm::poor_,
-                                             &BrakingArm::poor_now_, &BrakingArm::singular_, &BrakingArm::limited_})
+        for (MaskOf<T> BrakingArm::*value :
+             {&BrakingArm::reaches_, &BrakingArm::reached_, &BrakingArm::near_singular_,
+              &BrakingArm::near_singular_now_, &BrakingArm::singular_, &BrakingArm::limited_})
             take(this->*value, other.*value);
     }
     /// The rates asked for were reached in the last sub-step.
     MaskOf<T> reached() const { return reached_; }
     /// A singularity was near at an end of the last leap.
-    MaskOf<T> poor() const { return poor_; }
+    MaskOf<T> near_singular() const { return near_singular_; }
     /// Where the lane is, the rates asked for are at a singularity (of arms that trace), or slowed by a velocity limit.
     bool singular(int lane) const { return lane_of(singular_, lane); }
     bool limited(int lane) const { return lane_of(limited_, lane); }
+    /// Over its last leap the lane had the rates asked for, and they were smooth.
+    bool smooth(int lane) const { return lane_of(reaches_, lane) && lane_of(known_, lane) > 1; }
 
     /// Where a lane was, by free joint, `back` sub-steps before it got here: within its last leap.
     void before(int lane, const T& back, T* q, T* qd) const {
@@ -153,8 +157,7 @@ class BrakingArm {
             state.qd[j] = rate;
         }
         turn();
-        Rates<T> wanted;
-        find_wanted(most > T(0.0), wanted);
+        const Rates<T> wanted = find_wanted();
         T change[max_joints], load[max_joints];
         const MaskOf<T> reaches = limited_change(motion_, full_, wanted.free, state, change, load);
         T off = 0.0, largest = 0.0, largest_rate = 0.0, correction[max_joints];
@@ -167,8 +170,8 @@ class BrakingArm {
             off = maximum(off, absolute(correction[f]));
             largest = maximum(largest, absolute(change[f]));
         }
-        const T allowed = follows ? select(reaches, largest_rate * following_leap_tolerance, largest * tolerance_)
-                                  : largest * tolerance_;
+        const T allowed =
+            follows ? select(reaches, largest_rate * rate_tolerance_, largest * tolerance_) : largest * tolerance_;
         const T error = off / maximum(allowed * slack_, T(1e-300));
         look();
         // Where nothing was gone there is nothing to learn about the length of leaps.
@@ -185,8 +188,9 @@ class BrakingArm {
         reaches_ = select(stood, reaches, reaches_);
         limited_ = select(stood, limited, limited_);
         singular_ = select(stood, wanted.conditioning.singular, singular_);
-        poor_ = select(stood, (goes & poor_now_) | wanted.conditioning.poor, poor_);
-        poor_now_ = select(stood, wanted.conditioning.poor, poor_now_);
+        const MaskOf<T> near_now = wanted.conditioning.min_sine_squared <= T(near_singular_below_);
+        near_singular_ = select(stood, (goes & near_singular_now_) | near_now, near_singular_);
+        near_singular_now_ = select(stood, near_now, near_singular_now_);
         history_.set_first(first, change, n);
         // A kink: what was before says nothing about what comes.
         const MaskOf<T> jumps = single & (error > T(1.0)) & (error > kink_jump * error_);
@@ -252,38 +256,18 @@ class BrakingArm {
         begun_anew_ = false;
     }
 
-    /// A lane's depend on that lane alone; those of lanes that are not `busy` may be anything.
-    void find_wanted(const MaskOf<T>& busy, Rates<T>& wanted) {
-        if (kind_ == Kind::stops) {
-            for (int f = 0; f < motion_.free_count; ++f) wanted.free[f] = 0.0;
-            wanted.conditioning = {none(), none()};
-            wanted.velocity_limited = none();
-            wanted.velocity_load = 0.0;
-            return;
+    Rates<T> find_wanted() const {
+        if (kind_ != Kind::stops) {
+            Posture<T> posture;
+            forward_kinematics(chain_, state.q, state.angle, posture);
+            return resolved_rates(chain_, motion_, posture, target);
         }
-        if (!uses_screws_ || !any(busy & !judged_)) {
-            wanted = judged_rates();
-            return;
-        }
-        T manipulability;  // squared
-        MaskOf<T> right = screws_.solve(state.angle, state.q, target, wanted.free, manipulability) & !judged_;
-        if (kind_ == Kind::traces) right = right & (manipulability >= T(screws_.never_singular_from()));
-        // Near a singularity the least sine falls as the manipulability does, the others hardly change.
-        poor_below_ = select(known_ > T(0.0), poor_below_, manipulability * poor_share_);
-        wanted.conditioning = {none(), manipulability < poor_below_};
-        slow_to_velocity_limits(motion_, wanted);
-        if (!any(busy & !right)) return;
-        const Rates<T> others = judged_rates();
-        for (int f = 0; f < motion_.free_count; ++f) wanted.free[f] = select(right, wanted.free[f], others.free[f]);
-        wanted.conditioning = {select(right, none(), others.conditioning.singular),
-                               select(right, wanted.conditioning.poor, others.conditioning.poor)};
-        wanted.velocity_limited = select(right, wanted.velocity_limited, others.velocity_limited);
-        wanted.velocity_load = select(right, wanted.velocity_load, others.velocity_load);
-    }
-    Rates<T> judged_rates() const {
-        Posture<T> posture;
-        forward_kinematics(chain_, state.q, state.angle, posture);
-        return resolved_rates(chain_, motion_, posture, target);
+        Rates<T> still;
+        for (int f = 0; f < motion_.free_count; ++f) still.free[f] = 0.0;
+        still.conditioning = {none(), T(1.0)};
+        still.velocity_limited = none();
+        still.velocity_load = 0.0;
+        return still;
     }
 
     /// How much of the last leap lay before the next kink, as far as the loads at its ends can tell: more than all of it
@@ -324,9 +308,6 @@ class BrakingArm {
     /// The next leap is this much shorter than the last at most, or any product of some of the factors longer than that.
     static constexpr double shortest_ratio = 0.125,
                             ratio_factors[] = {8.0, 2.8284271247461903, 1.6817928305074290, 1.2968395546510096};
-    /// Near enough to a singularity for an arm that traces to ask at every step whether it is met. Farther off no leap gets
-    /// past it: the rates asked for would have grown by more than a leap may extrapolate.
-    static constexpr double tracing_poor_sine = 1e-3;
     /// Sum of what the joints turn, or go, in a leap at most [rad or m].
     static constexpr double longest_turn = 0.5;
     static constexpr double kink_jump = 10;  ///< of the error of a single sub-step
@@ -334,10 +315,9 @@ class BrakingArm {
     const Chain& chain_;
     const MotionSettings& motion_;
     const FullChangeInverse full_;
-    const PivotedRates<T> screws_;
-    const bool uses_screws_;
     const Kind kind_;
-    T tolerance_ = 1.0, slack_ = 1.0;
+    const double near_singular_below_;  ///< of the square of the least sine
+    T tolerance_ = 1.0, rate_tolerance_ = 1.0, slack_ = 1.0;
     bool begun_anew_ = true;  ///< a lane has, since the last `advance`
     /// Positions are kept as those of the beginning and what was gained since, by free joint: so roundings of the former do
     /// not add up.
@@ -347,11 +327,9 @@ class BrakingArm {
     T known_ = 0.0;                             ///< moments of the history, at most order
     T wish_ = 1.0;                              ///< length of the next leap
     T error_ = 0.0;                             ///< of the last leap that stood
-    MaskOf<T> judged_ = !none();                ///< lanes whose sines are asked for at every look
-    /// Squared manipulability below which a singularity is near, and that as a share of the one where the lane began.
-    T poor_below_ = 0.0, poor_share_ = 0.0;
-    MaskOf<T> reaches_ = none();  ///< the next sub-step will reach the rates asked for
-    MaskOf<T> reached_ = none(), poor_ = none(), poor_now_ = none(), singular_ = none(), limited_ = none();
+    MaskOf<T> reaches_ = none();                ///< the next sub-step will reach the rates asked for
+    MaskOf<T> reached_ = none(), near_singular_ = none(), near_singular_now_ = none(), singular_ = none(),
+              limited_ = none();
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -4,7 +4,6 @@
 
 #include <optional>
 
-#include "bumpstop/collision/certain_detection.hpp"
 #include "bumpstop/collision/known_outcomes.hpp"
 #include "bumpstop/collision/law_pieces.hpp"
 #include "bumpstop/collision/panel_cutter.hpp"

@@ -124,26 +124,28 @@ class FreeImpact {
     double cos_, sin_;
 };
 
-/// Tells the tracer when even the farthest body has been struck and should have got away: at constant speed that takes
+/// Ends a line once even the farthest body has been struck and should have got away: at constant speed that takes
 /// half an oscillation, and three halves leave room for an arm that does not keep its speed. One that speeds up may
 /// push for longer: see `all_parted`.
 template <class T>
-class CertainParting {
+class SeparationCriterion {
   public:
-    CertainParting(const FreeBody& body, const Timing& timing, double step, T largest_offset,
-                   double half_oscillations = 3)
-        : largest_(largest_offset),
-          patience_(half_oscillations * std::numbers::pi / body.frequency() / (timing.period * step) + 2) {}
+    SeparationCriterion(const FreeBody& body, const Timing& timing, double step, double largest_offset,
+                        double half_oscillations = 3)
+        : largest_offset_(largest_offset),
+          max_ticks_(half_oscillations * std::numbers::pi / body.frequency() / (timing.period * step) + 2) {}
 
-    MaskOf<T> operator()(const T& s, const T*) {
-        beyond_ += select(s > largest_, T(1.0), T(0.0));
-        return beyond_ > T(patience_);
+    void observe(const T& s, const T*) { s_ = s; }
+    bool finished(int moment) {
+        if (lane_of(s_, moment) > largest_offset_) ++ticks_;
+        return ticks_ > max_ticks_;
     }
 
   private:
-    T largest_;
-    double patience_;  ///< ticks beyond the farthest body
-    T beyond_ = 0.0;
+    double largest_offset_;  ///< m
+    double max_ticks_;       ///< beyond the farthest body
+    T s_;                    ///< distances of the moments observed [m]
+    int ticks_ = 0;          ///< beyond the farthest body so far
 };
 
 /// Whether every body up to `largest_offset` has got away before the last tick of a path, which touches all of them. A

@@ -34,13 +34,6 @@ struct FullChangeInverse {
     }
 };
 
-/// How far from 0 joints can be, by joint: a path ends at the limits, and passes them by a step at most.
-inline std::array<double, max_joints> farthest_travel(const MotionSettings& motion) {
-    std::array<double, max_joints> most{};
-    for (int j = 0; j < max_joints; ++j) most[j] = 2 * std::max(std::fabs(motion.lower[j]), std::fabs(motion.upper[j]));
-    return most;
-}
-
 template <class T>
 struct ArmState {
     T q[max_joints];   ///< rad or m

@@ -81,16 +81,6 @@ struct LinePath {
     }
 };
 
-/// Tells the tracer when nothing more can happen in a lane. `finished(s, torque_per_N)` is called at every
-/// tick with the distance and the contact torques per newton of all lanes and returns the lanes that need no
-/// further tick.
-struct NeverFinished {
-    template <class T>
-    MaskOf<T> operator()(const T&, const T*) {
-        return T(0.0) > T(1.0);
-    }
-};
-
 /// Where lines begin, one in each lane.
 template <class T>
 struct LineStart {

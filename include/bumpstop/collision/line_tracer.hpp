@@ -1,280 +1,358 @@
 /// @file
-/// Paths of a register full of poses, traced together with leaps that all of them can take.
+/// Paths along lines, each traced with steps of its own length until a criterion ends it.
 #pragma once
 
-#include <limits>
 #include <numeric>
 
-#include "bumpstop/collision/leap.hpp"
-#include "bumpstop/collision/line_controller.hpp"
+#include "bumpstop/collision/braking_arm.hpp"
 #include "bumpstop/collision/line_end.hpp"
-#include "bumpstop/collision/line_path.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Traces the paths of up to one register of poses.
-template <class T, class Finished>
+/// A line to follow.
+struct LineRequest {
+    const double* q = nullptr;  ///< joint positions it starts in [rad or m]
+    Vector3 velocity{};         ///< of the tool, base frame [m/s]
+};
+
+/// Some of them in the lanes of a register; those beyond the last hold it once more.
+template <class T>
+struct LineBatch {
+    T q[max_joints];
+    Point3<T> velocity;
+
+    LineBatch(const LineRequest* requests, int count, int dof) {
+        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
+            const LineRequest& request = requests[std::min(lane, count - 1)];
+            for (int j = 0; j < dof; ++j) set_lane(q[j], lane, request.q[j]);
+            set_lane(velocity.x, lane, request.velocity[0]);
+            set_lane(velocity.y, lane, request.velocity[1]);
+            set_lane(velocity.z, lane, request.velocity[2]);
+        }
+    }
+};
+
+/// Ends no line before its horizon.
+template <class T>
+struct NoCriterion {
+    void observe(const T&, const T*) {}
+    bool finished(int) { return false; }
+};
+
+/// How exactly lines are traced.
+enum class Tracing {
+    exact,  ///< as the controller's own sub-steps to 1e-11, for single laws: every step is kept
+    fast,   ///< for batches: distances between the ticks are interpolated
+};
+
+/// Traces lines, one in each lane; a lane takes the next line as soon as it is done with one. Positions inside a leap are
+/// read from its polynomial, a register of moments of one lane at a time.
+///
+/// `Criterion` tells when a line needs no further tick. `observe(s, torque_per_N)` is given moments of the line, one in
+/// each lane, with their distances along the normal [m] and contact torques by joint [Nm/N or 1]. For each of them that is a
+/// tick, in order, `finished(moment)` is called then.
+template <class T, Tracing tracing, class Criterion>
 class LineTracer {
+    using Arm = BrakingArm<T, tracing == Tracing::exact ? braking_order : loose_braking_order>;
+
   public:
-    LineTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing,
-               Finished& finished)
+    LineTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing)
         : chain_(chain),
           motion_(motion),
           contact_(contact),
           timing_(timing),
-          finished_(finished),
-          full_(motion),
-          controller_(chain, motion),
           stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
-          table_(stride_ * motion.substeps) {}
+          arm_(chain, motion, Arm::Kind::traces) {}
 
-    /// Traces into paths[0..count). Lane l of q and velocity belongs to paths[l]; surplus lanes must repeat a
-    /// valid pose.
-    void trace(const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
-        begin(q, velocity, paths, count);
-        step_ = 0;
-        while (record()) {
+    /// Traces line i of `count` into paths[i], until criteria[i] ends it.
+    void trace(const LineRequest* requests, Criterion* criteria, LinePath* paths, int count) {
+        begin(requests, paths, count);
+        int busy = std::min(lanes, count), next = busy;
+        for (int lane = 0; lane < lanes; ++lane) {
+            // Lanes without a line of their own stand where the last one began.
+            load(lane, requests, criteria, paths, std::min(lane, count - 1));
+            if (lane >= count) lane_[lane].path = nullptr;
+        }
+        T most = 0.0, margin = 0.0;
+        auto look = [&] { margin = detail::least_margin(motion_, arm_.state.q); };
+        auto refused = [](const auto&, const T&) { return T(0.0) > T(1.0); };
+        while (busy > 0) {
             allow_interruption();
-            const bool on_stride = step_ >= 1 && (step_ - 1) % stride_ == 0;
-            if (on_stride) remember();
-            if (on_stride && history_.leaps()) {
-                const Leap leap = try_leap();
-                if (leap == Leap::landed) continue;
-                if (leap == Leap::all_done) return;
+            for (int lane = 0; lane < lanes; ++lane) set_lane(most, lane, double(longest(lane)));
+            const T gone = arm_.advance(most, look, refused);
+            for (int lane = 0; lane < lanes; ++lane) {
+                Lane& at = lane_[lane];
+                if (at.path == nullptr || (at.begun && lane_of(gone, lane) == 0)) continue;
+                at.begun = true;
+                if (take(lane, int(lane_of(gone, lane)), lane_of(margin, lane))) continue;
+                if (next < count) {
+                    load(lane, requests, criteria, paths, next++);
+                } else {
+                    --busy;
+                }
             }
-            step();
-            ++step_;
         }
     }
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
-    enum class Leap { refused, landed, all_done };
+    /// Tolerances of leaps, as of the arm. Over a second at 1 rad/s the positions stay within 1e-10 rad of those of the
+    /// controller's sub-steps.
+    static constexpr int min_smooth_strides = 3;
+    static constexpr double exact_lag_tolerance = 1e-10, exact_rate_tolerance = 1e-11;
 
-    void begin(const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
-        paths_ = paths;
-        velocity_ = velocity;
-        history_.forget();
-        controller_.begin();
-        const LineStart<T> line = begin_line(chain_, motion_, contact_, timing_, q, velocity, paths, count);
-        state_ = line.state;
-        posture_ = line.posture;
-        rates_ = line.rates;
-        start_ = line.point;
-        normal_ = line.normal;
-        reached_ = T(0.0) < T(1.0);
-        for (int lane = 0; lane < lanes; ++lane) {
-            last_step_[lane] = timing_.steps + timing_.latency;
-            alive_[lane] = lane < count;
-        }
-    }
+    struct Lane {
+        LinePath* path = nullptr;  ///< null: the lane is done
+        Criterion* criterion = nullptr;
+        int gone = 0;  ///< sub-steps
+        int last_step = 0;
+        bool begun = false;  ///< the arm has been looked at
+        bool keep_every_step = false;
+        int smooth_from = 0;  ///< since this step the arm has followed its line, if it still does
+        Point3<T> start, normal;
+        double q[max_joints];                            ///< where held joints stay
+        double last_q[max_joints], last_qd[max_joints];  ///< of the free joints at the last step written
+        int next_step = 0;                               ///< none before it is still to be kept
+        int pending = 0;  ///< moments that wait to be written, until they fill a register
+        int step[lanes];  ///< of those
+        T pending_q[max_joints], pending_qd[max_joints];  ///< of the free joints then
+    };
 
-    /// Posture and wanted rates where the arm is. By the last digits of these rates leaps are told to be long enough.
-    void look() {
-        forward_kinematics(chain_, state_.q, state_.angle, posture_);
-        rates_ = resolved_rates(chain_, motion_, posture_, velocity_);
-    }
-
-    /// One simulation step of the controller as it runs.
-    void step() {
-        reached_ = reached_ & controller_.step(rates_, velocity_, state_);
-        look();
-    }
-
-    /// Keeps the rates for leaping; forgets all where some living lane did not have them over the whole
-    /// stretch.
-    void remember() {
-        bool smooth = true;
-        for (int lane = 0; lane < lanes; ++lane) {
-            if (alive_[lane]) smooth = smooth && lane_of(reached_, lane);
-        }
-        reached_ = T(0.0) < T(1.0);
-        if (!smooth) history_.forget();
-        history_.push(rates_.free, motion_.free_count);
-        if (may_double_ && history_.can_double()) history_.double_stride(motion_.free_count);
-        may_double_ = false;
-    }
-
-    /// Goes over the longest stride for which the rates found at its end are those extrapolated; else stays.
-    Leap try_leap() {
-        int left = std::numeric_limits<int>::max();  // steps until the first living lane's path is over
-        for (int lane = 0; lane < lanes; ++lane) {
-            if (alive_[lane]) left = std::min(left, last_step_[lane] - step_);
-        }
-        const ArmState<T> before = state_;
-        const Posture<T> posture_before = posture_;
-        const Rates<T> rates_before = rates_;
-        for (;;) {
-            if ((stride_ << history_.level()) <= left && lands(before)) break;
-            state_ = before;
-            posture_ = posture_before;
-            rates_ = rates_before;
-            if (history_.level() == 0) {
-                history_.forget();
-                return Leap::refused;
+    /// Begins all paths, and keeps the rates they begin with.
+    void begin(const LineRequest* requests, LinePath* paths, int count) {
+        first_rate_.resize(std::size_t(count) * chain_.dof);
+        for (int first = 0; first < count; first += lanes) {
+            const int here = std::min(lanes, count - first);
+            const LineBatch<T> start(requests + first, here, chain_.dof);
+            const LineStart<T> line =
+                begin_line(chain_, motion_, contact_, timing_, start.q, start.velocity, paths + first, here);
+            for (int lane = 0; lane < here; ++lane) {
+                for (int j = 0; j < chain_.dof; ++j)
+                    first_rate_[std::size_t(first + lane) * chain_.dof + j] = lane_of(line.state.qd[j], lane);
             }
-            history_.halve_stride(motion_.free_count);
-        }
-        return record_between(before) ? Leap::landed : Leap::all_done;
-    }
-
-    /// Puts the arm to the end of the stride. Is it where a leap may end?
-    bool lands(const ArmState<T>& before) {
-        const LeapWeights& weights = table_.full(history_.level());
-        place(before, weights);
-        look();
-        T difference = 0.0, largest = 0.0, use = 0.0;  // use: of the velocity limits
-        T change[max_joints], load[max_joints], most_load = 0.0;
-        limited_change(motion_, full_, rates_.free, state_, change, load);
-        for (int f = 0; f < motion_.free_count; ++f) {
-            const T rate = absolute(rates_.free[f]);
-            difference = maximum(difference, absolute(rates_.free[f] - history_.combine(weights.predict, f)));
-            largest = maximum(largest, rate);
-            use = maximum(use, rate * (1.0 / motion_.velocity_limit[motion_.free_joint[f]]));
-            most_load = maximum(most_load, load[f]);
-        }
-        // A limit may be passed inside a long leap that begins and ends below it.
-        const bool long_leap = history_.level() > 0;
-        const MaskOf<T> near_limit =
-            (T(long_leap ? 0.9 : 1.0) < minimum(use, 1.9 - use)) | (T(long_leap ? 0.9 : 1.0) < most_load);
-        const T margin = detail::least_margin(motion_, state_.q);
-        const auto agrees = difference <= (leap_tolerance * (history_.level() > 0 ? long_leap_margin : 1.0)) * largest;
-        const auto close = difference <= (leap_tolerance * doubling_margin) * largest;
-        may_double_ = true;
-        for (int lane = 0; lane < lanes; ++lane) {
-            if (!alive_[lane]) continue;
-            if (!lane_of(agrees, lane) || !(lane_of(margin, lane) > 0) || lane_of(rates_.conditioning.singular, lane) ||
-                lane_of(near_limit, lane))
-                return false;
-            may_double_ = may_double_ && lane_of(close, lane);
-        }
-        return true;
-    }
-
-    void place(const ArmState<T>& before, const LeapWeights& weights) {
-        for (int f = 0; f < motion_.free_count; ++f) {
-            const int j = motion_.free_joint[f];
-            state_.q[j] = before.q[j] + motion_.substep() * history_.combine(weights.sum, f);
-            state_.qd[j] = history_.combine(weights.last, f);
-            state_.angle.set(chain_, j, state_.q[j]);
         }
     }
 
-    /// Writes what lies inside a leap, stretch by stretch, and stands at its end. False when no lane goes on.
-    bool record_between(const ArmState<T>& before) {
-        const int stretches = 1 << history_.level();
-        if (stretches > 1) {
-            const ArmState<T> landing = state_;
-            const Posture<T> landing_posture = posture_;
-            for (int i = 1; i < stretches; ++i) {
-                place(before, table_.after(history_.level(), i));
-                forward_kinematics(chain_, state_.q, state_.angle, posture_);
-                fill_steps();
-                step_ += stride_;
-                if (!record()) return false;
+    void load(int lane, const LineRequest* requests, Criterion* criteria, LinePath* paths, int i) {
+        const LinePath& path = paths[i];
+        for (int j = 0; j < chain_.dof; ++j) {
+            set_lane(arm_.state.q[j], lane, requests[i].q[j]);
+            set_lane(arm_.state.qd[j], lane, first_rate_[std::size_t(i) * chain_.dof + j]);
+        }
+        set_lane(arm_.target.x, lane, path.velocity[0]);
+        set_lane(arm_.target.y, lane, path.velocity[1]);
+        set_lane(arm_.target.z, lane, path.velocity[2]);
+        if constexpr (tracing == Tracing::exact) {
+            arm_.begin(lane, exact_lag_tolerance, exact_rate_tolerance);
+        } else {
+            arm_.begin(lane, tracing_leap_tolerance, following_leap_tolerance);
+        }
+        Lane& at = lane_[lane];
+        at = Lane{};
+        at.path = &paths[i];
+        at.criterion = &criteria[i];
+        at.last_step = timing_.steps + timing_.latency;
+        at.start = {T(path.start[0]), T(path.start[1]), T(path.start[2])};
+        at.normal = {T(path.normal[0]), T(path.normal[1]), T(path.normal[2])};
+        std::copy_n(requests[i].q, chain_.dof, at.q);
+    }
+
+    int longest(int lane) const {
+        const Lane& at = lane_[lane];
+        if (at.path == nullptr) return 0;
+        // Whether a singularity is met is asked where a step ends.
+        if (lane_of(arm_.near_singular(), lane)) return motion_.substeps - at.gone % motion_.substeps;
+        return std::min(longest_tracing_leap, at.last_step * motion_.substeps - at.gone);
+    }
+
+    /// The next step that a lane keeps, if it is none after `last`: the end of its next stride, where the distances before it
+    /// can be interpolated from it and the ends of the three strides before.
+    int next_kept(const Lane& at, int last) const {
+        const int step = at.next_step;
+        if (at.keep_every_step || step <= 1 + 2 * stride_) return step;
+        if constexpr (tracing == Tracing::exact) {
+            // What lies in a stride is known while the arm's last leap is.
+            const bool begins = (step - 2) % stride_ == 0, ends = step - 1 + stride_ <= last;
+            return begins && ends && step - 1 - 2 * stride_ >= at.smooth_from ? step - 1 + stride_ : step;
+        } else {
+            // About the end of a motion that nothing was detected in, and after the last end of a stride.
+            const int before_end = timing_.steps - (timing_.steps - 1) % stride_;
+            if (at.path->end == PathEnd::horizon && step > before_end && step <= before_end + stride_) return step;
+            if (step > at.last_step - (at.last_step - 1) % stride_) return step;
+            return step + stride_ - 1 - (step + stride_ - 2) % stride_;
+        }
+    }
+
+    /// Keeps the moments a lane has passed, and writes them as soon as there are enough. False when its path is over.
+    bool take(int lane, int gone, double margin) {
+        Lane& at = lane_[lane];
+        LinePath& path = *at.path;
+        at.gone += gone;
+        path.velocity_limited = path.velocity_limited || arm_.limited(lane);
+        path.met_singularity = path.met_singularity || lane_of(arm_.near_singular(), lane);
+        const bool singular = at.gone % motion_.substeps == 0 && arm_.singular(lane);
+        const int last = at.gone / motion_.substeps;
+        // Where it will end is found step by step, and so that no step lies far behind, from well before on.
+        at.keep_every_step = at.keep_every_step || lane_of(arm_.near_singular(), lane) || margin < 0.05;
+        // A stride is shorter than a leap where a cubic is enough for its inside.
+        if (!arm_.smooth(lane) || gone < min_smooth_strides * stride_ * motion_.substeps) at.smooth_from = last + 1;
+        int wanted[lanes], known = 0;
+        for (int step = next_kept(at, last); step <= last; step = next_kept(at, last)) {
+            wanted[known++] = step;
+            at.next_step = step + 1;
+            if (at.pending + known == lanes) {
+                keep(lane, wanted, known);
+                if (!flush(lane)) return false;
+                known = 0;
             }
-            state_ = landing;
-            posture_ = landing_posture;
         }
-        fill_steps();
-        step_ += stride_;
-        return true;
+        if (known > 0) keep(lane, wanted, known);
+        const bool enough = 2 * at.pending >= lanes || singular || last >= at.last_step;
+        if (enough && !flush(lane)) return false;
+        if (singular) {
+            cut(lane, PathEnd::singularity, last);
+            at.path = nullptr;
+        }
+        return at.path != nullptr;
     }
 
-    /// The distances at the simulation steps inside a leap.
-    void fill_steps() {
-        const T s = distance();
-        for (int lane = 0; lane < lanes; ++lane) {
-            if (alive_[lane]) detail::fill_stride(paths_[lane].s, stride_, lane_of(s, lane));
+    /// Where a lane was at these steps of its last leap, in order.
+    void keep(int lane, const int* steps, int count) {
+        Lane& at = lane_[lane];
+        if (count == 1 && steps[0] * motion_.substeps == at.gone) {
+            // The end of the leap, where the arm is.
+            const int to = at.pending++;
+            at.step[to] = steps[0];
+            for (int f = 0; f < motion_.free_count; ++f) {
+                const int j = motion_.free_joint[f];
+                set_lane(at.pending_q[f], to, lane_of(arm_.state.q[j], lane));
+                set_lane(at.pending_qd[f], to, lane_of(arm_.state.qd[j], lane));
+            }
+            return;
+        }
+        T back, q[max_joints], qd[max_joints];
+        for (int i = 0; i < lanes; ++i)
+            set_lane(back, i, double(at.gone - steps[std::min(i, count - 1)] * motion_.substeps));
+        arm_.before(lane, back, q, qd);
+        if (at.pending == 0) {
+            std::copy_n(q, motion_.free_count, at.pending_q);
+            std::copy_n(qd, motion_.free_count, at.pending_qd);
+            std::copy_n(steps, count, at.step);
+            at.pending = count;
+            return;
+        }
+        for (int i = 0; i < count; ++i) {
+            const int to = at.pending++;
+            at.step[to] = steps[i];
+            for (int f = 0; f < motion_.free_count; ++f) {
+                set_lane(at.pending_q[f], to, lane_of(q[f], i));
+                set_lane(at.pending_qd[f], to, lane_of(qd[f], i));
+            }
         }
     }
 
-    T distance() const { return dot(posture_.position(contact_.point) - start_, normal_); }
-
-    /// Writes what is at this step into the paths. False when no lane goes on.
-    bool record() {
-        const int i = step_;
-        const int n = motion_.free_count;
-        const T s = distance();
-        const T margin = detail::least_margin(motion_, state_.q);
-        const bool tick = i >= 1 && (i - 1) % timing_.period == 0 && i - 1 < timing_.steps;
-        auto complete = T(0.0) > T(1.0);
+    /// Writes the moments of a lane that wait. False when its path is over.
+    bool flush(int lane) {
+        Lane& at = lane_[lane];
+        const int count = at.pending, n = motion_.free_count;
+        at.pending = 0;
+        if (count == 0) return true;
+        T q[max_joints];
+        for (int j = 0; j < chain_.dof; ++j) q[j] = at.q[j];
+        for (int f = 0; f < n; ++f) q[motion_.free_joint[f]] = at.pending_q[f];
+        JointAngles<T> angle;
+        for (int j = 0; j < chain_.dof; ++j) angle.set(chain_, j, q[j]);
+        Posture<T> posture;
+        forward_kinematics(chain_, q, angle, posture);
+        const Point3<T> point = posture.position(contact_.point);
+        const T s = dot(point - at.start, at.normal);
+        const T margin = detail::least_margin(motion_, q);
         T torque[max_joints];
-        if (tick) {
-            const Point3<T> p = posture_.position(contact_.point);
-            for (int j = 0; j < chain_.dof; ++j) {
-                torque[j] = j > contact_.point.link ? T(0.0) : dot(linear_column(chain_, posture_, p, j), normal_);
+        for (int j = 0; j < chain_.dof; ++j)
+            torque[j] = j > contact_.point.link ? T(0.0) : dot(linear_column(chain_, posture, point, j), at.normal);
+        at.criterion->observe(s, torque);
+        for (int i = 0; i < count; ++i) {
+            if (lane_of(margin, i) < 0) {
+                at.path->end_joint = detail::joint_at_limit(motion_, [&](int j) { return lane_of(q[j], i); });
+                cut(lane, PathEnd::joint_limit, at.step[i]);
+                at.path = nullptr;
+                return false;
             }
-            complete = finished_(s, torque);
+            write(lane, at.step[i], i, s, torque);
+            if (at.step[i] < at.last_step) continue;
+            at.path = nullptr;
+            return false;
         }
-        const int after_first = i - 1 - timing_.latency;
-        const bool reaction = after_first >= 0 && after_first % timing_.period == 0;
-        const bool early = i >= 1 && after_first < 0 && (i == 1 || after_first % timing_.period == 0);
-        bool running = false;
-        for (int lane = 0; lane < lanes; ++lane) {
-            if (!alive_[lane]) continue;
-            LinePath& path = paths_[lane];
-            const bool certain = path.end == PathEnd::certain_detection;
-            if (lane_of(margin, lane) < 0) {
-                alive_[lane] = false;
-                path.end_joint = detail::joint_at_limit(motion_, [&](int j) { return lane_of(state_.q[j], lane); });
-                cut(lane, PathEnd::joint_limit, last_q_, last_qd_);
-                continue;
-            }
-            path.s.push_back(lane_of(s, lane));
-            const bool singular = lane_of(rates_.conditioning.singular, lane);
-            if (lane_of(rates_.velocity_limited, lane)) path.velocity_limited = true;
-            if (tick && !certain) {
-                ++path.ticks;
-                for (int j = 0; j < chain_.dof; ++j) path.torque_per_N.push_back(lane_of(torque[j], lane));
-                if (lane_of(complete, lane)) {
-                    path.end = PathEnd::certain_detection;
-                    last_step_[lane] = i + timing_.latency;
-                }
-            }
-            if (early || (reaction && int(path.reaction_state.size()) < 2 * n * path.ticks)) {
-                std::vector<double>& to = early ? path.early_state : path.reaction_state;
-                for (int f = 0; f < n; ++f) to.push_back(lane_of(state_.q[motion_.free_joint[f]], lane));
-                for (int f = 0; f < n; ++f) to.push_back(lane_of(state_.qd[motion_.free_joint[f]], lane));
-            }
-            if (i >= last_step_[lane] || singular) alive_[lane] = false;
-            if (singular) cut(lane, PathEnd::singularity, state_.q, state_.qd);
-            running = running || alive_[lane];
-        }
-        std::copy_n(state_.q, chain_.dof, last_q_);
-        std::copy_n(state_.qd, chain_.dof, last_qd_);
-        return running;
+        return true;
     }
 
-    /// From the last step written, where the joints are at `q` and move at `qd`, the arm of a lane brakes.
-    void cut(int lane, PathEnd why, const T* q, const T* qd) {
+    /// From the last step written on the arm of a lane brakes.
+    void cut(int lane, PathEnd why, int met_step) {
+        const Lane& at = lane_[lane];
+        double q[max_joints], qd[max_joints] = {};
+        std::copy_n(at.q, chain_.dof, q);
+        for (int f = 0; f < motion_.free_count; ++f) {
+            q[motion_.free_joint[f]] = at.last_q[f];
+            qd[motion_.free_joint[f]] = at.last_qd[f];
+        }
         detail::cut_line(
-            chain_, motion_, contact_, timing_, why, step_, [&](int j) { return lane_of(q[j], lane); },
-            [&](int j) { return lane_of(qd[j], lane); }, paths_[lane]);
+            chain_, motion_, contact_, timing_, why, met_step, [&](int j) { return q[j]; },
+            [&](int j) { return qd[j]; }, *at.path);
+    }
+
+    void write(int lane, int step, int i, const T& s, const T* torque) {
+        Lane& at = lane_[lane];
+        LinePath& path = *at.path;
+        const int n = motion_.free_count;
+        if (int(path.s.size()) < step) detail::fill_stride(path.s, stride_, lane_of(s, i));
+        path.s.push_back(lane_of(s, i));
+        for (int f = 0; f < n; ++f) {
+            at.last_q[f] = lane_of(at.pending_q[f], i);
+            at.last_qd[f] = lane_of(at.pending_qd[f], i);
+        }
+        const int after_first = step - 1;
+        const bool tick = after_first >= 0 && after_first % timing_.period == 0 && after_first < timing_.steps;
+        if (tick && path.end != PathEnd::certain_detection) {
+            ++path.ticks;
+            double* to = added(path.torque_per_N, chain_.dof);
+            for (int j = 0; j < chain_.dof; ++j) to[j] = lane_of(torque[j], i);
+            if (at.criterion->finished(i)) {
+                path.end = PathEnd::certain_detection;
+                at.last_step = step + timing_.latency;
+            }
+        }
+        const int after_latency = after_first - timing_.latency;
+        const bool due = after_first == 0 || (after_first > 0 && after_latency % timing_.period == 0);
+        if (due && (after_latency < 0 || int(path.reaction_state.size()) < 2 * n * path.ticks)) {
+            double* to = added(after_latency < 0 ? path.early_state : path.reaction_state, 2 * n);
+            for (int f = 0; f < n; ++f) to[f] = at.last_q[f];
+            for (int f = 0; f < n; ++f) to[n + f] = at.last_qd[f];
+        }
+    }
+
+    /// Where so many values more may be written.
+    static double* added(std::vector<double>& values, int count) {
+        values.resize(values.size() + std::size_t(count));
+        return &values[values.size() - std::size_t(count)];
     }
 
     const Chain& chain_;
     const MotionSettings& motion_;
     const ContactGeometry& contact_;
     const Timing& timing_;
-    Finished& finished_;
-    const FullChangeInverse full_;
-    LineController<T> controller_;
     const int stride_;  ///< steps between the moments a path keeps: ticks, and beginnings of reactions
-    const LeapTable table_;
-
-    LinePath* paths_ = nullptr;
-    Point3<T> velocity_, start_, normal_;
-    ArmState<T> state_;
-    T last_q_[max_joints], last_qd_[max_joints];  ///< where the last step was written
-    Posture<T> posture_;
-    Rates<T> rates_;
-    RateHistory<T> history_;
-    bool may_double_ = false;  ///< the last leap landed so well that one of twice the stride may
-    int step_ = 0;             ///< steps behind us; posture and rates are those there
-    MaskOf<T> reached_;        ///< rates reached in every sub-step since the last `remember`
-    int last_step_[lanes];
-    bool alive_[lanes];
+    Arm arm_;
+    Lane lane_[lanes];
+    std::vector<double> first_rate_;  ///< [line][dof]
 };
+
+/// The path of one line.
+template <class T, class Criterion>
+LinePath trace_line(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                    const Timing& timing, const LineRequest& request, Criterion criterion) {
+    LinePath path;
+    LineTracer<T, Tracing::exact, Criterion>(chain, motion, contact, timing).trace(&request, &criterion, &path, 1);
+    return path;
+}
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -8,8 +8,6 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Survival below this ends a panel's ticks: nothing that is printed can feel it.
 inline constexpr double negligible_survival = 1e-18;
-/// A path need not be traced farther once its farthest body goes unnoticed with this probability or less.
-inline constexpr double certain_survival = 1e-20;
 
 /// Offsets low..high [m], whose first tick in contact is `tick`.
 struct Panel {

@@ -40,29 +40,6 @@ void set_lane_of_point(Point3<T>& point, int lane, const Vector3& value, double 
     set_lane(point.z, lane, scale * value[2]);
 }
 
-/// Tells jobs how near to a singularity they begin.
-template <class T>
-void find_least_squares(const Chain& chain, const MotionSettings& motion, const Timing& timing, ReactionJob* jobs,
-                        int count) {
-    constexpr int lanes = Scalar<T>::lanes;
-    for (int first = 0; first < count; first += lanes) {
-        T q[max_joints];
-        Point3<T> velocity;
-        for (int lane = 0; lane < lanes; ++lane) {
-            const ReactionJob& job = jobs[std::min(first + lane, count - 1)];
-            load_start(chain, motion, timing, job, lane, q);
-            set_lane_of_point(velocity, lane, job.path->velocity);
-        }
-        JointAngles<T> angle;
-        angle.set(chain, q);
-        Posture<T> posture;
-        forward_kinematics(chain, q, angle, posture);
-        const T least = resolved_rates(chain, motion, posture, velocity).conditioning.least_square;
-        for (int lane = 0; lane < lanes && first + lane < count; ++lane)
-            jobs[first + lane].least_square = lane_of(least, lane);
-    }
-}
-
 /// As of simulate_reactions, by leaps that go by so many values.
 template <int order, class T>
 void follow_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
@@ -82,7 +59,7 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
         set_lane_of_point(arm.target, lane, path.velocity, stopping ? 0 : -1);
         set_lane_of_point(normal, lane, path.normal);
         set_lane_of_point(start, lane, path.start);
-        arm.begin(lane, job.leap_tolerance, job.least_square);
+        arm.begin(lane, job.leap_tolerance);
         running.begin(lane, job, path.s[std::size_t(LinePath::reaction_step(job.tick, timing))],
                       longest_stop_time(motion, timing, path, job.tick));
     };
@@ -105,7 +82,7 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
     while (!running.all_done()) {
         allow_interruption();
         const T gone = arm.advance(running.longest_leaps(), look, refused);
-        const ReactionFates<T> fates = running.take({gone, distance, speed, arm.poor(), arm.reached()});
+        const ReactionFates<T> fates = running.take({gone, distance, speed, arm.near_singular(), arm.reached()});
         if (any(fates.home)) {
             arm_turned.take(fates.home, arm);
             running_turned.take(fates.home, running);
@@ -141,8 +118,6 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     } else {
         // Near singularities their long leaps enlarge roundings, which must be the same on every instruction set.
         using U = Unfused<T>;
-        // Where last digits matter, arms are asked on their way.
-        if (kind != ReactionKind::stop) detail::find_least_squares<U>(chain, motion, timing, jobs, count);
         detail::follow_reactions<loose_braking_order, U>(chain, motion, contact, timing, kind, jobs, count, detail);
     }
 }
@@ -171,7 +146,6 @@ void follow_closely_at_singularities(const Chain& chain, const MotionSettings& m
         of.push_back(i);
         again.push_back(jobs[i]);
         again.back().leap_tolerance = singular_leap_tolerance;
-        again.back().least_square = 0;  // the sines themselves tell how near the arm is
     }
     if (again.empty()) return;
     // Singularities enlarge roundings, which must be the same on every instruction set.

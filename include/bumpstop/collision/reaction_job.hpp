@@ -25,7 +25,6 @@ struct ReactionJob {
     const double* q = nullptr;     ///< joint positions the path started in: held joints keep theirs
     double return_to = 0;          ///< distance [m] behind which a point that reverses is back
     bool comes_back = true;        ///< else the first retreat is believed, whatever is near
-    double least_square = 0;       ///< as of Conditioning where it begins; 0 where the last digits matter
     bool came_back = false;        ///< result: on its way home the point came near its farthest again
     bool met_singularity = false;  ///< result: a singularity was near somewhere on its way
 

@@ -13,9 +13,9 @@ inline constexpr int steps_past_peak = 3;
 template <class T>
 struct ReactionLook {
     T gone;
-    T distance, speed;  ///< along the normal [m, m/s]
-    MaskOf<T> poor;     ///< a singularity is near
-    MaskOf<T> reached;  ///< the arm has the rates asked for
+    T distance, speed;        ///< along the normal [m, m/s]
+    MaskOf<T> near_singular;  ///< a singularity is near
+    MaskOf<T> reached;        ///< the arm has the rates asked for
 };
 
 /// What becomes of reactions after a look at them; the others go on.
@@ -126,7 +126,7 @@ class RunningReactions {
     ReactionFates<T> take(const ReactionLook<T>& look) {
         const MaskOf<T> moves = busy_ & started_ & (look.gone > T(0.0)), first = busy_ & !started_;
         const MaskOf<T> off = absolute(look.speed - approach_) > following_share * approach_;
-        astray_ = astray_ | (first & (look.poor | off) & !believed_);
+        astray_ = astray_ | (first & (look.near_singular | off) & !believed_);
         started_ = started_ | first;
         const T went = speed_ * look.gone * rules_.substep;
         move(moves, look);
@@ -144,8 +144,8 @@ class RunningReactions {
             leaves = whole & turned_ & (here_ > peak_) & ((!astray_) | (gone_ > patience_));
         peak_ = maximum(peak_, here_);
         write(whole & !(homing_ | leaves));
-        astray_ = astray_ | (goes & look.poor & !believed_);
-        note_singularities(busy_ & look.poor & !believed_);
+        astray_ = astray_ | (goes & look.near_singular & !believed_);
+        note_singularities(busy_ & look.near_singular & !believed_);
         const MaskOf<T> retreats = retreating_ >= steps_past_peak * substeps();
         turned_ = turned_ | (goes & retreats);
         if (rules_.stopping) {

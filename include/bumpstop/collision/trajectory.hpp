@@ -5,6 +5,7 @@
 
 #include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
+#include "bumpstop/collision/survival_criterion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -143,7 +144,7 @@ class ArmTrajectory {
         path.start = {origin.x, origin.y, origin.z};
         path.s.reserve(std::size_t(steps_) + 1);
         ThresholdDetector nobody;
-        CertainDetection<double> certain(detector ? *detector : nobody, timing_, step(), stiffness, 0.0);
+        SurvivalCriterion<double> criterion(detector ? *detector : nobody, timing_, step(), stiffness, 0.0);
         // An arm that speeds up pushes a body for as long as it does so: only the collision itself says when they part.
         const bool free = body_mass > 0;
         const FreeImpact<double> impact({stiffness, free ? body_mass : 1}, step());
@@ -164,7 +165,9 @@ class ArmTrajectory {
             for (std::size_t j = 0; j < n; ++j) torque[j] = touched ? dot(lever_[std::size_t(k) * n + j], normal) : 0.0;
             path.torque_per_N.insert(path.torque_per_N.end(), torque.begin(), torque.end());
             curve.farthest.push_back(farthest(k, begin, origin, normal, greatest));
-            if (detector && (free ? away : certain(path.s.back(), torque.data()))) {
+            criterion.observe(path.s.back(), torque.data());
+            const bool survives = !criterion.finished(0);
+            if (detector && (free ? away : !survives)) {
                 path.end = PathEnd::certain_detection;
                 break;
             }

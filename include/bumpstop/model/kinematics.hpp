@@ -45,9 +45,6 @@ inline LinkPoint link_point(const Chain& chain, int link, const Vector3& in_link
     return {link, chain.joint[link].to_link * in_link_frame};
 }
 
-/// Up to here the next terms of the series of JointAngles::turn are below 1e-17 [rad].
-inline constexpr double largest_small_turn = 0x1p-8;
-
 /// Sine and cosine of every joint's angle. Held and prismatic joints keep theirs.
 template <class T>
 struct JointAngles {
@@ -58,15 +55,6 @@ struct JointAngles {
         const SinCos<T> sc = sincos(joint.prismatic ? T(joint.offset) : q + joint.offset);
         sin[j] = sc.sin;
         cos[j] = sc.cos;
-    }
-    /// The joint turns by a little more, |by| <= largest_small_turn: right to the last digit, once; roundings add up.
-    void turn(int j, T by) {
-        const T square = by * by;
-        const T sine = by + by * square * (square * (1.0 / 120) - 1.0 / 6);
-        const T cosine_less_one = square * (square * (1.0 / 24) - 0.5);
-        const T s = sin[j], c = cos[j];
-        sin[j] = s + (s * cosine_less_one + c * sine);
-        cos[j] = c + (c * cosine_less_one - s * sine);
     }
     /// As of `set`, from an array of max_joints numbers, those beyond the last joint finite.
     void set_padded(const Chain& chain, const double* q) {

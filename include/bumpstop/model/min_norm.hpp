@@ -48,11 +48,10 @@ struct RowOf {
 /// would be looked at, which rounding may have chosen: it must be told how long rows of its kind are.
 template <class T>
 struct Conditioning {
-    MaskOf<T> singular;    ///< some sine below 1e-6
-    MaskOf<T> poor;        ///< some sine below 1e-2
-    T least_square = 0.0;  ///< of the sines: the square of the least
+    MaskOf<T> singular;  ///< some sine is below `singular_sine`
+    T min_sine_squared;  ///< of the sines: the square of the least, 0 where singular
 };
-inline constexpr double singular_sine = 1e-6, poor_sine = 1e-2;
+inline constexpr double singular_sine = 1e-6;
 
 /// Solves row[c] . x = target[c], c < Rows, for the x of least norm; `Columns` is the number of columns, or 0
 /// to take it from `columns` at run time.
@@ -76,7 +75,7 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, co
         BUMPSTOP_UNROLL
         for (int c = 0; c < Rows; ++c) before[c] = maximum(before[c], least_length[c]);
     }
-    T singular_margin = 1.0, poor_margin = 1.0, least = 1.0, least_before = 1.0;
+    T singular_margin = 1.0, least = 1.0, least_before = 1.0;
     BUMPSTOP_UNROLL
     for (int c = 0; c < Rows; ++c) {
         const T* u = row[c];
@@ -84,7 +83,6 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, co
         const T square = c == 0 ? first : Row::dot(u, u, columns);
         inverse[c] = 1.0 / maximum(square, T(1e-200));
         singular_margin = minimum(singular_margin, square - singular_sine * singular_sine * before[c]);
-        poor_margin = minimum(poor_margin, square - poor_sine * poor_sine * before[c]);
         const MaskOf<T> lesser = square * least_before < least * before[c];
         least = select(lesser, square, least);
         least_before = select(lesser, before[c], least_before);
@@ -100,7 +98,7 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, co
     for (int c = Rows - 1; c >= 0; --c)
         Row::add(x, (target[c] - Row::dot(row[c], x, columns)) * inverse[c], row[c], columns);
     const MaskOf<T> singular = singular_margin <= T(0.0);
-    return {singular, poor_margin <= T(0.0), select(singular, T(0.0), least / least_before)};
+    return {singular, select(singular, T(0.0), least / least_before)};
 }
 
 /// The damped least squares x = R' (R R' + damping^2 I)^-1 target is the same problem with `damping` times the

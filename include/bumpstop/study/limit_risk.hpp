@@ -54,7 +54,8 @@ struct KnownPath {
     bool shortened(const Timing& timing, Finished& finished, LinePath& to) const {
         const std::size_t free = 2 * std::size_t(path.free_count);
         for (int k = 0; k < path.ticks; ++k) {
-            if (!finished(path.at_tick(k, timing.period), &path.torque_per_N[std::size_t(k) * path.dof])) continue;
+            finished.observe(path.at_tick(k, timing.period), &path.torque_per_N[std::size_t(k) * path.dof]);
+            if (!finished.finished(0)) continue;
             to = path;
             to.ticks = k + 1;
             to.end = PathEnd::certain_detection;

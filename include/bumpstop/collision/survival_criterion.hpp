@@ -1,0 +1,58 @@
+/// @file
+/// How far a path must be traced: until no body that may be there can have gone undetected.
+#pragma once
+
+#include "bumpstop/collision/line_path.hpp"
+#include "bumpstop/detection/threshold.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Ends a line once even the farthest body would have been detected: once its probability of having gone undetected is
+/// below `negligible_survival`.
+template <class T>
+class SurvivalCriterion {
+  public:
+    static constexpr double negligible_survival = 1e-20;
+
+    /// `stiffness` of the contact [N/m], `step` of the simulation [s]; the farthest body is at `largest_offset` [m].
+    SurvivalCriterion(const ThresholdDetector& detector, const Timing& timing, double step, double stiffness,
+                      double largest_offset)
+        : detector_(&detector), stiffness_(stiffness), largest_offset_(largest_offset) {
+        while (unarmed_ticks_ <= timing.steps && !detector.armed((double(unarmed_ticks_) * timing.period + 1) * step))
+            ++unarmed_ticks_;
+    }
+
+    /// Some moments of the line, one in each lane: distances [m] and contact torques by joint [Nm/N or 1].
+    void observe(const T& s, const T* torque_per_N) {
+        force_ = maximum(s - largest_offset_, T(0.0)) * stiffness_;
+        for (int w = 0; w < detector_->watched; ++w) residual_[w] = torque_per_N[detector_->joint[w]] * force_;
+        no_alarm_ = 1.0;
+        if (detector_->filter == 0 && any(force_ > T(0.0)))
+            no_alarm_ = any_alarm<T>(*detector_, [&](int w) { return residual_[w]; }).silent;
+    }
+    /// Called once for each moment that is a tick, in order: whether no further tick is needed.
+    bool finished(int moment) {
+        const bool touched = lane_of(force_, moment) > 0;
+        double no_alarm = lane_of(no_alarm_, moment);
+        if (detector_->filter != 0) {
+            for (int w = 0; w < detector_->watched; ++w)
+                filtered_[w] = detector_->filtered(filtered_[w], lane_of(residual_[w], moment));
+            if (touched) no_alarm = any_alarm<double>(*detector_, [&](int w) { return filtered_[w]; }).silent;
+        }
+        if (tick_++ >= unarmed_ticks_ && touched) {
+            // Ticks with common noise do not multiply, but no silence is more probable than that of its loudest tick.
+            survival_ = detector_->correlation != 0 ? minimum(survival_, no_alarm) : survival_ * no_alarm;
+        }
+        return survival_ < negligible_survival;
+    }
+
+  private:
+    const ThresholdDetector* detector_;
+    double stiffness_, largest_offset_;
+    T force_, no_alarm_, residual_[max_joints];  ///< at the moments observed, without noise [N], [1], [Nm]
+    double filtered_[max_joints] = {};           ///< residual after the detector's filter, without noise [Nm]
+    int tick_ = 0, unarmed_ticks_ = 0;
+    double survival_ = 1;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
