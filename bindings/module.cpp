@@ -21,6 +21,5 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_exact_law(module);
     bumpstop::bind_batch(module);
     bumpstop::bind_foretold_force(module);
-    bumpstop::bind_limit_risk(module);
     bumpstop::bind_trajectory(module);
 }

@@ -101,8 +101,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.check("Two percent more does not", slack == 0, f"{slack} of {edges} do")
     late = sum(took > MAX_DURATION_S for _, took in seconds)
     findings.check(
-        "Under 200 ms each",
-        late == 0,
+        "Under 200 ms for 95 of 100",
+        late <= 0.05 * len(seconds),
         f"{late} of {len(seconds)} take longer; median {np.median([took for _, took in seconds]) * 1e3:.0f} ms, "
         f"longest {max(took for _, took in seconds) * 1e3:.0f} ms",
     )

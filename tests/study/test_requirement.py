@@ -381,7 +381,7 @@ class Step:
         self.evaluations, self._last, self._upward = 0, last, search.upward
         self.problem, self.force_limit, self.unnoticed = search.risks.problem, 1.0, 0.0
 
-    def at(self, value: float, *, closely: bool = False) -> Risk:
+    def at(self, value: float) -> Risk:
         met = value <= self._last if self._upward else value >= self._last
         return Risk(1e-9 if met else 0.5, 0.0, 0.0, "force", met)
 

@@ -207,7 +207,6 @@ class _Answer:
         if binding == "singularity":
             reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
             return self._result(None, binding, at, reason, ill_conditioned)
-        at = self.search.risks.at(self.search.mildest, closely=True)
         why = f"{mildest} limits are passed with a probability of {at.over:.2g}"
         deaf = self.search.risks.unnoticed
         limit = self.search.risks.force_limit

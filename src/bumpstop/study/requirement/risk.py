@@ -1,31 +1,23 @@
-"""The risk of one scenario while one thing about it is varied, at the price of a law and no more."""
+"""The risk of one scenario while one thing about it is varied: one integrated distribution a value."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.collision import CollisionProblem, integrate, stopping_curve
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
+from bumpstop.study.pose_batch import Arms
 from bumpstop.study.speed.motion_duration import duration_s
 
 if TYPE_CHECKING:
-    from bumpstop.collision import Scenario
+    from bumpstop.collision import CollisionResult, Scenario, StoppingCurve
     from bumpstop.study.variable import Variable
 
-# Travel in a tick that differs by more than this share is not that of a line at constant speed.
+# Travel in a control cycle that differs by more than this share is not that of a line at constant speed.
 _OFF_LINE = 1e-3
-# Below this accepted risk a tail is worked out by itself, to keep its digits.
-_FAR = 1e-5
-# A bound from below that is as much as this says all there is to say.
-_NEARLY_ALL = 0.9
-# Asked whether it is accepted without doubt, a risk below this is not known closely.
-_NEAR = 0.2
-# What changes neither the path nor the ticks on it: path and reactions of one value serve all others.
-_SAME_PATH = ("detector.thresholds", "contact.padding")
 # What changes the path itself.
 _NEW_PATH = ("motion.speed", "reaction.joint_acceleration_rad_s2")
 
@@ -42,18 +34,16 @@ class Risk:
     """What one value comes to.
 
     Attributes:
-        over: probability of passing the force or the pressure limit, whichever is greater; never detected counts as
-            over, in clamped contact of an arm that does not come to rest. Where the arm cannot follow its line, a
-            bound: from above where it is less than a tenth of the accepted risk, from below where it is more than ten
-            times as much, and near it to a part in a thousand from above. Where a singularity binds, that of collisions
-            unnoticed before it.
+        over: probability of exceeding the force or the pressure limit, whichever is greater; never detected counts as
+            over, in clamped contact of an arm that does not come to rest. Where a singularity binds, the probability
+            that a collision is not detected before the arm passes it.
         undetected: the part of it that is never detected.
         false_alarm: probability of an alarm before contact.
-        binding: ``"force"`` or ``"pressure"``, the limit passed more often; ``"singularity"`` where the arm passes one
-            and the force alone is not known to be a reason.
+        binding: ``"force"`` or ``"pressure"``, the limit exceeded more often; ``"singularity"`` where the limits are
+            met only because the arm gets across one.
         met: the risk is accepted. An arm that passes a singularity on its way may as well stop there, as the last
-            digits of its path will have it, so collisions it would notice beyond count as passing the limit too.
-        follows: the tool has the same travel from tick to tick.
+            digits of its path will have it, so collisions it would detect beyond count as exceeding the limit too.
+        follows: the contact point travels equally far in every control cycle.
     """
 
     over: float
@@ -69,7 +59,7 @@ class VariedRisk:
 
     Attributes:
         problem: of the scenario as given.
-        evaluations: laws worked out so far.
+        evaluations: distributions computed so far.
     """
 
     def __init__(self, scenario: Scenario, variable: Variable) -> None:
@@ -87,8 +77,6 @@ class VariedRisk:
         self._check()
         self.evaluations = 0
         self._given = variable.value(scenario)
-        self._path = core.KnownPath() if variable.name in _SAME_PATH else None
-        self._whole_tail = scenario.verdict.accepted_probability < _FAR
 
     def _check(self) -> None:
         problem = self.problem
@@ -128,74 +116,24 @@ class VariedRisk:
         with np.errstate(divide="ignore"):
             return float((problem.thresholds / np.abs(torque)).min())
 
-    def _force_limits(self) -> tuple[float, float]:
-        limits, contact = self.problem.limits, self.scenario.contact
-        assert limits is not None
-        return limits.force_N, limits.force_at_pressure_limit_N(contact.area_cm2, contact.peak_factor)
-
-    def at(self, value: float, *, closely: bool = False) -> Risk:
-        """The risk at one value of the variable; ``closely``: one that is passed is no bound, unless it is near 1."""
+    def at(self, value: float) -> Risk:
+        """The risk at one value of the variable."""
         self.evaluations += 1
         problem = self._varied(value)
-        if problem.body_mass is not None or problem.transient_limits is not None or self._whole_tail:
-            return self._at_by_law(problem)
-        by_force, by_pressure = self._force_limits()
-        accepted = self.scenario.verdict.accepted_probability
-        new_path = self.variable.name in _NEW_PATH
-
-        def ask(accepted: float) -> dict[str, Any]:
-            return core.limit_risk(
-                problem.setup,
-                problem.q,
-                problem.velocity,
-                problem.detector,
-                problem.stiffness,
-                problem.offset_kind,
-                problem.offset_size,
-                min(by_force, by_pressure),
-                accepted,
-                self._path,
-                new_path,
-            )
-
-        found = ask(accepted)
-        if closely and accepted < found["low"] < _NEARLY_ALL:
-            found = ask(1.0)
-            # Far below what is asked about it is a bound all the same; near it, it is not.
-            near = ask(found["low"]) if 0 < found["low"] < _NEAR else found
-            found = near if near["low"] > found["low"] else found
-        binding = "pressure" if by_pressure < by_force else "force"
-        over = min(1.0, found["high"] if found["high"] <= accepted or found["low"] <= accepted else found["low"])
-        met = over <= accepted
-        if new_path and found["low"] <= accepted < found["at_crossing"]:
-            over, met, binding = min(1.0, found["at_crossing"]), False, "singularity"
-        return Risk(
-            over,
-            min(1.0, found["undetected"]),
-            found["false_alarm"],
-            binding,
-            met,
-            found["follows"] or not self._straight(),
-        )
-
-    def _at_by_law(self, problem: CollisionProblem) -> Risk:
-        """The same by the whole law: for free contact, two phases, and tails too far out for interpolation."""
         curve = stopping_curve(problem)
         law = integrate(problem, curve)
-        verdict = law.verdict
+        verdict, accepted = law.verdict, self.scenario.verdict.accepted_probability
         force, pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
-        undetected = 0.0 if law.unbounded_because is None else law.undetected_probability
-        over = max(force, pressure)
+        over, binding = max(force, pressure), "pressure" if pressure > force else "force"
         step = np.diff(curve.tick_distance)
-        follows = not step.size or bool(np.ptp(step) <= _OFF_LINE * abs(step[0]))
-        return Risk(
-            over,
-            undetected,
-            law.false_alarm_probability,
-            "pressure" if pressure > force else "force",
-            over <= self.scenario.verdict.accepted_probability,
-            follows or not self._straight(),
-        )
+        even = not step.size or bool(np.ptp(step) <= _OFF_LINE * abs(step[0]))
+        met = over <= accepted
+        if met and not even and self.variable.name in _NEW_PATH:
+            before = _undetected_before_singularity(law)
+            if before > accepted:
+                over, met, binding = before, False, "singularity"
+        undetected = 0.0 if problem.body_mass is not None else law.undetected_over(self.force_limit)
+        return Risk(over, undetected, law.false_alarm_probability, binding, met, even or not self._straight())
 
     def _straight(self) -> bool:
         """Whether the point that hits goes straight on at an even speed, where the arm can follow its line."""
@@ -236,6 +174,42 @@ class VariedRisk:
                 getattr(problem, attribute)
             new.__dict__[attribute] = problem.__dict__[attribute]
         return new
+
+
+def _undetected_before_singularity(law: CollisionResult) -> float:
+    """Probability that a collision is not detected before the first singularity that the arm passes or stands at.
+
+    The path up to there is that of a motion which ends there; of one that passes none it is 0.
+    """
+    problem, curve = law.problem, law.curve
+    cycle = _first_cycle_beyond_singularity(problem, curve)
+    if cycle is None:
+        return law.undetected_probability if curve.end == "singularity" else 0.0
+    if cycle == 0:
+        return 1 - law.no_contact_probability
+    step = problem.scenario.simulation.step_s
+    motion = problem.scenario.motion.model_copy(update={"duration_s": (problem.period_steps * (cycle - 1) + 1) * step})
+    shorter = replace(problem, scenario=problem.scenario.model_copy(update={"motion": motion}))
+    before = integrate(shorter, stopping_curve(shorter))
+    # Neither an alarm nor a detection until then, less what touches nothing and alarms of the later cycles.
+    later = law.false_alarm_probability - before.false_alarm_probability
+    open_ = before.undetected_probability + before.no_contact_probability
+    return max(0.0, open_ - law.no_contact_probability - later)
+
+
+def _first_cycle_beyond_singularity(problem: CollisionProblem, curve: StoppingCurve) -> int | None:
+    """The first control cycle whose reaction would begin beyond a singularity; None where the arm passes none.
+
+    Only an arm with as many joints as its task has rows crosses singularities: with more it goes round them.
+    """
+    states = curve.kernel.reaction_state[: curve.ticks, 0]
+    free = [j for j in range(problem.robot.dof) if j not in problem.held]
+    if not len(states) or len(free) != (6 if problem.scenario.motion.task == "pose" else 3):
+        return None
+    along = np.tile(problem.q, (len(states) + 1, 1))
+    along[1:, free] = states
+    passed = Arms(problem, along, np.zeros((len(along), 3))).passes_singularity(along)
+    return int(passed.argmax()) if passed.any() else None
 
 
 def _clause(sentence: str) -> str:

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bumpstop.study.requirement.risk import Risk, VariedRisk
 from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple, initial_acceleration
 
@@ -18,6 +20,8 @@ _SCAN = 14
 _FINE_SCAN = 2 * _SCAN - 1
 _PRECISION, _ILL_CONDITIONED_PRECISION = 1e-4, 1e-3
 _MIN_RISK = 1e-30
+# A root search must see no zero: a value is met, or it is not.
+_SMALL = 1e-9
 # So much milder than a crossing of a risk that jumps others are looked for, in the logarithm.
 _BESIDE = (0.03, 0.024, 0.018, 0.012, 0.006)
 # Of a risk that is a sawtooth so many values are looked at, at most.
@@ -74,9 +78,9 @@ class RiskSearch:
         value, fails = self._refine_teeth(value, fails)
         if fails is None:
             return Crossing(value, None, ill_conditioned)
-        value, fails = self._bisect(value, fails, _ILL_CONDITIONED_PRECISION if ill_conditioned else _PRECISION)
+        value, fails = self._narrowed(value, fails, _ILL_CONDITIONED_PRECISION if ill_conditioned else _PRECISION)
         if ill_conditioned:
-            value, fails = self._bisect(*self._first_failure_beside(value, fails), _ILL_CONDITIONED_PRECISION)
+            value, fails = self._narrowed(*self._first_failure_beside(value, fails), _ILL_CONDITIONED_PRECISION)
         return Crossing(self._rounded(value), fails, ill_conditioned)
 
     def risk(self, value: float) -> Risk:
@@ -209,45 +213,29 @@ class RiskSearch:
             return hardness
         return 1 / (1 / hardness - 1 / self.risks.problem.body_stiffness)
 
-    def _bisect(self, met: float, fails: float, precision: float) -> tuple[float, float]:
-        """Narrow the last step down: by straight lines through the logarithms, and by halves where that is slow."""
-        halve = False
-        while True:
-            if self.quantum is not None:
-                middle = self._quantised((met + fails) / 2)
-                if middle in (met, fails):
-                    return met, fails
-            else:
-                width = math.log(fails / met)
-                if abs(width) < precision:
-                    return met, fails
-                share = 0.5 if halve else self._crossing(met, fails)
-                # Just beside the crossing, on the side that is farther away, so that the next one closes the bracket.
-                share = min(max(share + math.copysign(0.4 * precision / abs(width), 0.5 - share), 0.02), 0.98)
-                middle = met * math.exp(width * share)
-            new = (middle, fails) if self._met(middle) else (met, middle)
-            halve = not halve and abs(math.log(new[1] / new[0])) > 0.5 * abs(math.log(fails / met))
-            met, fails = new
+    def _narrowed(self, met: float, fails: float, precision: float) -> tuple[float, float]:
+        """The last step narrowed down to ``precision`` in the logarithm, or to whole steps."""
+        if self.quantum is not None:
+            while (middle := self._quantised((met + fails) / 2)) not in (met, fails):
+                met, fails = (middle, fails) if self._met(middle) else (met, middle)
+            return met, fails
+        width = math.log(fails / met)
+        if abs(width) < precision:
+            return met, fails
+        from scipy.optimize import brentq
 
-    def _crossing(self, met: float, fails: float) -> float:
-        """Share of the way from the value that is met at which the risk is the accepted one.
+        bracket = {0.0: met, 1.0: fails}
 
-        The line goes through the two values looked at whose risks are nearest to it; where that leads out of the
-        bracket, through its ends.
-        """
-        if self.risk(fails).binding == "singularity":
-            return 0.5
-        accepted = math.log(self.accepted)
-        points = [(math.log(value), math.log(max(risk.over, _MIN_RISK))) for value, risk in self.known.items()]
-        ends = [(math.log(value), math.log(max(self.risk(value).over, _MIN_RISK))) for value in (met, fails)]
-        points.sort(key=lambda point: abs(point[1] - accepted))
-        for (x, y), (x2, y2) in (points[:2], ends):
-            if y == y2:
-                continue
-            share = (x + (x2 - x) * (accepted - y) / (y2 - y) - ends[0][0]) / (ends[1][0] - ends[0][0])
-            if 0 < share < 1:
-                return share
-        return 0.5
+        def excess(share: float) -> float:
+            """Logarithm of risk over accepted risk; its sign says whether the value is met."""
+            value = bracket.setdefault(share, met * math.exp(width * share))
+            over = math.log(max(self.risk(value).over, _MIN_RISK) / self.accepted)
+            return min(over, -_SMALL) if self._met(value) else max(over, _SMALL)
+
+        brentq(excess, 0.0, 1.0, xtol=precision / abs(width), rtol=4 * np.finfo(float).eps)
+        # Brent's method keeps a root between two values that it has looked at, and ends when they are that close.
+        failing = min(share for share, value in bracket.items() if not self._met(value))
+        return bracket[max(share for share in bracket if share < failing)], bracket[failing]
 
     def _rounded(self, value: float) -> float:
         """To four digits on the safe side, where that is met too."""
