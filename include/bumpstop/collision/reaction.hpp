@@ -116,9 +116,7 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
     if (jobs->exact()) {
         detail::follow_reactions<braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
     } else {
-        // Near singularities their long leaps enlarge roundings, which must be the same on every instruction set.
-        using U = Unfused<T>;
-        detail::follow_reactions<loose_braking_order, U>(chain, motion, contact, timing, kind, jobs, count, detail);
+        detail::follow_reactions<loose_braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
     }
 }
 
@@ -148,9 +146,8 @@ void follow_closely_at_singularities(const Chain& chain, const MotionSettings& m
         again.back().leap_tolerance = singular_leap_tolerance;
     }
     if (again.empty()) return;
-    // Singularities enlarge roundings, which must be the same on every instruction set.
-    detail::follow_reactions<loose_braking_order, Unfused<T>>(chain, motion, contact, timing, kind, again.data(),
-                                                              int(again.size()), what);
+    detail::follow_reactions<loose_braking_order, T>(chain, motion, contact, timing, kind, again.data(),
+                                                     int(again.size()), what);
     for (std::size_t i = 0; i < of.size(); ++i) jobs[of[i]] = std::move(again[i]);
 }
 
