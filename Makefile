@@ -39,9 +39,12 @@ $(VENV)/.tested: $(VENV)/.built
 	$(BIN)/pip install --quiet $$($(EXTRA) test)
 	touch $@
 
-# A process for each core; more threads for matrices in each of them would only wait for one another.
+# A process for each core, the longest files first (tests/conftest.py); more threads for matrices in each of them would
+# only wait for one another. PROFILE=default draws other cases for property tests than those of every run.
+PROFILE ?= ci
 test: $(VENV)/.tested
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder \
+	--hypothesis-profile=$(PROFILE)
 
 # The lowest versions that pyproject.toml allows, in an environment of their own.
 $(VENV)/lowest/.made: $(VENV)/.built pyproject.toml
