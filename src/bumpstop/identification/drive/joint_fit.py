@@ -13,8 +13,8 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive.drive_model import CurrentLaw, JointMotion
 from bumpstop.identification.drive.observability import Sight, bounds, look, starting_values
-from bumpstop.identification.dynamics.dynamics_system import condition_of
 from bumpstop.identification.segments.drive_samples import DriveRows
+from bumpstop.identification.statistics.independent_columns import condition_of
 from bumpstop.identification.statistics.robust_fit import HUBER, RobustFit, at_bound, gauss_newton_step, robust_fit
 from bumpstop.joint.model import COMMON, OF_FRICTION, OF_MAP, JointParameters, Parameter
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -14,6 +13,14 @@ from bumpstop.arrays import FloatArray
 from bumpstop.identification.dynamics.regressor_columns import column_names, speeds_of, torque_columns
 from bumpstop.identification.statistics.clusters import blocks_of, clustered_covariance
 from bumpstop.identification.statistics.essential_parameters import essential_values
+from bumpstop.identification.statistics.held_out import PARTS, PIECES, SPREAD, Folds, by_fold, part_edges
+from bumpstop.identification.statistics.independent_columns import (
+    condition_of,
+    independent,
+    label_of,
+    normal_solution,
+    triangle_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,23 +32,11 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
     Groups = tuple[tuple[tuple[int, float], ...], ...]
-    Folds = Sequence[Sequence[int]]
 
 # Torque and columns of a fit are filtered at this many times the motion's cut-off: what the motion lost above its own
 # cut-off would otherwise shrink the torque's columns, but not the torque.
 FIT_PER_CUTOFF = 4.0
-# Columns that the others make up to this share of their length say nothing of their own.
-_DEPENDENT = 1e-4
-_RATHER_FIRST = 1e-8  # share of its length that a column counts less than the one before it
 _ROUNDS = 4  # of the joints' weights
-# Held-out fifths are made of so many parts of the rows each, spread over the time: where one stretch of a short
-# recording is all that shows a parameter, the other four fifths would otherwise know nothing of it.
-_FOLDS, _PARTS = 5, 20
-# Parts of every fold: spread over the time, or one piece of it, which the other four may not have been near to.
-SPREAD: tuple[tuple[int, ...], ...] = tuple(tuple(range(fold, _PARTS, _FOLDS)) for fold in range(_FOLDS))
-PIECES: tuple[tuple[int, ...], ...] = tuple(
-    tuple(range(fold * _PARTS // _FOLDS, (fold + 1) * _PARTS // _FOLDS)) for fold in range(_FOLDS)
-)
 # Parameters are left out of a joint's predictions where its held-out error falls to this share of it.
 _CLEARLY_LESS = 0.98
 _MIN_SIGN_SPEED = 1e-4  # [rad/s or m/s]
@@ -215,7 +210,7 @@ class System:
     def values(self) -> FloatArray:
         """Parameters (n, parameters) by weighted least squares; shortest ones, as for :meth:`fold_values`."""
         squares, moments, length, spread = self._products
-        whole = _normal(squares.sum(axis=0), moments.sum(axis=0), spread, self.rows.currents)
+        whole = normal_solution(squares.sum(axis=0), moments.sum(axis=0), spread, self.rows.currents)
         return np.asarray(whole / length)
 
     def fold_values(self, folds: Folds = SPREAD) -> list[FloatArray]:
@@ -228,9 +223,9 @@ class System:
         squares, moments, length, spread = self._products
         found = []
         for fold in folds:
-            others = [k for k in range(_PARTS) if k not in fold]
+            others = [k for k in range(PARTS) if k not in fold]
             own_square, own_moment = (x[others].sum(axis=0) for x in (squares, moments))
-            found.append(_normal(own_square, own_moment, spread, self.rows.currents) / length)
+            found.append(normal_solution(own_square, own_moment, spread, self.rows.currents) / length)
         return found
 
     @cached_property
@@ -253,7 +248,7 @@ class System:
         power = (self.wanted**2).sum(axis=0)
         spread = np.maximum(self.spread(self.wanted), 1e-9)
         for _ in range(_ROUNDS):
-            values = _normal(square, moment, spread, self.rows.currents)
+            values = normal_solution(square, moment, spread, self.rows.currents)
             left = power - 2 * (moment * values).sum(axis=1) + np.einsum("ji,jik,jk->j", values, square, values)
             spread = np.sqrt(np.maximum(left / self.counts, 1e-16 * power + 1e-24))
         return np.array(squares), np.array(moments), length, spread
@@ -261,7 +256,7 @@ class System:
     def left_out(self) -> FloatArray:
         """Unfiltered torque (M, n) of every fifth of the rows, with its margins, as the other four predict it."""
         parts = [slice(a, b) for a, b in pairwise(self.reach.edges(self._edges()))]
-        return _by_fold(self.raw, self.fold_values(), parts, SPREAD)
+        return by_fold(self.raw, self.fold_values(), parts, SPREAD)
 
     def held_out(self) -> FloatArray:
         """Mean square error (n,) of filtered torques on held-out fifths."""
@@ -277,12 +272,11 @@ class System:
 
     def held_out_parts(self, folds: Folds = SPREAD) -> FloatArray:
         """What each part, predicted from the other folds, has of the mean square error (parts, n)."""
-        squares = (self.wanted - _by_fold(self.columns, self.fold_values(folds), self._parts(), folds)) ** 2
+        squares = (self.wanted - by_fold(self.columns, self.fold_values(folds), self._parts(), folds)) ** 2
         return np.array([squares[part].sum(axis=0) for part in self._parts()]) / self.counts
 
     def _edges(self) -> list[int]:
-        edges: list[int] = np.linspace(0, self.wanted.shape[0], _PARTS + 1).astype(int).tolist()
-        return edges
+        return part_edges(self.wanted.shape[0])
 
     def _parts(self) -> list[slice]:
         return [slice(a, b) for a, b in pairwise(self._edges())]
@@ -316,7 +310,7 @@ class System:
         for folds in (SPREAD, PIECES):
             every, without = [], []
             for fold in folds:
-                others = [k for k in range(_PARTS) if k not in fold]
+                others = [k for k in range(PARTS) if k not in fold]
                 flat = np.concatenate([matrix[parts[k]] for k in others]).reshape(-1, len(own))
                 aim = np.concatenate([target[parts[k]] for k in others]).ravel()
                 square = np.concatenate([triangles[k] for k in others])
@@ -324,7 +318,7 @@ class System:
                 every.append(np.tile(plain, (n, 1)))
                 told = essential_values(flat, aim, blocks_of(aim - flat @ plain, n))
                 without.append(np.tile(told, (n, 1)))
-            errors = [((wanted - _by_fold(columns, own_, parts, folds)) ** 2).sum(axis=0) for own_ in (every, without)]
+            errors = [((wanted - by_fold(columns, own_, parts, folds)) ** 2).sum(axis=0) for own_ in (every, without)]
             joints &= errors[1] <= _CLEARLY_LESS * errors[0]
         if not joints.any():
             return None
@@ -355,27 +349,6 @@ class Solution:
     unseen: tuple[str, ...]
 
 
-def condition_of(matrix: FloatArray) -> float:
-    """Condition number of columns (N, p), each brought to length one; infinite where one is zero."""
-    triangle = np.linalg.qr(matrix, mode="r")
-    length = np.linalg.norm(triangle, axis=0)
-    return float(np.linalg.cond(triangle / length)) if length.size and length.min() > 0 else math.inf
-
-
-def held_out_share(columns: FloatArray, wanted: FloatArray) -> float | None:
-    """Share of the variance of ``wanted`` (N, n) left on fifths, each by columns (N, n, p) fitted to the other four."""
-    edges = np.linspace(0, wanted.shape[0], _PARTS + 1).astype(int)
-    fold = np.repeat(np.arange(_PARTS) % _FOLDS, np.diff(edges))
-    left = 0.0
-    for number in range(_FOLDS):
-        own = fold == number
-        matrix, target = columns[~own].reshape(-1, columns.shape[2]), wanted[~own].ravel()
-        values = np.linalg.lstsq(matrix, target, rcond=1e-9)[0]
-        left += float(((wanted[own] - columns[own] @ values) ** 2).sum())
-    spread = float(((wanted - wanted.mean(axis=0)) ** 2).sum())
-    return left / spread if spread > 0 else None
-
-
 @dataclass(frozen=True, eq=False)
 class Base:
     """Least squares on the independent columns of a system.
@@ -395,58 +368,3 @@ class Base:
     values: FloatArray
     weight: FloatArray
     error: FloatArray
-
-
-def _by_fold(columns: FloatArray, values: Sequence[FloatArray], parts: Sequence[slice], folds: Folds) -> FloatArray:
-    """Torque (rows, n) of columns (rows, n, parameters), each part by the values of its own fold."""
-    predicted = np.empty(columns.shape[:2])
-    for fold, own in zip(folds, values, strict=True):
-        for k in fold:
-            predicted[parts[k]] = np.einsum("tjp,jp->tj", columns[parts[k]], own)
-    return predicted
-
-
-def _normal(square: FloatArray, moment: FloatArray, spread: FloatArray, apart: bool) -> FloatArray:
-    """Least squares (n, p) from products (n, p, p) and (n, p) of joints that weigh by one over their spread (n,).
-
-    ``apart``: every joint has parameters of its own; else all have the same.
-    """
-    if apart:
-        return np.array(
-            [np.linalg.lstsq(own, sums, rcond=_DEPENDENT**2)[0] for own, sums in zip(square, moment, strict=True)]
-        )
-    weight = 1 / spread**2
-    values = np.linalg.lstsq(np.tensordot(weight, square, 1), weight @ moment, rcond=_DEPENDENT**2)[0]
-    return np.tile(values, (moment.shape[0], 1))
-
-
-def independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, float]]]]:
-    """Columns that the motion tells apart, and for each the others that move with it and by how much."""
-    from scipy.linalg import qr, solve_triangular
-
-    # Of columns that are as good as one another the first is taken, whatever the rounding of their rows.
-    scale = np.linalg.norm(matrix, axis=0) * (1 + _RATHER_FIRST * np.arange(matrix.shape[1]))
-    triangle, order = qr(matrix / scale, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    rank = int((diagonal > _DEPENDENT * diagonal[0]).sum())
-    chosen, rest = order[:rank], order[rank:]
-    groups: list[list[tuple[int, float]]] = [[] for _ in range(rank)]
-    if rest.size:
-        mixed = solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:])
-        mixed = mixed * scale[rest][None, :] / scale[chosen][:, None]
-        for i in range(rank):
-            # By their numbers: which of two alike is pivoted first is a matter of rounding.
-            groups[i] = sorted((int(c), float(k)) for c, k in zip(rest, mixed[i], strict=True) if abs(k) > 1e-3)
-    return chosen, groups
-
-
-def label_of(names: list[str], seen: np.ndarray, column: int, group: list[tuple[int, float]]) -> str:
-    """Name of a base parameter: the column's own, with the others that move with it."""
-    return names[int(seen[column])] + "".join(
-        f" {'+' if k > 0 else '-'} {abs(k):.4g} {names[int(seen[c])]}" for c, k in group
-    )
-
-
-def triangle_of(rows: FloatArray) -> FloatArray:
-    """Upper triangles (n, up to p, p) with the squares of rows (n, N, p)."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))

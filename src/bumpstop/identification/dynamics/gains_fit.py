@@ -17,17 +17,12 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
 from bumpstop.identification.dynamics.dynamics_model_selection import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
-from bumpstop.identification.dynamics.dynamics_system import (
-    FIT_PER_CUTOFF,
-    condition_of,
-    independent,
-    label_of,
-    triangle_of,
-)
+from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.identification.segments.torque_samples import TorqueRows, listed, still_joints
 from bumpstop.identification.statistics.clusters import clustered_covariance
+from bumpstop.identification.statistics.independent_columns import condition_of, independent, label_of, triangle_of
 from bumpstop.identification.statistics.robust_fit import visible_share
 
 if TYPE_CHECKING:

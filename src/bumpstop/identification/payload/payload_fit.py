@@ -11,10 +11,11 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics.dynamics_system import condition_of, held_out_share
 from bumpstop.identification.dynamics.regressor import INERTIAL, link_regressor
 from bumpstop.identification.segments.drive_samples import stretches_of, without_rotors
 from bumpstop.identification.segments.motion import GRAVITY, MIN_ROWS, EvenMotion, even_motion, lowpass, onto
+from bumpstop.identification.statistics.held_out import held_out_share
+from bumpstop.identification.statistics.independent_columns import condition_of
 from bumpstop.identification.statistics.robust_fit import long_run_covariance, visible_share
 from bumpstop.model.inertia import vector3
 from bumpstop.signal import correlation_time
