@@ -36,7 +36,7 @@ FLAGS = {
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma", "-mprefer-vector-width=512"],
 }
 COMMON = ["-std=c++20", "-O3", "-ffp-contract=fast"]
-TWIN_RUNS = 1000  # what the source drew for one distribution
+TWIN_RUNS = 1000  # what Schroeder (2013) drew for one distribution
 BATCH = 4000
 
 
@@ -74,7 +74,7 @@ def twin_seconds_per_run(scenario: bs.Scenario, runs: int = 12) -> float:
 
 
 def random_poses(robot: bs.Robot, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Poses as in the source's section 6.2.3, and velocities of N(10, 2) mm/s in directions even over the sphere."""
+    """Poses as in Schroeder's section 6.2.3, and velocities of N(10, 2) mm/s in directions even over the sphere."""
     rng = np.random.default_rng(623)
     q = rng.uniform(robot.lower, robot.upper, size=(count, robot.dof))
     q[:, 6] = 0
@@ -183,7 +183,7 @@ def detector() -> None:
 
 
 def study_rows() -> None:
-    """The source's workspace, what it takes besides laws, and the atlas of a trajectory."""
+    """Schroeder's workspace, what it takes besides laws, and the atlas of a trajectory."""
     row("", "measured", "target", None)
     rows, page = studies.workspace_command()
     source = f"study workspace, {studies.SOURCE_POSES} poses"
@@ -201,9 +201,7 @@ def study_rows() -> None:
 def main() -> None:
     """Print the table."""
     twin_library.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[kernels.target])
-    print(
-        f"kernels: {kernels.target}; one core; the twin needs {TWIN_RUNS} runs for a distribution like the source's\n"
-    )
+    print(f"kernels: {kernels.target}; one core; the twin needs {TWIN_RUNS} runs for a distribution like Schroeder's\n")
     row("", "measured", "target", None, "twin / ours")
     for path in sorted((REPOSITORY / "examples").glob("*.toml")):
         scenario = bs.load_scenario(path)

@@ -31,7 +31,7 @@ COMMAND = (sys.executable, "-c", "from bumpstop.cli.main import main; main()", "
 
 
 def workspace_without_laws() -> float:
-    """Processor time of all but the laws of the source's study [s]: poses, self-collision, files, summary, page."""
+    """Processor time of all but the laws of Schroeder's study [s]: poses, self-collision, files, summary, page."""
     scenario = bs.load_scenario(REPOSITORY / "examples/01_hand_downward.toml")
     slow = scenario.with_values({"motion.velocity_mm_s": [0, 0, -10]})
     study = WorkspaceStudy(
@@ -56,7 +56,7 @@ def workspace_without_laws() -> float:
 
 
 def workspace_command() -> tuple[float, float]:
-    """The source's study as a command on two threads: seconds to the table of its rows, and to the page."""
+    """Schroeder's study as a command on two threads: seconds to the table of its rows, and to the page."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         begin = time.time()
@@ -77,7 +77,7 @@ def workspace_command() -> tuple[float, float]:
 
 
 def foretold_case(poses: int = 4000) -> float:
-    """Processor time of one foretold case of the source's control group [s], the best of three."""
+    """Processor time of one foretold case of Schroeder's control group [s], the best of three."""
     scenario = bs.load_scenario(REPOSITORY / "examples/01_hand_downward.toml")
     robot = bs.Robot.load(scenario.robot)
     rng = np.random.default_rng(1)

@@ -31,7 +31,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     poses = 60 if quick else POSES
     findings.say(
         "Poses are uniform inside the joint limits, directions uniform on the sphere, speeds 10 mm/s with a standard "
-        "deviation of 2 mm/s, as in the source's section 6.2.3. Poses near singularities are among them: there, arms "
+        "deviation of 2 mm/s, as in Schroeder's section 6.2.3. Poses near singularities are among them: there, arms "
         "that react may swing back, and which do hangs on little. Differences of means, standard deviations and "
         f"quantiles are shares of what a single law says, where its mean is above {FELT_N:g} N; exceedances are those "
         f"of {LIMIT_N:g} N."

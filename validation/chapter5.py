@@ -1,4 +1,4 @@
-"""Shapes of the source's parameter study (its tables 5.3 and 5.4): mean peak force against five parameters."""
+"""Shapes of Schroeder's parameter study (its tables 5.3 and 5.4): mean peak force against five parameters."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from collision.cases import control_group
 from validation.facts import load
 from validation.findings import Cell, Findings
 
-TITLE = "Shapes of the parameter study (chapter 5 of the source)"
+TITLE = "Shapes of the parameter study (Schroeder 2013, chapter 5)"
 Floats = npt.NDArray[np.float64]
-# What the source calls the keys that the library varies by default.
+# What Schroeder (2013) calls the keys that the library varies by default.
 NAMES = {
     "contact.stiffness": "stiffness",
     "motion.speed": "speed",
@@ -38,7 +38,7 @@ def _control(**changes: object) -> bs.Scenario:
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
-    """Vary one parameter after the other and fit the source's relationship."""
+    """Vary one parameter after the other and fit Schroeder's relationship."""
     facts = load("dissertation")["parameter_study"]
     findings.say(
         "Mean peak force of the exact law in the standard pose, one parameter of table 5.2 varied at a time, by "
@@ -46,7 +46,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"source's own law explains less than {R2_WANTED:g} of the variance, the better one is named."
     )
     findings.say(
-        "The absolute numbers are the source's own and do not follow from its published parameters: its charts have "
+        "The absolute numbers are Schroeder's own and do not follow from its published parameters: its charts have "
         "about 109 N at the control group, where table 5.2 in the standard pose gives about 24 N, and no single pose "
         "explains them (one slope needs a moment arm of 0.14 m, another more force per second than stiffness times "
         "speed). They stand beside ours for the record and nothing is tested on them."
@@ -87,7 +87,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         findings.figures[name] = {"values": x, "mean_N": mean, "sd_N": own["sd_N"].to_numpy()}
     findings.table(
         "R2 of four laws, and derivatives of the mean peak force at the control group",
-        ["Parameter", "The source", *(f"R2 {name}" for name in LAWS), "dF/dx, ours", "dF/dx, source", "Unit"],
+        ["Parameter", "Schroeder (2013)", *(f"R2 {name}" for name in LAWS), "dF/dx, ours", "dF/dx, Schroeder", "Unit"],
         ["", "", *([".5f"] * len(LAWS)), ".4g", ".4g", ""],
         table,
     )
@@ -101,7 +101,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         Picture(
             "parameter-study",
             "Five panels: mean peak force against stiffness, speed, threshold, feedback period and joint acceleration.",
-            "Mean peak force of the exact law against each parameter of the study; the line is the source's law "
+            "Mean peak force of the exact law against each parameter of the study; the line is Schroeder's law "
             "fitted to our means.",
             lambda figure: _draw(figure, curves),
             height=5.6,
@@ -110,7 +110,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 
 
 def _absolute(findings: Findings) -> None:
-    """Forces the source states in newtons beside ours."""
+    """Forces Schroeder (2013) states in newtons beside ours."""
     facts: dict[str, Any] = load("dissertation")["simulator_validation"]
     plexiglas = bs.evaluate(
         _control(
@@ -121,10 +121,10 @@ def _absolute(findings: Findings) -> None:
     control = bs.evaluate(_control()).peak_force
     findings.table(
         "Absolute forces, for the record",
-        ["Case", "Ours, mean [N]", "Ours, sd [N]", "The source [N]"],
+        ["Case", "Ours, mean [N]", "Ours, sd [N]", "Schroeder (2013) [N]"],
         ["", ".1f", ".1f", ".1f"],
         [
-            # 128.8 a^-0.109 is the integral of the source's derivative in table 5.4, without a constant.
+            # 128.8 a^-0.109 is the integral of Schroeder's derivative in table 5.4, without a constant.
             ["control group (table 5.2)", control.mean, control.sd, 14.037 / 0.109 * 4.5**-0.109],
             ["Plexiglas, 50 mm/s (section 5.2)", plexiglas.mean, plexiglas.sd, float(facts["maximum_force_N"])],
         ],

@@ -1,4 +1,4 @@
-"""Effectiveness in the source's standard pose (its chapter 6): what it states, and what we find."""
+"""Effectiveness in Schroeder's standard pose (its chapter 6): what it states, and what we find."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from validation.facts import load
 from validation.findings import PROBABILITY, Cell, Findings, probability
 from validation.scores import probability_score
 
-TITLE = "Effectiveness in the standard pose (chapter 6 of the source)"
+TITLE = "Effectiveness in the standard pose (Schroeder 2013, chapter 6)"
 TABLE = "bgia2011"
 BODIES = ("hand_finger", "lower_arm_wrist", "upper_arm_elbow")
 AREAS_CM2 = (0.5, 1.0, 2.0)
-# The source drew 1000 runs: what it saw in none of them has a probability of a few thousandths at most.
+# Schroeder (2013) drew 1000 runs: what it saw in none of them has a probability of a few thousandths at most.
 SELDOM = 1e-3
 MORE_SELDOM = 1e-4
 
@@ -61,12 +61,12 @@ class Collisions:
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
-    """Ask the study for every collision of sections 6.2.1 and 6.2.2 and set it beside the source's statement."""
+    """Ask the study for every collision of sections 6.2.1 and 6.2.2 and set it beside Schroeder's statement."""
     del quick  # exact laws are quick
     facts = load("dissertation")["effectiveness"]
     findings.say(
         "Straight down or sideways in the standard pose, control-group detector and reaction (table 5.2), limits of "
-        "BG/BGIA 2011, by bumpstop study effectiveness. The source's charts are lost; its statements in words remain. "
+        "BG/BGIA 2011, by bumpstop study effectiveness. Schroeder's charts are lost; its statements in words remain. "
         "A collision counts as acceptable here when force and pressure pass their limits with a probability of at most "
         f"{SELDOM:g} each."
     )
@@ -77,7 +77,9 @@ def compare(findings: Findings, *, quick: bool) -> None:
     _lower_arm(findings, statements, facts, down)
     _upper_arm(findings, statements, down)
     _lateral(findings, statements, facts, aside)
-    findings.table("The source's statements beside ours", ["Section", "The source", "Ours"], ["", "", ""], statements)
+    findings.table(
+        "Schroeder's statements beside ours", ["Section", "Schroeder (2013)", "Ours"], ["", "", ""], statements
+    )
     headings = ["Body", "Speed [mm/s]", "Mean peak force [N]", "99 % [N]", "P(over force)"]
     headings += [f"P(over pressure), {area:g} cm2" for area in AREAS_CM2]
     formats = ["", "g", ".1f", ".1f", *([PROBABILITY] * (1 + len(AREAS_CM2)))]
@@ -92,7 +94,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 
 
 def _collisions(bodies: tuple[str, ...], direction: str, speeds: list[float]) -> Laws:
-    """What the study finds of the source's limit table, by body and speed."""
+    """What the study finds of Schroeder's limit table, by body and speed."""
     study = EffectivenessStudy.of(
         control_group(), list(bodies), [direction], [float(speed) for speed in speeds], list(AREAS_CM2)
     )
@@ -166,7 +168,7 @@ def _lower_arm(findings: Findings, statements: list[list[Cell]], facts: dict[str
     p = arm[75].over_pressure(2.0)
     score = probability_score("", p, counted, runs).score
     findings.check(
-        f"Lower arm, downward, 75 mm/s, 2 cm2: the source's {counted} of {runs} within three sampling errors",
+        f"Lower arm, downward, 75 mm/s, 2 cm2: Schroeder's {counted} of {runs} within three sampling errors",
         abs(score) < 3,
         f"we expect {runs * p:.2f}, {score:+.2f} errors",
     )

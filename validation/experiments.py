@@ -1,4 +1,4 @@
-"""The source's collisions of chapter 4 on the plant."""
+"""Schroeder's collisions of chapter 4 on the plant."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _collisions(findings: Findings, *, runs: int, speeds: int | None) -> None:
             peaks = [run.peak for run in row.hits] or [0.0]
             if name == "plexiglas" and row.speed_mm_s == 25 and row.source.peak_N is not None and runs > 1:
                 ratio = float(np.median(peaks)) / row.source.peak_N - 1
-                findings.check(f"{where}: median peak within 25 % of the source's", abs(ratio) <= 0.25, f"{ratio:+.1%}")
+                findings.check(f"{where}: median peak within 25 % of Schroeder's", abs(ratio) <= 0.25, f"{ratio:+.1%}")
             alarms = sum(run.false_alarm for run in row.runs)
             of_source = ["" if value is None else f"{value:.1f}" for value in (row.source.force_N, row.source.peak_N)]
             shown.append(
@@ -61,14 +61,14 @@ def _collisions(findings: Findings, *, runs: int, speeds: int | None) -> None:
             )
         findings.table(
             f"{name}: {runs} runs a speed, medians",
-            ["Object, speed", "Noticed", "False alarms", "At detection [N]", "Source", "Peak [N]", "Source"],
+            ["Object, speed", "Noticed", "False alarms", "At detection [N]", "Schroeder", "Peak [N]", "Schroeder"],
             ["", "d", "d", ".1f", "", ".1f", ""],
             shown,
         )
 
 
 def fitted(name: str, seeds: int = 3) -> tuple[float, float]:
-    """Stiffness [N/m] and reaction latency [s] that fit the source's peaks at the two slowest speeds.
+    """Stiffness [N/m] and reaction latency [s] that fit Schroeder's peaks at the two slowest speeds.
 
     Every point of the grid sees the same few draws of friction and place, so that only the two parameters differ.
     """
@@ -101,7 +101,7 @@ def fitted(name: str, seeds: int = 3) -> tuple[float, float]:
 def _fit(findings: Findings, name: str, *, runs: int) -> None:
     stiffness, latency = fitted(name)
     findings.say(
-        f"{name}: the source's peaks at the two slowest speeds are fitted best by {stiffness:.0f} N/m and a reaction "
+        f"{name}: Schroeder's peaks at the two slowest speeds are fitted best by {stiffness:.0f} N/m and a reaction "
         f"{1e3 * latency:.1f} ms after the alarm, within the ranges searched. The other speeds are foretold with them."
     )
     made = CollisionExperiment(name=name, stiffness=stiffness, latency_s=latency)
@@ -114,7 +114,7 @@ def _fit(findings: Findings, name: str, *, runs: int) -> None:
         shown.append([f"{row.speed_mm_s:g} mm/s, {use}", found, row.peak_N, 100 * (found / row.peak_N - 1)])
     findings.table(
         f"{name}: peaks after the fit, median of {runs} runs",
-        ["Speed", "Plant [N]", "Source [N]", "Difference [%]"],
+        ["Speed", "Plant [N]", "Schroeder [N]", "Difference [%]"],
         ["", ".1f", ".1f", "+.1f"],
         shown,
     )

@@ -1,4 +1,4 @@
-"""Figures of the source and of the reference runs, typed out in TOML files that live outside the repository."""
+"""Figures of Schroeder (2013) and of the reference runs, typed out in TOML files that live outside the repository."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""False alarms against speed in four variants of the detector, and where those of the source may come from."""
+"""False alarms against speed in four variants of the detector, and where those of Schroeder (2013) may come from."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _variants(findings: Findings, *, runs: int, speeds: list[float]) -> None:
     findings.say(
         f"{runs} contact-free motions at each speed, with the thresholds of table 4.2: the smallest force that is "
         f"noticed for sure, {made.threshold_force():.1f} N at the hand, is that of the threshold and alike for all "
-        "variants. Once with the source's arming delay, once armed from the start. An alarm counts once until half a "
+        "variants. Once with Schroeder's arming delay, once armed from the start. An alarm counts once until half a "
         "second was quiet."
     )
     counts: dict[tuple[float, float, Residual, bool], int] = {}
@@ -94,7 +94,7 @@ def _variants(findings: Findings, *, runs: int, speeds: list[float]) -> None:
         )
     armed = sum(counts[ARMING_S, speed, "direct", False] for speed in speeds)
     findings.check(
-        "The source's variant, with its arming delay: fewer than one motion in a hundred alarms",
+        "Schroeder's variant, with its arming delay: fewer than one motion in a hundred alarms",
         armed < 0.01 * runs * len(speeds),
         f"{armed} of {runs * len(speeds)}",
     )
@@ -142,8 +142,8 @@ def _draw(
 
 def _causes(findings: Findings, *, speeds: list[float], quick: bool) -> None:
     findings.say(
-        "The source had false alarms with residuals of joint 2 of -10.6, -28.6 and -58.9 Nm at 75, 175 and 200 mm/s. "
-        "Three causes, each planted alone, with the source's residual: direct, without reflected inertia. Speed "
+        "Schroeder (2013) had false alarms with residuals of joint 2 of -10.6, -28.6 and -58.9 Nm at 75, 175 and 200 "
+        "mm/s. Three causes, each planted alone, with Schroeder's residual: direct, without reflected inertia. Speed "
         "gathered so slowly that the arming delay ends first; gears that give, and ring with a damping ratio; one lost "
         "sample where samples are taken to be evenly spaced."
     )

@@ -22,7 +22,7 @@ _STANDS = 1e-4  # a joint slower than that has come to the end of a move [rad/s]
 
 
 def moves(number: int, count: int) -> list[Command]:
-    """The moves of a workspace motion of the source one by one, each from rest to rest."""
+    """The moves of a workspace motion of Schroeder (2013) one by one, each from rest to rest."""
     whole = workspace(source_arm(), number, count)
     slow = np.flatnonzero(np.abs(whole.qd).max(axis=1) < _STANDS)
     # Of the milliseconds around each halt the slowest; a move is longer than a tenth of a second.
@@ -69,7 +69,7 @@ def recordings(parts: list[Command], count: int, scatter_per: ScatterPer, first_
 
 
 def residuals(logs: list[Recording], kind: Residual) -> Iterator[ResidualSeries]:
-    """Residuals of the joints that the source watched, as a loop would have them."""
+    """Residuals of the joints that Schroeder (2013) watched, as a loop would have them."""
     made = CollisionExperiment(name="plexiglas", residual=kind).detector()
     settings = replace(made.settings, arming_delay_s=0.0)
     detector = Detector(made.robot, made.model, made.thresholds, settings)

@@ -1,4 +1,4 @@
-"""The plant beside the force law, beside table 3.1 and beside section 3.2 of the source."""
+"""The plant beside the force law, beside table 3.1 and beside section 3.2 of Schroeder (2013)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forces foretold from the pose alone, against exact laws of random cases and against the source's predictors."""
+"""Forces foretold from the pose alone, against exact laws of random cases and against Schroeder's predictors."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     q[:, 6] = 0.0
     alike = _cases(control, q, 0.05 * draw_directions("sphere", np.zeros(3), poses, rng))
     _predictors(findings, "all of them varied", varied)
-    _predictors(findings, "the source's control group, pose and direction varied", alike)
+    _predictors(findings, "Schroeder's control group, pose and direction varied", alike)
 
 
 def _cases(scenario: bs.Scenario, q: Floats, velocity: Floats) -> Cases:

@@ -1,4 +1,4 @@
-"""The source's protocol on the plant: do the intervals of what it finds hold what was planted?"""
+"""Schroeder's protocol on the plant: do the intervals of what it finds hold what was planted?"""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"{seeds} seeds at {' and '.join(f'{rate:g}' for rate in rates)} Hz with 1 % lost samples; friction, maps and "
         "scatter of table 2.2, rotors planted, gears that do no more. "
         f"{len(settings.speed_shares)} speeds, {settings.repeats} repeats, {settings.holds} holds of "
-        f"{settings.hold_s:g} s from either side: far fewer than the source's. Joint 1 is not visible on an upright "
+        f"{settings.hold_s:g} s from either side: far fewer than Schroeder's. Joint 1 is not visible on an upright "
         "base: it and joint 6 are shown once more on a base tilted by 30 degrees, with 4 kg at the tip."
     )
     plain = recovered(source_plan(settings), range(seeds), rates, (4,) if quick else ())

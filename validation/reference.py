@@ -1,4 +1,4 @@
-"""Peak forces of the standard pose against an independent scalar transcription of the source's simulator."""
+"""Peak forces of the standard pose against an independent scalar transcription of Schroeder's simulator."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
     facts = load("reference_results")
     samples = 20_000 if quick else 1_000_000
     findings.say(
-        "The source's arm in its standard pose moves straight down onto a hand and onto a lower arm. The reference "
-        f"is a scalar transcription of the source's simulator, written independently, with {REFERENCE_RUNS} runs a "
+        "Schroeder's arm in its standard pose moves straight down onto a hand and onto a lower arm. The reference "
+        f"is a scalar transcription of Schroeder's simulator, written independently, with {REFERENCE_RUNS} runs a "
         f"row. Compared are the exact law and the sampled law with {samples} runs."
     )
     columns = [

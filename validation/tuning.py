@@ -76,7 +76,7 @@ def _plant(
             what = f"friction anew per {scatter}, {kind}, {records[0].watched_s / 3600:.2g} h"
             rows += [_judged(findings, what, target, records, unseen) for target in targets]
     findings.say(
-        f"The plant goes through {moves} moves of the source's first workspace motion, {seconds:.0f} s, with sensors "
+        f"The plant goes through {moves} moves of Schroeder's first workspace motion, {seconds:.0f} s, with sensors "
         f"and friction of other seeds every time; residuals of joints 1 to 6 at 250 Hz. Each of {count} recordings of "
         f"{rounds} rounds is tuned on, and its thresholds are put on the {others} that follow, "
         f"{others * rounds * seconds / 3600:.1f} h that were not used."

@@ -1,4 +1,4 @@
-"""The source's study of random poses (its section 6.2.3) with exact laws instead of single runs."""
+"""Schroeder's study of random poses (its section 6.2.3) with exact laws instead of single runs."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from twin import simulate_seeded
 from validation.facts import load
 from validation.findings import Cell, Findings
 
-TITLE = "Random poses and directions (section 6.2.3 of the source)"
+TITLE = "Random poses and directions (Schroeder 2013, section 6.2.3)"
 Floats = npt.NDArray[np.float64]
 LIMIT_N = 135.0  # hand, clamped, BG/BGIA 2011
-# Joint accelerations: that of table 5.2, and one of a brisker arm. The source read its own from a file not printed.
+# Joint accelerations: that of table 5.2, and one of a brisker arm. Schroeder (2013) read its own from a file not
+# printed.
 ACCELERATIONS_RAD_S2 = (4.5, 20.0)
 # Damped least squares, the way many controllers cross singularities: the arm gets slower there instead of faster.
 DAMPING = 0.01
 DIRECTIONS: dict[DirectionLaw, str] = {"polar": "polar angle even", "sphere": "even on the sphere"}
-BIN_N = 10.0  # as wide as the source states its most common force
+BIN_N = 10.0  # as wide as Schroeder (2013) states its most common force
 MOST_COMMON_N = (30.0, 50.0)
 # Bins differ by more than chance if their counts differ by this many standard errors.
 BEYOND_CHANCE = 2.0
@@ -74,8 +75,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.say(
         f"{count} poses, each joint even between its limits, joint 7 held at 0; the tool moves at "
         f"N({study['speed_mean_mm_s']}, {study['speed_sd_mm_s']}) mm/s and hits a hand, clamped, 75 000 N/m, force "
-        f"limit {LIMIT_N:g} N. The source ran one collision each of {study['samples']} poses; here every pose has its "
-        "whole law, by bumpstop study workspace. Singularities end the motion instead of being crossed with a "
+        f"limit {LIMIT_N:g} N. Schroeder (2013) ran one collision each of {study['samples']} poses; here every pose "
+        "has its whole law, by bumpstop study workspace. Singularities end the motion instead of being crossed with a "
         "truncated inverse, unless joint rates are damped. Joint limits end it too, and velocity limits slow it; the "
         "source's simulator had neither, and 'no limits' is without both. Collisions never detected count as over the "
         "limit."
@@ -97,7 +98,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 
 
 def _limits(findings: Findings, robot: bs.Robot, study: dict[str, Any], pose_facts: dict[str, Any]) -> None:
-    """Show the joint ranges beside the source's, in the source's angles."""
+    """Show the joint ranges beside Schroeder's, in Schroeder's angles."""
     sign, offset = np.array(pose_facts["urdf_sign"]), np.array(pose_facts["urdf_offset_deg"])
     ends = sign * (np.degrees([robot.lower, robot.upper]) - offset)
     low, high = ends.min(axis=0), ends.max(axis=0)
@@ -113,8 +114,8 @@ def _limits(findings: Findings, robot: bs.Robot, study: dict[str, Any], pose_fac
             )
         rows.append([f"{j + 1}", *ours, *theirs])
     findings.table(
-        "Ranges of the joints, in the source's angles",
-        ["Joint", "From [deg]", "To [deg]", "Source, from [deg]", "Source, to [deg]"],
+        "Ranges of the joints, in Schroeder's angles",
+        ["Joint", "From [deg]", "To [deg]", "Schroeder, from [deg]", "Schroeder, to [deg]"],
         ["", ".0f", ".0f", ".0f", ".0f"],
         rows,
     )
@@ -148,7 +149,7 @@ def _study(
 
 
 def _against_the_twin(findings: Findings, facts: dict[str, Any], *, quick: bool) -> None:
-    """Run one collision of every pose in the slow twin, as the source did, and count those over the limit."""
+    """Run one collision of every pose in the slow twin, as Schroeder (2013) did, and count those over the limit."""
     rows: list[list[Cell]] = []
     walls: list[list[Cell]] = []
     for acceleration in ACCELERATIONS_RAD_S2:
@@ -196,7 +197,7 @@ def _against_the_twin(findings: Findings, facts: dict[str, Any], *, quick: bool)
         rows,
     )
     findings.table(
-        f"Undamped poses without velocity limits, against one plane and against the source's walls: share over "
+        f"Undamped poses without velocity limits, against one plane and against Schroeder's walls: share over "
         f"{LIMIT_N:g} N",
         [
             "Acceleration",
@@ -210,7 +211,7 @@ def _against_the_twin(findings: Findings, facts: dict[str, Any], *, quick: bool)
         walls,
     )
     findings.say(
-        "The source's simulator has three walls, one across each axis, each with a distance of its own drawn from that "
+        "Schroeder's simulator has three walls, one across each axis, each with a distance of its own drawn from that "
         "axis's speed, and each felt behind the start as well. An arm that moves obliquely meets the nearest of them "
         "with a fraction of its speed, and one that is turned aside meets those beside its line."
     )
@@ -224,7 +225,7 @@ def _against_the_twin(findings: Findings, facts: dict[str, Any], *, quick: bool)
 def _twin_passes(study: WorkspaceStudy, row: dict[str, Any], number: int, *, walls: bool = False) -> bool:
     """Whether one collision of the twin at the pose of a row passes the limit; one never detected does.
 
-    ``walls``: against three walls, and with an inverse that drops what is smaller by 1e-7, as the source had it.
+    ``walls``: against three walls, and with an inverse that drops what is smaller by 1e-7, as Schroeder (2013) had it.
     """
     scenario = study.scenario
     velocity = np.array([row[f"velocity_{axis}_m_s"] for axis in "xyz"])
@@ -303,14 +304,14 @@ def _report(findings: Findings, studies: list[Case], facts: dict[str, Any]) -> N
                 f"{MOST_COMMON_N[0]:g} to {MOST_COMMON_N[1]:g} N",
                 elsewhere - there <= BEYOND_CHANCE * np.sqrt(there + elsewhere),
                 f"fullest bin {begin:g} to {end:g} N; {there:.0f} poses in the fullest there, {elsewhere:.0f} in the "
-                f"fullest elsewhere; the source: {low} to {high} N",
+                f"fullest elsewhere; Schroeder (2013): {low} to {high} N",
             )
     shares = ", ".join(f"{100 * study.summary['p_over_force']['mean']:.1f} %" for study in studies)
     findings.say(
-        f"The source has less than {100 * facts['over_force_limit_fraction_max']:g} % over {LIMIT_N:g} N; we find "
-        f"{shares} in the order of the table. Nothing is tested on the share: it hangs on the joint acceleration, "
-        "which the source does not print, on the law of directions, and on what an arm does at a singularity or a "
-        "joint limit. Without limits the share should be the source's: its simulator had none. With them its arm goes "
+        f"Schroeder (2013) has less than {100 * facts['over_force_limit_fraction_max']:g} % over {LIMIT_N:g} N; we "
+        f"find {shares} in the order of the table. Nothing is tested on the share: it hangs on the joint acceleration, "
+        "which Schroeder (2013) does not print, on the law of directions, and on what an arm does at a singularity or "
+        "a joint limit. Without limits the share should be Schroeder's: its simulator had none. With them its arm goes "
         "on where ours ends before contact; the next column counts those cases as over."
     )
     findings.figures |= {

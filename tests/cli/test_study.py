@@ -141,9 +141,9 @@ def test_a_page_tells_what_it_calls_the_source_and_speaks_of_it_where_it_belongs
     pages["bodies"] = (tmp_path / "bodies" / "report.html").read_text(encoding="utf-8")
     for page in pages.values():
         main, footer = page.split("<footer>")
-        assert ("the source" in main.lower()) is ("The source is K. Schroeder" in footer)
-    assert "the source" in pages["hand"].lower()
-    assert "the source" not in pages["bodies"].lower()
+        assert ("Schroeder" in main) is ("Schroeder (2013): K. Schroeder" in footer)
+    assert "Schroeder" in pages["hand"]
+    assert "Schroeder" not in pages["bodies"]
 
 
 def test_settings_repeat_the_study(tmp_path: Path) -> None:

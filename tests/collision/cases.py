@@ -1,4 +1,4 @@
-"""Scenarios the collision tests share: the source's control group, and others that differ from it in every way."""
+"""Scenarios the collision tests share: Schroeder's control group, and others that differ from it in every way."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UR10E_POSE = [10, -80, 110, -120, -90, 20]
 
 
 def control_group(**changes: Any) -> Scenario:
-    """A hand under the SIA5D's tool at 50 mm/s (the source's tables 5.2 and 6.1); dotted keys with ``__``."""
+    """A hand under the SIA5D's tool at 50 mm/s (Schroeder's tables 5.2 and 6.1); dotted keys with ``__``."""
     data: dict[str, Any] = {
         "robot": "sia5d",
         "pose_deg": SIA5D_POSE,

@@ -109,7 +109,7 @@ def test_statistics_of_noise_drawn_by_the_twin_itself() -> None:
 
 
 def test_one_plane_is_the_walls_where_the_motion_is_along_an_axis_and_differs_where_it_is_oblique() -> None:
-    """The source's three walls bend the force of an oblique motion; one plane is the physical model."""
+    """Schroeder's three walls bend the force of an oblique motion; one plane is the physical model."""
     for velocity, same in (([0, 0, -50], True), ([40, 0, -50], False)):
         scenario = control_group(motion__velocity_mm_s=velocity, detector__noise_sd_Nm=0.0)
         settings = twin_of(scenario)

@@ -1,4 +1,4 @@
-"""The source's chapter 6 in the standard pose, as an independent scalar transcription of its simulator worked it out.
+"""Schroeder's chapter 6 in the standard pose, as an independent scalar transcription of its simulator worked it out.
 
 Columns: speed mm/s, mean, sd, median, p95, p99, force at detection, then P(over the force limit), P(over the pressure
 limit with 1 cm²) and with 2 cm². 10 000 runs a row.
@@ -54,7 +54,7 @@ def test_row(body: str, speed: int, samples: int | None) -> None:
 
 
 def test_the_sources_29_of_1000() -> None:
-    """Lower arm, downward, 75 mm/s, 2 cm²: the source counted 29 of its 1000 runs over the pressure limit."""
+    """Lower arm, downward, 75 mm/s, 2 cm²: Schroeder (2013) counted 29 of its 1000 runs over the pressure limit."""
     scenario = control_group(contact__body="lower_arm_wrist", contact__area_cm2=2.0, motion__velocity_mm_s=[0, 0, -75])
     over = bs.evaluate(scenario).verdict.p_over_pressure
     assert over is not None

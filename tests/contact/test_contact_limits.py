@@ -20,7 +20,7 @@ def test_crossing_area_of_the_cranium() -> None:
     cranium = BGIA.contact_limits("cranium_forehead", "clamped")
     crossing = cranium.crossing_area_cm2
     assert crossing == pytest.approx(130 / 30, rel=1e-15)
-    # The source's two examples around figure 6.1: 1 cm² at 40 N fails by pressure, 5 cm² at 140 N by force.
+    # Schroeder's two examples around figure 6.1: 1 cm² at 40 N fails by pressure, 5 cm² at 140 N by force.
     assert (cranium.governing(1.0), cranium.allowed_force_N(1.0)) == ("pressure", 30)
     assert (cranium.governing(5.0), cranium.allowed_force_N(5.0)) == ("force", 130)
 

@@ -1,4 +1,4 @@
-"""The source's fit, step by step, on currents simulated from a known joint model along the plan's own motions."""
+"""Schroeder's fit, step by step, on currents simulated from a known joint model along the plan's own motions."""
 
 from __future__ import annotations
 

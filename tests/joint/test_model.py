@@ -164,7 +164,7 @@ def test_beyond_the_range_the_map_is_a_line_and_it_is_counted() -> None:
     assert m.notes() == ()
 
 
-# --- The source's model ----------------------------------------------------------------------------------------
+# --- Schroeder's model ----------------------------------------------------------------------------------------
 
 
 def test_sia5d_is_table_2_2() -> None:

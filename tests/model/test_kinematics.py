@@ -196,7 +196,7 @@ def test_sia5d_at_zero() -> None:
 
 
 def test_sia5d_with_its_tool_straight_down() -> None:
-    # The reference pose of the source: the tool's axis is x of the last link.
+    # The reference pose of Schroeder (2013): the tool's axis is x of the last link.
     pose = Robot.load("sia5d").pose(np.deg2rad([0.0, 30.0, 0.0, -20.0, 0.0, -40.0, 0.0]))
     np.testing.assert_allclose(pose[:3, 3], [0.428, 0.0, 0.188], rtol=0, atol=5e-4)
     np.testing.assert_allclose(pose[:3, 0], [0.0, 0.0, -1.0], rtol=0, atol=1e-15)

@@ -1,4 +1,4 @@
-"""The arm of the source with planted rotors, and what its recordings say: for tests and for the validation."""
+"""The arm of Schroeder (2013) with planted rotors, and what its recordings say: for tests and for the validation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bumpstop.signal import derivatives, zero_phase_lowpass
 
 Floats = npt.NDArray[np.float64]
 
-# Planted: the source left them out. Of the order of a harmonic drive's motor behind its gear.
+# Planted: Schroeder (2013) left them out. Of the order of a harmonic drive's motor behind its gear.
 ROTORS = [1.0, 1.0, 0.5, 0.35, 0.15, 0.15, 0.05]
 STANDARD = np.radians([0, 30, 0, -20, 0, -40, 0])
 SENSORS = Sensors(rate_hz=250.0, position_step=1e-6)
@@ -118,7 +118,7 @@ def press_error(kind: str, speed_mm_s: float, seed: int, into: float, cutoff_hz:
 
 
 def hit_scenario(pose: str, body: str, stiffness: float | None = None) -> bs.Scenario:
-    """The source's control group in a pose, against a body region."""
+    """Schroeder's control group in a pose, against a body region."""
     degrees, velocity = POSES[pose]
     contact = {"body": body, "area_cm2": 1.0, "offset_law": "uniform"}
     return bs.Scenario.from_dict(

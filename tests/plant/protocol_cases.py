@@ -1,4 +1,4 @@
-"""The source's protocol on the plant with planted parameters: how often intervals hold the truth."""
+"""Schroeder's protocol on the plant with planted parameters: how often intervals hold the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The source's collisions on the plant, with our detector."""
+"""Schroeder's collisions on the plant, with our detector."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ AHEAD = 0.005
 
 
 def hit(mass: float, stiffness: float, speed: float) -> tuple[Plant, PlantObject, PlantRun]:
-    """The arm of the source drives into a body until it has got away."""
+    """The arm of Schroeder (2013) drives into a body until it has got away."""
     robot = source_arm()
     x, y, z = robot.pose(STANDARD)[:3, 3]
     part = PlantObject(name="part", position=(x, y, z - AHEAD), normal=(0, 0, -1), stiffness=stiffness, body_mass=mass)

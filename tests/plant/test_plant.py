@@ -30,7 +30,7 @@ from plant.cases import (
 
 DOWN = [0.0, 0.0, -0.05]
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-# Table 3.1 of the source: pick and place, mean and sd of joints 1 to 6 [Nm].
+# Table 3.1 of Schroeder (2013): pick and place, mean and sd of joints 1 to 6 [Nm].
 MEAN = np.array([4.4391, 0.2607, -5.6133, 1.5958, -5.6335, 0.1112])
 SD = np.array([5.0078, 3.5832, 4.1414, 1.5317, 1.5256, 2.8138])
 

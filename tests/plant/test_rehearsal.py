@@ -1,4 +1,4 @@
-"""The source's protocol on the plant: one motion for many recorders, torques that move the arm, planted truth found."""
+"""Schroeder's protocol on the plant: one motion for many recorders, torques that move the arm, planted truth found."""
 
 from __future__ import annotations
 

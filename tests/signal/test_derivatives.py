@@ -304,7 +304,7 @@ def test_second_differences_that_assume_their_period_do_spike(rate: float) -> No
 
 @pytest.mark.parametrize("method", METHODS)
 def test_one_missing_sample(method: str) -> None:
-    """Table 4.4 of the source: one lost sample, and the second difference alarmed."""
+    """Table 4.4 of Schroeder (2013): one lost sample, and the second difference alarmed."""
     t, q, _ = record(250, 0, uneven=False, noise=0)
     lost = np.arange(len(t)) != 1000
     whole, gapped = METHODS[method](t, q)[lost], METHODS[method](t[lost], q[lost])

@@ -1,4 +1,4 @@
-"""The effectiveness study: what the source states in words (its chapter 6), safe speeds, and bodies without a limit."""
+"""The effectiveness study: what Schroeder (2013, chapter 6) states in words, safe speeds, bodies without a limit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BODIES = ["hand_finger", "lower_arm_wrist", "upper_arm_elbow"]
 
 @pytest.fixture(scope="module")
 def summary() -> dict[str, Any]:
-    """Three body parts of both tables, as the source moved."""
+    """Three body parts of both tables, as Schroeder (2013) moved."""
     return run(EffectivenessStudy.of(control_group(), bodies=BODIES), threads=2)[1]
 
 

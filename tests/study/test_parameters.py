@@ -1,4 +1,4 @@
-"""The parameter study: rows, the source's relationships, derivatives, and what is refused."""
+"""The parameter study: rows, Schroeder's relationships, derivatives, and what is refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from collision.cases import control_group, ur10e
 
 @pytest.fixture(scope="module")
 def control() -> tuple[bs.Scenario, pl.DataFrame, dict[str, Any]]:
-    """The source's five parameters about its control group (table 5.2)."""
+    """Schroeder's five parameters about its control group (table 5.2)."""
     scenario = control_group(contact__stiffness_N_m=5600.0)
     rows, summary = run(ParameterStudy.of(scenario), threads=2)
     return scenario, rows, summary

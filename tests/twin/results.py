@@ -12,7 +12,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TwinRuns:
-    """What came out of each run. Maxima are taken from the step of detection on, as in the source.
+    """What came out of each run. Maxima are taken from the step of detection on, as in Schroeder (2013).
 
     Values that do not exist (a detection time without detection) are NaN, the tick is -1.
     """
@@ -28,7 +28,7 @@ class TwinRuns:
     max_force_N: Floats
     max_force_axis_N: Floats  # (runs, 3)
     max_compression_m: Floats
-    max_deflection_m: Floats  # the source's: distance to the surface, on whichever side of it
+    max_deflection_m: Floats  # Schroeder's: distance to the surface, on whichever side of it
     max_deflection_axis_m: Floats  # (runs, 3)
     max_travel_m: Floats  # along the normal, from the start
     contact_start_s: Floats  # interpolated between steps

@@ -56,7 +56,7 @@ class TwinSettings:
     contact_point_m: Sequence[float] = (0.0, 0.0, 0.0)  # in that link's frame
     normal: Sequence[float] | None = None  # None: the direction the contact point moves in at the start
     per_axis_walls: bool = False  # three walls across x, y, z instead of one plane
-    mirrored_walls: bool = True  # ... each of which is also felt, mirrored, behind the start, as in the source
+    mirrored_walls: bool = True  # ... each of which is also felt, mirrored, behind the start, as in Schroeder (2013)
 
     # Detector
     thresholds_Nm: float | Sequence[float]  # inf: that joint is not watched
@@ -69,7 +69,7 @@ class TwinSettings:
     reaction: Literal["reverse", "stop"] = "reverse"
     max_acceleration: float | Sequence[float]
     latency_steps: int = 0  # 0: the reaction begins in the step after the one of the detection
-    run_length_slip: bool = False  # the source's signed joint speed in the time simulated after detection
+    run_length_slip: bool = False  # Schroeder's signed joint speed in the time simulated after detection
     run_until_free: bool = False  # go on until a reversing arm has left the contact; changes contact_end_s only
     release_limit_s: float = 5.0  # ... but no longer than this
     step_s: float = 0.001

@@ -1,4 +1,4 @@
-"""The twin against the figures of another transcription of the source's simulator."""
+"""The twin against the figures of another transcription of Schroeder's simulator."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from twin import half_normal_offsets, simulate_seeded
 from twin.cases import sia5d
 
-# Straight down, 10 000 runs a row of another transcription of the source's simulator. Speed (mm/s); peak
+# Straight down, 10 000 runs a row of another transcription of Schroeder's simulator. Speed (mm/s); peak
 # force (N): mean, sd, median, 95 %, 99 %; mean force at detection (N); shares of runs over the three limits.
 HAND = (75_000.0, (135.0, 60.0, 120.0))  # N/m; N: force limit, pressure limit on 1 cm², on 2 cm²
 LOWER_ARM = (40_000.0, (160.0, 50.0, 100.0))

@@ -188,7 +188,7 @@ def test_mirrored_walls_hit_an_arm_that_reverses_past_its_start():
     for runs in (mirrored, honest, plane):
         assert runs.detection_tick[0] == 0
         assert runs.end_time_s[0] == pytest.approx(0.089)
-        # The source's deflection counts the distance from the wall on either side.
+        # Schroeder's deflection counts the distance from the wall on either side.
         assert runs.max_deflection_m[0] == pytest.approx(0.00372 + offset, abs=1e-12)
     assert plane.max_force_N[0] == 0
     assert honest.max_force_N[0] == 0

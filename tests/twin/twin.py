@@ -127,7 +127,7 @@ def tick_count(settings: TwinSettings) -> int:
 
 
 def half_normal_offsets(settings: TwinSettings, runs: int, rng: np.random.Generator, sd_s: float = 0.1) -> Floats:
-    """Offsets as the source draws them: |N(0, sd_s x speed)|; for per-axis walls each axis's own speed."""
+    """Offsets as Schroeder (2013) draws them: |N(0, sd_s x speed)|; for per-axis walls each axis's own speed."""
     velocity = np.asarray(settings.velocity_m_s, dtype=np.float64)
     if settings.per_axis_walls:
         return np.abs(rng.normal(size=(runs, 3))) * sd_s * np.abs(velocity)

@@ -9,7 +9,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// What the slowest joint needs to stop [s]. The source counts from the detection on, with the rates the joints had then.
+/// What the slowest joint needs to stop [s]. Schroeder (2013) counts from the detection on, with the rates the joints
+/// had then.
 inline double longest_stop_time(const MotionSettings& motion, const Timing& timing, const LinePath& path, int tick) {
     const int n = motion.free_count;
     double longest = 0;

@@ -35,10 +35,10 @@ struct ReactionJob {
 /// What of a reaction is wanted. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses
 /// ends once the point retreats for good: on the way back nothing brings it forward again unless a singularity was near, or
 /// the arm did not follow its line and swings on. Such an arm is followed until half again the time has passed that the
-/// slowest joint needs to stop, and 50 ms more: the source's own length of a run after detection; and to its first retreat,
-/// if that is later. `every_step`: all steps; one that reverses is followed for as long, and until the point is back behind
-/// `return_to`. If after that time it gets farther than ever before instead, it ends before that: no force counts that
-/// `only_peak` does not know. A reaction that stops is followed until it has.
+/// slowest joint needs to stop, and 50 ms more: Schroeder's own length of a run after detection; and to its first
+/// retreat, if that is later. `every_step`: all steps; one that reverses is followed for as long, and until the point
+/// is back behind `return_to`. If after that time it gets farther than ever before instead, it ends before that: no
+/// force counts that `only_peak` does not know. A reaction that stops is followed until it has.
 enum class ReactionDetail { every_step, only_peak };
 
 /// Steps after which a reaction is left where it is: an arm that cannot reverse near a singularity must not run for ever.

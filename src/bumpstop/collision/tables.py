@@ -18,7 +18,7 @@ def result_table(law: CollisionResult) -> pl.DataFrame:
     """The law as a table.
 
     Of the exact law: one row per probability with the quantile of every quantity. Of the sampled law: one row per run
-    with what the source's simulator kept of it (its appendix), units in the names; joints are numbered from 1.
+    with what Schroeder's simulator kept of it (its appendix), units in the names; joints are numbered from 1.
     """
     return _quantile_table(law) if law.kind == "exact" else _run_table(law)
 
@@ -113,7 +113,7 @@ def _contacts(law: CollisionResult) -> tuple[FloatArray, FloatArray]:
 def _singular_values(law: CollisionResult, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Singular values of the six-row tip Jacobian (runs, min(6, dof)) and their ratio at a tick of every run.
 
-    As in the source, rotational and translational rows are mixed: the figures depend on the unit of length.
+    As in Schroeder (2013), rotational and translational rows are mixed: the figures depend on the unit of length.
     """
     problem, curve = law.problem, law.curve
     if problem.trajectory is not None:

@@ -1,6 +1,6 @@
 """What a body may take: regions, limit tables, and the force and pressure of clamped contact.
 
-"The source" whose equations and figures are cited here is K. Schroeder, Requirements for Effective Collision
+"Schroeder (2013)" whose equations and figures are cited here is K. Schroeder, Requirements for Effective Collision
 Detection on Industrial Serial Manipulators, The University of Texas at Austin, 2013.
 """
 

@@ -21,7 +21,7 @@ def clamped_force(stiffness_N_m: FloatArray, compression_m: float | FloatArray) 
 @overload
 def clamped_force(stiffness_N_m: float, compression_m: FloatArray) -> FloatArray: ...
 def clamped_force(stiffness_N_m: float | FloatArray, compression_m: float | FloatArray) -> float | FloatArray:
-    """Contact force F = K max(0, x), the source's eq 6.1 without tension [N].
+    """Contact force F = K max(0, x), Schroeder's eq 6.1 without tension [N].
 
     Args:
         stiffness_N_m: stiffness K of the body [N/m], finite and above 0. Tables give N/mm; the
@@ -54,7 +54,7 @@ def pressure_N_cm2(
 ) -> float | FloatArray:
     """Highest pressure in the contact, p = peak_factor F / area [N/cm2].
 
-    With a factor of 1 it is the stress of the source's section 6.1.3, force over area.
+    With a factor of 1 it is the stress of Schroeder's section 6.1.3, force over area.
 
     Args:
         force_N: contact force F [N].

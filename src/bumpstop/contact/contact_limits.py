@@ -27,7 +27,7 @@ class ContactLimits:
         force_N: force limit [N].
         pressure_N_cm2: limit on the highest pressure [N/cm2]; None where the table has none for the region.
         pressure_area: label of the row the pressure limit comes from; None without one.
-        stiffness_N_m: the region as a linear spring, k_CC of the source's eq 6.1 [N/m].
+        stiffness_N_m: the region as a linear spring, k_CC of Schroeder's eq 6.1 [N/m].
         effective_mass_kg: mass that moves when the region is struck [kg]; None where the table has none.
         force_source: where the force limit comes from.
         force_status: how well it is attested.
@@ -53,7 +53,7 @@ class ContactLimits:
 
     @property
     def crossing_area_cm2(self) -> float | None:
-        """Area at which both limits allow the same force, F / p [cm2]: the corner in the source's figure 6.1.
+        """Area at which both limits allow the same force, F / p [cm2]: the corner in Schroeder's figure 6.1.
 
         On a smaller area the pressure limit governs, on a larger one the force limit. With uneven pressure
         the corner lies at this area times the peak factor. None without a pressure limit or when not

@@ -253,7 +253,7 @@ def residual_band(
 
 
 def required_torque(residual: PerJoint, threshold: PerJoint) -> tuple[FloatArray, FloatArray]:
-    """Contact torques that must be passed to be noticed upward and downward (the source's table 4.1).
+    """Contact torques that must be passed to be noticed upward and downward (Schroeder's table 4.1).
 
     Args:
         residual: without contact, a number or (n,) [Nm].
@@ -269,7 +269,7 @@ def required_torque(residual: PerJoint, threshold: PerJoint) -> tuple[FloatArray
 def largest_undetected_torque(threshold: PerJoint, torque_rate: PerJoint, period_s: float) -> FloatArray:
     """Largest contact torque that may go undetected when the residual was anywhere between the thresholds before.
 
-    ``2 threshold + |torque_rate| period`` (the source's eqs 4.2 and 4.3): the band from one threshold to the other, and
+    ``2 threshold + |torque_rate| period`` (Schroeder's eqs 4.2 and 4.3): the band from one threshold to the other, and
     what the torque grows between two samples.
 
     Args:
@@ -285,7 +285,7 @@ def largest_undetected_torque(threshold: PerJoint, torque_rate: PerJoint, period
 
 
 def largest_undetected_force(torque: PerJoint, torque_per_newton: PerJoint) -> FloatArray:
-    """Force along a direction that gives each joint a torque (the source's eq 4.4), infinite where it gives none.
+    """Force along a direction that gives each joint a torque (Schroeder's eq 4.4), infinite where it gives none.
 
     Args:
         torque: largest undetected, of each joint, a number or (n,) [Nm].

@@ -35,7 +35,7 @@ class DetectorSettings:
         limit_margin: positions this far outside their limits are impossible [rad or m].
         largest_signal: (n,) currents or torques beyond are impossible; None: any finite one will do.
         grace_s: how long the detector may be blind before it asks for a stop [s].
-        arming_delay_s: after a motion begins nothing is judged for so long [s]; the source has 0.5.
+        arming_delay_s: after a motion begins nothing is judged for so long [s]; Schroeder (2013) has 0.5.
         event_pause_s: while an alarm stands, a residual that passes its threshold after so long below is another event
             [s]; infinite: it never is.
         rest_time_s: all joints slower than their rest_speed for so long: the arm rests, and is judged [s].

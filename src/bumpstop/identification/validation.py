@@ -1,6 +1,6 @@
 """How good a model is on a recording: table 3.1, error by speed and acceleration, and contact (eqs 3.2 to 3.8).
 
-Schroeder 2013, chapter 3. Errors have the source's sign: predicted less measured (eq 3.1).
+Schroeder (2013), chapter 3. Errors have its sign: predicted less measured (eq 3.1).
 """
 
 from __future__ import annotations

@@ -174,7 +174,7 @@ class JointParameters:
             return
         A, B = self.value("A"), self.value("B")
         reach = math.inf if self.current_range is None else max(map(abs, self.current_range))
-        # The source's map bends down on one side or the other, whichever sign A has.
+        # Schroeder's map bends down on one side or the other, whichever sign A has.
         bend = A if self.map == "odd" else -abs(A)
         least = B if bend >= 0 else B + 2 * bend * reach
         if least > 0:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bumpstop.collision.trajectory.trajectory import Trajectory
     from bumpstop.model import Robot
 
-# Of the source's controller: rates are resolved every 0.2 ms, positions given every 1 ms.
+# Of Schroeder's controller: rates are resolved every 0.2 ms, positions given every 1 ms.
 COMMAND_STEP = 1e-3
 SUBSTEPS = 5
 _MAX_DURATION_S = 3600.0

@@ -1,4 +1,4 @@
-"""The motions of the source's validation: pick and place, two through the whole workspace, and pressing."""
+"""The motions of Schroeder's validation: pick and place, two through the whole workspace, and pressing."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from importlib import resources
 from typing import TYPE_CHECKING
 
@@ -18,9 +17,9 @@ if TYPE_CHECKING:
     from bumpstop.report.section import Part
 
 # Pages go to people who have not read these.
-_THE_SOURCE = (
-    "The source is K. Schroeder, Requirements for Effective Collision Detection on Industrial Serial Manipulators, The "
-    "University of Texas at Austin, 2013."
+_SCHROEDER_2013 = (
+    "Schroeder (2013): K. Schroeder, Requirements for Effective Collision Detection on Industrial Serial "
+    "Manipulators, The University of Texas at Austin, 2013."
 )
 
 
@@ -62,7 +61,7 @@ class Document:
         )
         main = element("main", *(part.html(figures) for part, figures in self.sections))
         about = [element("p", self.about)] if self.about else []
-        told = [element("p", _THE_SOURCE)] if re.search(r"\b[Tt]he source\b", main) else []
+        told = [element("p", _SCHROEDER_2013)] if "Schroeder" in main else []
         body = element(
             "body",
             element("header", element("p", self.kind, class_="kind"), element("h1", self.title), *about),

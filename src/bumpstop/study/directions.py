@@ -12,7 +12,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 
 DirectionLaw = Literal["sphere", "polar", "scenario"]
-"""``sphere``: even over the sphere. ``polar``: even polar angle and azimuth, which crowd at the poles (the source's
+"""``sphere``: even over the sphere. ``polar``: even polar angle and azimuth, which crowd at the poles (Schroeder's
 law). ``scenario``: always that of the scenario."""
 
 

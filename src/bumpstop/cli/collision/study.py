@@ -106,9 +106,7 @@ def parameters(
     scenario: ScenarioFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="KEY=LOW:HIGH", help="Vary a key, e.g. --vary motion.speed=10:200; default: the source's."
-        ),
+        typer.Option(metavar="KEY=LOW:HIGH", help="Vary a key, e.g. --vary motion.speed=10:200; default: Schroeder's."),
     ] = None,
     pair: Annotated[
         list[str] | None, typer.Option(metavar="KEY,KEY", help="Curves of equal risk over two varied keys.")
@@ -184,7 +182,7 @@ def workspace(
         int, typer.Option(parser=whole(1, 1_000_000), metavar="NUMBER", help="Directions at every pose of the grid.")
     ] = 1,
     directions: Annotated[
-        str, typer.Option(help="sphere (even), polar (even polar angle, as the source) or scenario (its own).")
+        str, typer.Option(help="sphere (even), polar (even polar angle, as Schroeder (2013)) or scenario (its own).")
     ] = "sphere",
     speed_sd: Annotated[float, typer.Option(metavar="MM_S", help="Spread of the speed about the scenario's.")] = 0.0,
     joint_limits: Annotated[

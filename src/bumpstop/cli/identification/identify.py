@@ -92,7 +92,7 @@ def identify(
         bool, typer.Option("--second-moments", help="Of a payload: fit its inertia too, not that of a point.")
     ] = False,
     protocol: Annotated[
-        Path | None, typer.Option(help="Plan that was followed: fit step by step as the source.")
+        Path | None, typer.Option(help="Plan that was followed: fit step by step as Schroeder (2013).")
     ] = None,
     base: Base = None,
     tip: Tip = None,

@@ -68,7 +68,7 @@ def identification(
     tip: Tip = None,
     as_json: AsJson = False,
 ) -> None:
-    """Plan the source's protocol: strokes through zero gravity torque, ramps, holds; one trajectory a joint."""
+    """Plan Schroeder's protocol: strokes through zero gravity torque, ramps, holds; one trajectory a joint."""
     from bumpstop.identification.design.plan import ProtocolSettings, plan_identification
     from bumpstop.identification.design.plan_file import save_plan
 

@@ -1,4 +1,4 @@
-"""``bumpstop experiment``: the source's collisions on the plant."""
+"""``bumpstop experiment``: Schroeder's collisions on the plant."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ def command(
     runs: Annotated[int, typer.Option(help="Runs at each speed.")] = 10,
     seed: Annotated[int, typer.Option(help="Of the first run at each speed.")] = 0,
     speeds: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Speeds of the hand [mm/s].", show_default="all of the source")
+        str | None,
+        typer.Option(metavar="LIST", help="Speeds of the hand [mm/s].", show_default="all of Schroeder (2013)"),
     ] = None,
     at: Annotated[str, typer.Option(help="What is hit: hand, elbow or forearm.")] = "hand",
     stiffness: Annotated[
@@ -33,13 +34,16 @@ def command(
     latency: Annotated[float, typer.Option(help="From the sample that alarms to the reaction [s].")] = 0.004,
     residual: Annotated[str, typer.Option(help="direct or observer.")] = "direct",
     without_inertia: Annotated[
-        bool, typer.Option("--without-inertia", help="Leave the rotors out of the detector's model, as the source did.")
+        bool,
+        typer.Option(
+            "--without-inertia", help="Leave the rotors out of the detector's model, as Schroeder (2013) did."
+        ),
     ] = False,
     loss: Annotated[float, typer.Option(help="Share of feedback samples that get lost.")] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write runs, settings and a page into it.")] = None,
 ) -> None:
-    """Run the source's collisions on an arm in MuJoCo, and print them beside its figures."""
+    """Run Schroeder's collisions on an arm in MuJoCo, and print them beside its figures."""
     from bumpstop.reproduction.schroeder2013.collision_table import CollisionTable
     from bumpstop.reproduction.schroeder2013.collisions import CollisionExperiment
 
@@ -69,7 +73,7 @@ def command(
     typer.echo(f"{name} at the {at}: {thing.stiffness:g} N/m ({thing.status}), {made.residual} residual; {made.table}")
     typer.echo(f"the first threshold is reached at {made.threshold_force():.1f} N")
     typer.echo("          detected  false    at detection, N     bound   peak, N          delay  joints")
-    typer.echo("mm/s                alarms   ours  source            N   ours   source        ms")
+    typer.echo("mm/s                alarms   ours Schroeder          N   ours Schroeder       ms")
     for row in table.rows:
         data, source = row.to_json(), row.source
         force, peak = (source.force_N, source.peak_N) if source else (None, None)
@@ -79,7 +83,7 @@ def command(
             f"{row.speed_mm_s:<9g} {len(row.hits):>4}/{len(row.runs):<4} {data['false_alarms']:>5}"
             f" {_number(data['force_at_detection_N'])} {_number(force)}   {row.bound_N:>9.1f}"
             f" {_number(data['peak_force_N'])} {_number(peak)}   {_number(delay)}  {joints}"
-            f"{'' if source is None or source.detected else '  source: false alarm'}"
+            f"{'' if source is None or source.detected else '  Schroeder: false alarm'}"
         )
     for path in written:
         typer.echo(f"wrote {path}")

@@ -203,11 +203,11 @@ class IdentificationPlan:
 
 
 def plan_identification(robot: Robot, settings: ProtocolSettings | None = None) -> IdentificationPlan:
-    """Plan the source's protocol for an arm: table 2.1, ramps for the reflected inertia, the hold test.
+    """Plan Schroeder's protocol for an arm: table 2.1, ramps for the reflected inertia, the hold test.
 
     Args:
         robot: with inertia, published or assumed: it decides where gravity loads a joint, not what is found.
-        settings: default: those of the source.
+        settings: default: those of Schroeder (2013).
 
     Raises:
         InputError: no inertia, a joint without a largest speed, or no pose that is clear of the floor.

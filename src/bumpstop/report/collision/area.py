@@ -1,4 +1,4 @@
-"""What force the limits allow on which area, as in the source's figure 6.1."""
+"""What force the limits allow on which area, as in Schroeder's figure 6.1."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Force over time of a median and of a bad collision, as in the source's figure 5.3."""
+"""Force over time of a median and of a bad collision, as in Schroeder's figure 5.3."""
 
 from __future__ import annotations
 

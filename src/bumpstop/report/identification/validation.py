@@ -48,7 +48,7 @@ class ScoresPart(Part):
         ]
         return [
             paragraph(
-                f"Predicted less measured, {self._where} (as the source's table 3.1). R2 is the share of the variance "
+                f"Predicted less measured, {self._where} (as Schroeder's table 3.1). R2 is the share of the variance "
                 f"that is predicted, both filtered at {self._comparison.filter_hz:g} Hz without delay; beside it "
                 "without the filter. Mean, standard deviation and root mean square are of the unfiltered error."
             ),

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from bumpstop.collision import Scenario
     from bumpstop.study.parameters.parameters import ParameterStudy
 
-# Why the source's newtons are not ours, for whoever compares them.
+# Why Schroeder's newtons are not ours, for whoever compares them.
 _ABSOLUTE = (
-    "The source's absolute forces do not follow from its own published parameters: its charts have about 109 N at the "
+    "Schroeder's absolute forces do not follow from its own published parameters: its charts have about 109 N at the "
     "control group, where its table 5.2 in its standard pose gives about 24 N. No single pose explains them: its slope "
     "over the threshold needs a moment arm of 0.14 m, its slope over the speed more force per second than stiffness "
     "times speed can give, and its 108 N at 50 mm/s disagrees with the 52 N it measured. Its relationships and their "
@@ -129,7 +129,7 @@ def _fits(x: Any, y: Any) -> list[Fit]:
 
 
 class FitsPart(Part):
-    """How well each law fits, and which one the source named."""
+    """How well each law fits, and which one Schroeder (2013) named."""
 
     title = "Which law each dependence follows"
     anchor = "fits"
@@ -138,7 +138,7 @@ class FitsPart(Part):
         self._parameters = summary["parameters"]
 
     def content(self) -> list[Html]:
-        """One table, and why a law of the source is not enough."""
+        """One table, and why a law of Schroeder (2013) is not enough."""
         names = ("linear", "quadratic", "power", "constant plus power")
         rows = []
         for each in self._parameters:
@@ -153,20 +153,20 @@ class FitsPart(Part):
             rows.append([each["key"], named or "not studied", *cells, f"{best}: {formula[best]}" if best else NONE])
         found = [
             paragraph(
-                "R2 is the share of the variance of the means that a law explains. A law of the source stands where "
-                f"it explains at least {R2_WANTED:g}; where it does not, or the source named none, the best is taken."
+                "R2 is the share of the variance of the means that a law explains. A law of Schroeder (2013) stands "
+                f"where it explains at least {R2_WANTED:g}; where it does not, or none is named, the best is taken."
             ),
             table(
-                ["parameter", "the source", *names, "taken"],
+                ["parameter", "Schroeder (2013)", *names, "taken"],
                 rows,
-                caption="R2 of four laws (the source's table 5.3)",
+                caption="R2 of four laws (Schroeder's table 5.3)",
                 numbers=True,
             ),
         ]
         weak = [each for each in self._parameters if each.get("source_law") and each.get("better_law")]
         found += [
             paragraph(
-                f"{each['key']}: the source's {each['source_law']} law falls short; {each['better_law']} is better."
+                f"{each['key']}: Schroeder's {each['source_law']} law falls short; {each['better_law']} is better."
             )
             for each in weak
         ]
@@ -185,7 +185,7 @@ class DerivativesPart(Part):
         self._parameters = summary["parameters"]
 
     def content(self) -> list[Html]:
-        """One table (5.4), and why the source's figures differ."""
+        """One table (5.4), and why Schroeder's figures differ."""
         rows = []
         for each in self._parameters:
             slope = each["derivative"]
@@ -196,13 +196,13 @@ class DerivativesPart(Part):
                 [each["key"], number(each["control"]), _signed(slope["mean"]), _signed(slope["sd"]), unit,
                  _signed(slope["elasticity"]), how, NONE if source is None else _signed(source)]
             )  # fmt: skip
-        headings = ["parameter", "at", "d mean / dx", "d sd / dx", "unit", "% per %", "how", "the source"]
+        headings = ["parameter", "at", "d mean / dx", "d sd / dx", "unit", "% per %", "how", "Schroeder (2013)"]
         found = [
             paragraph(
                 "Differences of laws on either side of the scenario's own value. Where a key only takes whole "
                 "steps, the difference is across whole steps: between them nothing changes."
             ),
-            table(headings, rows, caption="Derivatives at its own values (the source's table 5.4)", numbers=True),
+            table(headings, rows, caption="Derivatives at its own values (Schroeder's table 5.4)", numbers=True),
         ]
         if any("source_derivative" in each for each in self._parameters):
             found.append(paragraph(_ABSOLUTE))

@@ -38,16 +38,16 @@ def pages_of(
         parts.append(SensitivityPart(study, summary, known))
     directions = {
         "sphere": "Directions are even over the sphere.",
-        "polar": "Polar angle and azimuth of the directions are even, as in the source: directions crowd at the poles.",
+        "polar": "Directions are even in polar angle and azimuth, as in Schroeder (2013): they crowd at the poles.",
         "scenario": "All motions have the scenario's direction.",
     }
     limits = {
         "respect": "A joint limit ends a motion.",
-        "ignore": "The arm moves on beyond its joint limits, as the source's simulator did; poses lie inside them.",
+        "ignore": "The arm moves on beyond its joint limits, as Schroeder's simulator did; poses lie inside them.",
     }
     rates = {
         "respect": "Where a joint would turn faster than it can, the arm gets slower.",
-        "ignore": "Joints turn as fast as the line asks for, as the source's did, beyond their velocity limits too.",
+        "ignore": "Joints turn as fast as the line asks for, as Schroeder's did, beyond their velocity limits too.",
     }
     damping = study.scenario.motion.damping
     notes = [
@@ -139,7 +139,7 @@ class ForcePart(Part):
         self._speed = 1e3 * np.sqrt(sum(v**2 for v in components))
 
     def content(self) -> list[Html]:
-        """The two modes, and why shares differ from the source's."""
+        """The two modes, and why shares differ from Schroeder's."""
         found = self._summary["distribution"]
         collisions, medians = found["mode_of_collisions_N"], found["mode_of_medians_N"]
         parts = [
@@ -154,10 +154,10 @@ class ForcePart(Part):
         if (scenario.robot, scenario.contact.limits, scenario.contact.body) == ("sia5d", "bgia2011", "hand_finger"):
             parts.append(
                 paragraph(
-                    "The source states less than 9 % over 135 N for a hand. That share hangs on the joint "
-                    "acceleration, which the source reads from a file it does not print, on its law of directions, "
-                    "and on its inverse with a singular-value tolerance of 1e-7, which moves on where an exact motion "
-                    "ends."
+                    "Schroeder (2013) states less than 9 % over 135 N for a hand. That share hangs on the joint "
+                    "acceleration, which Schroeder (2013) reads from a file it does not print, on its law of "
+                    "directions, and on its inverse with a singular-value tolerance of 1e-7, which moves on where an "
+                    "exact motion ends."
                 )
             )
         return parts
@@ -291,9 +291,9 @@ class SensitivityPart(Part):
         return [
             paragraph(
                 "Both are of the Jacobian of the joints that move, at the start pose. Three rows are the tip's "
-                "translation, in one unit. Six rows mix translation and rotation, as the source does; they depend on "
-                "the unit of length, here metres. A value near 0 foretells nothing, near 1 or -1 the order of "
-                "the forces. Neither knows thresholds nor the direction of the contact."
+                "translation, in one unit. Six rows mix translation and rotation, as Schroeder (2013) does; they "
+                "depend on the unit of length, here metres. A value near 0 foretells nothing, near 1 or -1 the order "
+                "of the forces. Neither knows thresholds nor the direction of the contact."
             ),
             table(("of the median force with the", "rank correlation"), rows, caption="Rank correlation", numbers=True),
             *self._foretold(),

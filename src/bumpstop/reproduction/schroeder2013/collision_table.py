@@ -1,4 +1,4 @@
-"""Runs of an experiment by speed, beside the source's columns."""
+"""Runs of an experiment by speed, beside Schroeder's columns."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SpeedRow:
     Attributes:
         speed_mm_s: of the hand.
         runs: one or more.
-        source: what the source has at this speed, or None.
+        source: what Schroeder (2013) has at this speed, or None.
         bound_N: of the force at detection, by eqs 4.2 to 4.4.
     """
 
@@ -56,7 +56,7 @@ class SpeedRow:
         return dict(sorted(count.items()))
 
     def to_json(self) -> dict[str, Any]:
-        """For programs; None where nothing was detected or the source has no figure."""
+        """For programs; None where nothing was detected or Schroeder (2013) has no figure."""
         source = self.source
         return {
             "speed_mm_s": self.speed_mm_s,
@@ -108,7 +108,7 @@ class CollisionTable:
             experiment: what to run.
             runs: at each speed.
             seed: of the first run at each speed.
-            speeds_mm_s: instead of all of the source's.
+            speeds_mm_s: instead of all of Schroeder's.
 
         Raises:
             InputError: a number cannot be used, or mujoco is not installed.

@@ -1,4 +1,4 @@
-"""The source's collisions of chapter 4 on the plant: its speeds, thresholds and objects, with our detector."""
+"""Schroeder's collisions of chapter 4 on the plant: its speeds, thresholds and objects, with our detector."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from bumpstop.plant.sensors import Sensors
 Where = Literal["hand", "elbow", "forearm"]
 Residual = Literal["direct", "observer"]
 
-# The source's pose, in the joints of the public description.
+# Schroeder's pose, in the joints of the public description.
 POSE = np.radians([0, 30, 0, -20, 0, -40, 0])
 # Nobody has published the rotors: of the order of a harmonic drive's motor behind its gear.
 ROTORS = (1.0, 1.0, 0.5, 0.35, 0.15, 0.15, 0.05)
 SENSORS = Sensors(rate_hz=250.0, position_step=1e-6)
 PERIOD_S = 0.004
-_WINDOW_S = 7 * PERIOD_S  # of the derivatives: short, as the source differentiates
+_WINDOW_S = 7 * PERIOD_S  # of the derivatives: short, as Schroeder (2013) differentiates
 ARMING_S = 0.5
 # Speeds of the hand [m/s].
 MIN_SPEED, MAX_SPEED = 1e-3, 0.25
@@ -55,7 +55,7 @@ _HELD = (7,)
 
 @dataclass(frozen=True, kw_only=True)
 class SourceRow:
-    """One speed of a table, over the runs that the source made at it; None: not given or not measurable.
+    """One speed of a table, over the runs that Schroeder (2013) made at it; None: not given or not measurable.
 
     Attributes:
         speed_mm_s: of the hand.
@@ -75,12 +75,12 @@ class SourceRow:
 
     @property
     def detected(self) -> bool:
-        """Whether the source noticed every contact at this speed."""
+        """Whether Schroeder (2013) noticed every contact at this speed."""
         return self.false_alarms == 0
 
 
 def experiments() -> tuple[str, ...]:
-    """Names of the source's experiments."""
+    """Names of Schroeder's experiments."""
     return tuple(_tables())
 
 
@@ -136,22 +136,22 @@ class Collision:
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionExperiment:
-    """The arm of the source runs into an object, notices, stops and goes back.
+    """The arm of Schroeder (2013) runs into an object, notices, stops and goes back.
 
-    The arm is the SIA5D with the friction of table 2.2 and rotors that are planted. The contact pose is the source's;
+    The arm is the SIA5D with the friction of table 2.2 and rotors that are planted. The contact pose is Schroeder's;
     the hand moves down to it from rest. What a run draws from its seed: where within one feedback period of travel the
     object stands, the scatter of friction and the noise of sensors.
 
     Attributes:
-        name: of a table of the source.
+        name: of a table of Schroeder (2013).
         at: what is hit. The elbow is the joint of the forearm; the forearm's point is half way to the wrist.
         stiffness: of the object [N/m]; None: that of the plant's object of this name.
         latency_s: from the sample that alarms to the reaction.
-        residual: of the detector; the source's is direct.
-        reflected_inertia: whether the detector's joint model has the rotors. The source left them out.
+        residual: of the detector; Schroeder's is direct.
+        reflected_inertia: whether the detector's joint model has the rotors. Schroeder (2013) left them out.
         joint_acceleration: of the reaction and of the start [rad/s2].
         loss: share of samples that get lost.
-        scatter_per: how the friction of table 2.2 scatters: once for each ``"motion"``, as the source found it from one
+        scatter_per: how the friction of table 2.2 scatters: once for each ``"motion"``, as it was found there from one
             figure for each of 300 motions, or anew at every ``"sample"``.
     """
 
@@ -168,7 +168,9 @@ class CollisionExperiment:
     def __post_init__(self) -> None:
         if self.name not in _tables():
             raise InputError(
-                "experiment", f"{self.name!r} is no experiment of the source", near_matches(self.name, experiments())
+                "experiment",
+                f"{self.name!r} is no experiment of Schroeder (2013)",
+                near_matches(self.name, experiments()),
             )
         kinds_of = {"at": get_args(Where), "residual": get_args(Residual), "scatter_per": get_args(ScatterPer)}
         for field, kinds in kinds_of.items():
@@ -180,11 +182,11 @@ class CollisionExperiment:
         if self.stiffness is not None and not 100 <= as_number(self.stiffness, "stiffness") <= 1e7:
             raise InputError("stiffness", f"is {self.stiffness}", "wanted 100 to 10000000")
 
-    # --- What the source has ------------------------------------------------------------------------------------
+    # --- What Schroeder (2013) has ------------------------------------------------------------------------------------
 
     @property
     def table(self) -> str:
-        """Where the source has it."""
+        """Where Schroeder (2013) has it."""
         return str(_tables()[self.name]["source"])
 
     @property
@@ -193,7 +195,7 @@ class CollisionExperiment:
         return np.array(_tables()[self.name]["thresholds_Nm"], dtype=np.float64)
 
     def rows(self) -> tuple[SourceRow, ...]:
-        """The source's figures by speed; means where it repeated a speed."""
+        """Schroeder's figures by speed; means where it repeated a speed."""
         table = _tables()[self.name]
         speeds = np.array(table["speed_mm_s"])
         found = []
@@ -234,7 +236,7 @@ class CollisionExperiment:
         return "link_u", (x, y, z)
 
     def detector(self) -> Detector:
-        """Of the source's thresholds and arming delay."""
+        """Of Schroeder's thresholds and arming delay."""
         link, point = self._place
         model = JointTorqueModel.load("sia5d")
         if self.reflected_inertia:

@@ -1,4 +1,4 @@
-"""Report of ``bumpstop experiment``: the source's collisions beside the plant's."""
+"""Report of ``bumpstop experiment``: Schroeder's collisions beside the plant's."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _cell(value: float | None) -> str:
 
 
 class SpeedsPart(Part):
-    """All speeds beside the source's columns."""
+    """All speeds beside Schroeder's columns."""
 
     title = "By speed"
     anchor = "speeds"
@@ -69,16 +69,16 @@ class SpeedsPart(Part):
                 )
             )
         headings = (
-            "speed, mm/s", "detected", "false alarms", "at detection, N", "source", "bound, N", "peak, N", "source",
-            "delay, ms", "joints", "source detected",
+            "speed, mm/s", "detected", "false alarms", "at detection, N", "Schroeder, N", "bound, N",
+            "peak, N", "Schroeder, N", "delay, ms", "joints", "detected by Schroeder",
         )  # fmt: skip
         return [
             paragraph(
                 f"{thing.stiffness:g} N/m ({thing.status}), {made.residual} residual, reaction "
-                f"{1e3 * made.latency_s:g} ms after the sample that alarms. Source: Schroeder 2013, {made.table}. "
+                f"{1e3 * made.latency_s:g} ms after the sample that alarms. Published: Schroeder (2013), {made.table}. "
                 "MuJoCo moves the arm."
             ),
-            table(headings, rows, caption="Medians of the runs that detected, beside the source", numbers=True),
+            table(headings, rows, caption="Medians of the runs that detected, beside Schroeder (2013)", numbers=True),
             paragraph(
                 f"The first threshold is reached at {made.threshold_force():.1f} N; the bound is that of eq 4.4."
             ),
@@ -98,8 +98,8 @@ class SpeedsPart(Part):
             for points, marker, colour, size, text in (
                 (peaks, "o", LAW, 3.5, "peak, each run"),
                 (forces, "_", INK, 7.0, "at detection, each run"),
-                (source_peaks, "D", EVENT, 6.0, "peak, source"),
-                (source_forces, "x", EVENT, 6.0, "at detection, source"),
+                (source_peaks, "D", EVENT, 6.0, "peak, Schroeder"),
+                (source_forces, "x", EVENT, 6.0, "at detection, Schroeder"),
             ):
                 if points:
                     plot.plot(*zip(*points, strict=True), marker, color=colour, markersize=size, label=text)
@@ -111,8 +111,8 @@ class SpeedsPart(Part):
             plot.set_title("Force against speed")
             plot.legend(loc="upper left", fontsize=8, ncols=2)
 
-        alt = "Peak force and force at detection against speed, ours and the source's"
-        caption = "Runs of the source that alarmed before contact are left out."
+        alt = "Peak force and force at detection against speed, ours and Schroeder's"
+        caption = "Runs of Schroeder (2013) that alarmed before contact are left out."
         return [Picture("peak_against_speed", alt, caption, draw, height=3.6)]
 
 

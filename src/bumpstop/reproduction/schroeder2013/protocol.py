@@ -1,4 +1,4 @@
-"""The source's identification: recordings of a plan in, table 2.2 out."""
+"""Schroeder's identification: recordings of a plan in, table 2.2 out."""
 
 from __future__ import annotations
 
@@ -306,7 +306,7 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
 
 
 def _errors_by_law(found: Cut) -> dict[str, FloatArray]:
-    """Held-out errors of the strokes by law of friction, with the map that suits each best; the source's law first."""
+    """Held-out errors of the strokes by law of friction, with the map that suits each best; Schroeder's law first."""
     errors: dict[str, FloatArray] = {}
     for law in LAWS:
         tried = [held_out_by_law(law, kind, found.constant) for kind in MAPS]

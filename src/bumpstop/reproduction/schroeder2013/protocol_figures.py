@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit, ProtocolJoint
 
-_STROKES = 8  # shown, as in the source's figures 2.7 and 2.9
+_STROKES = 8  # shown, as in Schroeder's figures 2.7 and 2.9
 _POINTS = 150  # of a stroke
 _SIDES = {1: (LAW, "o"), -1: (LIMIT, "^")}  # by direction: colours and marks that differ in grey, too
 

@@ -1,6 +1,6 @@
 """The laws of friction that a protocol's strokes can show, and which of them predicts other strokes.
 
-The source's law is eq 2.27, D |qd|^F. Beside it stands Coulomb and viscous friction with a share of the current that
+Schroeder's law is eq 2.27, D |qd|^F. Beside it stands Coulomb and viscous friction with a share of the current that
 the gears lose under load, as :mod:`bumpstop.joint` has it: sgn(qd) (coulomb + load |i|) + viscous qd.
 """
 

@@ -53,7 +53,7 @@ class TablePart(Part):
         headings = ("joint", *(f"{name} [{unit}]" for name, unit in units.items()), "friction sd [A]")
         found: list[Html] = [
             paragraph(
-                "Value and standard error, as the source's table 2.2. Current is written as ampere here; it is in "
+                "Value and standard error, as Schroeder's table 2.2. Current is written as ampere here; it is in "
                 "whatever unit the recording had. R2 is that of the torque at constant speed."
             ),
             table((*headings, "map", "R2"), rows, caption="Joint torque model", numbers=True),

@@ -1,8 +1,8 @@
-"""The steps of the source's fit, one joint at a time: friction by stroke, the map, hysteresis, inertia.
+"""The steps of Schroeder's fit, one joint at a time: friction by stroke, the map, hysteresis, inertia.
 
 Schroeder 2013, section 2.4. Two things differ. Current is fitted to torque and not torque to current: the noise is on
 the current, and as a regressor it would flatten the curve. And eq 2.29 is fitted to all strokes at once, each with a
-constant C of its own, where the source averaged the curves of single strokes.
+constant C of its own, where Schroeder (2013) averaged the curves of single strokes.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class MapFit:
         kind: ``"odd"`` or ``"load_dependent"``.
         A, B: with standard errors.
         covariance: of A and B (2, 2).
-        constants: C of every stroke, as a current; left out afterwards, as the source does.
+        constants: C of every stroke, as a current; left out afterwards, as Schroeder (2013) does.
         reach: lowest and highest joint current.
         freedom: degrees of freedom of the covariance, the less of both.
     """

@@ -1,4 +1,4 @@
-"""The source's protocol on the plant: every trajectory of a plan, with the sensors of an experiment."""
+"""Schroeder's protocol on the plant: every trajectory of a plan, with the sensors of an experiment."""
 
 from __future__ import annotations
 

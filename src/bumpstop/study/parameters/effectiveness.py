@@ -28,7 +28,7 @@ DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
     "left": (0.0, 1.0, 0.0),
     "right": (0.0, -1.0, 0.0),
 }
-# The source's speeds and areas, and its downward and lateral motion (its sections 6.2.1 and 6.2.2).
+# Schroeder's speeds and areas, and its downward and lateral motion (its sections 6.2.1 and 6.2.2).
 SPEEDS_MM_S = (10.0, 25.0, 50.0, 75.0, 100.0)
 AREAS_CM2 = (1.0, 2.0)
 # Reduced speed of robots with a person in the cell (ISO 10218-1).
@@ -70,7 +70,7 @@ class EffectivenessStudy(Study):
         areas_cm2: list[float] | None = None,
         highest_speed_mm_s: float = MAX_SPEED_MM_S,
     ) -> EffectivenessStudy:
-        """Check what a person asks for; None takes every region of every table, and the source's other choices.
+        """Check what a person asks for; None takes every region of every table, and Schroeder's other choices.
 
         Raises:
             InputError: a body or direction is unknown, a number cannot be used, or the scenario cannot move that way.

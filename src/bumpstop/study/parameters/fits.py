@@ -1,4 +1,4 @@
-"""Laws fitted to a sweep: what the source fitted, and one better."""
+"""Laws fitted to a sweep: what Schroeder (2013) fitted, and one better."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _quadratic(x: FloatArray, y: FloatArray) -> _Found:
 
 
 def _power(x: FloatArray, y: FloatArray) -> _Found:
-    """A x^B without a constant, as the source has it. For a given B the rest is linear, so only B is searched for."""
+    """A x^B without a constant, as in Schroeder (2013). For a given B the rest is linear, so only B is searched for."""
     z = x / x[-1]
 
     def scale(B: float) -> float:

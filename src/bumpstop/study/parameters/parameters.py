@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from bumpstop.collision import CollisionResult, Scenario
 
-# What the source found: the law it fitted (table 5.3), and its derivative at its control group (table 5.4).
+# What Schroeder (2013) found: the law it fitted (table 5.3), and its derivative at its control group (table 5.4).
 SOURCE: dict[str, tuple[str, float]] = {
     "contact.stiffness": ("linear", 0.0048),
     "motion.speed": ("quadratic", 0.779),
@@ -29,7 +29,7 @@ SOURCE: dict[str, tuple[str, float]] = {
     "detector.feedback_period_s": ("power", 2774.5),
     "reaction.joint_acceleration_rad_s2": ("power", -2.648),
 }
-# The source's charts are lost; of its ranges the text keeps that of the feedback period, 1 to 16 ms.
+# Schroeder's charts are lost; of its ranges the text keeps that of the feedback period, 1 to 16 ms.
 DEFAULT_RANGES = (
     "contact.stiffness=1400:21000:15",
     "motion.speed=10:200:20",
@@ -75,7 +75,7 @@ class ParameterStudy(Study):
 
         Args:
             scenario: the control group.
-            vary: ``KEY=LOW:HIGH`` and the like, see :meth:`Range.parse`; None: the source's five.
+            vary: ``KEY=LOW:HIGH`` and the like, see :meth:`Range.parse`; None: Schroeder's five.
             pairs: ``KEY,KEY`` of two varied keys.
             prices: ``KEY=PRICE`` of varied keys, per unit of the key.
 

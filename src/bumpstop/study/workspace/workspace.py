@@ -44,10 +44,10 @@ class WorkspaceStudy(Study):
         grid_directions: directions at each pose of the grid.
         directions: law of the directions.
         speed_sd_mm_s: spread of the speed about the scenario's; normal, drawn again where not above 0.
-        joint_limits: ``"respect"``: a limit ends the motion. ``"ignore"``: the arm moves on, as the source's did. Poses
+        joint_limits: ``"respect"``: a limit ends the motion. ``"ignore"``: the arm moves on, as Schroeder's did. Poses
             lie inside the limits either way.
         velocity_limits: ``"respect"``: where a joint would turn faster than it can, all rates are scaled down and the
-            tip gets slower. ``"ignore"``: the tip keeps its speed, as the source's did.
+            tip gets slower. ``"ignore"``: the tip keeps its speed, as Schroeder's did.
         link_radius_mm: of the links as capsules; poses in which two touch are drawn again, or left out of a grid.
             0: self-collision is not looked for.
         foretell: peak forces foretold from the pose stand beside every law, for its direction and for the worst one.
@@ -275,8 +275,8 @@ class WorkspaceStudy(Study):
     def _sensitivity(self, q: FloatArray) -> dict[str, FloatArray]:
         """Condition number and smallest singular value at the start, of the joints that move.
 
-        Three rows: of the tip's translation, in one unit. Six rows: with rotation, as the source has it; they depend
-        on the unit of length.
+        Three rows: of the tip's translation, in one unit. Six rows: with rotation, as Schroeder (2013) has it; they
+        depend on the unit of length.
         """
         robot = self._problem.robot
         moving = [j for j, *_ in self._ranges]
