@@ -51,13 +51,13 @@ class Difference:
 def compare(findings: Findings, *, quick: bool) -> None:
     """Run the examples in one process for each target, and compare."""
     targets = kernels.available_targets()
-    runs, poses = (70_000, 20) if quick else (300_000, 3000)
+    runs, along, poses = (70_000, 3000, 20) if quick else (300_000, 300_000, 3000)
     findings.say(
         f"This processor and this build have the kernels {', '.join(targets)}. Each runs all examples in a process of "
-        f"its own: exact laws, {runs} sampled runs and {poses} batch laws, the latter two with one thread and with "
-        "two."
+        f"its own: exact laws, {runs} sampled runs ({along} along a trajectory) and {poses} batch laws, the latter two "
+        "with one thread and with two."
     )
-    found = {target: _probe(target, runs, poses) for target in targets}
+    found = {target: _probe(target, runs, along, poses) for target in targets}
     for target, result in found.items():
         same = all(one == two for one, two in result["sampled"].values())
         findings.check(f"{target}: sampled runs of every example are the same bits with 1 and 2 threads", same)
@@ -104,10 +104,10 @@ def compare(findings: Findings, *, quick: bool) -> None:
     )
 
 
-def _probe(target: str, runs: int, poses: int) -> dict[str, Any]:
+def _probe(target: str, *counts: int) -> dict[str, Any]:
     """What :mod:`validation.probe` prints with the kernels of one target."""
     done = subprocess.run(
-        [sys.executable, "-m", "validation.probe", str(runs), str(poses)],
+        [sys.executable, "-m", "validation.probe", *map(str, counts)],
         cwd=REPOSITORY,
         env=os.environ | {"BUMPSTOP_TARGET": target},
         capture_output=True,

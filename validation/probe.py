@@ -1,8 +1,8 @@
 """Figures of all examples, printed as JSON, for a comparison between processes with different kernels.
 
-``BUMPSTOP_TARGET=baseline python -m validation.probe RUNS POSES`` prints exact figures of every example, the ticks of
-RUNS sampled runs, figures of POSES batch laws, and digests of sampled runs and of batch laws with one and with two
-threads.
+``BUMPSTOP_TARGET=baseline python -m validation.probe RUNS TRAJECTORY_RUNS POSES`` prints exact figures of every
+example, the ticks of RUNS sampled runs (TRAJECTORY_RUNS along a trajectory), figures of POSES batch laws, and digests
+of sampled runs and of batch laws with one and with two threads.
 """
 
 from __future__ import annotations
@@ -63,13 +63,15 @@ def digest(arrays: dict[str, Any]) -> str:
     return total.hexdigest()
 
 
-def probe(runs: int, poses: int) -> dict[str, Any]:
+def probe(runs: int, trajectory_runs: int, poses: int) -> dict[str, Any]:
     """Everything that is compared, as plain values."""
     scenarios = {path.stem: bs.load_scenario(path) for path in EXAMPLES}
+    exact = {name: bs.evaluate(scenario) for name, scenario in scenarios.items()}
     sampled: dict[str, list[str]] = {}
     ticks: dict[str, list[int]] = {}
     for name, scenario in scenarios.items():
-        laws = [bs.evaluate(scenario, samples=runs, seed=8, threads=threads) for threads in (1, 2)]
+        count = trajectory_runs if scenario.motion.kind == "trajectory" else runs
+        laws = [bs.evaluate(scenario, samples=count, seed=8, threads=threads) for threads in (1, 2)]
         sampled[name] = [digest(law.runs or {}) for law in laws]
         assert laws[0].runs is not None
         ticks[name] = laws[0].runs["tick"][:1000].tolist()
@@ -83,8 +85,8 @@ def probe(runs: int, poses: int) -> dict[str, Any]:
     ]
     return {
         "target": kernels.target,
-        "figures": {name: figures(bs.evaluate(scenario)) for name, scenario in scenarios.items()},
-        "tails": {name: tails(bs.evaluate(scenario)) for name, scenario in scenarios.items()},
+        "figures": {name: figures(law) for name, law in exact.items()},
+        "tails": {name: tails(law) for name, law in exact.items()},
         "ticks": ticks,
         "sampled": sampled,
         "batch": [digest(laws) for laws in batches],
@@ -93,4 +95,4 @@ def probe(runs: int, poses: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(probe(int(sys.argv[1]), int(sys.argv[2]))))
+    print(json.dumps(probe(*(int(argument) for argument in sys.argv[1:]))))

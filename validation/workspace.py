@@ -155,7 +155,7 @@ def _against_the_twin(findings: Findings, facts: dict[str, Any], *, quick: bool)
     for acceleration in ACCELERATIONS_RAD_S2:
         for damping, velocity_limits in ((DAMPING, "respect"), (0.0, "ignore"), (0.0, "respect")):
             literal = not damping and velocity_limits == "ignore"
-            count = 15 if quick else 2000 if damping else 800 if literal else 500
+            count = 4 if quick else 2000 if damping else 800 if literal else 500
             # The twin knows no joint limits.
             study = replace(
                 _study("polar", acceleration, damping, "ignore", count, facts), velocity_limits=velocity_limits
