@@ -63,7 +63,7 @@ def worst_risk(scenario: bs.Scenario, moments: Any) -> float:
 
 
 def telling(rows: pl.DataFrame) -> Any:
-    """Rows at which the arm feels least, and some others: right behind the former, and nowhere else, limits failed."""
+    """Rows at which least is detected, and every twentieth: the first fault of this kind showed at the former."""
     least_felt = np.argsort(rows["unnoticed_N"].to_numpy())[-40:]
     chosen = np.union1d(least_felt, np.arange(1, len(rows), 20))
     return chosen[(chosen > 0) & (chosen < len(rows) - 1)]
