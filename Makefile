@@ -75,7 +75,7 @@ lint: $(VENV)/.linted
 	@if command -v clang-format >/dev/null; then clang-format --dry-run --Werror $$(git ls-files '*.hpp' '*.cpp'); \
 	else echo "clang-format is not installed: C++ layout not checked"; fi
 	@if command -v clang++ >/dev/null; then for flags in "" "-mavx2 -mfma" "-mavx512f -mavx512dq -mavx512vl -mavx2 -mfma"; do \
-	clang++ -std=c++20 -fsyntax-only -Wall -Wextra -Werror -Wno-psabi $$flags -Iinclude -Itests tests/collision/kernels.cpp tests/model/dynamics.cpp \
+	clang++ -std=c++20 -fsyntax-only -Wall -Wextra -Werror -Wno-psabi $$flags -Iinclude -Itests tests/collision/kernels.cpp tests/model/dynamics/dynamics.cpp \
 	tests/signal/causal_derivative.cpp tests/signal/zero_phase.cpp tests/joint/joint_torque.cpp || exit 1; done; \
 	else echo "clang++ is not installed: not compiled with it"; fi
 

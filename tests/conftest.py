@@ -17,7 +17,7 @@ LONGEST = [
     "report/test_report.py",
     "docs/test_commands.py",
     "cli/test_study.py",
-    "collision/test_exact_law.py",
+    "collision/distribution/test_exact_law.py",
 ]
 
 

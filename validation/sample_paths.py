@@ -20,7 +20,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "detector"
         command = [os.environ.get("CXX", "c++"), "-std=c++20", "-O1", "-Wno-psabi", *SANITIZERS]
-        command += [f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests'}", str(ROOT / "tests/detection/detector.cpp")]
+        command += [f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests'}", str(ROOT / "tests/detection/detector/detector.cpp")]
         subprocess.run([*command, "-o", str(program)], check=True)
         done = subprocess.run([program, str(count)], capture_output=True, text=True, check=False)
     findings.check(f"{count} sequences: a finite residual or blind, no crash", done.returncode == 0, done.stderr[-500:])

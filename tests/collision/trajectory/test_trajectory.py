@@ -15,7 +15,7 @@ from bumpstop.collision.trajectory import trajectory_result as trajectory_law
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from collision.cases import control_group
-from collision.test_two_laws import compare
+from collision.distribution.test_two_laws import compare
 from collision.trajectory_cases import EXAMPLE, gantry, scenario, trajectory_motion, waves, write_csv
 
 # --- Against lines ------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ import bumpstop as bs
 from bumpstop import Scenario
 from bumpstop.collision.tables import result_table
 from collision.cases import FREE, OUTLASTING, control_group, free, swinging_forward, twin_run
-from collision.test_two_laws import compare
+from collision.distribution.test_two_laws import compare
 
 NEVER = {"detector__thresholds_Nm": [math.inf] * 7}
 

@@ -15,7 +15,7 @@ from bumpstop.detection.tuning.residual_record import write_residuals
 from collision.cases import control_group, ur10e
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, write_csv
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("0*.toml"))
+EXAMPLES = sorted((Path(__file__).parents[3] / "examples").glob("0*.toml"))
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])

@@ -17,7 +17,7 @@ import bumpstop as bs
 from bumpstop import kernels
 from collision.cases import VARIED, control_group
 
-EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.toml"))
+EXAMPLES = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*.toml"))
 
 
 def figures(law: bs.CollisionResult) -> list[float]:
@@ -32,7 +32,7 @@ def figures(law: bs.CollisionResult) -> list[float]:
     return out
 
 
-# Of trajectories, tests/collision/test_trajectory.py knows what the quadrature can do.
+# Of trajectories, tests/collision/trajectory/test_trajectory.py knows what the quadrature can do.
 LINES = [path for path in EXAMPLES if "trajectory" not in path.stem]
 
 

@@ -17,7 +17,7 @@ from bumpstop.identification import identify_dynamics
 from bumpstop.recording import Recording
 from detection.tuning_cases import achieved, residuals
 
-SHARED = Path(os.environ.get("BUMPSTOP_SHARED", Path(__file__).resolve().parents[3] / "shared"))
+SHARED = Path(os.environ.get("BUMPSTOP_SHARED", Path(__file__).resolve().parents[4] / "shared"))
 
 
 def test_clusters_by_hand() -> None:

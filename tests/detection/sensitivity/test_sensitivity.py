@@ -24,7 +24,7 @@ from detection.sensitivity_cases import random_cases, singular_cases
 
 # The library moves every bound out by 1e-12 so that no edge is lost to rounding.
 ROUNDING = 1e-11
-EXAMPLE = Path(__file__).parents[2] / "examples" / "01_hand_downward.toml"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "01_hand_downward.toml"
 
 
 @pytest.mark.parametrize("dof", range(3, 13))

@@ -12,7 +12,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
-from collision.test_two_laws import compare
+from collision.distribution.test_two_laws import compare
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, waves, write_csv
 
 VELOCITY, DURATION, BEGIN = np.array([0.03, -0.02, -0.06]), 0.8, 0.2137

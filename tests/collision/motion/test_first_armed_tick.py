@@ -110,7 +110,7 @@ def test_batches_arm_at_the_same_tick(delay: float, first: int, offset_law: str)
 
 @pytest.mark.parametrize(("delay", "first"), DELAYS[:3])
 def test_on_a_trajectory(delay: float, first: int) -> None:
-    example = Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml"
+    example = Path(__file__).parents[3] / "examples" / "06_pick_and_place_trajectory.toml"
     scenario = bs.load_scenario(example)
     dof = len(scenario.detector.thresholds_Nm)
     mean = [2 * value for value in scenario.detector.thresholds_Nm]

@@ -119,6 +119,6 @@ def test_both_spellings_can_be_varied() -> None:
 
 
 def test_with_a_trajectory_they_have_no_meaning() -> None:
-    path = Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml"
+    path = Path(__file__).parents[3] / "examples" / "06_pick_and_place_trajectory.toml"
     with pytest.raises(InputError, match=r"motion.speed_mm_s: has no meaning"):
         bs.load_scenario(path, {"motion.speed_mm_s": 20.0})

@@ -16,8 +16,8 @@ from bumpstop.collision.distribution.noise import contact_residual, noise_of_run
 from bumpstop.detection.tuning.residual_record import ResidualRecord
 from bumpstop.signal import correlation_time
 from collision.cases import REMEMBERING, control_group, fixed
-from collision.test_exact_law import figures
-from collision.test_two_laws import RUNS, compare
+from collision.distribution.test_exact_law import figures
+from collision.distribution.test_two_laws import RUNS, compare
 
 
 @pytest.mark.parametrize("name", list(REMEMBERING))
@@ -212,7 +212,7 @@ def test_residuals_that_lean_away_from_the_contact_are_followed_until_it_is_noti
 def test_residuals_that_lean_away_from_the_contact_are_followed_on_a_trajectory(tmp_path: Path) -> None:
     lean, sd = np.array([0, 6.0, 0, -5.0, 0, 0, 0]), np.array([3.0, 1.5, 3.0, 3.0, 3.0, 3.0, 3.0])
     path = record_file(tmp_path, lean + correlated_rows(60_000, 0.0, sd, seed=5))
-    example = bs.load_scenario(Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml")
+    example = bs.load_scenario(Path(__file__).parents[3] / "examples" / "06_pick_and_place_trajectory.toml")
     case = example.with_values({"motion.contact_onset_s": 0.7})
     gauss = bs.evaluate(case.with_values({"detector.noise_sd_Nm": list(sd), "detector.noise_mean_Nm": list(lean)}))
     law = bs.evaluate(case.with_values({"detector.residuals": str(path)}), samples=10_000, seed=1)
