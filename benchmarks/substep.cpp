@@ -37,7 +37,7 @@ static double nanoseconds_per_lane(int dof, int free, bool on_rail) {
     }
     state.refresh_angles(chain);
     const Point3<T> velocity{T(0.01), T(-0.004), T(0.005)};
-    const FullChangeInverse full(motion);
+    const InverseMaxRateChange full(motion);
     double best = 1e300;
     for (int repeat = 0; repeat < 40; ++repeat) {
         constexpr int count = 2000;

@@ -117,7 +117,7 @@ Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetect
     }
     complete_curves<L>(
         setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, &result.curve, 1,
-        [&](int) { return result.q.data(); }, [](int) { return FarthestTolerance{}; });
+        [&](int) { return result.q.data(); }, [](int) { return OvertravelTolerance{}; });
     return result;
 }
 

@@ -53,7 +53,7 @@ int main(int count, char** arguments) {
     curve.path = trace_line<L>(chain, motion, contact, timing, {q, {0, 0, -0.05}}, criterion);  // m/s
     complete_curves<L>(
         chain, motion, contact, timing, ReactionKind::reverse, &curve, 1, [&](int) { return q; },
-        [](int) { return FarthestTolerance{}; });
+        [](int) { return OvertravelTolerance{}; });
     LawSettings settings;
     settings.stiffness = stiffness;
     settings.offset = {OffsetKind::half_normal, offset_sd};

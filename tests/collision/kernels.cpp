@@ -65,7 +65,7 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
                       SurvivalCriterion<L>(arm.detector, arm.timing, arm.motion.step, 20000, offset.largest()));
     complete_curves<L>(
         arm.chain, arm.motion, arm.contact, arm.timing, reaction, &curve, 1, [&](int) { return arm.q.data(); },
-        [](int) { return FarthestTolerance{}; });
+        [](int) { return OvertravelTolerance{}; });
     for (int k = 0; k < curve.path.ticks; ++k)
         require(curve.farthest[k] >= curve.path.at_tick(k, arm.timing.period) - 1e-12, "the farthest point is ahead");
     const LawSettings settings{20000, offset, 1, true};
@@ -108,7 +108,7 @@ void check_memory_and_free_contact(Arm arm) {
                                    SeparationCriterion<L>(body, arm.timing, arm.motion.step, offset.largest()));
         complete_curves<L>(
             arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, &curve, 1,
-            [&](int) { return arm.q.data(); }, [](int) { return FarthestTolerance{}; });
+            [&](int) { return arm.q.data(); }, [](int) { return OvertravelTolerance{}; });
         const FreePaths paths = free_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse,
                                               curve, body, arm.q.data());
         LawSettings settings{body.stiffness, offset, 1, true, &paths, body.mass};

@@ -38,7 +38,7 @@ PROGRAMS = [
     "signal/zero_phase",
     "joint/joint_bank",
     "joint/joint_torque",
-    "collision/motion/braking_arm",
+    "collision/motion/arm_integrator",
     "collision/motion/line_tracer",
     "collision/distribution/panel_moments",
     "detection/detector/detector",

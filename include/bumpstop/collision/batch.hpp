@@ -206,7 +206,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
     complete_curves<L>(
         *problem.chain, *problem.motion, *problem.contact, *problem.timing, problem.reaction, curve, count,
         [&](int c) { return problem.q + std::size_t(poses[c]) * dof; },
-        [&](int c) { return FarthestTolerance{worker.probability[c].data()}; });
+        [&](int c) { return OvertravelTolerance{worker.probability[c].data()}; });
     for (int i = 0; i < count; ++i) {
         const std::size_t pose = std::size_t(poses[i]);
         const LinePath& done = curve[i].path;

@@ -108,15 +108,15 @@ inline std::vector<double> least_touched(const FreePaths& paths, const FreeBody&
     return least;
 }
 
-/// Reactions that begin at neighbouring ticks are alike, step by step: in every stretch without a kink a few are
+/// Reactions that begin at neighbouring ticks are alike, step by step: in every range without a switching point a few are
 /// simulated and the others interpolated, where two more in between agree; else its halves are tried.
 class ReactionFamily {
   public:
     static constexpr int nodes = 8, checks = 2;
     static constexpr double tolerance = 1e-8;  ///< [m]: less than a millinewton of the stiffest body
 
-    ReactionFamily(int first, int last, bool kink) : first_(first), last_(last) {
-        if (kink || last - first + 1 < 2 * (nodes + checks)) return;
+    ReactionFamily(int first, int last, bool contains_switch) : first_(first), last_(last) {
+        if (contains_switch || last - first + 1 < 2 * (nodes + checks)) return;
         node_ = interpolation_nodes(first, last, nodes);
         check_ = {(node_[0] + node_[1]) / 2, (node_[nodes / 2] + node_[nodes / 2 - 1]) / 2};
     }
@@ -205,11 +205,10 @@ FreePaths free_paths(const Chain& chain, const MotionSettings& motion, const Con
             });
         for (ReactionJob& job : jobs) paths.reaction[std::size_t(job.tick)] = std::move(job.distance);
     };
-    std::vector<detail::Stretch> stretches;
-    if (known > 0) detail::cut_at_kinks(motion, timing, path, 0, known, FarthestTolerance{}, stretches);
+    std::vector<detail::TickRange> ranges;
+    if (known > 0) detail::split_at_switches(motion, timing, path, 0, known, OvertravelTolerance{}, ranges);
     std::vector<detail::ReactionFamily> families;
-    for (const detail::Stretch& stretch : stretches)
-        families.emplace_back(stretch.first, stretch.last, stretch.crosses_kink);
+    for (const detail::TickRange& range : ranges) families.emplace_back(range.first, range.last, range.contains_switch);
     while (!families.empty()) {
         std::vector<int> wanted;
         for (const detail::ReactionFamily& family : families) {

@@ -25,10 +25,10 @@ struct MotionSettings {
 };
 
 /// The greatest change of a rate in a controller sub-step, by free joint, upside down [s/rad or s/m].
-struct FullChangeInverse {
+struct InverseMaxRateChange {
     std::array<double, max_joints> of{};
 
-    explicit FullChangeInverse(const MotionSettings& motion) {
+    explicit InverseMaxRateChange(const MotionSettings& motion) {
         for (int f = 0; f < motion.free_count; ++f)
             of[f] = 1 / (motion.acceleration_limit[motion.free_joint[f]] * motion.substep());
     }
@@ -50,7 +50,7 @@ struct Rates {
     T free[max_columns];  ///< by free joint
     Conditioning<T> conditioning;
     MaskOf<T> velocity_limited;
-    T velocity_load;  ///< the largest rate before it was slowed, relative to its limit
+    T velocity_saturation;  ///< the largest rate before it was slowed, relative to its limit
 };
 
 /// Scales the rates down as a whole where one would pass its velocity limit.
@@ -61,7 +61,7 @@ void slow_to_velocity_limits(const MotionSettings& motion, Rates<T>& rates) {
         const double limit = motion.velocity_limit[motion.free_joint[f]];
         if (std::isfinite(limit)) over = maximum(over, absolute(rates.free[f]) * (1.0 / limit));
     }
-    rates.velocity_load = over;
+    rates.velocity_saturation = over;
     rates.velocity_limited = over > T(1.0);
     if (any(rates.velocity_limited)) {
         const T scale = 1.0 / maximum(over, T(1.0));
@@ -118,17 +118,17 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
 }
 
 /// How the rates change in one controller sub-step toward `wanted` (by free joint): one ratio scales all joint
-/// accelerations so that none passes its limit. Returns where the wanted rates are reached. `load`: the changes that are
+/// accelerations so that none passes its limit. Returns where the wanted rates are reached. `saturation`: the changes that are
 /// left, in units of the greatest there may be. `Free`: how many joints are free, or 0 to take it from `motion`.
 template <int Free = 0, class T>
-MaskOf<T> limited_change(const MotionSettings& motion, const FullChangeInverse& full, const T* wanted,
-                         const ArmState<T>& state, T* change, T* load) {
+MaskOf<T> limited_change(const MotionSettings& motion, const InverseMaxRateChange& full, const T* wanted,
+                         const ArmState<T>& state, T* change, T* saturation) {
     const int n = Free > 0 ? Free : motion.free_count;
     T over = 0.0;
     for (int f = 0; f < n; ++f) {
         change[f] = wanted[f] - state.qd[motion.free_joint[f]];
-        load[f] = absolute(change[f]) * full.of[f];
-        over = maximum(over, load[f]);
+        saturation[f] = absolute(change[f]) * full.of[f];
+        over = maximum(over, saturation[f]);
     }
     const auto reached = over <= T(1.0);
     if (!all(reached)) {

@@ -148,7 +148,7 @@ namespace detail {
 
 /// To the nearest limit of a free joint, `q` by joint; negative beyond it.
 template <class T>
-T least_margin(const MotionSettings& motion, const T* q) {
+T min_limit_margin(const MotionSettings& motion, const T* q) {
     T margin = 1.0;
     for (int f = 0; f < motion.free_count; ++f) {
         const int j = motion.free_joint[f];

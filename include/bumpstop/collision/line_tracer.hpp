@@ -4,7 +4,7 @@
 
 #include <numeric>
 
-#include "bumpstop/collision/braking_arm.hpp"
+#include "bumpstop/collision/arm_integrator.hpp"
 #include "bumpstop/collision/line_end.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -45,15 +45,15 @@ enum class Tracing {
     fast,   ///< for batches: distances between the ticks are interpolated
 };
 
-/// Traces lines, one in each lane; a lane takes the next line as soon as it is done with one. Positions inside a leap are
-/// read from its polynomial, a register of moments of one lane at a time.
+/// Traces lines, one in each lane; a lane takes the next line as soon as it is done with one. Positions inside a leap
+/// are read from its polynomial, a register of moments of one lane at a time.
 ///
 /// `Criterion` tells when a line needs no further tick. `observe(s, torque_per_N)` is given moments of the line, one in
-/// each lane, with their distances along the normal [m] and contact torques by joint [Nm/N or 1]. For each of them that is a
-/// tick, in order, `finished(moment)` is called then.
+/// each lane, with their distances along the normal [m] and contact torques by joint [Nm/N or 1]. For each of them that
+/// is a tick, in order, `finished(moment)` is called then.
 template <class T, Tracing tracing, class Criterion>
 class LineTracer {
-    using Arm = BrakingArm<T, tracing == Tracing::exact ? braking_order : loose_braking_order>;
+    using Arm = ArmIntegrator<T, tracing == Tracing::exact ? exact_order : batch_order>;
 
   public:
     LineTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing)
@@ -62,7 +62,7 @@ class LineTracer {
           contact_(contact),
           timing_(timing),
           stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
-          arm_(chain, motion, Arm::Kind::traces) {}
+          arm_(chain, motion, Arm::Kind::trace) {}
 
     /// Traces line i of `count` into paths[i], until criteria[i] ends it.
     void trace(const LineRequest* requests, Criterion* criteria, LinePath* paths, int count) {
@@ -73,18 +73,18 @@ class LineTracer {
             load(lane, requests, criteria, paths, std::min(lane, count - 1));
             if (lane >= count) lane_[lane].path = nullptr;
         }
-        T most = 0.0, margin = 0.0;
-        auto look = [&] { margin = detail::least_margin(motion_, arm_.state.q); };
-        auto refused = [](const auto&, const T&) { return T(0.0) > T(1.0); };
+        T max_step = 0.0, margin = 0.0;
+        auto look = [&] { margin = detail::min_limit_margin(motion_, arm_.state.q); };
+        auto rejected = [](const auto&, const T&) { return T(0.0) > T(1.0); };
         while (busy > 0) {
             allow_interruption();
-            for (int lane = 0; lane < lanes; ++lane) set_lane(most, lane, double(longest(lane)));
-            const T gone = arm_.advance(most, look, refused);
+            for (int lane = 0; lane < lanes; ++lane) set_lane(max_step, lane, double(longest(lane)));
+            const T taken = arm_.step(max_step, look, rejected);
             for (int lane = 0; lane < lanes; ++lane) {
                 Lane& at = lane_[lane];
-                if (at.path == nullptr || (at.begun && lane_of(gone, lane) == 0)) continue;
+                if (at.path == nullptr || (at.begun && lane_of(taken, lane) == 0)) continue;
                 at.begun = true;
-                if (take(lane, int(lane_of(gone, lane)), lane_of(margin, lane))) continue;
+                if (record_step(lane, int(lane_of(taken, lane)), lane_of(margin, lane))) continue;
                 if (next < count) {
                     load(lane, requests, criteria, paths, next++);
                 } else {
@@ -104,7 +104,7 @@ class LineTracer {
     struct Lane {
         LinePath* path = nullptr;  ///< null: the lane is done
         Criterion* criterion = nullptr;
-        int gone = 0;  ///< sub-steps
+        int taken = 0;  ///< sub-steps
         int last_step = 0;
         bool begun = false;  ///< the arm has been looked at
         bool keep_every_step = false;
@@ -145,7 +145,7 @@ class LineTracer {
         if constexpr (tracing == Tracing::exact) {
             arm_.begin(lane, exact_lag_tolerance, exact_rate_tolerance);
         } else {
-            arm_.begin(lane, tracing_leap_tolerance, following_leap_tolerance);
+            arm_.begin(lane, batch_lag_tolerance, batch_rate_tolerance);
         }
         Lane& at = lane_[lane];
         at = Lane{};
@@ -161,12 +161,12 @@ class LineTracer {
         const Lane& at = lane_[lane];
         if (at.path == nullptr) return 0;
         // Whether a singularity is met is asked where a step ends.
-        if (lane_of(arm_.near_singular(), lane)) return motion_.substeps - at.gone % motion_.substeps;
-        return std::min(longest_tracing_leap, at.last_step * motion_.substeps - at.gone);
+        if (lane_of(arm_.near_singular(), lane)) return motion_.substeps - at.taken % motion_.substeps;
+        return std::min(max_line_leap, at.last_step * motion_.substeps - at.taken);
     }
 
-    /// The next step that a lane keeps, if it is none after `last`: the end of its next stride, where the distances before it
-    /// can be interpolated from it and the ends of the three strides before.
+    /// The next step that a lane keeps, if it is none after `last`: the end of its next stride, where the distances
+    /// before it can be interpolated from it and the ends of the three strides before.
     int next_kept(const Lane& at, int last) const {
         const int step = at.next_step;
         if (at.keep_every_step || step <= 1 + 2 * stride_) return step;
@@ -184,14 +184,14 @@ class LineTracer {
     }
 
     /// Keeps the moments a lane has passed, and writes them as soon as there are enough. False when its path is over.
-    bool take(int lane, int gone, double margin) {
+    bool record_step(int lane, int gone, double margin) {
         Lane& at = lane_[lane];
         LinePath& path = *at.path;
-        at.gone += gone;
+        at.taken += gone;
         path.velocity_limited = path.velocity_limited || arm_.limited(lane);
         path.met_singularity = path.met_singularity || lane_of(arm_.near_singular(), lane);
-        const bool singular = at.gone % motion_.substeps == 0 && arm_.singular(lane);
-        const int last = at.gone / motion_.substeps;
+        const bool singular = at.taken % motion_.substeps == 0 && arm_.singular(lane);
+        const int last = at.taken / motion_.substeps;
         // Where it will end is found step by step, and so that no step lies far behind, from well before on.
         at.keep_every_step = at.keep_every_step || lane_of(arm_.near_singular(), lane) || margin < 0.05;
         // A stride is shorter than a leap where a cubic is enough for its inside.
@@ -201,12 +201,12 @@ class LineTracer {
             wanted[known++] = step;
             at.next_step = step + 1;
             if (at.pending + known == lanes) {
-                keep(lane, wanted, known);
+                record(lane, wanted, known);
                 if (!flush(lane)) return false;
                 known = 0;
             }
         }
-        if (known > 0) keep(lane, wanted, known);
+        if (known > 0) record(lane, wanted, known);
         const bool enough = 2 * at.pending >= lanes || singular || last >= at.last_step;
         if (enough && !flush(lane)) return false;
         if (singular) {
@@ -217,9 +217,9 @@ class LineTracer {
     }
 
     /// Where a lane was at these steps of its last leap, in order.
-    void keep(int lane, const int* steps, int count) {
+    void record(int lane, const int* steps, int count) {
         Lane& at = lane_[lane];
-        if (count == 1 && steps[0] * motion_.substeps == at.gone) {
+        if (count == 1 && steps[0] * motion_.substeps == at.taken) {
             // The end of the leap, where the arm is.
             const int to = at.pending++;
             at.step[to] = steps[0];
@@ -232,7 +232,7 @@ class LineTracer {
         }
         T back, q[max_joints], qd[max_joints];
         for (int i = 0; i < lanes; ++i)
-            set_lane(back, i, double(at.gone - steps[std::min(i, count - 1)] * motion_.substeps));
+            set_lane(back, i, double(at.taken - steps[std::min(i, count - 1)] * motion_.substeps));
         arm_.before(lane, back, q, qd);
         if (at.pending == 0) {
             std::copy_n(q, motion_.free_count, at.pending_q);
@@ -266,7 +266,7 @@ class LineTracer {
         forward_kinematics(chain_, q, angle, posture);
         const Point3<T> point = posture.position(contact_.point);
         const T s = dot(point - at.start, at.normal);
-        const T margin = detail::least_margin(motion_, q);
+        const T margin = detail::min_limit_margin(motion_, q);
         T torque[max_joints];
         for (int j = 0; j < chain_.dof; ++j)
             torque[j] = j > contact_.point.link ? T(0.0) : dot(linear_column(chain_, posture, point, j), at.normal);

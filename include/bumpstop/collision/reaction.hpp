@@ -2,15 +2,15 @@
 /// The path the contact point still travels once the arm reacts.
 #pragma once
 
-#include "bumpstop/collision/running_reactions.hpp"
+#include "bumpstop/collision/reaction_batch.hpp"
 #include "bumpstop/model/point_motion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// What the slowest joint needs to stop [s]. Schroeder (2013) counts from the detection on, with the rates the joints
-/// had then.
+/// What the slowest joint needs to stop [s]. The source counts from the detection on, with the rates the joints had
+/// then.
 inline double longest_stop_time(const MotionSettings& motion, const Timing& timing, const LinePath& path, int tick) {
     const int n = motion.free_count;
     double longest = 0;
@@ -48,10 +48,10 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
     constexpr int lanes = Scalar<T>::lanes;
     const bool stopping = kind == ReactionKind::stop;
     const ReactionRules rules{detail == ReactionDetail::only_peak, stopping, motion.substeps, motion.substep()};
-    using Arm = BrakingArm<T, order>;
-    Arm arm(chain, motion, stopping ? Arm::Kind::stops : Arm::Kind::follows);
+    using Arm = ArmIntegrator<T, order>;
+    Arm arm(chain, motion, stopping ? Arm::Kind::brake : Arm::Kind::track);
     Point3<T> normal, start;
-    RunningReactions<T> running(rules);
+    ReactionBatch<T> running(rules);
     auto load = [&](int lane, ReactionJob& job) {
         const LinePath& path = *job.path;
         const double* rates = load_start(chain, motion, timing, job, lane, arm.state.q);
@@ -60,7 +60,7 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
         set_lane_of_point(arm.target, lane, path.velocity, stopping ? 0 : -1);
         set_lane_of_point(normal, lane, path.normal);
         set_lane_of_point(start, lane, path.start);
-        arm.begin(lane, job.leap_tolerance);
+        arm.begin(lane, job.tolerance);
         running.begin(lane, job, path.s[std::size_t(LinePath::reaction_step(job.tick, timing))],
                       longest_stop_time(motion, timing, path, job.tick));
     };
@@ -77,26 +77,26 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
         distance = dot(point.position - start, normal);
     };
     // As they were where lanes turned home.
-    Arm arm_turned = arm;
-    RunningReactions<T> running_turned = running;
-    auto refused = [&](const MaskOf<T>& leaps, const T& over) { return running.refused(leaps, over, speed); };
+    Arm arm_at_retreat = arm;
+    ReactionBatch<T> running_at_retreat = running;
+    auto rejected = [&](const MaskOf<T>& leaps, const T& over) { return running.rejected(leaps, over, speed); };
     while (!running.all_done()) {
         allow_interruption();
-        const T gone = arm.advance(running.longest_leaps(), look, refused);
-        const ReactionFates<T> fates = running.take({gone, distance, speed, arm.near_singular(), arm.reached()});
-        if (any(fates.home)) {
-            arm_turned.take(fates.home, arm);
-            running_turned.take(fates.home, running);
-            arm.loosen(fates.home, RunningReactions<T>::homing_slack);
+        const T gone = arm.step(running.max_steps(), look, rejected);
+        const ReactionEvents<T> events = running.update({gone, distance, speed, arm.near_singular(), arm.reached()});
+        if (any(events.retreating)) {
+            arm_at_retreat.copy_lanes(events.retreating, arm);
+            running_at_retreat.copy_lanes(events.retreating, running);
+            arm.relax(events.retreating, ReactionBatch<T>::retreat_tolerance_scale);
         }
-        if (any(fates.again)) {
-            arm.take(fates.again, arm_turned);
-            running.take(fates.again, running_turned);
-            running.take_care(fates.again);
+        if (any(events.restart)) {
+            arm.copy_lanes(events.restart, arm_at_retreat);
+            running.copy_lanes(events.restart, running_at_retreat);
+            running.restart_accurately(events.restart);
         }
-        if (!any(fates.done)) continue;
+        if (!any(events.finished)) continue;
         for (int lane = 0; lane < lanes; ++lane) {
-            if (!lane_of(fates.done, lane)) continue;
+            if (!lane_of(events.finished, lane)) continue;
             if (next < count) {
                 load(lane, jobs[next++]);
             } else {
@@ -115,9 +115,11 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
                         const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail) {
     if (count == 0) return;
     if (jobs->exact()) {
-        detail::follow_reactions<braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
+        detail::follow_reactions<exact_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
     } else {
-        detail::follow_reactions<loose_braking_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
+        // Near singularities their long leaps enlarge roundings, which must be the same on every instruction set.
+        using U = Unfused<T>;
+        detail::follow_reactions<batch_order, U>(chain, motion, contact, timing, kind, jobs, count, detail);
     }
 }
 
@@ -135,20 +137,21 @@ void simulate_reactions(const Chain& chain, const MotionSettings& motion, const 
 
 /// Follows once more, closely, those of the loose jobs that met a singularity and are `wanted(job)`.
 template <class T, class Wanted>
-void follow_closely_at_singularities(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                                     const Timing& timing, ReactionKind kind, std::vector<ReactionJob>& jobs,
-                                     ReactionDetail what, Wanted wanted) {
+void refine_near_singularities(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                               const Timing& timing, ReactionKind kind, std::vector<ReactionJob>& jobs,
+                               ReactionDetail what, Wanted wanted) {
     std::vector<ReactionJob> again;
     std::vector<std::size_t> of;
     for (std::size_t i = 0; i < jobs.size(); ++i) {
-        if (jobs[i].leap_tolerance <= singular_leap_tolerance || !jobs[i].met_singularity || !wanted(jobs[i])) continue;
+        if (jobs[i].tolerance <= near_singular_tolerance || !jobs[i].met_singularity || !wanted(jobs[i])) continue;
         of.push_back(i);
         again.push_back(jobs[i]);
-        again.back().leap_tolerance = singular_leap_tolerance;
+        again.back().tolerance = near_singular_tolerance;
     }
     if (again.empty()) return;
-    detail::follow_reactions<loose_braking_order, T>(chain, motion, contact, timing, kind, again.data(),
-                                                     int(again.size()), what);
+    // Singularities enlarge roundings, which must be the same on every instruction set.
+    detail::follow_reactions<batch_order, Unfused<T>>(chain, motion, contact, timing, kind, again.data(),
+                                                      int(again.size()), what);
     for (std::size_t i = 0; i < of.size(); ++i) jobs[of[i]] = std::move(again[i]);
 }
 

@@ -5,7 +5,7 @@
 #include <limits>
 #include <vector>
 
-#include "bumpstop/collision/braking_arm.hpp"
+#include "bumpstop/collision/arm_integrator.hpp"
 #include "bumpstop/collision/line_path.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -20,30 +20,31 @@ struct ReactionJob {
     int tick;                                                 ///< that it reacts to; below 0: one before the first
     std::vector<double> distance;                             ///< result [m]
     std::vector<int> step;                                    ///< result
-    double leap_tolerance = braking_leap_tolerance;           ///< as of BrakingArm::begin
+    double tolerance = exact_tolerance;                       ///< as of ArmIntegrator::begin
     double enough = std::numeric_limits<double>::infinity();  ///< nothing is asked beyond this distance [m]
     const double* q = nullptr;     ///< joint positions the path started in: held joints keep theirs
     double return_to = 0;          ///< distance [m] behind which a point that reverses is back
-    bool comes_back = true;        ///< else the first retreat is believed, whatever is near
-    bool came_back = false;        ///< result: on its way home the point came near its farthest again
+    bool may_rebound = true;       ///< else the first retreat is believed, whatever is near
+    bool rebounded = false;        ///< result: on its way home the point came near its farthest again
     bool met_singularity = false;  ///< result: a singularity was near somewhere on its way
 
     /// Its last digits matter.
-    bool exact() const { return leap_tolerance <= braking_leap_tolerance; }
+    bool exact() const { return tolerance <= exact_tolerance; }
 };
 
-/// What of a reaction is wanted. `only_peak`: steps far from a farthest point may be missing, and a reaction that reverses
-/// ends once the point retreats for good: on the way back nothing brings it forward again unless a singularity was near, or
-/// the arm did not follow its line and swings on. Such an arm is followed until half again the time has passed that the
-/// slowest joint needs to stop, and 50 ms more: Schroeder's own length of a run after detection; and to its first
-/// retreat, if that is later. `every_step`: all steps; one that reverses is followed for as long, and until the point
-/// is back behind `return_to`. If after that time it gets farther than ever before instead, it ends before that: no
-/// force counts that `only_peak` does not know. A reaction that stops is followed until it has.
+/// What of a reaction is wanted. `only_peak`: steps far from a farthest point may be missing, and a reaction that
+/// reverses ends once the point retreats for good: on the way back nothing brings it forward again unless a singularity
+/// was near, or the arm did not follow its line and swings on. Such an arm is followed until half again the time has
+/// passed that the slowest joint needs to stop, and 50 ms more: the source's own length of a run after detection; and
+/// to its first retreat, if that is later. `every_step`: all steps; one that reverses is followed for as long, and
+/// until the point is back behind `return_to`. If after that time it gets farther than ever before instead, it ends
+/// before that: no force counts that `only_peak` does not know. A reaction that stops is followed until it has.
 enum class ReactionDetail { every_step, only_peak };
 
-/// Steps after which a reaction is left where it is: an arm that cannot reverse near a singularity must not run for ever.
-/// Any other is done long before. Its slowest joint stands after `stop_time` [s] and has reversed after twice that; it then
-/// goes back no farther than it came on its way of `path_steps`. `substeps` keeps controller sub-steps countable.
+/// Steps after which a reaction is left where it is: an arm that cannot reverse near a singularity must not run for
+/// ever. Any other is done long before. Its slowest joint stands after `stop_time` [s] and has reversed after twice
+/// that; it then goes back no farther than it came on its way of `path_steps`. `substeps` keeps controller sub-steps
+/// countable.
 inline int longest_reaction(double stop_time, std::size_t path_steps, double step, int substeps) {
     const double needed = std::min(4 * stop_time / step, 2e6) + 2 * double(path_steps);
     return int(std::min(std::max(needed, 20000.0), 2e9 / substeps));

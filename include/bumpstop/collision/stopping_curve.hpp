@@ -3,7 +3,7 @@
 /// the reaction begins there.
 #pragma once
 
-#include "bumpstop/collision/refinement.hpp"
+#include "bumpstop/collision/adaptive_tick_grid.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -40,7 +40,8 @@ inline double farthest_on_line(const LinePath& path, std::vector<double>::const_
 /// Reactions before that to the first tick that are looked at, of those a latency leaves room for.
 inline constexpr int most_early_reactions = 16;
 
-/// The ticks before the first, from -1 down, whose reactions are looked at: a few evenly spaced, the earliest among them.
+/// The ticks before the first, from -1 down, whose reactions are looked at: a few evenly spaced, the earliest among
+/// them.
 inline std::vector<int> early_ticks(const MotionSettings& motion, const Timing& timing, const LinePath& path) {
     const int lead = LinePath::early_ticks(timing);
     const int known = int(path.early_state.size() / (2 * std::size_t(motion.free_count)));
@@ -52,9 +53,9 @@ inline std::vector<int> early_ticks(const MotionSettings& motion, const Timing& 
 }
 
 /// A latency is the longest that an arm takes to react: it may begin at any time up to then, and what takes it farthest
-/// counts. Near a singularity that may be to react sooner. So more latency makes no collision milder. Where the line ends
-/// before the reaction is due, the arm brakes as it does without one. `reach`: farthest points of reactions to ticks below
-/// 0, by the step they begin in.
+/// counts. Near a singularity that may be to react sooner. So more latency makes no collision milder. Where the line
+/// ends before the reaction is due, the arm brakes as it does without one. `reach`: farthest points of reactions to
+/// ticks below 0, by the step they begin in.
 inline void widen_by_latency(const MotionSettings& motion, const Timing& timing,
                              std::vector<std::pair<int, double>> reach, StoppingCurve& curve) {
     if (timing.latency == 0) return;
@@ -82,12 +83,12 @@ inline void widen_by_latency(const MotionSettings& motion, const Timing& timing,
     }
 }
 
-/// Where another joint takes over as the limiting one, the overrun has a kink. Reactions that begin up to an
-/// overrun before it cross it on their way. So the ticks are cut there, and those crossing it stand by
+/// Where another joint takes over as the limiting one, the overtravel has a switching point. Reactions that begin up to
+/// an overtravel before it cross it on their way. So the ticks are cut there, and those crossing it stand by
 /// themselves.
-inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, const LinePath& path, int curve, int known,
-                         const FarthestTolerance& tolerance, std::vector<Stretch>& stretches) {
-    const FullChangeInverse inverse(motion);
+inline void split_at_switches(const MotionSettings& motion, const Timing& timing, const LinePath& path, int curve,
+                              int known, const OvertravelTolerance& tolerance, std::vector<TickRange>& ranges) {
+    const InverseMaxRateChange inverse(motion);
     int first = 0, limiting = limiting_joint(motion, inverse.of.data(), path, 0);
     for (int k = 1; k < known; ++k) {
         const int before = limiting;
@@ -100,19 +101,19 @@ inline void cut_at_kinks(const MotionSettings& motion, const Timing& timing, con
         const int crossing = int(ticks) + 2 + timing.latency / timing.period;
         const int begin = std::max(first, k - crossing), end = std::min(known - 1, k + 1);
         if (!tolerance.matters(begin, end)) continue;
-        if (begin > first) stretches.push_back({curve, first, begin - 1});
-        if (end >= begin) stretches.push_back({curve, begin, end, true});
+        if (begin > first) ranges.push_back({curve, first, begin - 1});
+        if (end >= begin) ranges.push_back({curve, begin, end, true});
         first = end + 1;
         if (k != end) limiting = limiting_joint(motion, inverse.of.data(), path, end);
         k = end;
     }
-    if (first < known) stretches.push_back({curve, first, known - 1});
+    if (first < known) ranges.push_back({curve, first, known - 1});
 }
 
 }  // namespace detail
 
-/// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each stretch and
-/// interpolated between; a stretch where the others say something else of one of them is simulated on a grid that is
+/// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each range and
+/// interpolated between; a range where the others say something else of one of them is simulated on a grid that is
 /// halved where it must be. `pose(i)` gives the joint positions curve i started in, `tolerance(i)` how well its ticks
 /// must be known.
 template <class T, class Pose, class Tolerance>
@@ -120,20 +121,20 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
                      const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose,
                      Tolerance tolerance) {
     constexpr int nodes = 6, fewest_ticks = 9, lanes = Scalar<T>::lanes;
-    std::vector<detail::Stretch> pending;
-    std::vector<detail::Refinement> rough;
+    std::vector<detail::TickRange> pending;
+    std::vector<detail::AdaptiveTickGrid> rough;
     for (int c = 0; c < count; ++c) {
         StoppingCurve& curve = curves[c];
         const LinePath& path = curve.path;
         curve.farthest.assign(path.ticks, 0.0);
         curve.reactions_simulated = 0;
         const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
-        if (known > 0) detail::cut_at_kinks(motion, timing, path, c, known, tolerance(c), pending);
+        if (known > 0) detail::split_at_switches(motion, timing, path, c, known, tolerance(c), pending);
     }
     std::vector<ReactionJob> jobs;
     auto add = [&](int curve, int tick) {
-        jobs.push_back({&curves[curve].path, curve, tick, {}, {}, tolerance(curve).of_leaps(tick)});
-        jobs.back().comes_back = tolerance(curve).follows(tick);
+        jobs.push_back({&curves[curve].path, curve, tick, {}, {}, tolerance(curve).of_reaction(tick)});
+        jobs.back().may_rebound = tolerance(curve).follows(tick);
     };
     auto simulate = [&] {
         if (jobs.empty()) return;
@@ -141,9 +142,9 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
             chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,
             [&](const ReactionJob& job) { return pose(job.curve); },
             [&](const ReactionJob& job) { return job.path->at_tick(std::max(job.tick, 0), timing.period); });
-        follow_closely_at_singularities<T>(
+        refine_near_singularities<T>(
             chain, motion, contact, timing, kind, jobs, ReactionDetail::only_peak,
-            [&](const ReactionJob& job) { return tolerance(job.curve).follows_closely(job.tick); });
+            [&](const ReactionJob& job) { return tolerance(job.curve).refines_near_singular(job.tick); });
         for (const ReactionJob& job : jobs) ++curves[job.curve].reactions_simulated;
     };
     auto place = [&](int curve, int k, double travelled) {
@@ -153,58 +154,58 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         curves[curve].farthest[k] = std::max(before, from[timing.latency] + travelled);
     };
 
-    for (detail::Stretch& stretch : pending) {
-        stretch.job = jobs.size();
-        const bool every_tick = stretch.crosses_kink || stretch.ticks() < fewest_ticks;
-        const int wanted = every_tick ? stretch.ticks() : nodes;
-        for (int k : interpolation_nodes(stretch.first, stretch.last, wanted)) add(stretch.curve, k);
+    for (detail::TickRange& range : pending) {
+        range.job = jobs.size();
+        const bool every_tick = range.contains_switch || range.ticks() < fewest_ticks;
+        const int wanted = every_tick ? range.ticks() : nodes;
+        for (int k : interpolation_nodes(range.first, range.last, wanted)) add(range.curve, k);
     }
     simulate();
-    for (const detail::Stretch& stretch : pending) {
-        const ReactionJob* own = &jobs[stretch.job];
-        if (stretch.crosses_kink || stretch.ticks() < fewest_ticks) {
-            for (int i = 0; i < stretch.ticks(); ++i)
-                place(stretch.curve, stretch.first + i, detail::overrun(own[i].distance));
+    for (const detail::TickRange& range : pending) {
+        const ReactionJob* own = &jobs[range.job];
+        if (range.contains_switch || range.ticks() < fewest_ticks) {
+            for (int i = 0; i < range.ticks(); ++i)
+                place(range.curve, range.first + i, detail::overtravel(own[i].distance));
             continue;
         }
-        bool smooth = std::none_of(own, own + nodes, [](const ReactionJob& job) { return job.came_back; });
-        detail::Summit summits[nodes];
-        std::transform(own, own + nodes, summits, detail::summit);
+        bool smooth = std::none_of(own, own + nodes, [](const ReactionJob& job) { return job.rebounded; });
+        detail::PeakFit peaks[nodes];
+        std::transform(own, own + nodes, peaks, detail::peak_fit);
         for (int i : {1, nodes / 2}) {  // near an end, and in the middle
-            const double difference = detail::OverrunInterpolation(own, summits, nodes, i).at(double(own[i].tick)) -
-                                      detail::overrun(own[i].distance);
-            smooth = smooth && std::fabs(difference) <= tolerance(stretch.curve).of(stretch.first, stretch.last);
+            const double difference = detail::OvertravelInterpolation(own, peaks, nodes, i).at(double(own[i].tick)) -
+                                      detail::overtravel(own[i].distance);
+            smooth = smooth && std::fabs(difference) <= tolerance(range.curve).of(range.first, range.last);
         }
-        const detail::OverrunInterpolation overrun(own, summits, nodes);
-        for (int first = stretch.first; smooth && first <= stretch.last; first += lanes) {
+        const detail::OvertravelInterpolation overtravel(own, peaks, nodes);
+        for (int first = range.first; smooth && first <= range.last; first += lanes) {
             T k;
             for (int lane = 0; lane < lanes; ++lane) set_lane(k, lane, double(first + lane));
-            const T travelled = overrun.at(k);
-            for (int lane = 0; lane < lanes && first + lane <= stretch.last; ++lane) {
+            const T travelled = overtravel.at(k);
+            for (int lane = 0; lane < lanes && first + lane <= range.last; ++lane) {
                 smooth = smooth && lane_of(travelled, lane) >= 0;
-                place(stretch.curve, first + lane, lane_of(travelled, lane));
+                place(range.curve, first + lane, lane_of(travelled, lane));
             }
         }
-        if (!smooth) rough.emplace_back(stretch, tolerance(stretch.curve));
+        if (!smooth) rough.emplace_back(range, tolerance(range.curve));
     }
     for (bool working = !rough.empty(); working;) {
         jobs.clear();
-        for (detail::Refinement& refinement : rough) {
-            refinement.job = jobs.size();
-            for (int k : refinement.wanted) add(refinement.curve, k);
+        for (detail::AdaptiveTickGrid& grid : rough) {
+            grid.job = jobs.size();
+            for (int k : grid.requested) add(grid.curve, k);
         }
         simulate();
         working = false;
-        for (detail::Refinement& refinement : rough) {
-            if (refinement.wanted.empty()) continue;
-            refinement.take(&jobs[refinement.job]);
-            working = working || !refinement.wanted.empty();
+        for (detail::AdaptiveTickGrid& grid : rough) {
+            if (grid.requested.empty()) continue;
+            grid.take(&jobs[grid.job]);
+            working = working || !grid.requested.empty();
         }
     }
-    for (detail::Refinement& refinement : rough) {
-        refinement.finish();
-        for (std::size_t i = 0; i < refinement.overruns().size(); ++i)
-            place(refinement.curve, refinement.first() + int(i), std::max(0.0, refinement.overruns()[i]));
+    for (detail::AdaptiveTickGrid& grid : rough) {
+        grid.finish();
+        for (std::size_t i = 0; i < grid.overtravels().size(); ++i)
+            place(grid.curve, grid.first() + int(i), std::max(0.0, grid.overtravels()[i]));
     }
     jobs.clear();
     for (int c = 0; c < count; ++c) {

@@ -6,23 +6,23 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int most_order = 7;  ///< values a leap goes by
+inline constexpr int max_adams_order = 7;  ///< values a leap goes by
 
 /// What the sums over the next `count` sub-steps are of the values known, newest first.
 template <class T, int order>
-struct UnevenWeights {
+struct AdamsWeights {
     T sum[order];          ///< of the changes: rates gained
     T sum_of_sums[order];  ///< summed once more: positions gained, in units of the sub-step
     T predict[order];      ///< the change after them, extrapolated
     T last[order];         ///< that of the last of them; only where asked for
-    /// What of `sum`, `sum_of_sums` and `last` there is to add for each unit by which the change found after them differs
-    /// from the one extrapolated.
+    /// What of `sum`, `sum_of_sums` and `last` there is to add for each unit by which the change found after them
+    /// differs from the one extrapolated.
     T correct_sum, correct_sum_of_sums, correct_last;
 };
 
-/// The age of moments that never were [sub-steps]. A polynomial through such a moment is, over the sub-steps that matter,
-/// the one without it: a short history is one of lower order.
-inline constexpr double long_ago = 1e12;
+/// The age of moments that never were [sub-steps]. A polynomial through such a moment is, over the sub-steps that
+/// matter, the one without it: a short history is one of lower order.
+inline constexpr double never_age = 1e12;
 
 /// The changes of the rates at the last moments a lane looked at. The moments lie as far apart as its leaps were long,
 /// so no history is lost when a leap is made longer or shorter, and lanes need not agree.
@@ -30,13 +30,13 @@ inline constexpr double long_ago = 1e12;
 /// The polynomial through the values is Lagrange's. It is summed over the sub-steps, not integrated, so a leap lands
 /// where the controller does.
 template <class T, int order>
-class UnevenHistory {
-    static_assert(order <= most_order);
+class AdamsHistory {
+    static_assert(order <= max_adams_order);
 
   public:
     void forget(int lane) {
         for (int j = 0; j < order; ++j) {
-            set_lane(age_[j], lane, long_ago * j);
+            set_lane(age_[j], lane, never_age * j);
             for (T& change : change_[j]) set_lane(change, lane, 0.0);
         }
     }
@@ -51,12 +51,12 @@ class UnevenHistory {
     /// Forgets what was before the newest moment.
     void keep_newest(const MaskOf<T>& lane) {
         for (int j = 1; j < order; ++j) {
-            age_[j] = select(lane, T(long_ago * j), age_[j]);
+            age_[j] = select(lane, T(never_age * j), age_[j]);
             for (T& change : change_[j]) change = select(lane, T(0.0), change);
         }
     }
     /// These lanes become what they are in another history.
-    void take(const MaskOf<T>& lanes, const UnevenHistory& other, int free_count) {
+    void copy_lanes(const MaskOf<T>& lanes, const AdamsHistory& other, int free_count) {
         for (int j = 0; j < order; ++j) {
             age_[j] = select(lanes, other.age_[j], age_[j]);
             for (int f = 0; f < free_count; ++f) change_[j][f] = select(lanes, other.change_[j][f], change_[j][f]);
@@ -81,8 +81,8 @@ class UnevenHistory {
     }
 
     /// One lane's history in all of them.
-    UnevenHistory spread(int lane, int free_count) const {
-        UnevenHistory one;
+    AdamsHistory broadcast(int lane, int free_count) const {
+        AdamsHistory one;
         for (int j = 0; j < order; ++j) {
             one.age_[j] = lane_of(age_[j], lane);
             for (int f = 0; f < free_count; ++f) one.change_[j][f] = lane_of(change_[j][f], lane);
@@ -93,7 +93,7 @@ class UnevenHistory {
     /// Every step but the last division is in whole numbers, which doubles hold exactly where no moment is long ago. A
     /// negative count goes back.
     template <bool WithLast = false>
-    UnevenWeights<T, order> weights(const T& count) const {
+    AdamsWeights<T, order> weights(const T& count) const {
         constexpr int last = order - 1;
         // With x the sub-steps from now: product of all (x + age) but the newest moment's, whose age is 0.
         T product[last + 1] = {T(1.0)};
@@ -106,7 +106,7 @@ class UnevenHistory {
         }
         // Sums of m^p over 0 <= m < count (Faulhaber).
         const T n = count, m = n - 1.0, a = 0.5 * m * n, aa = a * a, even = a * (2.0 * n - 1.0) * (1.0 / 3);
-        const T power_sum[most_order + 2] = {
+        const T power_sum[max_adams_order + 2] = {
             n,
             a,
             even,
@@ -117,7 +117,7 @@ class UnevenHistory {
             aa * (6.0 * aa - 4.0 * a + 1.0) * (1.0 / 3),
             even * (((40.0 * a - 40.0) * a + 18.0) * a - 3.0) * (1.0 / 15),
         };
-        UnevenWeights<T, order> weights;
+        AdamsWeights<T, order> weights;
         // Of the polynomial c[0] x^shift + .. + c[degree] x^(shift + degree), over the divisor.
         auto set = [&](const T* c, int shift, int degree, const T& inverse, T& sum_to, T& sum_of_sums, T& last_value) {
             T sum = c[0] * power_sum[shift], weighted = c[0] * power_sum[shift + 1];

@@ -1,13 +1,13 @@
 // Arms in lanes: what becomes of one does not depend on the others, and one that is put back goes the same way again.
-#include "bumpstop/collision/braking_arm.hpp"
+#include "bumpstop/collision/arm_integrator.hpp"
 
 #include "collision/random_arm.hpp"
 
 namespace {
 
 using namespace bumpstop;
-using L = Lanes<native_lanes>;
-using Braking = BrakingArm<L, loose_braking_order>;
+using L = Unfused<Lanes<native_lanes>>;
+using Braking = ArmIntegrator<L, batch_order>;
 
 bool same_bits(double a, double b) { return std::bit_cast<std::int64_t>(a) == std::bit_cast<std::int64_t>(b); }
 
@@ -22,34 +22,34 @@ void set_out(const random_arm::Arm& arm, Braking& braking, int lane) {
     set_lane(braking.target.x, lane, 0.1 * checks::normal());
     set_lane(braking.target.y, lane, 0.1 * checks::normal());
     set_lane(braking.target.z, lane, 0.1 * checks::normal());
-    braking.begin(lane, loose_braking_leap_tolerance);
+    braking.begin(lane, batch_tolerance);
 }
 
 L advance(Braking& braking) {
-    return braking.advance(
-        L(double(longest_braking_leap)), [] {}, [](const auto&, const L&) { return L(0.0) > L(1.0); });
+    return braking.step(
+        L(double(max_reaction_leap)), [] {}, [](const auto&, const L&) { return L(0.0) > L(1.0); });
 }
 
 // Lanes that are put back are followed again, those between them go on.
 void goes_the_same_way_again(int dof, int held) {
     const random_arm::Arm arm = random_arm::make(dof, {}, held);
-    for (Braking::Kind kind : {Braking::Kind::stops, Braking::Kind::follows}) {
+    for (Braking::Kind kind : {Braking::Kind::brake, Braking::Kind::track}) {
         Braking straight(arm.chain, arm.motion, kind);
         for (int lane = 0; lane < native_lanes; ++lane) set_out(arm, straight, lane);
         Braking kept = straight, back = straight;
         MaskOf<L> odd = L(0.0) > L(1.0);
         for (int lane = 1; lane < native_lanes; lane += 2) set_lane(odd, lane, true);
         for (int i = 0; i < 12; ++i) {
-            if (i == 5) kept.take(odd, straight);
+            if (i == 5) kept.copy_lanes(odd, straight);
             advance(straight);
         }
         Braking further = straight;
         // By other leaps, as an arm on its way home goes.
         for (int i = 0; i < 12; ++i) {
-            if (i == 5) back.loosen(odd, 1e4);
+            if (i == 5) back.relax(odd, 1e4);
             advance(back);
         }
-        back.take(odd, kept);
+        back.copy_lanes(odd, kept);
         for (int i = 5; i < 25; ++i) {
             const L gone = advance(back);
             if (i < 12) continue;
@@ -78,7 +78,7 @@ template <class T, int order>
 void never_stands_still(int dof, bool follows) {
     constexpr double beyond = 100;  // sub-steps after those that it takes to stop
     constexpr int most_looks = 12;  // from 1024 sub-steps to one by halves, and the one
-    using Any = BrakingArm<T, order>;
+    using Any = ArmIntegrator<T, order>;
     random_arm::Arm arm = random_arm::make(dof, {}, -1);
     // Where all is a power of two, loads are whole numbers to the last bit.
     if (checks::uniform(0, 1) < 0.5) {
@@ -86,7 +86,7 @@ void never_stands_still(int dof, bool follows) {
         arm.motion.substeps = 1;
         for (double& limit : arm.motion.acceleration_limit) limit = 4;
     }
-    Any braking(arm.chain, arm.motion, follows ? Any::Kind::follows : Any::Kind::stops);
+    Any braking(arm.chain, arm.motion, follows ? Any::Kind::track : Any::Kind::brake);
     double left[Scalar<T>::lanes];  // sub-steps that the arm is followed
     int looks[Scalar<T>::lanes];
     for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
@@ -103,7 +103,7 @@ void never_stands_still(int dof, bool follows) {
         set_lane(braking.target.x, lane, speed * checks::normal());
         set_lane(braking.target.y, lane, speed * checks::normal());
         set_lane(braking.target.z, lane, speed * checks::normal());
-        braking.begin(lane, order == braking_order ? braking_leap_tolerance : loose_braking_leap_tolerance);
+        braking.begin(lane, order == exact_order ? exact_tolerance : batch_tolerance);
         left[lane] = changes + beyond;
         looks[lane] = 0;
     }
@@ -117,7 +117,7 @@ void never_stands_still(int dof, bool follows) {
             over = over && left[lane] <= 0;
         }
         if (over) return;
-        const T gone = braking.advance(
+        const T gone = braking.step(
             most, [] {}, [](const auto&, const T&) { return T(0.0) > T(1.0); });
         for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
             left[lane] -= lane_of(gone, lane);
@@ -139,9 +139,9 @@ int main() {
 #endif
     for (int trial = 0; trial < trials; ++trial) {
         for (bool follows : {false, true}) {
-            never_stands_still<double, braking_order>(6 + trial % 2, follows);
-            never_stands_still<Lanes<native_lanes>, braking_order>(6, follows);
-            never_stands_still<L, loose_braking_order>(7, follows);
+            never_stands_still<double, exact_order>(6 + trial % 2, follows);
+            never_stands_still<Lanes<native_lanes>, exact_order>(6, follows);
+            never_stands_still<L, batch_order>(7, follows);
         }
     }
     for (int trial = 0; trial < 20; ++trial) {

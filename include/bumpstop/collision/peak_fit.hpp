@@ -14,30 +14,30 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 namespace detail {
 
 /// Distance still travelled after the reaction began: the greatest at a simulation step.
-inline double overrun(const std::vector<double>& distance) {
+inline double overtravel(const std::vector<double>& distance) {
     return *std::max_element(distance.begin(), distance.end()) - distance[0];
 }
 
-/// The overrun near its greatest value as a cubic in time, about the top: top + bend/2 d^2 + skew/6 d^3, where
+/// The overtravel near its greatest value as a cubic in time, about the peak: value + second/2 d^2 + third/6 d^3, where
 /// d is the time since `time`, both in simulation steps.
 template <class T>
-struct SummitOf {
-    T time, top, bend, skew;
+struct PeakFitOf {
+    T time, value, second, third;
 
     /// The greatest value at a whole step.
     T at_steps() const {
         const T below = maximum(T(0.0), whole_part(time));
-        return maximum(T(0.0), maximum(value(below - time), value(below + 1.0 - time)));
+        return maximum(T(0.0), maximum(at(below - time), at(below + 1.0 - time)));
     }
 
   private:
-    T value(const T& d) const { return top + d * d * (0.5 * bend + d * skew * (1.0 / 6)); }
+    T at(const T& d) const { return value + d * d * (0.5 * second + d * third * (1.0 / 6)); }
 };
-using Summit = SummitOf<double>;
+using PeakFit = PeakFitOf<double>;
 
-/// The summit of a reaction's travel, from four steps in a row about it; NaN where there is none, because the
+/// A fit of the peak of a reaction's travel, from four steps in a row about it; NaN where there is none, because the
 /// travel has no interior maximum.
-inline Summit summit(const ReactionJob& job) {
+inline PeakFit peak_fit(const ReactionJob& job) {
     const std::vector<double>& distance = job.distance;
     const double nan = std::numeric_limits<double>::quiet_NaN();
     const int n = int(distance.size());
@@ -51,8 +51,10 @@ inline Summit summit(const ReactionJob& job) {
         break;
     }
     if (first < 0) return {nan, nan, nan, nan};
-    // Newton's form on the steps first .. first + 3, then powers of x = time - first.
-    double y[4];
+    // Newton's form on the steps first .. first + 3, then powers of x = time - first. Flat peaks enlarge roundings, so
+    // these are lanes, all alike, that round the same on every instruction set.
+    using R = Unfused<Lanes<2>>;
+    R y[4];
     for (int i = 0; i < 4; ++i) y[i] = distance[first + i] - distance[0];
     const double d1 = y[1] - y[0], d2 = 0.5 * (y[2] - 2.0 * y[1] + y[0]),
                  d3 = (y[3] - 3.0 * y[2] + 3.0 * y[1] - y[0]) / 6.0;
@@ -63,19 +65,19 @@ inline Summit summit(const ReactionJob& job) {
         x -= step;
         if (std::fabs(step) < 1e-14) break;
     }
-    const double top = y[0] + x * (c1 + x * (c2 + x * c3)), bend = 2.0 * c2 + 6.0 * c3 * x;
-    return {job.step[first] + x, top, bend, 6.0 * c3};
+    const R value = y[0] + x * (c1 + x * (c2 + x * c3)), second = 2.0 * c2 + 6.0 * c3 * x;
+    return {job.step[first] + lane_of(x, 0), lane_of(value, 0), lane_of(second, 0), lane_of(6.0 * c3, 0)};
 }
 
-/// The overrun at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps
-/// is not smooth in the tick, as the steps fall differently about the summit; the summit is.
-class OverrunInterpolation {
+/// The overtravel at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps
+/// is not smooth in the tick, as the steps fall differently about the peak; the peak is.
+class OvertravelInterpolation {
   public:
-    /// Through the jobs, whose summits are given, but number `without`, if it is not below zero.
-    OverrunInterpolation(const ReactionJob* jobs, const Summit* summits, int count, int without = -1)
+    /// Through the jobs, whose peaks are given, but number `without`, if it is not below zero.
+    OvertravelInterpolation(const ReactionJob* jobs, const PeakFit* peaks, int count, int without = -1)
         : interpolation_(ticks_of(jobs, count, without)) {
         for (int m = 0; m < count; ++m) {
-            if (m != without) summit_.push_back(summits[m]);
+            if (m != without) peak_.push_back(peaks[m]);
         }
     }
     /// Negative where there is none.
@@ -83,12 +85,12 @@ class OverrunInterpolation {
     T at(T k) const {
         T weight[16];
         interpolation_.weights(k, weight);
-        SummitOf<T> sum{0.0, 0.0, 0.0, 0.0};
+        PeakFitOf<T> sum{0.0, 0.0, 0.0, 0.0};
         for (int m = 0; m < interpolation_.size(); ++m) {
-            sum.time += weight[m] * summit_[m].time;
-            sum.top += weight[m] * summit_[m].top;
-            sum.bend += weight[m] * summit_[m].bend;
-            sum.skew += weight[m] * summit_[m].skew;
+            sum.time += weight[m] * peak_[m].time;
+            sum.value += weight[m] * peak_[m].value;
+            sum.second += weight[m] * peak_[m].second;
+            sum.third += weight[m] * peak_[m].third;
         }
         return select(sum.time >= T(0.0), sum.at_steps(), T(-1.0));
     }
@@ -103,7 +105,7 @@ class OverrunInterpolation {
     }
 
     Interpolation interpolation_;
-    std::vector<Summit> summit_;
+    std::vector<PeakFit> peak_;
 };
 
 }  // namespace detail
