@@ -153,8 +153,9 @@ void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const
 template <class L>
 void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int* poses, int count) {
     const Timing& timing = *problem.timing;
+    using P = Unfused<L>;  // loose leaps enlarge what instruction sets round otherwise
     std::vector<LineRequest> requests;
-    std::vector<SurvivalCriterion<L>> criteria;
+    std::vector<SurvivalCriterion<P>> criteria;
     auto add = [&](int i) {
         const double* v = problem.velocity + 3 * std::size_t(poses[i]);
         // The offset's size follows from the approach speed, which is the tool's own speed along its line.
@@ -166,7 +167,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     };
     for (int i = 0; i < count; ++i) add(i);
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
-    LineTracer<L, Tracing::fast, SurvivalCriterion<L>>(*problem.chain, *problem.motion, *problem.contact, timing)
+    LineTracer<P, Tracing::fast, SurvivalCriterion<P>>(*problem.chain, *problem.motion, *problem.contact, timing)
         .trace(requests.data(), criteria.data(), worker.path.data(), count);
     // Near a singularity what a leap leaves out decides where the arm goes, and whether it meets the singularity: there a
     // batch traces as a single law does.
@@ -179,7 +180,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     criteria.clear();
     for (int i : again) add(i);
     std::vector<LinePath> path(again.size());
-    LineTracer<L, Tracing::exact, SurvivalCriterion<L>>(*problem.chain, *problem.motion, *problem.contact, timing)
+    LineTracer<P, Tracing::exact, SurvivalCriterion<P>>(*problem.chain, *problem.motion, *problem.contact, timing)
         .trace(requests.data(), criteria.data(), path.data(), int(again.size()));
     for (std::size_t i = 0; i < again.size(); ++i) worker.path[std::size_t(again[i])] = std::move(path[i]);
 }

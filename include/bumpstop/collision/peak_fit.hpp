@@ -56,14 +56,13 @@ inline PeakFit peak_fit(const ReactionJob& job) {
     using R = Unfused<Lanes<2>>;
     R y[4];
     for (int i = 0; i < 4; ++i) y[i] = distance[first + i] - distance[0];
-    const double d1 = y[1] - y[0], d2 = 0.5 * (y[2] - 2.0 * y[1] + y[0]),
-                 d3 = (y[3] - 3.0 * y[2] + 3.0 * y[1] - y[0]) / 6.0;
-    const double c1 = d1 - d2 + 2.0 * d3, c2 = d2 - 3.0 * d3, c3 = d3;
-    double x = peak - first;
+    const R d1 = y[1] - y[0], d2 = 0.5 * (y[2] - 2.0 * y[1] + y[0]), d3 = (y[3] - 3.0 * y[2] + 3.0 * y[1] - y[0]) / 6.0;
+    const R c1 = d1 - d2 + 2.0 * d3, c2 = d2 - 3.0 * d3, c3 = d3;
+    R x = double(peak - first);
     for (int i = 0; i < 20; ++i) {
-        const double step = (c1 + x * (2.0 * c2 + 3.0 * c3 * x)) / (2.0 * c2 + 6.0 * c3 * x);
+        const R step = (c1 + x * (2.0 * c2 + 3.0 * c3 * x)) / (2.0 * c2 + 6.0 * c3 * x);
         x -= step;
-        if (std::fabs(step) < 1e-14) break;
+        if (all(absolute(step) < R(1e-14))) break;
     }
     const R value = y[0] + x * (c1 + x * (c2 + x * c3)), second = 2.0 * c2 + 6.0 * c3 * x;
     return {job.step[first] + lane_of(x, 0), lane_of(value, 0), lane_of(second, 0), lane_of(6.0 * c3, 0)};

@@ -111,8 +111,9 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, cons
             w.z += qd[i];
         }
         // A point at r has the acceleration a + U r, with these for U; of its diagonal the negative.
-        const T xx = w.x * w.x, yy = w.y * w.y, zz = w.z * w.z;
-        const T xy = w.x * w.y, xz = w.x * w.z, yz = w.y * w.z;
+        // Every product is part of several sums.
+        const T xx = unfused(w.x * w.x), yy = unfused(w.y * w.y), zz = unfused(w.z * w.z);
+        const T xy = unfused(w.x * w.y), xz = unfused(w.x * w.z), yz = unfused(w.y * w.z);
         const T minus_uxx = yy + zz, minus_uyy = zz + xx, minus_uzz = xx + yy;
         const T uxy = xy - wd.z, uyx = xy + wd.z;
         const T uzx = xz - wd.y, uxz = xz + wd.y;
