@@ -23,7 +23,7 @@ nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const ThresholdDet
         const BatchProblem problem{&setup.chain,       &setup.motion,
                                    &setup.contact,     &setup.timing,
                                    setup.reaction,     &detector,
-                                   stiffness,          offset_law(offset_kind, 0).kind,
+                                   stiffness,          offset_distribution(offset_kind, 0).kind,
                                    offset_size,        int(n),
                                    q.data(),           velocity.data(),
                                    int(probabilities), probability.data(),
@@ -67,7 +67,7 @@ void bind_batch(nb::module_& module) {
         [](std::uint64_t seed, std::int64_t first_run, std::size_t runs, const std::string& kind, double size) {
             NewArray<double> out({runs});
             for (std::size_t i = 0; i < runs; ++i)
-                out.data[i] = draw_offset<double>(offset_law(kind, size), seed, first_run + std::int64_t(i));
+                out.data[i] = draw_offset<double>(offset_distribution(kind, size), seed, first_run + std::int64_t(i));
             return out.release();
         },
         nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("kind"), nb::arg("size"));

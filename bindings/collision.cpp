@@ -1,9 +1,9 @@
 // Arm and motion of a collision, stopping curves, and what is made of them.
 #include <atomic>
 
-#include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
 #include "bumpstop/collision/survival_criterion.hpp"
+#include "bumpstop/collision/tail_without_interpolation.hpp"
 #include "interrupt.hpp"
 #include "law.hpp"
 #include "setup.hpp"
@@ -170,7 +170,7 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
         ResidualRecord record;
         if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
         const Sampler<L> sampler(curve.curve, curve.setup.timing, curve.setup.motion, detector, stiffness,
-                                 offset_law(offset_kind, offset_size), seed, residuals ? &record : nullptr,
+                                 offset_distribution(offset_kind, offset_size), seed, residuals ? &record : nullptr,
                                  body_mass > 0 ? &free : nullptr, body_mass);
         // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.
         constexpr std::int64_t block = 1 << 16;
@@ -283,15 +283,14 @@ void bind_collision(nb::module_& module) {
             [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
                double offset_size, int refinement, double body_mass) {
                 const Unlocked unlocked;
-                LawSettings settings{stiffness, offset_law(offset_kind, offset_size), refinement};
+                QuadratureSettings settings{stiffness, offset_distribution(offset_kind, offset_size), refinement};
                 const FreePaths free = body_mass > 0 ? self.free_paths({stiffness, body_mass}) : FreePaths{};
                 if (body_mass > 0) {
                     settings.free = &free;
                     settings.body_mass = body_mass;
                 }
-                return Law{
-                    ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings).build(),
-                    self.setup.chain.dof};
+                return Law{integrate<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings),
+                           self.setup.chain.dof};
             },
             nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"),
             nb::arg("refinement"), nb::arg("body_mass") = 0.0,
@@ -301,9 +300,9 @@ void bind_collision(nb::module_& module) {
             [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
                double offset_size, double force) {
                 const Unlocked unlocked;
-                const LawSettings settings{stiffness, offset_law(offset_kind, offset_size)};
-                return ExactLawBuilder<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings)
-                    .tail_directly(force);
+                const QuadratureSettings settings{stiffness, offset_distribution(offset_kind, offset_size)};
+                return tail_without_interpolation<L>(self.curve, self.setup.timing, self.setup.motion, detector,
+                                                     settings, force);
             },
             nb::arg("detector"), nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("force"),
             "P(peak force > force) of detected collisions, with all its digits however small.")

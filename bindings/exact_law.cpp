@@ -14,6 +14,13 @@ auto unlocked(Work work) {
     return work();
 }
 
+template <class Of>
+auto panels(const Law& law, Of of) {
+    std::vector<double> out;
+    for (const PiecewiseDensity::Panel& panel : law.law.density.panel) out.push_back(of(panel));
+    return array_of(out, {out.size()});
+}
+
 }  // namespace
 
 void bind_exact_law(nb::module_& module) {
@@ -37,25 +44,21 @@ void bind_exact_law(nb::module_& module) {
             },
             owned)
         .def(
-            "total", [](const Law& self, const std::string& name) { return self.quantity(name).total; },
-            nb::arg("quantity"))
+            "total", [](Law& self, const std::string& name) { return self.quantity(name).total; }, nb::arg("quantity"))
         .def(
             "moments",
-            [](const Law& self, const std::string& name) {
-                const Moments m = unlocked([&] {
-                    return name == "peak_force" ? peak_force_moments<L>(self.law)
-                                                : moments<L>(self.law.pieces, self.quantity(name), 0);
-                });
+            [](Law& self, const std::string& name) {
+                const Moments m = name == "peak_force" ? peak_force_moments(self.law) : self.with_moments(name).moments;
                 return nb::make_tuple(m.mean, m.sd);
             },
             nb::arg("quantity"), "Mean and sd; of the peak force over all collisions.")
         .def(
             "tail",
-            [](const Law& self, const std::string& name, Vector y) {
+            [](Law& self, const std::string& name, Vector y) {
                 NewArray<double> out({y.shape(0), 2});
                 unlocked([&] {
                     for (std::size_t i = 0; i < y.shape(0); ++i) {
-                        const TailAt at = tail<L>(self.law.pieces, self.quantity(name), y(i));
+                        const TailAt at = tail<L>(self.law.density, self.quantity(name), y(i));
                         out.data[2 * i] = at.probability;
                         out.data[2 * i + 1] = at.density;
                     }
@@ -65,21 +68,19 @@ void bind_exact_law(nb::module_& module) {
             nb::arg("quantity"), nb::arg("y"), "P(quantity > y) and its density at each y >= 0.")
         .def(
             "upper_quantile",
-            [](const Law& self, const std::string& name, double allowed, double never) {
-                return unlocked(
-                    [&] { return upper_quantile<L>(self.law.pieces, self.quantity(name), allowed, never); });
+            [](Law& self, const std::string& name, double allowed, double never) {
+                const LinearQuantity& quantity = self.with_moments(name);
+                return unlocked([&] { return upper_quantile<L>(self.law.density, quantity, allowed, never); });
             },
             nb::arg("quantity"), nb::arg("allowed"), nb::arg("never"))
         .def(
             "free_nodes",
             [](const Law& self) {
-                const LawPieces& p = self.law.pieces;
-                const std::array<std::size_t, 3> shape{std::size_t(p.slots), std::size_t(p.order),
-                                                       std::size_t(p.panels)};
+                const FreeNodes& from = self.law.free;
                 nb::dict out;
-                out["peak_force"] = array_of(self.law.free.peak_force, {shape[0], shape[1], shape[2]});
-                out["duration"] = array_of(self.law.free.duration, {shape[0], shape[1], shape[2]});
-                out["force_at_detection"] = array_of(self.law.free.force_at_detection, {shape[0], shape[1], shape[2]});
+                out["peak_force"] = self.nodes(from.peak_force, from.undetected_peak_force);
+                out["duration"] = self.nodes(from.duration, from.undetected_duration);
+                out["force_at_detection"] = self.nodes(from.force_at_detection, {});
                 return out;
             },
             "Free contact: values at the Gauss nodes, (slots, order, panels) [N, s, N].")
@@ -98,26 +99,21 @@ void bind_exact_law(nb::module_& module) {
                 return out;
             },
             "Free contact: false alarms that still reach the body, tick by tick, in cells of offset and at nodes.")
-        .def_prop_ro("slots_before", [](const Law& self) { return self.law.pieces.slots_before; })
+        .def_prop_ro("slots_before", [](const Law& self) { return self.slots_before(); })
         .def_prop_ro(
-            "coefficients",
-            [](const Law& self) {
-                const LawPieces& p = self.law.pieces;
-                return array_of(p.coefficient, {std::size_t(p.slots), std::size_t(p.order), std::size_t(p.panels)});
-            },
-            owned)
+            "coefficients", [](const Law& self) { return self.coefficients(); }, owned)
         .def_prop_ro(
-            "panel_mid", [](const Law& self) { return array_of(self.law.pieces.mid, {self.law.pieces.mid.size()}); },
-            owned)
+            "panel_mid",
+            [](const Law& self) { return panels(self, [](const auto& p) { return 0.5 * (p.low + p.high); }); }, owned)
         .def_prop_ro(
-            "panel_half", [](const Law& self) { return array_of(self.law.pieces.half, {self.law.pieces.half.size()}); },
-            owned)
+            "panel_half",
+            [](const Law& self) { return panels(self, [](const auto& p) { return 0.5 * (p.high - p.low); }); }, owned)
         .def_prop_ro(
             "panel_first_tick",
             [](const Law& self) {
-                const std::vector<int>& ticks = self.law.pieces.first_tick;
-                NewArray<std::int32_t> out({ticks.size()});
-                std::copy(ticks.begin(), ticks.end(), out.data.get());
+                NewArray<std::int32_t> out({self.law.density.panel.size()});
+                std::transform(self.law.density.panel.begin(), self.law.density.panel.end(), out.data.get(),
+                               [](const auto& panel) { return std::int32_t(panel.first_tick); });
                 return out.release();
             },
             owned);

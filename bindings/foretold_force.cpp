@@ -13,7 +13,7 @@ using L = NativeLanes;
 ForetoldScenario make_scenario(const Setup& setup, const ThresholdDetector& detector, double stiffness,
                                const std::string& offset_kind, double offset_size, double quantile) {
     const double step = setup.motion.step;
-    const OffsetLaw offset = offset_law(offset_kind, offset_size);
+    const OffsetDistribution offset = offset_distribution(offset_kind, offset_size);
     ForetoldScenario scenario;
     scenario.arm = {setup.chain, setup.motion, setup.contact, setup.timing.from_rest};
     scenario.detector = detector;

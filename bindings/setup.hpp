@@ -2,7 +2,7 @@
 #pragma once
 
 #include "bumpstop/collision/line_tracer.hpp"
-#include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/collision/offset_distribution.hpp"
 #include "bumpstop/collision/reaction.hpp"
 #include "common.hpp"
 
@@ -25,7 +25,7 @@ LinePath trace_line(const Setup& setup, const double* q, Vector velocity, Criter
                                    LineRequest{q, {velocity(0), velocity(1), velocity(2)}}, std::move(criterion));
 }
 
-inline OffsetLaw offset_law(const std::string& kind, double size) {
+inline OffsetDistribution offset_distribution(const std::string& kind, double size) {
     return {kind == "half_normal" ? OffsetKind::half_normal
             : kind == "uniform"   ? OffsetKind::uniform
                                   : OffsetKind::fixed,

@@ -55,10 +55,10 @@ nb::dict laws(const ArmTrajectory& self, const ThresholdDetector& detector, doub
     std::vector<std::size_t> owner;
     {
         const Unlocked unlocked;
-        const QuietTicks quiet(detector, self.timing(), self.step(), self.ticks());
+        const PreContactAlarms before(detector, self.timing(), self.step(), self.ticks());
         for (std::size_t i = 0; i < n; ++i) {
             const ContactLaw law =
-                contact_law<L>(self, begin(i), point3(normal.data() + 3 * i), detector, stiffness, quiet, body_mass);
+                contact_law<L>(self, begin(i), point3(normal.data() + 3 * i), detector, stiffness, before, body_mass);
             undetected_peak.data[i] = law.undetected_peak;
             undetected_duration.data[i] = law.undetected_duration;
             false_alarm.data[i] = law.false_alarm;

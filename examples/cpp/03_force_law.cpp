@@ -3,8 +3,8 @@
 #include <fstream>
 #include <numbers>
 
-#include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/line_tracer.hpp"
+#include "bumpstop/collision/offset_quadrature.hpp"
 #include "bumpstop/collision/survival_criterion.hpp"
 #include "bumpstop/model/robot_description.hpp"
 
@@ -54,19 +54,19 @@ int main(int count, char** arguments) {
     complete_curves<L>(
         chain, motion, contact, timing, ReactionKind::reverse, &curve, 1, [&](int) { return q; },
         [](int) { return OvertravelTolerance{}; });
-    LawSettings settings;
+    QuadratureSettings settings;
     settings.stiffness = stiffness;
     settings.offset = {OffsetKind::half_normal, offset_sd};
-    const ExactLaw law = ExactLawBuilder<L>(curve, timing, motion, detector, settings).build();
+    const CollisionDistribution law = integrate<L>(curve, timing, motion, detector, settings);
 
-    const Moments force = peak_force_moments<L>(law);
+    const Moments force = peak_force_moments(law);
     std::printf("peak force: mean %.9f N, sd %.9f N\n", force.mean, force.sd);
     struct Quantile {
         const char* name;
         double p;
     };
     for (const auto& [name, p] : {Quantile{"p50", 0.5}, {"p95", 0.95}, {"p99", 0.99}, {"p999", 0.999}})
-        std::printf("%s: %.9f N\n", name, upper_quantile<L>(law.pieces, law.peak_force, 1 - p, law.undetected));
-    std::printf("over 135 N: %.3e\n", tail<L>(law.pieces, law.peak_force, 135.0).probability + law.undetected);
+        std::printf("%s: %.9f N\n", name, peak_force_upper_quantile<L>(law, 1 - p));
+    std::printf("over 135 N: %.3e\n", peak_force_over<L>(law, 135.0));
     std::printf("false alarm before contact: %.3e\n", law.false_alarm);
 }

@@ -7,6 +7,7 @@
 #include "bumpstop/collision/line_tracer.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
 #include "bumpstop/collision/survival_criterion.hpp"
+#include "bumpstop/collision/tail_without_interpolation.hpp"
 #include "bumpstop/collision/trajectory.hpp"
 
 using namespace bumpstop;
@@ -58,7 +59,7 @@ Arm make_arm(int dof, int rows) {
     return arm;
 }
 
-void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
+void check_case(const Arm& arm, ReactionKind reaction, OffsetDistribution offset) {
     StoppingCurve curve;
     curve.path =
         trace_line<L>(arm.chain, arm.motion, arm.contact, arm.timing, {arm.q.data(), {0.03, -0.02, 0.04}},
@@ -68,13 +69,12 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
         [](int) { return OvertravelTolerance{}; });
     for (int k = 0; k < curve.path.ticks; ++k)
         require(curve.farthest[k] >= curve.path.at_tick(k, arm.timing.period) - 1e-12, "the farthest point is ahead");
-    const LawSettings settings{20000, offset, 1, true};
-    ExactLawBuilder<L> builder(curve, arm.timing, arm.motion, arm.detector, settings);
-    const ExactLaw law = builder.build();
+    const QuadratureSettings settings{20000, offset, 1, true};
+    const CollisionDistribution law = integrate<L>(curve, arm.timing, arm.motion, arm.detector, settings);
     const double total = law.peak_force.total + law.harmless + law.unbounded();
     require(std::fabs(total - 1) < 1e-8, "probabilities add up");
-    const double half = tail<L>(law.pieces, law.peak_force, 20).probability;
-    const double direct = ExactLawBuilder<L>(curve, arm.timing, arm.motion, arm.detector, settings).tail_directly(20);
+    const double half = tail<L>(law.density, law.peak_force, 20).probability;
+    const double direct = tail_without_interpolation<L>(curve, arm.timing, arm.motion, arm.detector, settings, 20);
     require(std::fabs(half - direct) < 1e-6, "two routes to a tail");
 
     constexpr int runs = 1025;
@@ -96,7 +96,7 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetLaw offset) {
 
 // Noise that remembers, an observer, and a body that gets away.
 void check_memory_and_free_contact(Arm arm) {
-    const OffsetLaw offset{OffsetKind::uniform, 0.0005};
+    const OffsetDistribution offset{OffsetKind::uniform, 0.0005};
     const FreeBody body{20000, 3.0};
     arm.timing.steps = 60;
     for (const auto& [correlation, filter] : {std::pair{0.0, 0.0}, std::pair{0.6, 0.7}}) {
@@ -111,8 +111,8 @@ void check_memory_and_free_contact(Arm arm) {
             [&](int) { return arm.q.data(); }, [](int) { return OvertravelTolerance{}; });
         const FreePaths paths = free_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse,
                                               curve, body, arm.q.data());
-        LawSettings settings{body.stiffness, offset, 1, true, &paths, body.mass};
-        const ExactLaw law = ExactLawBuilder<L>(curve, arm.timing, arm.motion, arm.detector, settings).build();
+        QuadratureSettings settings{body.stiffness, offset, 1, true, &paths, body.mass};
+        const CollisionDistribution law = integrate<L>(curve, arm.timing, arm.motion, arm.detector, settings);
         // No body is struck harder than by an arm that never reacts.
         const double most = curve.path.approach_speed * std::sqrt(body.stiffness * body.mass) * 1.01;
         for (double force : law.free.peak_force) require(force <= most && force >= 0, "free contact is bounded");
@@ -188,14 +188,14 @@ void check_trajectory(const Arm& arm, ReactionKind reaction, double duration) {
     }
     const TrajectorySettings settings{arm.contact.point, arm.motion, 4, arm.timing.latency, reaction};
     const ArmTrajectory trajectory(arm.chain, spline, settings);
-    const QuietTicks quiet(arm.detector, trajectory.timing(), trajectory.step(), trajectory.ticks());
+    const PreContactAlarms before(arm.detector, trajectory.timing(), trajectory.step(), trajectory.ticks());
     for (double share : {0.001, 0.3, 0.5, 0.8, 0.999}) {
         const double begin = share * duration, h = 1e-6 * duration;
         const Point3<double> way = trajectory.point_at(begin + h) - trajectory.point_at(begin - h);
         const double length = std::sqrt(dot(way, way));
         const Point3<double> normal{way.x / length, way.y / length, way.z / length};
         for (double mass : {2.0, 0.0}) {
-            const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000, quiet, mass);
+            const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000, before, mass);
             double all = law.harmless + law.undetected;
             for (const ContactLaw::Detection& one : law.detection) {
                 all += one.probability;
@@ -203,7 +203,7 @@ void check_trajectory(const Arm& arm, ReactionKind reaction, double duration) {
             }
             require(std::fabs(all - 1) < 1e-8, "probabilities add up");
         }
-        const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000, quiet);
+        const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000, before);
         double total = law.harmless + law.undetected;
         for (const ContactLaw::Detection& one : law.detection) {
             total += one.probability;

@@ -307,3 +307,11 @@ def test_a_batch_goes_the_way_of_its_law_at_a_singularity() -> None:
     assert farthest[4] > 30 * farthest[5]
     assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-5)
     assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-5)
+
+
+def test_trigger_probabilities_where_detections_alone_are_smooth() -> None:
+    """Panels are interpolated only where what triggers them is smooth, too: here joint 1 was 4e-4 off."""
+    q, velocity = np.array([1.475, -1.069, 2.602, 1.111, 2.505, 0.676, 0.0]), np.array([0.0445, -0.015, -0.062])
+    law = bs.evaluate(control_group(pose_deg=np.degrees(q).tolist(), motion__velocity_mm_s=(1e3 * velocity).tolist()))
+    batch = bs.evaluate_batch(control_group(), [q], [velocity])
+    np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=1e-6)

@@ -40,7 +40,7 @@ PROGRAMS = [
     "joint/joint_torque",
     "collision/motion/arm_integrator",
     "collision/motion/line_tracer",
-    "collision/distribution/panel_moments",
+    "collision/distribution/linear_quantity",
     "detection/detector/detector",
     "detection/detector/sample_guard",
 ]

@@ -1,12 +1,11 @@
 /// @file
-/// Complete laws of many poses.
+/// Complete distributions of many poses.
 #pragma once
 
 #include <atomic>
 
-#include "bumpstop/collision/batch_law.hpp"
-#include "bumpstop/collision/exact_law.hpp"
 #include "bumpstop/collision/line_tracer.hpp"
+#include "bumpstop/collision/offset_quadrature.hpp"
 #include "bumpstop/collision/survival_criterion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -104,16 +103,16 @@ inline constexpr int longest_round = 8;
 /// What a thread keeps from group to group.
 template <class L>
 struct BatchWorker {
-    BatchWorker(const BatchProblem& problem, const AlarmTable& alarms, const QuietTable& quiet) {
+    BatchWorker(const BatchProblem& problem, const AlarmTable& table, const PreContactAlarms& before) {
         for (int i = 0; i < longest_group; ++i)
-            law.emplace_back(*problem.detector, *problem.timing, alarms, quiet, problem.stiffness, problem.offset_kind,
-                             scratch);
+            quadrature.emplace_back(*problem.timing, *problem.motion, *problem.detector, before,
+                                    TabulatedAlarms<L>(*problem.detector, table), probabilities);
     }
-    BatchWorker(const BatchWorker&) = delete;  // its laws know where its scratch is
+    BatchWorker(const BatchWorker&) = delete;  // its quadratures know where its probabilities are
 
-    DetectionScratch scratch;
-    std::vector<BatchLaw<L>> law;  ///< by place in the group
-    std::vector<LinePath> path;    ///< of the poses that are traced together
+    DetectionProbabilities probabilities;
+    std::vector<OffsetQuadrature<L, TabulatedAlarms<L>>> quadrature;  ///< by place in the group
+    std::vector<LinePath> path;                                       ///< of the poses that are traced together
     StoppingCurve curve[longest_group];
     std::vector<double> probability[longest_group];
 };
@@ -128,25 +127,24 @@ inline void write_nothing(const BatchProblem& problem, std::size_t pose, const B
     std::fill_n(out.trigger + pose * dof, dof, nan);
 }
 
-/// A law of either kind: `upper_quantile(p)` is the force passed with a probability of p, `exceedance(force)` counts what
-/// is never detected and has no bound. `detected` is the probability of a detection, summed and not what the others leave of one: of
-/// that little, rounding would be a large share.
-template <class Law, class Quantile, class Exceedance>
-void write_law(const BatchProblem& problem, std::size_t pose, PathEnd end, const Law& law, double detected,
-               const Moments& m, Quantile upper_quantile, Exceedance exceedance, const BatchResult& out) {
-    const bool endless = law.undetected > 1e-12 && end == PathEnd::horizon;
+template <class L>
+void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd end, const CollisionDistribution& found,
+                        const BatchResult& out) {
+    const bool endless = found.undetected > 1e-12 && end == PathEnd::horizon;
     const int dof = problem.chain->dof;
-    out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : m.mean;
-    out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : m.sd;
-    // A law remembers the forces it was asked for, which helps to find the quantiles.
-    for (int i = 0; i < problem.limits; ++i) out.exceedance[pose * problem.limits + i] = exceedance(problem.limit[i]);
+    const Moments force = peak_force_moments(found);
+    out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : force.mean;
+    out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : force.sd;
+    for (int i = 0; i < problem.limits; ++i)
+        out.exceedance[pose * problem.limits + i] = peak_force_over<L>(found, problem.limit[i]);
     for (int i = 0; i < problem.probabilities; ++i)
-        out.quantile[pose * problem.probabilities + i] = upper_quantile(1 - problem.probability[i]);
-    const double given = detected > 0 ? detected : std::numeric_limits<double>::quiet_NaN();
-    for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = law.trigger[j] / given;
-    out.false_alarm[pose] = law.false_alarm;
-    out.undetected[pose] = law.undetected;
-    out.no_contact[pose] = law.no_contact;
+        out.quantile[pose * problem.probabilities + i] =
+            peak_force_upper_quantile<L>(found, 1 - problem.probability[i]);
+    const double given = found.detected > 0 ? found.detected : std::numeric_limits<double>::quiet_NaN();
+    for (int j = 0; j < dof; ++j) out.trigger[pose * dof + j] = found.trigger[j] / given;
+    out.false_alarm[pose] = found.false_alarm;
+    out.undetected[pose] = found.undetected;
+    out.no_contact[pose] = found.no_contact;
 }
 
 /// The paths of `count` poses into worker.path.
@@ -163,7 +161,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
         const double size = problem.offset_size * (problem.offset_kind == OffsetKind::fixed ? 1.0 : speed);
         requests.push_back({problem.q + std::size_t(poses[i]) * problem.chain->dof, {v[0], v[1], v[2]}});
         criteria.emplace_back(*problem.detector, timing, problem.motion->step, problem.stiffness,
-                              OffsetLaw{problem.offset_kind, size}.largest());
+                              OffsetDistribution{problem.offset_kind, size}.largest());
     };
     for (int i = 0; i < count; ++i) add(i);
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
@@ -185,23 +183,23 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     for (std::size_t i = 0; i < again.size(); ++i) worker.path[std::size_t(again[i])] = std::move(path[i]);
 }
 
-/// The laws of poses whose paths are traced.
+/// The distributions of poses whose paths are traced.
 template <class L>
-void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick, const int* poses, LinePath* path,
+void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabulated, const int* poses, LinePath* path,
                  int count, const BatchResult& out) {
     const int dof = problem.chain->dof;
     StoppingCurve* curve = worker.curve;
-    OffsetLaw offset[longest_group];
-    bool collided[longest_group];
+    QuadratureSettings settings[longest_group];
+    bool detected[longest_group];
     for (int i = 0; i < count; ++i) {
         std::swap(curve[i].path, path[i]);  // both keep their memory for the next pose
         const LinePath& traced = curve[i].path;
-        offset[i] = {problem.offset_kind, problem.offset_kind == OffsetKind::fixed
-                                              ? problem.offset_size
-                                              : problem.offset_size * traced.approach_speed};
-        collided[i] = quick && traced.ticks > 0 && worker.law[i].collide(traced, offset[i]);
-        worker.probability[i] = collided[i]
-                                    ? worker.law[i].detection()
+        const double size =
+            problem.offset_size * (problem.offset_kind == OffsetKind::fixed ? 1.0 : traced.approach_speed);
+        settings[i] = {problem.stiffness, {problem.offset_kind, size}, 1, false};
+        detected[i] = tabulated && traced.ticks > 0 && worker.quadrature[std::size_t(i)].detect(traced, settings[i]);
+        worker.probability[i] = detected[i]
+                                    ? worker.quadrature[std::size_t(i)].detection()
                                     : most_alarm<L>(*problem.detector, *problem.timing, traced, problem.stiffness);
     }
     complete_curves<L>(
@@ -214,21 +212,13 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool quick
         out.end[pose] = done.singular_start ? batch_singular_start : std::uint8_t(done.end);
         if (done.singular_start) {
             write_nothing(problem, pose, out);
-        } else if (collided[i]) {
-            BatchLaw<L>& law = worker.law[i];
-            law.stop(curve[i].farthest);
-            write_law(
-                problem, pose, done.end, law, law.detected(), law.peak_force(),
-                [&](double p) { return law.upper_quantile(p); }, [&](double force) { return law.exceedance(force); },
-                out);
+        } else if (detected[i]) {
+            worker.quadrature[std::size_t(i)].finish(curve[i].farthest);
+            write_distribution<L>(problem, pose, done.end, worker.quadrature[std::size_t(i)].result(), out);
         } else {
-            const LawSettings settings{problem.stiffness, offset[i], 1, false};
-            const ExactLaw law =
-                ExactLawBuilder<L>(curve[i], *problem.timing, *problem.motion, *problem.detector, settings).build();
-            write_law(
-                problem, pose, done.end, law, law.detected, peak_force_moments<L>(law),
-                [&](double p) { return upper_quantile<L>(law.pieces, law.peak_force, p, law.unbounded()); },
-                [&](double force) { return peak_force_over<L>(law, force); }, out);
+            write_distribution<L>(
+                problem, pose, done.end,
+                integrate<L>(curve[i], *problem.timing, *problem.motion, *problem.detector, settings[i]), out);
         }
     }
 }
@@ -241,22 +231,23 @@ template <class L>
 void evaluate_batch(const BatchProblem& problem, int threads, const BatchResult& out) {
     constexpr int lanes = Scalar<L>::lanes;
     const std::vector<int> order = detail::order_of_work(problem);
-    const AlarmTable alarms(*problem.detector);
-    const bool quick = BatchLaw<L>::suits(*problem.detector, alarms, problem.offset_kind);
+    const AlarmTable table(*problem.detector);
+    const bool tabulated = !problem.detector->remembers() && problem.detector->watched > 0 && table.usable() &&
+                           problem.offset_kind != OffsetKind::fixed;
     const int ticks = (problem.timing->steps + problem.timing->period - 1) / problem.timing->period;
-    const QuietTable quiet(*problem.detector, *problem.timing, problem.motion->step, quick ? ticks : 0);
+    const PreContactAlarms before(*problem.detector, *problem.timing, problem.motion->step, tabulated ? ticks : 0);
     // Lanes that follow their lines take one pose after another, so a round is best long, and short enough for no thread to
     // be left with the last.
     const int share = problem.poses / (8 * threads * lanes);
     const int round = lanes * std::clamp(share, 1, detail::longest_round);
     std::atomic<int> next{0};
     work_in_threads(threads, [&] {
-        detail::BatchWorker<L> worker(problem, alarms, quiet);
+        detail::BatchWorker<L> worker(problem, table, before);
         for (int begin = round * next++; begin < problem.poses; begin = round * next++) {
             const int end = std::min(begin + round, problem.poses);
             detail::trace_poses(problem, worker, &order[std::size_t(begin)], end - begin);
             for (int first = begin; first < end; first += detail::longest_group)
-                detail::batch_group<L>(problem, worker, quick, &order[std::size_t(first)],
+                detail::batch_group<L>(problem, worker, tabulated, &order[std::size_t(first)],
                                        &worker.path[std::size_t(first - begin)],
                                        std::min(detail::longest_group, end - first), out);
         }

@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "bumpstop/collision/free_collision.hpp"
-#include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/collision/offset_distribution.hpp"
 #include "bumpstop/detection/threshold.hpp"
 #include "bumpstop/math/philox.hpp"
 
@@ -50,7 +50,7 @@ struct ResidualRecord {
 
 /// Offset of a run: a half-normal, uniform or fixed distance from its own stream.
 template <class T>
-T draw_offset(const OffsetLaw& law, std::uint64_t seed, IntOf<T> run) {
+T draw_offset(const OffsetDistribution& law, std::uint64_t seed, IntOf<T> run) {
     const PhiloxBlock<IntOf<T>> block = noise_block(seed, run, offset_tick, 0);
     const SignedProbability<T> draw = signed_probability<T>(block, 0);
     if (law.kind == OffsetKind::fixed) return law.size;
@@ -76,7 +76,7 @@ template <class T>
 class Sampler {
   public:
     Sampler(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-            const ThresholdDetector& detector, double stiffness, const OffsetLaw& offset, std::uint64_t seed,
+            const ThresholdDetector& detector, double stiffness, const OffsetDistribution& offset, std::uint64_t seed,
             const ResidualRecord* record = nullptr, const FreePaths* free = nullptr, double body_mass = 0)
         : curve_(curve), detector_(detector), stiffness_(stiffness), offset_(offset), seed_(seed), record_(record) {
         if (free != nullptr) reactions_.emplace(*free, FreeBody{stiffness, body_mass});
@@ -329,7 +329,7 @@ class Sampler {
     const StoppingCurve& curve_;
     const ThresholdDetector& detector_;
     double stiffness_;
-    OffsetLaw offset_;
+    OffsetDistribution offset_;
     std::uint64_t seed_;
     const ResidualRecord* record_;               ///< measured noise instead of Gaussian; may be null
     std::optional<FreeReactions<T>> reactions_;  ///< of free contact

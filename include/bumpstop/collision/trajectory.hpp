@@ -3,7 +3,7 @@
 /// path. Contact may begin at any time on the way.
 #pragma once
 
-#include "bumpstop/collision/exact_law.hpp"
+#include "bumpstop/collision/offset_quadrature.hpp"
 #include "bumpstop/collision/sampled_law.hpp"
 #include "bumpstop/collision/survival_criterion.hpp"
 
@@ -350,22 +350,21 @@ struct ContactLaw {
     double trigger[max_joints];
 };
 
-/// `quiet`: the trajectory's ticks without contact. A body of a mass above zero [kg] can get away.
+/// `before`: the trajectory's ticks without contact. A body of a mass above zero [kg] can get away.
 template <class T>
 ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Point3<double>& normal,
-                       const ThresholdDetector& detector, double stiffness, const QuietTicks& quiet,
+                       const ThresholdDetector& detector, double stiffness, const PreContactAlarms& before,
                        double body_mass = 0) {
     const StoppingCurve curve = trajectory.curve(begin, normal, &detector, stiffness, body_mass);
-    LawSettings settings{stiffness, {OffsetKind::fixed, 0.0}};
+    QuadratureSettings settings{stiffness, {OffsetKind::fixed, 0.0}};
     FreePaths free;
     if (body_mass > 0) {
         free = trajectory.free_paths(curve, begin, normal);
         settings.free = &free;
         settings.body_mass = body_mass;
     }
-    const ExactLaw law =
-        ExactLawBuilder<T>(curve, trajectory.timing(), trajectory.settings().motion, detector, settings, &quiet)
-            .build();
+    const CollisionDistribution law =
+        integrate<T>(curve, trajectory.timing(), trajectory.settings().motion, detector, settings, &before);
     ContactLaw out;
     out.false_alarm = law.false_alarm;
     out.undetected = law.undetected;
@@ -374,32 +373,42 @@ ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Poin
     out.harmless = law.harmless;
     out.greatest = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
     std::copy(law.trigger, law.trigger + trajectory.dof(), out.trigger);
-    const LawPieces& pieces = law.pieces;
+    const PiecewiseDensity& density = law.density;
     const FreeNodes& nodes = law.free;
-    for (int slot = 0; slot + 1 < pieces.slots; ++slot) {
-        const int k = pieces.first_tick[0] + slot - pieces.slots_before;
-        const double probability = 2 * *pieces.series(slot, 0);
-        if (k < 0 || k >= curve.path.ticks || !(probability > 0)) continue;
+    const PiecewiseDensity::Panel panel =
+        density.panel.empty() ? PiecewiseDensity::Panel{0, 0, curve.path.ticks} : density.panel[0];
+    std::vector<PreContactAlarm> alarms(density.alarm.begin() + panel.first_alarm,
+                                        density.alarm.begin() + panel.end_alarm);
+    std::sort(alarms.begin(), alarms.end(), [](const auto& one, const auto& other) { return one.tick < other.tick; });
+    for (const PreContactAlarm& alarm : alarms) {
+        if (alarm.tick < curve.path.ticks && alarm.chance > 0)
+            out.detection.push_back({alarm.tick, 2 * alarm.chance * density.offset_series[0], alarm.reach, -1});
+    }
+    for (int slot = 0; slot < panel.slots; ++slot) {
+        const double probability = density.mass_of(panel, slot);
+        const int k = panel.tick(slot);
+        if (!(probability > 0)) continue;
         out.detection.push_back({k, probability, curve.farthest[std::size_t(k)],
-                                 compression_at(curve.path, k, trajectory.timing().period, pieces.first_tick[0])});
+                                 compression_at(curve.path, k, trajectory.timing().period, panel.first_tick)});
         if (body_mass > 0) {
-            const std::size_t at = std::size_t(slot) * std::size_t(nodes.panels);
+            const std::size_t at = std::size_t(slot) * std::size_t(density.order);
             out.detection.back().peak = nodes.peak_force[at];
             out.detection.back().duration = nodes.duration[at];
             out.detection.back().force = nodes.force_at_detection[at];
         }
     }
-    if (!(body_mass > 0) || pieces.slots == 0) return out;
-    const std::size_t never = std::size_t(pieces.slots - 1) * std::size_t(nodes.panels);
-    out.undetected_peak = nodes.peak_force[never];
-    out.undetected_duration = nodes.duration[never];
-    const FreeAlarms& alarms = law.free_alarms;
-    for (std::size_t i = 0; i < alarms.pieces(); ++i) {
+    if (!(body_mass > 0)) return out;
+    if (!nodes.undetected_peak_force.empty()) {
+        out.undetected_peak = nodes.undetected_peak_force[0];
+        out.undetected_duration = nodes.undetected_duration[0];
+    }
+    const FreeAlarms& pieces = law.free_alarms;
+    for (std::size_t i = 0; i < pieces.pieces(); ++i) {
         // All cells of a body at one place are alike.
         const std::size_t edge = i * (FreeAlarms::cells + 1);
-        out.detection.push_back({alarms.tick[i], alarms.mass[i * FreeAlarms::cells] * FreeAlarms::cells,
-                                 curve.farthest[std::size_t(alarms.tick[i])], -1, alarms.edge_force[edge],
-                                 alarms.edge_duration[edge], 0});
+        out.detection.push_back({pieces.tick[i], pieces.mass[i * FreeAlarms::cells] * FreeAlarms::cells,
+                                 curve.farthest[std::size_t(pieces.tick[i])], -1, pieces.edge_force[edge],
+                                 pieces.edge_duration[edge], 0});
     }
     return out;
 }

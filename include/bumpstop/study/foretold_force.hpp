@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "bumpstop/collision/offset_law.hpp"
+#include "bumpstop/collision/offset_distribution.hpp"
 #include "bumpstop/study/braking_ahead.hpp"
 #include "bumpstop/study/noticing.hpp"
 

@@ -1,5 +1,5 @@
-// Moments of the peak force on a panel of offsets against the integral they stand for.
-#include "bumpstop/collision/panel_moments.hpp"
+// Moments, tails and quantiles of a force on panels of offsets against the integrals they stand for.
+#include "bumpstop/collision/linear_quantity.hpp"
 
 #include <array>
 
@@ -46,6 +46,15 @@ Integral integral(const Stopped& stopped, double low, double high, double stiffn
     return made;
 }
 
+double mass_below(const Stopped& stopped, double low, double high) {
+    const GaussRule rule(16);
+    const double share = (std::clamp(stopped.farthest, low, high) - low) / (high - low);
+    double mass = 0;
+    for (int g = 0; g < rule.order; ++g)
+        mass += stopped.density(share * (rule.node[std::size_t(g)] + 1) - 1) * rule.weight[std::size_t(g)] * share;
+    return mass;
+}
+
 // Legendre's polynomials times the density, integrated over [-1, 1] and halved: by degree.
 std::array<double, order> series_of(const Stopped& stopped) {
     const GaussRule rule(order);
@@ -65,41 +74,62 @@ std::array<double, order> series_of(const Stopped& stopped) {
     return series;
 }
 
+// Five panels, and detections at six ticks in each, whose stopping paths end before the panel, in it and beyond it.
 template <class T>
-void sums_are_integrals() {
-    const GaussRule rule(order);
+void moments_and_tails_are_integrals() {
     const double stiffness = 75000;
     for (int i = 0; i < 50; ++i) {
-        const double about = checks::uniform(0, 60);
-        PanelMoments<T, order> moments(stiffness, about, rule.node.data(), rule.weight.data());
+        PiecewiseDensity density;
+        density.clear(order);
+        LinearQuantity force;
+        force.scale = stiffness;
         Integral wanted;
+        double above = 0;
+        const double y = checks::uniform(0, 150);
         for (int p = 0; p < 5; ++p) {
             const double low = 1e-3 * checks::uniform(0, 3), high = low + 1e-3 * checks::uniform(0.1, 1);
-            moments.begin(low, high);
+            density.panel.push_back({low, high, 6 * p, 6, density.mass.size()});
             for (int k = 0; k < 6; ++k) {
                 Stopped stopped{{}, checks::uniform(0.1, 2), low + (high - low) * checks::uniform(-1, 3)};
                 stopped.power[0] = 2;
                 for (std::size_t q = 1; q < order; ++q) stopped.power[q] = checks::uniform(-0.25, 0.25);
-                moments.add(series_of(stopped).data(), stopped.factor, stopped.farthest);
+                for (double c : series_of(stopped)) density.series.push_back(stopped.factor * c);
+                density.mass.push_back(2 * stopped.factor * series_of(stopped)[0]);
+                density.panel.back().mass += density.mass.back();
+                force.reach.push_back(stopped.farthest);
                 const Integral own = integral(stopped, low, high, stiffness);
                 wanted.mass += own.mass;
                 wanted.first += own.first;
                 wanted.second += own.second;
+                // What lies nearer than a force from the end of its stopping path exceeds it.
+                Stopped nearer = stopped;
+                nearer.farthest -= y / stiffness;
+                above += mass_below(nearer, low, high);
             }
-            moments.end();
         }
-        moments.add_nothing(0.7);
-        wanted.mass += 0.7;
-        const double second = wanted.second - 2 * about * wanted.first + about * about * wanted.mass;
-        CHECK_NEAR(moments.first(), wanted.first - about * wanted.mass, 1e-12 * wanted.mass * 200);
-        CHECK_NEAR(moments.second(), second, 1e-12 * wanted.mass * 200 * 200);
+        density.sum_later_masses();
+        summarise(density, force);
+        find_moments<T>(density, force);
+        const double mean = wanted.first / wanted.mass;
+        CHECK_NEAR(force.total, wanted.mass, 1e-12 * wanted.mass);
+        CHECK_NEAR(force.moments.mean, mean, 1e-11 * 200);
+        CHECK_NEAR(force.moments.sd, std::sqrt(wanted.second / wanted.mass - mean * mean), 1e-10 * 200);
+        CHECK_NEAR(tail<T>(density, force, y).probability, above, 1e-12 * wanted.mass);
+        const double quantile = upper_quantile<T>(density, force, 0.3 * wanted.mass, 0);
+        const TailAt at = tail<T>(density, force, quantile);
+        CHECK_NEAR(at.probability, 0.3 * wanted.mass, 1e-9 * wanted.mass);
+        const double step = 1e-4;
+        CHECK_NEAR(
+            at.density * 2 * step,
+            tail<T>(density, force, quantile - step).probability - tail<T>(density, force, quantile + step).probability,
+            1e-6 * wanted.mass);
     }
 }
 
 }  // namespace
 
 int main() {
-    sums_are_integrals<double>();
-    sums_are_integrals<L>();
+    moments_and_tails_are_integrals<double>();
+    moments_and_tails_are_integrals<L>();
     return checks::result();
 }

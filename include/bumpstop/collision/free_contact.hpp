@@ -1,23 +1,16 @@
 /// @file
-/// Free contact in the exact law: what becomes of bodies at the nodes of panels, and of those that false alarms still
-/// reach.
+/// Free contact: what becomes of bodies at the nodes of panels, and of those that false alarms still reach.
 #pragma once
 
 #include "bumpstop/collision/free_collision.hpp"
-#include "bumpstop/collision/offset_law.hpp"
-#include "bumpstop/collision/outcomes.hpp"
+#include "bumpstop/collision/interpolated_panels.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Quantities at the Gauss nodes of panels, [slot][node][panel]: slot i is a detection at the i-th tick in contact, the
-/// last one none.
+/// Quantities at the Gauss nodes of a density's panels: by slot of detection, and where nothing is detected.
 struct FreeNodes {
-    int panels = 0;
-    std::vector<double> peak_force, duration, force_at_detection;  ///< N, s, N
-
-    static constexpr auto all() {
-        return std::array{&FreeNodes::peak_force, &FreeNodes::duration, &FreeNodes::force_at_detection};
-    }
+    std::vector<double> peak_force, duration, force_at_detection;    ///< [slot][node] [N, s, N]
+    std::vector<double> undetected_peak_force, undetected_duration;  ///< [panel][node] [N, s]
 };
 
 /// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
@@ -34,77 +27,89 @@ struct FreeAlarms {
     std::size_t pieces() const { return tick.size(); }
 };
 
-/// The undetected collisions at all nodes of panels, as the outcomes' finder sees them.
+/// Collisions with a body that can get away, at a block of offsets.
 template <class T>
 class FreeContact {
   public:
-    FreeContact(const FreeReactions<T>& reactions, const std::vector<Panel>& panels, int order)
-        : order_(order), panels_(int(panels.size() + lanes - 1) / lanes * lanes) {
-        const GaussRule& rule = gauss_rule(order);
-        collision_.reserve(std::size_t(panels_ / lanes) * order);
-        for (int first = 0; first < panels_; first += lanes) {
-            int tick[lanes];
-            T low, high;
-            for (int lane = 0; lane < lanes; ++lane) {
-                const Panel& panel = panels[std::min(std::size_t(first + lane), panels.size() - 1)];
-                tick[lane] = panel.tick;
-                set_lane(low, lane, panel.low);
-                set_lane(high, lane, panel.high);
+    explicit FreeContact(const FreeReactions<T>& reactions) : reactions_(reactions) {}
+
+    void begin(const OffsetPanel& panel, const T* offset) {
+        int tick[lanes];
+        std::fill(tick, tick + lanes, panel.tick);
+        collision_.clear();
+        for (int r = 0; r < registers; ++r) collision_.emplace_back(reactions_, tick, offset[r]);
+    }
+    T force(double, int i, int r) const {
+        const std::vector<T>& force = collision_[std::size_t(r)].force;
+        return std::size_t(i) < force.size() ? force[std::size_t(i)] : T(0.0);
+    }
+
+    static constexpr bool parts = true;
+    /// 1 where a detection then is one of this contact: a body that has got away cannot be felt.
+    T touched(int i, int r) const {
+        const std::vector<T>& touched = collision_[std::size_t(r)].touched;
+        return std::size_t(i) < touched.size() ? touched[std::size_t(i)] : T(0.0);
+    }
+
+    /// What the reactions come to that have any probability.
+    void finish(const DetectionProbabilities::Panel& panel, std::size_t first, std::size_t order,
+                DetectionProbabilities& out) const {
+        for (auto values : by_slot()) (out.*values).resize(out.detected.size(), 0.0);
+        for (auto values : by_panel()) (out.*values).resize(out.survived.size(), 0.0);
+        for (int r = 0; r < registers; ++r) {
+            const FreeCollision<T>& collision = collision_[std::size_t(r)];
+            const std::size_t node = first + std::size_t(r * lanes);
+            for (int i = 0; i < panel.slots; ++i) {
+                const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
+                if (!any(load<T>(&out.detected[at]) > T(0.0))) continue;
+                int since[lanes];
+                std::fill(since, since + lanes, i);
+                const auto outcome = collision.detected(since);
+                store(outcome.peak, &out.peak_force[at]);
+                store(outcome.duration, &out.duration[at]);
+                store(force(0, i, r), &out.force_at_detection[at]);
             }
-            for (int g = 0; g < order; ++g)
-                collision_.emplace_back(reactions, tick, 0.5 * (low + high) + 0.5 * (high - low) * rule.node[g]);
+            store(collision.peak, &out.undetected_peak_force[panel.row * order + node]);
+            store(collision.duration, &out.undetected_duration[panel.row * order + node]);
         }
     }
 
-    /// A collision in the hands of the finder.
-    struct Collision {
-        const FreeCollision<T>* collision;
+    static constexpr auto by_slot() {
+        return std::array{&DetectionProbabilities::peak_force, &DetectionProbabilities::duration,
+                          &DetectionProbabilities::force_at_detection};
+    }
+    static constexpr auto by_panel() {
+        return std::array{&DetectionProbabilities::undetected_peak_force, &DetectionProbabilities::undetected_duration};
+    }
 
-        T force(const T&, int i) const {
-            return std::size_t(i) < collision->force.size() ? collision->force[std::size_t(i)] : T(0.0);
-        }
-        // A body that has got away cannot be felt.
-        T felt(int i) const {
-            return std::size_t(i) < collision->touched.size() ? collision->touched[std::size_t(i)] : T(0.0);
-        }
-    };
-    Collision begin(int first, int node, const T&) const { return {&at(first, node)}; }
-
-    /// What the reactions of those outcomes come to that have any probability.
-    FreeNodes values(const Outcomes& outcomes) const {
-        FreeNodes out;
-        out.panels = panels_;
-        const std::size_t block = std::size_t(order_) * panels_, slots = outcomes.detected.size() + 1;
-        for (auto quantity : FreeNodes::all()) (out.*quantity).assign(block * slots, 0.0);
-        for (int first = 0; first < panels_; first += lanes) {
-            for (int g = 0; g < order_; ++g) {
-                const FreeCollision<T>& collision = at(first, g);
-                const std::size_t place = std::size_t(g) * panels_ + first;
-                for (std::size_t i = 0; i + 1 < slots; ++i) {
-                    if (!any(load<T>(&outcomes.detected[i][place]) > T(0.0))) continue;
-                    int since[lanes];
-                    std::fill(since, since + lanes, int(i));
-                    const auto outcome = collision.detected(since);
-                    store(outcome.peak, &out.peak_force[i * block + place]);
-                    store(outcome.duration, &out.duration[i * block + place]);
-                    store(begin(first, g, T(0.0)).force(T(0.0), int(i)), &out.force_at_detection[i * block + place]);
-                }
-                store(collision.peak, &out.peak_force[(slots - 1) * block + place]);
-                store(collision.duration, &out.duration[(slots - 1) * block + place]);
+    /// Interpolated quantities, times the probability of meeting them, may be off by a share of the greatest: the arm's path
+    /// is straight within a simulation step, which leaves kinks of this size.
+    template <class Interpolated>
+    bool agrees(const Interpolated& panels, std::size_t p, const DetectionProbabilities& known) const {
+        constexpr double tolerance[] = {1e-5, 5e-5};  // of the force, of the time in contact
+        for (std::size_t q = 0; q < std::size(tolerance); ++q) {
+            const std::vector<double>& values = known.*by_slot()[q];
+            const std::vector<double>& never = known.*by_panel()[q];
+            const double allowed =
+                tolerance[q] * std::max(panels.greatest(values), *std::max_element(never.begin(), never.end()));
+            for (int slot = 0; slot < known.panel[p].slots; ++slot) {
+                if (!panels.slot_agrees(values, p, slot, [&](std::size_t at) {
+                        return allowed / maximum(load<T>(&known.detected[at]), T(1e-300));
+                    }))
+                    return false;
             }
+            const double* survived = &known.survived[known.panel[p].row * panels.order()];
+            const double most = *std::max_element(survived, survived + panels.order());
+            if (most > 0 && !panels.row_agrees(never, p, T(allowed / most))) return false;
         }
-        return out;
+        return true;
     }
 
   private:
-    static constexpr int lanes = Scalar<T>::lanes;
+    static constexpr int lanes = Scalar<T>::lanes, registers = block_registers<T>;
 
-    const FreeCollision<T>& at(int first, int node) const {
-        return collision_[std::size_t(first / lanes) * order_ + node];
-    }
-
-    int order_, panels_;
-    std::vector<FreeCollision<T>> collision_;  // [register][node]
+    const FreeReactions<T>& reactions_;
+    std::vector<FreeCollision<T>> collision_;  ///< by register
 };
 
 namespace detail {
@@ -131,8 +136,8 @@ inline std::vector<double> turns(const FreePaths& paths, int k, double low) {
 
 /// Some of the false alarms at tick k, against bodies from `low` to `top`.
 template <class T>
-void add_piece(const FreeReactions<T>& reactions, const OffsetLaw& offset, int k, double chance, double low, double top,
-               FreeAlarms& out) {
+void add_piece(const FreeReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance, double low,
+               double top, FreeAlarms& out) {
     constexpr int lanes = Scalar<T>::lanes, cells = FreeAlarms::cells, nodes = FreeAlarms::nodes;
     const bool fixed = offset.kind == OffsetKind::fixed;
     out.tick.push_back(k);
@@ -181,7 +186,7 @@ void add_piece(const FreeReactions<T>& reactions, const OffsetLaw& offset, int k
 /// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
 /// reaches far has a piece for each swing, and the density of the offset bends little in any.
 template <class T>
-void add_alarms(const FreeReactions<T>& reactions, const OffsetLaw& offset, int k, double chance, double low,
+void add_alarms(const FreeReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance, double low,
                 FreeAlarms& out) {
     constexpr double most_sd = 0.5;  // in a piece
     const double top = std::min(reactions.paths().farthest[std::size_t(k)], offset.largest());

@@ -1,5 +1,5 @@
 /// @file
-/// The ticks before contact: how long nothing alarms, and what the noise has become by then.
+/// The ticks before contact: the probability that none alarms, and the density of the noise by then.
 #pragma once
 
 #include "bumpstop/collision/stopping_curve.hpp"
@@ -8,48 +8,57 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// What may happen at an armed tick without contact, given no alarm before.
-struct IdleTick {
-    double alarm = 0, silent = 1, one = 0;    ///< any joint, none, exactly one over its threshold
+struct NoContactTick {
+    double alarm = 0, no_alarm = 1, one = 0;  ///< any joint, none, exactly one over its threshold
     std::array<double, max_joints> single{};  ///< by watched joint
 
     void add(int w, const AlarmProbability<double>& joint) {
-        alarm += silent * joint.alarm;
-        one = one * joint.silent + silent * joint.alarm;
-        silent *= joint.silent;
-        single[w] = joint.alarm;
+        alarm += no_alarm * joint.alarm;
+        one = one * joint.silent + no_alarm * joint.alarm;
+        no_alarm *= joint.silent;
+        single[std::size_t(w)] = joint.alarm;
     }
     /// Never from one minus what rounding may have put above one.
-    double log_silent() const { return alarm < 0.5 ? std::log1p(-alarm) : std::log(silent); }
+    double log_no_alarm() const { return alarm < 0.5 ? std::log1p(-alarm) : std::log(no_alarm); }
 };
 
-class QuietTicks {
+class PreContactAlarms {
   public:
-    QuietTicks(const ThresholdDetector& detector, const Timing& timing, double step, int ticks)
-        : detector_(detector), period_(timing.period), step_(step), log_silence_(std::size_t(ticks) + 1, 0.0) {
+    PreContactAlarms(const ThresholdDetector& detector, const Timing& timing, double step, int ticks)
+        : detector_(detector), period_(timing.period), step_(step) {
+        while (unarmed_ <= ticks && !detector.armed(time(unarmed_))) ++unarmed_;
         for (int w = 0; w < detector.watched; ++w) white_.add(w, joint_alarm(detector, w, 0.0));
+        std::vector<double> log_survival(std::size_t(ticks) + 1, 0.0);
         if (detector.correlation != 0) {
-            remember(ticks);
+            propagate(log_survival);
         } else {
-            const double log_silent = white_.log_silent();
-            for (int k = 0; k < ticks; ++k) log_silence_[k + 1] = log_silence_[k] + (armed(k) ? log_silent : 0.0);
+            const double log_no_alarm = white_.log_no_alarm();
+            for (int k = unarmed_; k < ticks; ++k)
+                log_survival[std::size_t(k) + 1] = log_survival[std::size_t(k)] + log_no_alarm;
+        }
+        for (double log : log_survival) {
+            survival_.push_back(std::exp(log));
+            false_alarm_.push_back(-std::expm1(log));
         }
     }
 
-    double time(int k) const { return (double(k) * period_ + 1) * step_; }
-    bool armed(int k) const { return detector_.armed(time(k)); }
+    double time(int k) const { return (double(k) * period_ + 1) * step_; }  ///< of tick k [s]
+    /// The first so many ticks are not armed.
+    int unarmed() const { return unarmed_; }
+    bool armed(int k) const { return k >= unarmed_; }
 
     /// Probability of no alarm in all armed ticks before tick k, and of an alarm among them.
-    double silence_before(int k) const { return std::exp(log_silence_[clamped(k)]); }
-    double alarm_before(int k) const { return -std::expm1(log_silence_[clamped(k)]); }
+    double survival_before(int k) const { return survival_[clamped(k)]; }
+    double false_alarm_before(int k) const { return false_alarm_[clamped(k)]; }
 
     /// Tick k itself, given no alarm before it.
-    const IdleTick& idle(int k) const {
-        static constexpr IdleTick nothing{};
+    const NoContactTick& no_contact(int k) const {
+        static constexpr NoContactTick nothing{};
         if (!armed(k)) return nothing;
-        return idle_.empty() ? white_ : idle_[clamped(k)];
+        return idle_.empty() ? white_ : idle_[std::min(std::size_t(k), idle_.size() - 1)];
     }
 
-    /// The first tick at which the noise has all but forgotten that it was not watched before it was armed.
+    /// The first tick from which on the noise no longer depends on when it was armed.
     int settled() const {
         if (idle_.empty()) return 0;
         int k = int(idle_.size()) - 1;
@@ -58,20 +67,21 @@ class QuietTicks {
         return k;
     }
 
-    /// Joints whose noise remembers; `memory(w)` is null for the others.
-    const NoiseMemory* memory(int w) const { return has_memory(w) ? &memory_[std::size_t(place_[w])] : nullptr; }
-    bool has_memory(int w) const { return !memory_.empty() && place_[w] >= 0; }
+    /// The noise of a monitored joint, null where it is not correlated.
+    const NoiseMemory* memory(int w) const { return correlated(w) ? &memory_[std::size_t(place_[w])] : nullptr; }
+    bool correlated(int w) const { return !memory_.empty() && place_[w] >= 0; }
 
-    /// The noise of a remembering joint after tick k - 1, nothing having alarmed.
+    /// The noise of a correlated joint after tick k - 1, nothing having alarmed.
     const TruncatedDensity<double>& density_before(int w, int k) const {
         const std::vector<TruncatedDensity<double>>& row = density_[std::size_t(place_[w])];
         return row[std::min(std::size_t(k), row.size() - 1)];
     }
 
   private:
-    std::size_t clamped(int k) const { return std::min(std::size_t(k), log_silence_.size() - 1); }
+    std::size_t clamped(int k) const { return std::min(std::size_t(k), survival_.size() - 1); }
 
-    void remember(int ticks) {
+    void propagate(std::vector<double>& log_survival) {
+        const int ticks = int(log_survival.size()) - 1;
         std::vector<double> work;
         for (int w = 0; w < detector_.watched; ++w) {
             place_[w] = -1;
@@ -89,7 +99,7 @@ class QuietTicks {
         bool settled = false;
         for (int k = 0; k < ticks; ++k) {
             allow_interruption();
-            IdleTick& idle = idle_[std::size_t(k)];
+            NoContactTick& idle = idle_[std::size_t(k)];
             if (settled) {
                 idle = idle_[std::size_t(k) - 1];
             } else if (armed(k)) {
@@ -102,7 +112,7 @@ class QuietTicks {
             }
             // Later ticks share the last density there is.
             for (std::size_t m = 0; m < memory_.size() && !settled; ++m) density_[m].push_back(now[m]);
-            log_silence_[k + 1] = log_silence_[k] + idle.log_silent();
+            log_survival[std::size_t(k) + 1] = log_survival[std::size_t(k)] + idle.log_no_alarm();
         }
         if (ticks > 0) idle_[std::size_t(ticks)] = idle_[std::size_t(ticks) - 1];
     }
@@ -110,12 +120,13 @@ class QuietTicks {
     const ThresholdDetector& detector_;
     int period_;
     double step_;
-    IdleTick white_;
-    std::vector<double> log_silence_;  ///< of all ticks before this one
-    std::vector<IdleTick> idle_;       ///< by tick, where the noise remembers
+    int unarmed_ = 0;
+    NoContactTick white_;
+    std::vector<double> survival_, false_alarm_;  ///< by tick: of those before it
+    std::vector<NoContactTick> idle_;             ///< by tick, where the noise is correlated
     std::array<int, max_joints> place_{};
     std::vector<NoiseMemory> memory_;
-    std::vector<std::vector<TruncatedDensity<double>>> density_;  ///< [remembering joint][tick]
+    std::vector<std::vector<TruncatedDensity<double>>> density_;  ///< [correlated joint][tick]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -11,18 +11,18 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 enum class OffsetKind { half_normal, uniform, fixed };
 
 /// Distribution of the distance o >= 0 along the normal from the contact point's start to the body.
-struct OffsetLaw {
+struct OffsetDistribution {
     OffsetKind kind = OffsetKind::uniform;
     double size = 0;  ///< half-normal: its sd; uniform: its upper end; fixed: the distance [m]
 
-    /// A half-normal beyond seven sd has 2.6e-12 of its probability; the law is cut there and normalised.
+    /// A half-normal beyond seven sd has 2.6e-12 of its probability; the distribution is truncated there and normalised.
     static constexpr double reach = 7;
     inline static const double beyond_reach = std::erfc(reach * 0.70710678118654752440);
     inline static const double within_reach = std::erf(reach * 0.70710678118654752440);
 
     double largest() const { return kind == OffsetKind::half_normal ? reach * size : size; }
 
-    /// Probability per metre, inside [0, largest()]. Not for the fixed law.
+    /// Probability per metre, inside [0, largest()]. Not for a fixed offset.
     template <class T>
     T density(T o) const {
         if (kind == OffsetKind::uniform) return 1 / size;

@@ -1,0 +1,166 @@
+/// @file
+/// How probable it is that a joint alarms at a tick: by the error function, from a table, or with correlated noise.
+#pragma once
+
+#include "bumpstop/collision/pre_contact_alarms.hpp"
+#include "bumpstop/detection/alarm_table.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Registers of a block of offsets.
+template <class T>
+inline constexpr int block_registers = 8 / Scalar<T>::lanes;
+
+// An alarm model serves one block of offsets after another, tick by tick:
+//   begin(tick)                                  the first tick in contact
+//   at(torque_per_N, force)                      a tick; what it returns gives, for watched joint w and register r,
+//     .chance(w, r)                              the probability of an alarm there, given none before
+//   skip(torque_per_N, force)                    a tick at which the detector is not armed
+// with torque_per_N by watched joint and force[r] in N.
+
+/// White noise, with all digits of far tails.
+template <class T>
+class ExactAlarms {
+  public:
+    static constexpr bool tabulated = false;
+    /// Less survival than this ends a panel's ticks: nothing that is printed changes by it.
+    static constexpr double negligible_survival = 1e-18;
+    /// Joints whose residual grows less than this [standard deviations] count as untouched.
+    static constexpr double negligible_residual = 1e-12;
+    /// Interpolated probabilities may be off by this; rounding of the joint positions alone gives 1e-12.
+    static constexpr double interpolation_tolerance = 1e-10;
+    static constexpr double max_interpolated_survival = 1e-18;
+    static constexpr std::array interpolation_nodes{8, 12, 20};
+
+    explicit ExactAlarms(const ThresholdDetector& detector) : detector_(detector) {}
+
+    struct Tick {
+        const ThresholdDetector& detector;
+        const double* torque_per_N;
+        const T* force;
+
+        AlarmProbability<T> chance(int w, int r) const { return joint_alarm(detector, w, torque_per_N[w] * force[r]); }
+    };
+    void begin(int) {}
+    Tick at(const double* torque_per_N, const T* force) const { return {detector_, torque_per_N, force}; }
+    void skip(const double*, const T*) {}
+
+  private:
+    const ThresholdDetector& detector_;
+};
+
+/// White noise, from a table: to some 1e-8. For clamped contact.
+template <class T>
+class TabulatedAlarms {
+  public:
+    static constexpr bool tabulated = true;
+    static constexpr double negligible_survival = 1e-9;
+    /// A joint whose residual stays smaller, as that of a flange whose axis meets the contact point.
+    static constexpr double negligible_residual = 1e-6;
+    static constexpr double interpolation_tolerance = 1e-6, max_interpolated_survival = 1e-6;
+    static constexpr std::array interpolation_nodes{6};
+    /// Panel, in standard deviations of the residual, where a detection may be so improbable that who triggered it hangs
+    /// on far tails. Elsewhere they may be as wide as the table allows.
+    static constexpr double max_uncertain_growth = 1.5;
+    static constexpr double max_offset_growth = 0.5;  ///< panel, in standard deviations of the offset
+
+    TabulatedAlarms(const ThresholdDetector& detector, const AlarmTable& table) : detector_(detector), table_(table) {}
+
+    struct Tick {
+        AlarmTable::Near near;
+        const T* force;
+
+        AlarmProbability<T> chance(int w, int r) const {
+            const T alarm = near.template alarm<T>(w, force[r]);
+            return {alarm, 1.0 - alarm};
+        }
+    };
+    void begin(int) {}
+    Tick at(const double* torque_per_N, const T* force) const {
+        // The offsets of a block grow, and so the force falls, from its first lane to its last.
+        const double first = lane_of(force[0], 0), last = lane_of(force[block_registers<T> - 1], Scalar<T>::lanes - 1);
+        return {table_.near<T>(detector_.watched, torque_per_N, 0.5 * (first + last)), force};
+    }
+    void skip(const double*, const T*) {}
+
+  private:
+    const ThresholdDetector& detector_;
+    const AlarmTable& table_;
+};
+
+/// Where a tick depends on those before it: noise that is correlated from tick to tick, or an observer's residual.
+template <class T>
+class CorrelatedAlarms {
+  public:
+    static constexpr bool tabulated = false;
+    static constexpr double negligible_survival = ExactAlarms<T>::negligible_survival;
+    static constexpr double negligible_residual = -1;  ///< all of them: an untouched joint alarms less and less often
+    static constexpr double interpolation_tolerance = ExactAlarms<T>::interpolation_tolerance;
+    static constexpr double max_interpolated_survival = ExactAlarms<T>::max_interpolated_survival;
+    static constexpr std::array interpolation_nodes = ExactAlarms<T>::interpolation_nodes;
+
+    CorrelatedAlarms(const ThresholdDetector& detector, const PreContactAlarms& before)
+        : detector_(detector),
+          before_(before),
+          residual_(std::size_t(detector.watched * registers)),
+          density_(std::size_t(detector.watched * registers)) {}
+
+    class Tick {
+      public:
+        Tick(CorrelatedAlarms& model, const double* torque_per_N, const T* force)
+            : model_(model), torque_per_N_(torque_per_N), force_(force) {}
+        AlarmProbability<T> chance(int w, int r) { return model_.chance(w, r, torque_per_N_[w] * force_[r]); }
+
+      private:
+        CorrelatedAlarms& model_;
+        const double* torque_per_N_;
+        const T* force_;
+    };
+
+    /// The noise is as the ticks before contact left it.
+    void begin(int tick) {
+        for (int w = 0; w < detector_.watched; ++w) {
+            for (int r = 0; r < registers; ++r) {
+                residual_[place(w, r)] = 0.0;
+                if (!before_.correlated(w)) continue;
+                const TruncatedDensity<double>& from = before_.density_before(w, tick);
+                TruncatedDensity<T>& to = density_[place(w, r)];
+                to.value.assign(from.value.begin(), from.value.end());
+                to.low = from.low;
+                to.high = from.high;
+                to.centre = from.centre;
+                to.known = from.known;
+            }
+        }
+    }
+    Tick at(const double* torque_per_N, const T* force) { return {*this, torque_per_N, force}; }
+    /// A tick that is not armed says nothing about the noise.
+    void skip(const double* torque_per_N, const T* force) {
+        for (int w = 0; w < detector_.watched; ++w) {
+            for (int r = 0; r < registers; ++r) {
+                T& own = residual_[place(w, r)];
+                own = detector_.filtered(own, T(torque_per_N[w] * force[r]));
+                density_[place(w, r)].known = 0.0;
+            }
+        }
+    }
+
+  private:
+    static constexpr int registers = block_registers<T>;
+    static std::size_t place(int w, int r) { return std::size_t(w * registers + r); }
+
+    AlarmProbability<T> chance(int w, int r, T torque) {
+        T& own = residual_[place(w, r)];
+        own = detector_.filtered(own, torque);
+        if (!before_.correlated(w)) return joint_alarm(detector_, w, own);
+        return watch_tick(*before_.memory(w), density_[place(w, r)], own, work_);
+    }
+
+    const ThresholdDetector& detector_;
+    const PreContactAlarms& before_;
+    std::vector<T> residual_;                   ///< noiseless [Nm or N]
+    std::vector<TruncatedDensity<T>> density_;  ///< [joint][register]
+    std::vector<T> work_;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

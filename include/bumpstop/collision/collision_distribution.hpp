@@ -1,0 +1,52 @@
+/// @file
+/// The distribution of a collision over contact offset and sensor noise.
+#pragma once
+
+#include "bumpstop/collision/free_contact.hpp"
+#include "bumpstop/collision/linear_quantity.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+struct CollisionDistribution {
+    PiecewiseDensity density;
+    LinearQuantity peak_force;  ///< where anything is detected, or the arm comes to rest [N]
+    LinearQuantity force_at_detection,
+        detection_delay;              ///< of detections after contact, where delays are wanted [N, s]
+    LinearQuantity end_force;         ///< of collisions never detected, greatest by the end [N]
+    bool rests = false;               ///< the arm comes to rest where its path ends, so that `end_force` has a bound
+    double detected = 0;              ///< before contact or after, of clamped contact
+    double false_alarm = 0;           ///< detection before contact
+    double harmless = 0;              ///< of those, and of motions that end before contact: no force at all
+    double undetected = 0;            ///< contact, and no detection by the end of the motion
+    double no_contact = 0;            ///< the motion ends before contact, no alarm
+    double several = 0;               ///< two or more joints over their threshold at the tick of detection
+    double trigger[max_joints] = {};  ///< joint over its threshold at the tick of detection
+    bool interpolated = false;        ///< detection probabilities come from a few panels
+    FreeNodes free;                   ///< of free contact, instead of the forces above
+    FreeAlarms free_alarms;           ///< of free contact: detections before it
+
+    /// Probability of collisions never detected whose force has no bound: they count as over every limit.
+    double unbounded() const { return rests ? 0 : undetected; }
+};
+
+/// P(peak force > force), collisions never detected and without a bound included.
+template <class T>
+double peak_force_over(const CollisionDistribution& from, double force) {
+    return tail<T>(from.density, from.peak_force, force).probability + from.unbounded();
+}
+
+/// The force that is exceeded with probability `allowed`; infinite where that much is unbounded.
+template <class T>
+double peak_force_upper_quantile(const CollisionDistribution& from, double allowed) {
+    return upper_quantile<T>(from.density, from.peak_force, allowed, from.unbounded());
+}
+
+/// Mean and standard deviation of the peak force, counting the force by the end where nothing was detected.
+inline Moments peak_force_moments(const CollisionDistribution& from) {
+    const double bounded = from.peak_force.total + from.harmless;
+    const Moments moments = mixture(from.peak_force.total, from.peak_force.moments, from.harmless, {0, 0});
+    // Where the arm comes to rest the others are among them.
+    return from.rests ? moments : mixture(bounded, moments, from.end_force.total, from.end_force.moments);
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,279 @@
+/// @file
+/// When collisions are detected, offset by offset: survival from tick to tick.
+#pragma once
+
+#include "bumpstop/collision/alarm_models.hpp"
+#include "bumpstop/collision/offset_mesh.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// What happens in a panel given that nothing alarmed before its first tick, at the Gauss nodes: found, or interpolated
+/// from panels that are.
+struct DetectionProbabilities {
+    static constexpr int max_nodes = 20;
+    struct Panel {
+        int slots = 0;  ///< ticks from the first one in contact on that may detect
+        bool known = false;
+        std::size_t first_slot = 0, row = 0;  ///< of a panel that is found
+        std::size_t run = 0, weight = 0;      ///< of one that is interpolated
+    };
+    /// Panels to interpolate from.
+    struct Run {
+        int nodes = 0, shortest = 0, longest = 0;  ///< slots of the panels
+        std::size_t panel[max_nodes] = {};
+    };
+
+    std::vector<Panel> panel;
+    std::vector<double> detected;  ///< [slot][node], slots of all panels in a row
+    std::vector<double> survived;  ///< [row][node]: not detected by the end
+    std::vector<double> trigger;   ///< [row][watched joint, then several at once][node]
+    /// Of free contact, as `detected` and `survived`: greatest force [N], time in contact [s], force at detection [N].
+    std::vector<double> peak_force, duration, force_at_detection, undetected_peak_force, undetected_duration;
+    std::vector<Run> run;
+    std::vector<double> weight;
+    std::size_t rows = 0;
+
+    void begin(std::size_t panels) {
+        panel.assign(panels, {});
+        for (std::vector<double>* values : {&detected, &survived, &trigger, &peak_force, &duration, &force_at_detection,
+                                            &undetected_peak_force, &undetected_duration, &weight})
+            values->clear();
+        run.clear();
+        rows = 0;
+    }
+    /// Begins a panel that is to be found.
+    void add(std::size_t p, std::size_t order, std::size_t watched) {
+        panel[p].known = true;
+        panel[p].first_slot = detected.size() / order;
+        panel[p].row = rows++;
+        survived.resize(rows * order);
+        trigger.resize(rows * (watched + 1) * order);
+    }
+
+    /// Values by slot and node of panel p, laid like `detected`; `room` is for those that are interpolated.
+    template <class T>
+    const double* by_slot(const std::vector<double>& values, std::size_t p, std::size_t order,
+                          std::vector<double>& room) const {
+        const Panel& own = panel[p];
+        if (own.known) return values.data() + own.first_slot * order;
+        const Run& from = run[own.run];
+        room.resize(std::size_t(own.slots) * order);
+        const double* source[max_nodes];
+        for (int m = 0; m < from.nodes; ++m) source[m] = &values[panel[from.panel[m]].first_slot * order];
+        combine<T>(from, own.weight, source, 0, std::size_t(std::min(from.shortest, own.slots)) * order, room.data());
+        // What a panel knows nothing of any more adds nothing.
+        for (int slot = from.shortest; slot < own.slots; ++slot) {
+            for (std::size_t g = 0; g < order; g += std::size_t(Scalar<T>::lanes)) {
+                const std::size_t at = std::size_t(slot) * order + g;
+                T sum = 0.0;
+                for (int m = 0; m < from.nodes; ++m)
+                    if (slot < panel[from.panel[m]].slots)
+                        sum += weight[own.weight + std::size_t(m)] * load<T>(source[m] + at);
+                store(sum, &room[at]);
+            }
+        }
+        return room.data();
+    }
+    /// `count` values of panel p, laid like `survived` or `trigger`.
+    template <class T>
+    const double* by_panel(const std::vector<double>& values, std::size_t p, std::size_t count,
+                           std::vector<double>& room) const {
+        const Panel& own = panel[p];
+        if (own.known) return values.data() + own.row * count;
+        const Run& from = run[own.run];
+        room.resize(count);
+        const double* source[max_nodes];
+        for (int m = 0; m < from.nodes; ++m) source[m] = &values[panel[from.panel[m]].row * count];
+        combine<T>(from, own.weight, source, 0, count, room.data());
+        return room.data();
+    }
+
+  private:
+    template <class T>
+    void combine(const Run& from, std::size_t first_weight, const double* const* source, std::size_t begin,
+                 std::size_t end, double* to) const {
+        for (std::size_t i = begin; i < end; i += std::size_t(Scalar<T>::lanes)) {
+            T sum = weight[first_weight] * load<T>(source[0] + i);
+            for (int m = 1; m < from.nodes; ++m) sum += weight[first_weight + std::size_t(m)] * load<T>(source[m] + i);
+            store(sum, to + i);
+        }
+    }
+};
+
+/// Clamped contact: the force follows from where the arm is.
+template <class T>
+class ClampedContact {
+  public:
+    explicit ClampedContact(double stiffness) : stiffness_(stiffness) {}
+
+    void begin(const OffsetPanel&, const T* offset) { std::copy_n(offset, block_registers<T>, offset_); }
+    /// At the i-th tick in contact, where the arm is at s.
+    T force(double s, int, int r) const { return maximum(T(s - offset_[r]), T(0.0)) * stiffness_; }
+    void finish(const DetectionProbabilities::Panel&, std::size_t, std::size_t, DetectionProbabilities&) const {}
+    template <class Interpolated>
+    bool agrees(const Interpolated&, std::size_t, const DetectionProbabilities&) const {
+        return true;
+    }
+
+    static constexpr bool parts = false;  ///< arm and body may part
+    T touched(int, int) const { return 1.0; }
+
+  private:
+    double stiffness_;
+    T offset_[block_registers<T>];
+};
+
+/// Carries the survival of collisions on from tick to tick, in whole panels.
+template <class T, class Alarms>
+class DetectionIntegrator {
+  public:
+    DetectionIntegrator(const Timing& timing, const ThresholdDetector& detector, const PreContactAlarms& before,
+                        Alarms alarms, double negligible_survival = Alarms::negligible_survival)
+        : timing_(timing),
+          detector_(detector),
+          before_(before),
+          alarms_(std::move(alarms)),
+          negligible_survival_(negligible_survival) {}
+
+    /// `max_force`: no collision of the path reaches a greater one [N].
+    void begin(const LinePath& path, double max_force) {
+        path_ = &path;
+        alignas(64) double most[max_joints] = {};  // by watched joint
+        torque_per_N_.assign(std::size_t(path.ticks) * max_joints, 0.0);
+        for (int k = 0; k < path.ticks; ++k) {
+            double* own = &torque_per_N_[std::size_t(k) * max_joints];
+            for (int w = 0; w < detector_.watched; ++w)
+                own[w] = path.torque_per_N[std::size_t(k * path.dof + detector_.joint[std::size_t(w)])];
+            for (int w = 0; w < detector_.watched; w += native_lanes)
+                store(maximum(load<Native>(most + w), absolute(load<Native>(own + w))), most + w);
+        }
+        touched_count_ = 0;
+        untouched_ = {};
+        const NoContactTick& alone = before_.no_contact(before_.unarmed());
+        for (int w = 0; w < detector_.watched; ++w) {
+            const double residual = most[w] * max_force * detector_.scale[std::size_t(w)];
+            if (residual > Alarms::negligible_residual) {
+                touched_[touched_count_++] = w;
+            } else {
+                const double alarm = alone.single[std::size_t(w)];
+                untouched_.add(w, {alarm, 1 - alarm});
+            }
+        }
+    }
+
+    /// Panel number p of `out`.
+    template <class Contact>
+    void find(Contact& contact, const OffsetPanel& panel, int order, std::size_t p, DetectionProbabilities& out) {
+        allow_interruption();
+        out.add(p, std::size_t(order), std::size_t(detector_.watched));
+        for (int first = 0; first < order; first += PiecewiseDensity::block)
+            find_block(contact, panel, order, first, p, out);
+    }
+
+    const LinePath& path() const { return *path_; }
+    const Timing& timing() const { return timing_; }
+
+  private:
+    using Native = Lanes<native_lanes>;
+    static constexpr int lanes = Scalar<T>::lanes, registers = block_registers<T>;
+
+    /// The nodes from `first` on.
+    template <class Contact>
+    void find_block(Contact& contact, const OffsetPanel& panel, int order, int first, std::size_t p,
+                    DetectionProbabilities& out) {
+        const GaussRule& rule = gauss_rule(order);
+        const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
+        T offset[registers], survival[registers], several[registers], armed[registers], single[max_joints][registers];
+        for (int r = 0; r < registers; ++r) {
+            offset[r] = mid + half * load<T>(&rule.node[std::size_t(first + r * lanes)]);
+            survival[r] = 1.0;
+            several[r] = armed[r] = 0.0;
+            for (int f = 0; f < touched_count_; ++f) single[f][r] = 0.0;
+        }
+        contact.begin(panel, offset);
+        alarms_.begin(panel.tick);
+        DetectionProbabilities::Panel& own = out.panel[p];
+        for (int k = panel.tick; k < path_->ticks; ++k) {
+            const int slot = k - panel.tick;
+            if (slot == own.slots) {
+                ++own.slots;
+                out.detected.resize(out.detected.size() + std::size_t(order), 0.0);
+            }
+            double* detected =
+                &out.detected[(own.first_slot + std::size_t(slot)) * std::size_t(order) + std::size_t(first)];
+            const double s = path_->at_tick(k, timing_.period);
+            const double* torque_per_N = &torque_per_N_[std::size_t(k) * max_joints];
+            T force[registers];
+            for (int r = 0; r < registers; ++r) force[r] = contact.force(s, slot, r);
+            if (!before_.armed(k)) {
+                alarms_.skip(torque_per_N, force);
+                continue;
+            }
+            T alarm[registers], no_alarm[registers], one[registers], weight[registers], most = 0.0;
+            for (int r = 0; r < registers; ++r) {
+                alarm[r] = untouched_.alarm;
+                no_alarm[r] = untouched_.no_alarm;
+                one[r] = untouched_.one;
+                weight[r] = survival[r];
+                if constexpr (Contact::parts) weight[r] *= contact.touched(slot, r);
+                armed[r] += weight[r];
+            }
+            auto tick = alarms_.at(torque_per_N, force);
+            for (int f = 0; f < touched_count_; ++f) {
+                for (int r = 0; r < registers; ++r) {
+                    const AlarmProbability<T> joint = tick.chance(touched_[f], r);
+                    single[f][r] += weight[r] * joint.alarm;
+                    one[r] = one[r] * joint.silent + no_alarm[r] * joint.alarm;
+                    alarm[r] += no_alarm[r] * joint.alarm;
+                    no_alarm[r] = no_alarm[r] * joint.silent;
+                }
+            }
+            for (int r = 0; r < registers; ++r) {
+                several[r] += weight[r] * maximum(alarm[r] - one[r], T(0.0));
+                store(weight[r] * alarm[r], detected + r * lanes);
+                T left = survival[r] * no_alarm[r];
+                if constexpr (Contact::parts) {
+                    // What has parted is detected no more.
+                    const auto touches = contact.touched(slot, r) > T(0.0);
+                    survival[r] = select(touches, left, survival[r]);
+                    left = select(touches, left, T(0.0));
+                } else {
+                    survival[r] = left;
+                }
+                most = maximum(most, left);
+            }
+            if (!all(most < T(negligible_survival_))) continue;
+            // The next ticks detect what is left. Undetected it is not: that would let the arm press on without an end.
+            for (int r = 0; r < registers; ++r) {
+                T left = survival[r];
+                if constexpr (Contact::parts) left = select(contact.touched(slot, r) > T(0.0), left, T(0.0));
+                store(load<T>(detected + r * lanes) + left, detected + r * lanes);
+                survival[r] -= left;
+            }
+            break;
+        }
+        contact.finish(own, std::size_t(first), std::size_t(order), out);
+        for (int r = 0; r < registers; ++r) {
+            const std::size_t at = std::size_t(first + r * lanes), rows = std::size_t(detector_.watched) + 1;
+            const auto row = [&](int w) {
+                return &out.trigger[(own.row * rows + std::size_t(w)) * std::size_t(order) + at];
+            };
+            store(survival[r], &out.survived[own.row * std::size_t(order) + at]);
+            for (int w = 0; w < detector_.watched; ++w) store(armed[r] * untouched_.single[std::size_t(w)], row(w));
+            for (int f = 0; f < touched_count_; ++f) store(single[f][r], row(touched_[f]));
+            store(several[r], row(detector_.watched));
+        }
+    }
+
+    const Timing& timing_;
+    const ThresholdDetector& detector_;
+    const PreContactAlarms& before_;
+    Alarms alarms_;
+    double negligible_survival_;
+    const LinePath* path_ = nullptr;
+    std::vector<double> torque_per_N_;                  ///< [tick][watched joint, max_joints places]
+    int touched_[max_joints] = {}, touched_count_ = 0;  ///< watched joints that a force moves
+    NoContactTick untouched_;                           ///< of the others
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

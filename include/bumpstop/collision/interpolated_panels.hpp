@@ -1,0 +1,194 @@
+/// @file
+/// Detection probabilities of many panels, found in a few and interpolated between.
+#pragma once
+
+#include <numeric>
+
+#include "bumpstop/collision/detection_probabilities.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// While the arm moves steadily the panels differ only by the slow change of the Jacobian, so what happens at a given node
+/// and slot is smooth in the tick: a few panels of every part are found and the others interpolated, where two more in
+/// between agree; else their halves are tried.
+template <class T, class Alarms, class Contact>
+class InterpolatedPanels {
+  public:
+    InterpolatedPanels(DetectionIntegrator<T, Alarms>& integrator, Contact& contact, const OffsetMesh& mesh,
+                       const PreContactAlarms& before, DetectionProbabilities& out)
+        : integrator_(integrator),
+          contact_(contact),
+          panels_(mesh.panels()),
+          order_(std::size_t(mesh.order())),
+          before_(before),
+          out_(out) {}
+
+    void operator()() {
+        out_.begin(panels_.size());
+        for (std::size_t first = 0; first < panels_.size();) {
+            // Panels of a kind, tick after tick, are interpolated together; parts of ticks each with their own.
+            std::size_t parts = 1;
+            while (first + parts < panels_.size() && panels_[first + parts].part == int(parts)) ++parts;
+            std::size_t end = first + parts;
+            while (end + parts <= panels_.size() && alike(panels_[first], panels_[end], parts, end)) end += parts;
+            for (std::size_t part = 0; part < parts; ++part) {
+                run_.clear();
+                for (std::size_t p = first + part; p < end; p += parts) run_.push_back(p);
+                find_run(0, int(run_.size()));
+            }
+            first = end;
+        }
+    }
+
+    bool interpolated() const { return interpolated_; }
+
+  private:
+    static_assert(Alarms::interpolation_nodes.back() <= DetectionProbabilities::max_nodes);
+    static constexpr int lanes = Scalar<T>::lanes;
+    static constexpr double tolerance = Alarms::interpolation_tolerance;
+
+    /// Whether the `parts` panels from `at` on are a tick's, or a group of ticks', of the same kind as `head`.
+    bool alike(const OffsetPanel& head, const OffsetPanel& next, std::size_t parts, std::size_t at) const {
+        return next.ticks == head.ticks && next.part == 0 && head.tick > 0 && head.ticks > 0 &&
+               next.tick == panels_[at - 1].tick + head.ticks && before_.armed(head.tick) &&
+               (parts == 1 || panels_[at + parts - 1].part == int(parts) - 1) &&
+               (at + parts == panels_.size() || panels_[at + parts].part == 0);
+    }
+
+    void find(std::size_t p) {
+        if (!out_.panel[p].known) integrator_.find(contact_, panels_[p], int(order_), p, out_);
+    }
+
+    /// Fills the panels run_[first .. end - 1].
+    void find_run(int first, int end) {
+        const int count = end - first;
+        if (count < 2 * Alarms::interpolation_nodes.front()) {
+            for (int i = first; i < end; ++i) find(run_[std::size_t(i)]);
+            return;
+        }
+        for (int nodes : Alarms::interpolation_nodes) {
+            if (count < 2 * nodes) break;
+            const Interpolation interpolation(interpolation_nodes(first, end - 1, nodes));
+            if (!agree(interpolation)) continue;
+            interpolated_ = true;
+            for (int i = first; i < end; ++i) {
+                const std::size_t p = run_[std::size_t(i)];
+                if (!out_.panel[p].known) interpolate(p, i, interpolation);
+            }
+            out_.run.push_back(from_);
+            return;
+        }
+        find_run(first, first + count / 2);
+        find_run(first + count / 2, end);
+    }
+
+    /// Do the probabilities at the nodes tell those of two panels between them?
+    bool agree(const Interpolation& interpolation) {
+        const std::vector<int>& node = interpolation.nodes();
+        const std::size_t half = node.size() / 2;
+        from_ = {interpolation.size(), std::numeric_limits<int>::max(), 0, {}};
+        for (int m = 0; m < from_.nodes; ++m) {
+            from_.panel[m] = run_[std::size_t(node[std::size_t(m)])];
+            find(from_.panel[m]);
+            from_.shortest = std::min(from_.shortest, out_.panel[from_.panel[m]].slots);
+            from_.longest = std::max(from_.longest, out_.panel[from_.panel[m]].slots);
+        }
+        for (int i : {(node[0] + node[1]) / 2, (node[half] + node[half - 1]) / 2}) {
+            const std::size_t p = run_[std::size_t(i)];
+            find(p);
+            interpolation.weights(i, weight_);
+            if (!agrees(p)) return false;
+        }
+        return true;
+    }
+
+    /// Do interpolated and direct probabilities agree?
+    bool agrees(std::size_t p) const {
+        if constexpr (!Contact::parts) {
+            // Where the motion's end decides what is not detected, nothing is smooth.
+            for (int m = 0; m < from_.nodes; ++m) {
+                const double* survived = &out_.survived[out_.panel[from_.panel[m]].row * order_];
+                if (*std::max_element(survived, survived + order_) > Alarms::max_interpolated_survival) return false;
+            }
+        } else {
+            if (!row_agrees(out_.survived, p, T(tolerance))) return false;
+        }
+        for (int slot = 0; slot < out_.panel[p].slots; ++slot)
+            if (!slot_agrees(out_.detected, p, slot, [](std::size_t) { return T(tolerance); })) return false;
+        return triggers_agree(p) && contact_.agrees(*this, p, out_);
+    }
+
+    /// Sums over the ticks, which are off by more than each.
+    bool triggers_agree(std::size_t p) const {
+        const std::size_t count = order_ * (out_.trigger.size() / out_.survived.size());
+        for (std::size_t i = 0; i < count; i += std::size_t(lanes)) {
+            T off = -load<T>(&out_.trigger[out_.panel[p].row * count + i]);
+            for (int m = 0; m < from_.nodes; ++m)
+                off += weight_[m] * load<T>(&out_.trigger[out_.panel[from_.panel[m]].row * count + i]);
+            if (any(absolute(off) > T(10 * tolerance))) return false;
+        }
+        return true;
+    }
+
+  public:
+    /// Whether the values of a slot are interpolated within `allowed(node)`.
+    template <class Allowed>
+    bool slot_agrees(const std::vector<double>& values, std::size_t p, int slot, Allowed allowed) const {
+        const std::size_t at = (out_.panel[p].first_slot + std::size_t(slot)) * order_;
+        for (std::size_t g = 0; g < order_; g += std::size_t(lanes)) {
+            T off = -load<T>(&values[at + g]);
+            for (int m = 0; m < from_.nodes; ++m) {
+                const DetectionProbabilities::Panel& from = out_.panel[from_.panel[m]];
+                if (slot < from.slots)
+                    off += weight_[m] * load<T>(&values[(from.first_slot + std::size_t(slot)) * order_ + g]);
+            }
+            if (any(absolute(off) > allowed(at + g))) return false;
+        }
+        return true;
+    }
+    /// Whether values that panels have one row of are.
+    bool row_agrees(const std::vector<double>& values, std::size_t p, T allowed) const {
+        for (std::size_t g = 0; g < order_; g += std::size_t(lanes)) {
+            T off = -load<T>(&values[out_.panel[p].row * order_ + g]);
+            for (int m = 0; m < from_.nodes; ++m)
+                off += weight_[m] * load<T>(&values[out_.panel[from_.panel[m]].row * order_ + g]);
+            if (any(absolute(off) > allowed)) return false;
+        }
+        return true;
+    }
+    /// The greatest of the values at the panels that others are interpolated from.
+    double greatest(const std::vector<double>& values) const {
+        double most = 0;
+        for (int m = 0; m < from_.nodes; ++m) {
+            const DetectionProbabilities::Panel& from = out_.panel[from_.panel[m]];
+            const auto begin = values.begin() + std::ptrdiff_t(from.first_slot * order_);
+            most = std::accumulate(begin, begin + std::ptrdiff_t(std::size_t(from.slots) * order_), most,
+                                   [](double a, double b) { return std::max(a, b); });
+        }
+        return most;
+    }
+    std::size_t order() const { return order_; }
+
+  private:
+    void interpolate(std::size_t p, int place, const Interpolation& interpolation) {
+        DetectionProbabilities::Panel& panel = out_.panel[p];
+        panel.slots = std::min(from_.longest, integrator_.path().ticks - panels_[p].tick);
+        panel.run = out_.run.size();
+        panel.weight = out_.weight.size();
+        interpolation.weights(place, weight_);
+        out_.weight.insert(out_.weight.end(), weight_, weight_ + from_.nodes);
+    }
+
+    DetectionIntegrator<T, Alarms>& integrator_;
+    Contact& contact_;
+    const std::vector<OffsetPanel>& panels_;
+    const std::size_t order_;
+    const PreContactAlarms& before_;
+    DetectionProbabilities& out_;
+    std::vector<std::size_t> run_;
+    DetectionProbabilities::Run from_;                       ///< the panels that others are interpolated from,
+    double weight_[DetectionProbabilities::max_nodes] = {};  ///< and their weights
+    bool interpolated_ = false;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,440 @@
+/// @file
+/// The quadrature over contact offset and sensor noise.
+#pragma once
+
+#include <optional>
+
+#include "bumpstop/collision/collision_distribution.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// First `detect`, which needs no stopping path, finds how probable a detection at each tick is; then `finish` takes the
+/// stopping paths. The object keeps its memory for the next pose.
+template <class T, class Alarms>
+class OffsetQuadrature {
+  public:
+    /// Those who integrate in turn may share `probabilities`: they then stay in a near cache.
+    OffsetQuadrature(const Timing& timing, const MotionSettings& motion, const ThresholdDetector& detector,
+                     const PreContactAlarms& before, const Alarms& alarms, DetectionProbabilities& probabilities)
+        : timing_(timing),
+          motion_(motion),
+          detector_(detector),
+          before_(before),
+          mesh_(timing, detector, before),
+          integrator_(timing, detector, before, alarms),
+          probabilities_(probabilities) {}
+
+    /// False where the noise is too narrow for a table of alarms; then nothing else may be asked for.
+    bool detect(const LinePath& path, const QuadratureSettings& settings) {
+        path_ = &path;
+        settings_ = settings;
+        if constexpr (Alarms::tabulated) {
+            const double growth =
+                path.end == PathEnd::certain_detection ? AlarmTable::widest : Alarms::max_uncertain_growth;
+            if (!mesh_.build(path, settings_, {PiecewiseDensity::block, growth, Alarms::max_offset_growth}))
+                return false;
+        } else {
+            mesh_.build(path, settings_);
+        }
+        find_probabilities();
+        find_beyond();
+        weigh();
+        return true;
+    }
+
+    /// By tick: how probable a detection there is, at most, that a stopping path matters to.
+    const std::vector<double>& detection() const { return detection_; }
+
+    /// `farthest`: where the stopping paths get to at most, by tick [m].
+    void finish(const std::vector<double>& farthest) {
+        harmless_from_ = alarm_before_ + result_.no_contact;
+        if (free()) {
+            add_free_alarms();
+        } else {
+            add_alarms(farthest);
+        }
+        result_.harmless = std::max(0.0, harmless_from_);
+        find_quantities(farthest);
+    }
+
+    const CollisionDistribution& result() const { return result_; }
+    CollisionDistribution&& take() { return std::move(result_); }
+
+  private:
+    static constexpr int lanes = Scalar<T>::lanes;
+    struct alignas(64) Row {
+        double value[max_order];
+    };
+
+    bool free() const { return settings_.free != nullptr; }
+    bool fixed() const { return settings_.offset.kind == OffsetKind::fixed; }
+
+    void find_probabilities() {
+        integrator_.begin(*path_, settings_.stiffness * std::max(0.0, mesh_.edges().back()));
+        const auto interpolate = [&](auto&& contact) {
+            InterpolatedPanels panels(integrator_, contact, mesh_, before_, probabilities_);
+            panels();
+            result_.interpolated = panels.interpolated();
+        };
+        if constexpr (!Alarms::tabulated) {
+            if (free()) {
+                const FreeReactions<T> reactions(*settings_.free, {settings_.stiffness, settings_.body_mass});
+                return interpolate(FreeContact<T>(reactions));
+            }
+        }
+        interpolate(ClampedContact<T>(settings_.stiffness));
+    }
+
+    /// The probability of an offset beyond every edge.
+    void find_beyond() {
+        const std::vector<double>& edge = mesh_.edges();
+        beyond_.assign((edge.size() + lanes - 1) / lanes * lanes, edge.back());
+        std::copy(edge.begin(), edge.end(), beyond_.begin());
+        if (fixed()) {
+            const int first = mesh_.panels().empty() ? path_->ticks + 1 : mesh_.panels()[0].tick;
+            for (int k = 0; k <= path_->ticks + 1; ++k) beyond_[std::size_t(k)] = first >= k;
+            return;
+        }
+        for (std::size_t k = 0; k < edge.size(); k += std::size_t(lanes))
+            store(settings_.offset.probability_beyond(load<T>(&beyond_[k])), &beyond_[k]);
+    }
+
+    /// Probabilities of the offset at the nodes. Returns their sum.
+    double weigh_offsets(double low, double high, Row& row) const {
+        const GaussRule& rule = gauss_rule(mesh_.order());
+        const double mid = 0.5 * (low + high), half = 0.5 * (high - low);
+        T sum = 0.0;
+        for (int g = 0; g < mesh_.order(); g += lanes) {
+            const T o = mid + half * load<T>(&rule.node[std::size_t(g)]);
+            const T weight =
+                load<T>(&rule.weight[std::size_t(g)]) * (fixed() ? T(0.5) : T(settings_.offset.density(o) * half));
+            store(weight, row.value + g);
+            sum += weight;
+        }
+        return sum_of_lanes(sum);
+    }
+
+    /// From values at the nodes: the sums of their products with P_l / 2, by degree. Nodes lie in pairs about zero, where
+    /// Legendre polynomials are even or odd: half the products do.
+    void find_series(const Row& row, double* series) const {
+        const int order = mesh_.order();
+        const double* half_legendre = half_legendre_.data();
+        T sum[max_order / lanes];
+        for (int r = 0; r * lanes < order; ++r) sum[r] = 0.0;
+        const T sign = load<T>(alternating);
+        for (int g = 0; 2 * g < order; ++g, half_legendre += order) {
+            const T pair = row.value[g] + sign * row.value[order - 1 - g];
+            for (int r = 0; r * lanes < order; ++r) sum[r] += pair * load<T>(half_legendre + r * lanes);
+        }
+        for (int r = 0; r * lanes < order; ++r) store(sum[r], series + r * lanes);
+    }
+    void prepare_series() {
+        const int order = mesh_.order();
+        if (half_order_ == order) return;
+        half_order_ = order;
+        const GaussRule& rule = gauss_rule(order);
+        half_legendre_.resize(std::size_t(order * order / 2));
+        for (int g = 0; 2 * g < order; ++g)
+            for (int l = 0; l < order; ++l)
+                half_legendre_[std::size_t(g * order + l)] =
+                    rule.to_legendre[std::size_t(l * order + g)] / ((2 * l + 1) * rule.weight[std::size_t(g)]);
+    }
+
+    /// Joins the probabilities of detection, of the offset and of no alarm before contact.
+    void weigh() {
+        const int order = mesh_.order(), ticks = path_->ticks;
+        const std::size_t step = std::size_t(order);
+        prepare_series();
+        PiecewiseDensity& density = result_.density;
+        density.clear(order);
+        alarm_before_ = result_.undetected = result_.several = 0;
+        std::fill(result_.trigger, result_.trigger + max_joints, 0.0);
+        contact_from_.assign(std::size_t(ticks) + 1, 0.0);
+        detection_.assign(std::size_t(ticks), 0.0);
+        // An alarm before contact matters if its stopping path arrives, and all of them may.
+        for (int k = before_.unarmed(); k < ticks; ++k)
+            detection_[std::size_t(k)] =
+                before_.survival_before(k) * before_.no_contact(k).alarm * beyond_[std::size_t(k) + 1];
+        std::size_t slots = 0;
+        for (std::size_t p = 0; p < mesh_.panels().size(); ++p) {
+            const OffsetPanel& from = mesh_.panels()[p];
+            density.panel.push_back({from.low, from.high, from.tick, probabilities_.panel[p].slots, slots});
+            slots += std::size_t(density.panel.back().slots);
+        }
+        density.series.resize(slots * step);
+        density.mass.resize(slots);
+        node_weight_.assign(probabilities_.rows * step, 0.0);
+        Row weight, row;
+        for (std::size_t p = 0; p < density.panel.size(); ++p) {
+            allow_interruption();
+            PiecewiseDensity::Panel& panel = density.panel[p];
+            const double total = weigh_offsets(panel.low, panel.high, weight);
+            const double survival = before_.survival_before(panel.first_tick);
+            alarm_before_ += total * before_.false_alarm_before(panel.first_tick);
+            contact_from_[std::size_t(std::min(panel.first_tick, ticks))] += total;
+            for (int g = 0; g < order; g += lanes) store(load<T>(weight.value + g) * survival, weight.value + g);
+            const double* from = probabilities_.by_slot<T>(probabilities_.detected, p, step, room_);
+            for (int slot = 0; slot < panel.slots; ++slot, from += step) {
+                // Interpolation leaves a little of either sign where there is nothing.
+                for (int g = 0; g < order; g += lanes)
+                    store(load<T>(weight.value + g) * maximum(load<T>(from + g), T(0.0)), row.value + g);
+                double* to = &density.series[(panel.first_slot + std::size_t(slot)) * step];
+                find_series(row, to);
+                const double mass = 2 * to[0];
+                density.mass[panel.first_slot + std::size_t(slot)] = mass;
+                detection_[std::size_t(panel.tick(slot))] += mass;
+                panel.mass += mass;
+            }
+            const double* survived = probabilities_.by_panel<T>(probabilities_.survived, p, step, room_);
+            T missed = 0.0;
+            for (int g = 0; g < order; g += lanes) {
+                const T here = load<T>(weight.value + g) * load<T>(survived + g);
+                store(here, row.value + g);
+                missed += here;
+            }
+            add_node_weights(p, weight);
+            const double undetected = sum_of_lanes(missed);
+            if (undetected == 0) continue;
+            result_.undetected += undetected;
+            density.end_series.resize(density.panel.size() * step, 0.0);
+            find_series(row, &density.end_series[p * step]);
+        }
+        find_triggers();
+        density.sum_later_masses();
+        if (free()) keep_free_nodes();
+        count_false_alarms();
+    }
+
+    /// What the nodes of the panels that are found count for, in their own panel and in those interpolated from it.
+    void add_node_weights(std::size_t p, const Row& weight) {
+        const std::size_t step = std::size_t(mesh_.order());
+        const DetectionProbabilities::Panel& panel = probabilities_.panel[p];
+        const auto add = [&](std::size_t from, double factor) {
+            double* to = &node_weight_[probabilities_.panel[from].row * step];
+            for (std::size_t g = 0; g < step; g += std::size_t(lanes))
+                store(load<T>(to + g) + factor * load<T>(weight.value + g), to + g);
+        };
+        if (panel.known) return add(p, 1.0);
+        const DetectionProbabilities::Run& run = probabilities_.run[panel.run];
+        for (int m = 0; m < run.nodes; ++m) add(run.panel[m], probabilities_.weight[panel.weight + std::size_t(m)]);
+    }
+    void find_triggers() {
+        const std::size_t step = std::size_t(mesh_.order()), watched = std::size_t(detector_.watched);
+        const double* trigger = probabilities_.trigger.data();
+        T sum[max_joints + 1];
+        std::fill(sum, sum + watched + 1, T(0.0));
+        for (std::size_t row = 0; row < probabilities_.rows; ++row) {
+            for (std::size_t w = 0; w <= watched; ++w, trigger += step)
+                for (std::size_t g = 0; g < step; g += std::size_t(lanes))
+                    sum[w] += load<T>(&node_weight_[row * step + g]) * load<T>(trigger + g);
+        }
+        for (std::size_t w = 0; w < watched; ++w) result_.trigger[detector_.joint[w]] = sum_of_lanes(sum[w]);
+        result_.several = sum_of_lanes(sum[watched]);
+    }
+
+    void count_false_alarms() {
+        const int ticks = path_->ticks;
+        const double beyond = beyond_[std::size_t(ticks) + 1];
+        alarm_before_ += beyond * before_.false_alarm_before(ticks);
+        contact_from_.back() += beyond;
+        result_.no_contact = beyond * before_.survival_before(ticks);
+        result_.false_alarm = beyond_[std::size_t(ticks)] * before_.false_alarm_before(ticks);
+        for (int k = 0; k < ticks; ++k)
+            result_.false_alarm +=
+                (beyond_[std::size_t(k)] - beyond_[std::size_t(k) + 1]) * before_.false_alarm_before(k);
+        // They are split over the joints as alarms of ticks without contact are.
+        double waiting = 0;  // probability of contact after tick k
+        for (int k = ticks - 1; k >= before_.unarmed(); --k) {
+            waiting += contact_from_[std::size_t(k) + 1];
+            const NoContactTick& tick = before_.no_contact(k);
+            const double here = waiting * before_.survival_before(k);
+            for (int w = 0; w < detector_.watched; ++w)
+                result_.trigger[detector_.joint[std::size_t(w)]] += here * tick.single[std::size_t(w)];
+            result_.several += here * std::max(0.0, tick.alarm - tick.one);
+        }
+    }
+
+    /// Alarms before contact whose stopping path reaches the body. At the end of its line the arm may brake into one that it
+    /// did not reach before, and that nothing alarmed of.
+    void add_alarms(const std::vector<double>& farthest) {
+        const int ticks = path_->ticks;
+        const double braking = path_->farthest_braking();
+        if (!(before_.false_alarm_before(ticks) > 0) && !path_->brakes()) return;
+        // By tick: the farthest any stopping path gets that begins there or earlier.
+        farthest_yet_.assign(farthest.begin(), farthest.begin() + ticks);
+        for (std::size_t k = 1; k < farthest_yet_.size(); ++k)
+            farthest_yet_[k] = std::max(farthest_yet_[k], farthest_yet_[k - 1]);
+        PiecewiseDensity& density = result_.density;
+        end_panels_.clear();
+        mesh_.add_end_panels(mesh_.edges().back(), std::max(ticks > 0 ? farthest_yet_.back() : 0.0, braking), ticks + 1,
+                             end_panels_);
+        for (const OffsetPanel& panel : end_panels_) density.panel.push_back({panel.low, panel.high, panel.tick});
+        if (!density.end_series.empty())
+            density.end_series.resize(density.panel.size() * std::size_t(density.order), 0.0);
+        Row row;
+        for (std::size_t p = 0; p < density.panel.size(); ++p) {
+            PiecewiseDensity::Panel& panel = density.panel[p];
+            panel.first_alarm = int(density.alarm.size());
+            if (panel.first_tick > ticks && braking > panel.low)
+                density.alarm.push_back({ticks, braking, before_.survival_before(ticks), 0});
+            for (int k = std::min(panel.first_tick, ticks) - 1; k >= 0; --k) {
+                if (!(farthest_yet_[std::size_t(k)] > panel.low)) break;
+                if (before_.armed(k))
+                    density.alarm.push_back(
+                        {k, farthest[std::size_t(k)], before_.survival_before(k) * before_.no_contact(k).alarm, 0});
+            }
+            panel.end_alarm = int(density.alarm.size());
+            if (panel.first_alarm == panel.end_alarm) continue;
+            density.offset_series.resize(density.panel.size() * std::size_t(density.order), 0.0);
+            double* series = &density.offset_series[p * std::size_t(density.order)];
+            weigh_offsets(panel.low, panel.high, row);
+            find_series(row, series);
+            harmless_from_ -= 2 * series[0] * sort_alarms(panel);
+        }
+    }
+
+    /// Returns the sum of their chances.
+    double sort_alarms(const PiecewiseDensity::Panel& panel) {
+        const auto begin = result_.density.alarm.begin() + panel.first_alarm;
+        const auto end = result_.density.alarm.begin() + panel.end_alarm;
+        const auto farther = [](const PreContactAlarm& a, const PreContactAlarm& b) { return a.reach > b.reach; };
+        if (!std::is_sorted(begin, end, farther)) std::sort(begin, end, farther);
+        double chances = 0;
+        for (auto alarm = begin; alarm != end; ++alarm) {
+            alarm->before = chances;
+            chances += alarm->chance;
+        }
+        return chances;
+    }
+
+    void find_quantities(const std::vector<double>& farthest) {
+        PiecewiseDensity& density = result_.density;
+        const int ticks = path_->ticks;
+        result_.rests = path_->rests();
+        LinearQuantity& force = result_.peak_force;
+        force.scale = settings_.stiffness;
+        force.of_alarms = true;
+        force.of_end = result_.rests;
+        force.reach.assign(farthest.begin(), farthest.begin() + ticks);
+        force.end_reach = path_->greatest(mesh_.end_step());
+        summarise(density, force);
+        find_moments<T>(density, force);
+        LinearQuantity& end = result_.end_force;
+        end.scale = settings_.stiffness;
+        end.of_detected = false;
+        end.of_end = true;
+        end.end_reach = force.end_reach;
+        summarise(density, end);
+        find_moments<T>(density, end);
+        result_.detected = alarm_before_;
+        for (const PiecewiseDensity::Panel& panel : density.panel) result_.detected += panel.mass;
+        if (!settings_.delays) return;
+        LinearQuantity &at_detection = result_.force_at_detection, &delay = result_.detection_delay;
+        at_detection.scale = settings_.stiffness;
+        at_detection.reach.resize(std::size_t(ticks));
+        delay.reach.resize(std::size_t(ticks));
+        for (int k = 0; k < ticks; ++k) {
+            at_detection.reach[std::size_t(k)] = mesh_.s_tick(k);
+            delay.reach[std::size_t(k)] = before_.time(k);
+        }
+        // Between the ends of a panel the path is straight in time.
+        delay.low.clear();
+        delay.high.clear();
+        for (const PiecewiseDensity::Panel& panel : density.panel) {
+            delay.low.push_back(contact_time(panel.low, panel.first_tick));
+            delay.high.push_back(contact_time(panel.high, panel.first_tick));
+        }
+        summarise(density, at_detection);
+        summarise(density, delay);
+    }
+
+    /// When the point passes offset o, first in contact at tick k: linear between simulation steps.
+    double contact_time(double o, int k) const {
+        const std::vector<double>& s = path_->s;
+        const std::size_t last = std::min(std::size_t(k * timing_.period) + 1, s.size() - 1);
+        std::size_t i = k == 0 ? 0 : std::size_t((k - 1) * timing_.period) + 1;
+        while (i + 1 < last && s[i + 1] <= o) ++i;
+        if (i >= last) return double(i) * motion_.step;
+        const double step = s[i + 1] - s[i];
+        const double part = step > 0 ? std::clamp((o - s[i]) / step, 0.0, 1.0) : 0.0;
+        return (double(i) + part) * motion_.step;
+    }
+
+    /// What a free body suffers, in the order of the density's panels.
+    void keep_free_nodes() {
+        const std::size_t step = std::size_t(mesh_.order());
+        FreeNodes& to = result_.free;
+        const auto keep = [&](const std::vector<double>& from, std::vector<double>& values) {
+            values.clear();
+            for (std::size_t p = 0; p < result_.density.panel.size(); ++p) {
+                const double* first = probabilities_.by_slot<T>(from, p, step, room_);
+                values.insert(values.end(), first, first + std::size_t(probabilities_.panel[p].slots) * step);
+            }
+        };
+        const auto keep_one = [&](const std::vector<double>& from, std::vector<double>& values) {
+            values.clear();
+            for (std::size_t p = 0; p < result_.density.panel.size(); ++p) {
+                const double* first = probabilities_.by_panel<T>(from, p, step, room_);
+                values.insert(values.end(), first, first + step);
+            }
+        };
+        keep(probabilities_.peak_force, to.peak_force);
+        keep(probabilities_.duration, to.duration);
+        keep(probabilities_.force_at_detection, to.force_at_detection);
+        keep_one(probabilities_.undetected_peak_force, to.undetected_peak_force);
+        keep_one(probabilities_.undetected_duration, to.undetected_duration);
+    }
+
+    /// False alarms whose reaction still reaches a free body.
+    void add_free_alarms() {
+        const FreeReactions<T> reactions(*settings_.free, {settings_.stiffness, settings_.body_mass});
+        for (int k = before_.unarmed(); k < path_->ticks; ++k) {
+            const double chance = before_.survival_before(k) * before_.no_contact(k).alarm;
+            if (chance > 0)
+                bumpstop::add_alarms<T>(reactions, settings_.offset, k, chance, mesh_.edges()[std::size_t(k) + 1],
+                                        result_.free_alarms);
+        }
+        harmless_from_ -= result_.free_alarms.total;
+    }
+
+    alignas(64) static constexpr double alternating[8] = {1, -1, 1, -1, 1, -1, 1, -1};
+
+    const Timing& timing_;
+    const MotionSettings& motion_;
+    const ThresholdDetector& detector_;
+    const PreContactAlarms& before_;
+    QuadratureSettings settings_;
+    OffsetMesh mesh_;
+    DetectionIntegrator<T, Alarms> integrator_;
+    DetectionProbabilities& probabilities_;
+    const LinePath* path_ = nullptr;
+    int half_order_ = 0;
+    std::vector<double> half_legendre_;  ///< [node of the lower half][degree]: P_l / 2
+    double alarm_before_ = 0;            ///< probability of an alarm before contact
+    double harmless_from_ = 0;           ///< of no contact, or an alarm before it; then less those that arrive
+    std::vector<double> contact_from_;   ///< by first tick in contact: probability; the last is all later ones
+    std::vector<double> detection_, beyond_, farthest_yet_, room_, node_weight_;
+    std::vector<OffsetPanel> end_panels_;
+    CollisionDistribution result_;
+};
+
+/// The distribution of a collision whose stopping curve is known. `before`: the ticks of a motion at least as long, where
+/// many share them.
+template <class T>
+CollisionDistribution integrate(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
+                                const ThresholdDetector& detector, const QuadratureSettings& settings,
+                                const PreContactAlarms* before = nullptr) {
+    std::optional<PreContactAlarms> own;
+    if (before == nullptr) before = &own.emplace(detector, timing, motion.step, curve.path.ticks);
+    DetectionProbabilities probabilities;
+    const auto by = [&](const auto& alarms) {
+        OffsetQuadrature<T, std::decay_t<decltype(alarms)>> quadrature(timing, motion, detector, *before, alarms,
+                                                                       probabilities);
+        quadrature.detect(curve.path, settings);
+        quadrature.finish(curve.farthest);
+        return quadrature.take();
+    };
+    return detector.remembers() ? by(CorrelatedAlarms<T>(detector, *before)) : by(ExactAlarms<T>(detector));
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

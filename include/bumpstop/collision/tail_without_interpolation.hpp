@@ -1,0 +1,99 @@
+/// @file
+/// Far tails of the peak force, by a second route.
+#pragma once
+
+#include "bumpstop/collision/offset_quadrature.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// A tail less than this is none.
+inline constexpr double negligible_tail = 1e-300;
+
+namespace detail {
+
+/// Panels of single ticks, cut where a detection at some tick just exceeds the depth.
+inline std::vector<OffsetPanel> cut_at_reaches(const std::vector<OffsetPanel>& panels, const std::vector<double>& reach,
+                                               double depth) {
+    std::vector<OffsetPanel> made;
+    for (const OffsetPanel& panel : panels) {
+        allow_interruption();
+        std::vector<double> ends{panel.high};
+        for (double to : reach)
+            if (to - depth > panel.low && to - depth < panel.high) ends.push_back(to - depth);
+        std::sort(ends.begin(), ends.end());
+        double low = panel.low;
+        for (double high : ends) {
+            if (high > low || panel.high == panel.low) made.push_back({low, high, panel.tick});
+            low = high;
+        }
+    }
+    return made;
+}
+
+/// The sum over the panels' nodes of what exceeds the depth wherever in its panel it is.
+template <class T, class Alarms>
+double sum_beyond(const StoppingCurve& curve, const OffsetDistribution& offset, int order, double stiffness,
+                  double depth, double end, const std::vector<OffsetPanel>& panels, const PreContactAlarms& before,
+                  DetectionIntegrator<T, Alarms>& integrator) {
+    const LinePath& path = curve.path;
+    const int ticks = path.ticks;
+    const GaussRule& rule = gauss_rule(order);
+    const double braking = path.farthest_braking();
+    ClampedContact<T> contact(stiffness);
+    DetectionProbabilities found;
+    double total = 0;
+    for (const OffsetPanel& panel : panels) {
+        const double half = 0.5 * (panel.high - panel.low), mid = 0.5 * (panel.low + panel.high);
+        const bool fixed = panel.high == panel.low;
+        // At the cut itself rounding decides, but not for a body that is at one place.
+        const double place = fixed ? mid * (1 + 1e-15) : panel.high;
+        const auto exceeds = [&](double reach) { return reach - depth >= place; };
+        found.begin(1);
+        integrator.find(contact, panel, order, 0, found);
+        // The same at all nodes: alarms before contact, and the arm that brakes.
+        double anywhere = panel.tick > ticks && exceeds(braking) ? before.survival_before(ticks) : 0;
+        for (int k = before.unarmed(); k < std::min(panel.tick, ticks); ++k)
+            if (exceeds(curve.farthest[std::size_t(k)]))
+                anywhere += before.survival_before(k) * before.no_contact(k).alarm;
+        const double survival = panel.tick > ticks ? 0 : before.survival_before(panel.tick);
+        for (int g = 0; g < order; ++g) {
+            double here = path.rests() && exceeds(end) ? found.survived[std::size_t(g)] : 0;
+            for (int slot = 0; slot < found.panel[0].slots; ++slot)
+                if (exceeds(curve.farthest[std::size_t(panel.tick + slot)]))
+                    here += found.detected[std::size_t(slot * order + g)];
+            const double density = fixed ? 0.5 : offset.density(mid + half * rule.node[std::size_t(g)]) * half;
+            total += rule.weight[std::size_t(g)] * density * (anywhere + survival * here);
+        }
+    }
+    return total;
+}
+
+}  // namespace detail
+
+/// P(peak force > force) of collisions whose force has a bound, by itself: nothing is interpolated and only positive terms
+/// are added, so a probability of 1e-30 has as many digits as one of 0.3. For clamped contact.
+template <class T>
+double tail_without_interpolation(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
+                                  const ThresholdDetector& detector, const QuadratureSettings& settings, double force) {
+    const LinePath& path = curve.path;
+    const PreContactAlarms before(detector, timing, motion.step, path.ticks);
+    OffsetMesh mesh(timing, detector, before);
+    mesh.build(path, settings, true);
+    const double end = path.greatest(mesh.end_step()), depth = force / settings.stiffness;
+    std::vector<double> reach = curve.farthest;
+    reach.push_back(path.farthest_braking());
+    std::vector<OffsetPanel> panels = mesh.panels();
+    mesh.add_end_panels(mesh.edges().back(), *std::max_element(reach.begin(), reach.end()), path.ticks + 1, panels);
+    if (path.rests()) reach.push_back(end);
+    panels = detail::cut_at_reaches(panels, reach, depth);
+    const auto by = [&](const auto& alarms) {
+        DetectionIntegrator<T, std::decay_t<decltype(alarms)>> integrator(timing, detector, before, alarms,
+                                                                          negligible_tail);
+        integrator.begin(path, settings.stiffness * std::max(0.0, mesh.edges().back()));
+        return detail::sum_beyond<T>(curve, settings.offset, mesh.order(), settings.stiffness, depth, end, panels,
+                                     before, integrator);
+    };
+    return detector.remembers() ? by(CorrelatedAlarms<T>(detector, before)) : by(ExactAlarms<T>(detector));
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
