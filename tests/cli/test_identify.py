@@ -85,9 +85,9 @@ def test_words_for_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     log.save(tmp_path / "log.parquet")
     result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, "--payload", "0.0", "-o", tmp_path / "m")
     assert result.status == 0, result.err
-    assert "held-out fifths" in (tmp_path / "m" / "report.html").read_text(encoding="utf-8")
-    assert "shoulder_pan_joint: hysteresis cannot be seen" in result.out
-    assert "error on held-out fifths" in result.out
+    assert "5-fold cross-validation error" in (tmp_path / "m" / "report.html").read_text(encoding="utf-8")
+    assert "shoulder_pan_joint: hysteresis is not identifiable" in result.out
+    assert "5-fold cross-validation error" in result.out
     # However narrow the terminal is, names are whole and every parameter stands on its joint's line.
     lines = result.out.splitlines()
     told = lines[lines.index("parameters, with their standard errors:") + 1 :][: robot.dof]
@@ -174,13 +174,16 @@ def test_inertias_that_bodies_can_have_are_written_for_other_programs(tmp_path: 
         (("--from", "30"), "leaves nothing"),
         (("--out", "absent/model.toml"), "--out: 'absent/model.toml' cannot be written"),
         (("--max-bad", "7"), "--max-bad: is 7"),
-        (("--consistent",), "--consistent: is not for joint models"),
-        (("--second-moments",), "--second-moments: is not for joint models"),
+        (("--consistent",), "--consistent: is for dynamics, not for joint models"),
+        (("--second-moments",), "--second-moments: is for a payload, not for joint models"),
         (("--model", "payload"), "--joint-model: is missing"),
         (("--model", "payload", "--joint-model", "sia5d"), "--joint-model: is of joints joint_s"),
         (("--model", "payload", "--joint-model", "absent.toml"), "absent.toml"),
         (("--model", "payload", "--consistent"), "--consistent: is for dynamics"),
-        (("--model", "dynamics", "--second-moments"), "--second-moments: is for a payload; give --model payload"),
+        (
+            ("--model", "dynamics", "--second-moments"),
+            "--second-moments: is for a payload, not for dynamics; give --model payload",
+        ),
         (("--model", "payload", "--shared-motor", "5,6"), "--shared-motor: is for dynamics"),
     ],
 )

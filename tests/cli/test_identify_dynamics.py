@@ -85,10 +85,10 @@ def test_gains_and_dynamics_from_currents(tmp_path: Path) -> None:
     assert min(joint["r2"] for joint in compared["joints"][:4]) > 0.98
     words = run("identify", bare, *options, "--known", f"elbow_joint.B={GAINS[2]}").out
     assert "elbow_joint: 10 (given) Nm/A" in words
-    assert "wrist_3_joint: cannot be seen" in words
+    assert "wrist_3_joint: not identifiable" in words
     for more, message in (
-        ((), "gains: their scale cannot be seen: nothing known is carried"),
-        (("--payload", "3"), "gains: their scale cannot be seen: all recordings carry the same"),
+        ((), "gains: their scale is not identifiable: nothing known is carried"),
+        (("--payload", "3"), "gains: their scale is not identifiable: all recordings carry the same"),
         (("--known", "elbow_joint.inertia=3"), "--known: elbow_joint.inertia is no gain"),
         (("--known", "elbow.B=3"), "'elbow' is no joint of ur5e"),
         (("--shared-motor", "5,6"), "--shared-motor: is for torques"),

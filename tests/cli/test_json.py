@@ -267,7 +267,9 @@ def test_a_table_without_bounds_still_fits_the_screen(monkeypatch: pytest.Monkey
     monkeypatch.setenv("COLUMNS", "80")
     blind = run("evaluate", EXAMPLE, "--set", "detector.thresholds_Nm=[inf, inf, inf, inf, inf, inf, inf]")
     assert blind.status == 3
-    rows = [line.split() for line in blind.out.splitlines() if line.startswith(("peak force, N", "felt at force, N"))]
+    rows = [
+        line.split() for line in blind.out.splitlines() if line.startswith(("peak force, N", "force at detection, N"))
+    ]
     assert rows == [
         ["peak", "force,", "N", *["inf"] * 6, "135", "1.0000"],
         ["felt", "at", "force,", "N", *["none"] * 6],

@@ -214,8 +214,8 @@ def test_every_row_of_the_summary_is_one_line_with_all_its_digits(
     (begin,) = [number for number, line in enumerate(lines) if "p99.9" in line]
     table = lines[begin + 1 : begin + 7]
     names = [
-        "peak force, N", "pressure, N/cm²", "compression, mm", "felt at force, N", "felt after, ms",
-        "contact lasts, ms",
+        "peak force, N", "pressure, N/cm²", "deformation, mm", "force at detection, N", "detection delay, ms",
+        "contact duration, ms",
     ]  # fmt: skip
     assert all(line.startswith(f"{name} ") for name, line in zip(names, table, strict=True))
     assert max(len(line.rstrip()) for line in table) <= 80

@@ -44,6 +44,10 @@ def check_refusal(result: Result, *words: str) -> None:
             ("plan", "identification", "--robot", "ur5e", "--speeds", "50,200"),
             "--speeds: 200 % cannot be used; wanted a",
         ),
+        (
+            ("plan", "identification", "--robot", "ur5e", "--speeds", "50,60"),
+            "--speeds: 50 %, 60 %: speeds so alike show no friction that depends on speed; wanted two at least",
+        ),
         (("plan", "identification", "--robot", "ur5e", "--ramps", "-1"), "--ramps: is -1; wanted 0 to 1000"),
         (("plan", "identification", "--robot", "ur5e", "--hold-s", "nan"), "--hold-s: is nan; wanted 1 to 3600"),
         (("plan", "identification", "--robot", "ur5e", "--repeats", "12345678"), "--repeats: is 12345678; wanted 1"),

@@ -123,7 +123,7 @@ def test_what_is_alike_at_every_pose_has_no_rank(tmp_path: Path) -> None:
         reaction = { joint_acceleration_rad_s2 = 5 }
         """
     )
-    result = run("study", "workspace", tmp_path / "s.toml", "--poses", 6, "--foretell", "--out", tmp_path / "out")
+    result = run("study", "workspace", tmp_path / "s.toml", "--poses", 6, "--predict", "--out", tmp_path / "out")
     assert result.status == 0, result.err
     assert "condition number: rank correlation none" in result.out
     for text in (result.out, words(tmp_path / "out/report.html")):

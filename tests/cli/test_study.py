@@ -49,7 +49,7 @@ def test_words_for_people(name: str) -> None:
     wanted = {
         "parameters": "motion.speed 40 to 60 mm/s: up; quadratic",
         "effectiveness": "bgia2011 hand_finger down 2 cm²: 20 or more",
-        "workspace": "20 laws; 0 poses start at a singularity",
+        "workspace": "20 distributions; 0 poses start at a singularity",
     }
     assert wanted[name] in result.out
     assert "rows in" in result.out
@@ -188,7 +188,7 @@ def test_an_interrupted_study_is_taken_up_again(tmp_path: Path, monkeypatch: pyt
         (("parameters", "--vary", "motion.speed=60:40"), "--vary: 60 to 40 is an empty range"),
         (("parameters", "--vary", "motion.sped=40:60"), "did you mean 'motion.speed'"),
         (("parameters", "--pair", "motion.speed"), "--pair: 'motion.speed' is not KEY,KEY"),
-        (("parameters", "--price", "motion.speed=0"), "--price: '0' of motion.speed is no price"),
+        (("parameters", "--cost", "motion.speed=0"), "--cost: '0' of motion.speed is no cost"),
         (("effectiveness", "--body", "tail"), "--body: 'tail' is a region of no table"),
         (("effectiveness", "--speed", "0"), "--speed: 0 cannot be used"),
         (("workspace",), "--poses: and --grid: give one of them"),

@@ -67,7 +67,7 @@ LONG: dict[str, Callable[[], object]] = {
             detector__arming_delay_s=1400.0, contact__offset_law="fixed", contact__offset_mm=0.001,
         )
     ),
-    "an exact law": lambda: bs.evaluate(
+    "an integrated distribution": lambda: bs.evaluate(
         control_group(
             detector__noise_correlation=0.99, detector__feedback_period_s=0.001, motion__velocity_mm_s=[0, 0, -1],
         )
@@ -120,7 +120,7 @@ def test_nothing_is_lost() -> None:
 
 
 @pytest.mark.skipif(not COMMAND.exists(), reason="bumpstop is not installed here")
-@pytest.mark.parametrize("arguments", [["--sampled", "3000000", "--threads", "2"], []], ids=["drawn", "worked out"])
+@pytest.mark.parametrize("arguments", [["--sampled", "3000000", "--threads", "2"], []], ids=["drawn", "computed"])
 def test_the_command_line(arguments: list[str]) -> None:
     """One line, and the status that shells know."""
     command = [str(COMMAND), "evaluate", "examples/01_hand_downward.toml", *arguments]

@@ -71,7 +71,7 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert page.index("1 alarm in") < page.index("<table") < page.index("window_samples")
     # Only the joint that is not watched has no threshold to be drawn, and none is drawn where there was none yet.
     drawn = (out / "residuals.svg").read_text(encoding="utf-8")
-    assert re.findall(r">(\w+): not watched<", drawn) == ["wrist_3_joint"]
+    assert re.findall(r">(\w+): not monitored<", drawn) == ["wrist_3_joint"]
 
 
 def test_poses_in_which_much_goes_unnoticed(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -82,7 +82,7 @@ def test_poses_in_which_much_goes_unnoticed(pushed: Path, capsys: pytest.Capture
     (stretch,) = json.loads(text)["blind_poses"]
     assert stretch == {"start_s": 0.0, "end_s": pytest.approx(1.596), "largest_N": pytest.approx(largest.max())}
     _, text, _ = run(capsys, *given, 0.9 * largest.min())
-    assert f"from 0.0000 to 1.5960 s up to {largest.max():.4g} N could go unnoticed" in text
+    assert f"from 0.0000 to 1.5960 s up to {largest.max():.4g} N could stay undetected" in text
     _, text, _ = run(capsys, *given, 1.1 * largest.max())
     assert "at no time could more than" in text
     status, _, err = run(capsys, *given, 0)
@@ -242,7 +242,7 @@ def test_files_of_a_run_that_was_blind_all_the_time(
     Recording.load(pushed).between(0.0, 0.02).save(short)
     status, text, _ = run(capsys, "detect", short, *given)
     assert status == 3
-    assert text.startswith("INACTIVE all the time (filling 6 rows): nothing could be noticed. 0 alarms in 0.02 s")
+    assert text.startswith("INACTIVE all the time (filling 6 rows): nothing could be detected. 0 alarms in 0.02 s")
     assert "no residuals.parquet: the detector was blind all the time" in text
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "events.json",

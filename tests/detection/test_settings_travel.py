@@ -139,12 +139,12 @@ def test_feedback_that_may_stand_still_for_ever_travels_too(free: Path, tmp_path
 def test_inactive_all_the_time_is_said_first_and_ends_with_3(free: Path, tmp_path: Path) -> None:
     """Each by another cause: nothing is watched, beyond its limits, arming."""
     for options, why in (
-        (("--thresholds", "inf,inf,inf,inf,inf,inf"), "no joint is watched"),
+        (("--thresholds", "inf,inf,inf,inf,inf,inf"), "no joint is monitored"),
         (("--thresholds", "9,9,9,9,9,9", "--arming-delay", 1000), "filling 17 rows, arming 9983 rows"),
     ):
         done = run("detect", free, "--robot", "ur5e", *options, "--out", tmp_path / "out")
         assert done.status == 3
-        assert done.out.startswith(f"INACTIVE all the time ({why}): nothing could be noticed. 0 alarms in 39.996 s")
+        assert done.out.startswith(f"INACTIVE all the time ({why}): nothing could be detected. 0 alarms in 39.996 s")
         page = (tmp_path / "out" / "report.html").read_text()
         assert "detector inactive" in page
         assert page.index("INACTIVE all the time") < page.index("<table")

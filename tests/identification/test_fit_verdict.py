@@ -265,6 +265,14 @@ def test_currents_shifted_against_the_motion_are_told(seconds: float) -> None:
     assert shift_of(log, robot, log.current) == (0.0, 1.0)
 
 
+def test_a_shift_is_told_when_validating_too() -> None:
+    robot, log = currents_of_known_drives()
+    fit = identify_joint_model(log, robot)
+    for recording, told in ((log, False), (shifted(log, 0.04), True)):
+        verdict = judge_currents(compare_currents(fit.model, recording, robot), [recording], robot)
+        assert any("lag behind the motion by" in fault for fault in verdict.faults) is told
+
+
 @pytest.mark.parametrize("name", ["ur10", "panda", "tx40"])
 def test_shifts_of_real_recordings(name: str) -> None:
     """None as they are, and one that was planted is found."""

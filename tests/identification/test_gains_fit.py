@@ -107,7 +107,7 @@ def test_a_known_gain_gives_the_scale_as_far_as_joints_share_links() -> None:
 def test_scales_that_cannot_be_seen_are_refused() -> None:
     robot = bs.Robot.load(ROBOT)
     one, loaded = with_and_without()
-    with pytest.raises(bs.InputError, match="gains: their scale cannot be seen: nothing known is carried"):
+    with pytest.raises(bs.InputError, match="gains: their scale is not identifiable: nothing known is carried"):
         identify_gains(one, robot)
     with pytest.raises(bs.InputError, match="all recordings carry the same"):
         identify_gains([loaded, loaded], robot, payloads=[LOAD, LOAD])
@@ -119,7 +119,7 @@ def test_scales_that_cannot_be_seen_are_refused() -> None:
         identify_gains(Recording(t=one.t, q=one.q), robot, known={"elbow_joint": 3.0})
     # A straw is a known load, too, but shows nothing against the noise.
     short = [currents(robot, seed, seconds=4.0) for seed in (1, 5)]
-    with pytest.raises(bs.InputError, match="cannot be seen: shoulder_pan_joint, shoulder_lift_joint"):
+    with pytest.raises(bs.InputError, match="is not identifiable: shoulder_pan_joint, shoulder_lift_joint"):
         identify_gains(short, robot, payloads=[None, Payload(1e-4)], cutoff_hz=5.0)
 
 

@@ -181,7 +181,7 @@ def test_what_a_motion_cannot_show_is_named_and_not_made_up() -> None:
     assert not pan.observable
     assert pan.parameters.parameters["B"] is None
     assert pan.parameters.parameters["inertia"] is None
-    assert any("shoulder_pan_joint: B cannot be seen" in warning for warning in fit.warnings)
+    assert any("shoulder_pan_joint: B is not identifiable" in warning for warning in fit.warnings)
     assert np.isnan(fit.model.torque(np.zeros(6), np.zeros(6))[0])
     assert "shoulder_pan_joint" in fit.model.notes()[0]
     given = identify_joint_model(log, robot, cutoff_hz=10.0, known={"shoulder_pan_joint": {"B": 12.0}})
@@ -209,7 +209,7 @@ def test_a_joint_at_rest_whose_map_does_not_rise_is_named(kind: str) -> None:
     fit = identify_joint_model(log, robot, maps=[kind], joints=[rest], cutoff_hz=10.0, rest_speed=0.01)
     assert fit.joints[0].parameters.parameters["A"] == Parameter(0.0)
     assert {"A", "D", "F"} <= set(fit.joints[0].unseen)
-    assert any(warning.startswith(f"{robot.joints[rest].name}: A cannot be seen") for warning in fit.warnings)
+    assert any(warning.startswith(f"{robot.joints[rest].name}: A is not identifiable") for warning in fit.warnings)
 
 
 def test_noise_of_encoders_is_no_torque_that_changes() -> None:
@@ -293,7 +293,7 @@ def test_a_real_arm_with_a_declared_payload() -> None:
         if joint.name in controller:
             assert joint.value("B") == pytest.approx(controller[joint.name], rel=0.07)
     assert fit.model.joints[5].parameters["B"] is None
-    assert any("wrist_3_joint: B cannot be seen" in warning for warning in fit.warnings)
+    assert any("wrist_3_joint: B is not identifiable" in warning for warning in fit.warnings)
 
 
 def test_the_swing_of_a_filter_is_not_the_last_motion() -> None:

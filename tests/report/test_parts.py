@@ -179,7 +179,7 @@ def test_parameters_have_their_standard_error_where_there_is_one(value, text):
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (math.inf, "no bound"),
+        (math.inf, "unbounded"),
         (math.nan, "none"),
         (0.0, "0"),
         (95.0295, "95.03"),

@@ -194,7 +194,7 @@ def test_one_key_of_many_whole_steps_has_a_cheapest_one() -> None:
 def test_too_many_whole_steps_are_refused_before_the_first_law() -> None:
     scenario = control_group(contact__area_cm2=2.0, reaction__latency_s=0.1)
     prices = ["reaction.latency_s=100", "motion.speed=1"]
-    with pytest.raises(bs.InputError, match=r"--price: 101 combinations of whole steps.*wanted at most 64"):
+    with pytest.raises(bs.InputError, match=r"--cost: 101 combinations of whole steps.*wanted at most 64"):
         ParameterStudy.of(scenario, ["reaction.latency_s=0:0.1", "motion.speed=30:50"], prices=prices)
 
 

@@ -305,7 +305,7 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
             {"poses": 1},
             "verdict.clamped_limit",
         ),
-        (control_group(detector__arming_delay_s=0.1), {"poses": 1, "foretell": True}, "--foretell"),
+        (control_group(detector__arming_delay_s=0.1), {"poses": 1, "foretell": True}, "--predict"),
     ],
 )
 def test_a_study_that_makes_no_sense_is_refused_by_name(scenario: bs.Scenario, options: Any, field: str) -> None:

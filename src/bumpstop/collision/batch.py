@@ -73,7 +73,9 @@ def evaluate_batch(
     if problem.body_mass is not None:
         raise InputError("contact.kind", "batches are computed for clamped contact only", "wanted 'clamped'")
     if problem.residuals is not None:
-        raise InputError("detector.residuals", "measured residuals have no exact law", "give detector.noise_sd_Nm")
+        raise InputError(
+            "detector.residuals", "measured residuals have no integrated distribution", "give detector.noise_sd_Nm"
+        )
     robot = problem.robot
     poses = as_float_array(q, "q", (None, robot.dof))
     velocities = as_float_array(velocity, "velocity", (len(poses), 3))

@@ -46,9 +46,9 @@ def notes_of(law: CollisionResult) -> list[str]:
     notes.extend(swing_notes(law))
     unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
     if unwatched:
-        notes.append(f"Not watched: joint {', '.join(unwatched)}.")
+        notes.append(f"Not monitored: joint {', '.join(unwatched)}.")
     if detector.arming_delay_s > 0:
-        notes.append(f"The detector is blind for the first {detector.arming_delay_s:g} s.")
+        notes.append(f"The detector is not armed for the first {detector.arming_delay_s:g} s.")
     notes.append("This is an engineering estimate, not a certified safety function.")
     return notes
 
@@ -125,7 +125,7 @@ def _contact_notes(law: CollisionResult) -> list[str]:
     undetected = f"Undetected, {which} comes to {bounds.position_driven:.4g} N"
     if bounds.reduced_mass is None:
         what = "looks like placeholders" if problem.robot.inertia_doubts else "is not known"
-        notes.append(f"{undetected}; the arm's inertia {what}, so there is no bound by the reduced mass.")
+        notes.append(f"{undetected}; the arm's inertia {what}, so the reduced mass gives no upper limit.")
     else:
         notes.append(
             f"{undetected}, or {bounds.reduced_mass:.4g} N if the arm gives way as a free mass of "
@@ -141,11 +141,11 @@ def _noise_notes(law: CollisionResult) -> list[str]:
         notes.append("Noise is measured: its correlation between joints and in time is kept within blocks.")
     elif detector.noise_correlation != 0:
         notes.append(
-            f"Noise is Gaussian, correlated by {detector.noise_correlation:g} from tick to tick, independent from "
-            "joint to joint."
+            f"Noise is Gaussian, correlated by {detector.noise_correlation:g} from one control cycle to the next, "
+            "independent between joints."
         )
     else:
-        notes.append("Noise is Gaussian and white: independent from tick to tick and joint to joint.")
+        notes.append("Noise is Gaussian and white: independent from one control cycle to the next and between joints.")
     if detector.residual == "observer":
         notes.append(
             f"The residual is a momentum observer's with gain {detector.observer_gain_1_s:g} 1/s: it follows a contact "

@@ -210,7 +210,7 @@ class CollisionResult:
             )
         return (
             f"{share} of collisions are not detected {self.unbounded_because}. They count as over every limit: their "
-            "force has no bound and the mean is not given."
+            "force is unbounded and the mean is not given."
         )
 
     @cached_property

@@ -454,11 +454,13 @@ class Detector:
     def _note(self) -> None:
         notes = self.thresholds.differences(self.settings)
         if not any(self.thresholds.watched):
-            notes.append("No joint is watched: no contact can be noticed.")
+            notes.append("No joint is monitored: no contact can be detected.")
         notes += self._drives.notes()
         if self.model is not None or self.settings.stiction is not None:
             hidden, unit = ", ".join(f"{value:.3g}" for value in self.dead_zone), unit_of(*self.robot.joints)
-            notes.append(f"At standstill friction may hide up to {hidden} {unit} by joint: a resting arm feels less.")
+            notes.append(
+                f"At standstill friction may hide up to {hidden} {unit} by joint: an arm at rest detects less."
+            )
         fast = [joint.name for joint in self.robot.joints if not math.isfinite(joint.velocity)]
         if fast:
             notes.append(f"{', '.join(fast)}: without a speed limit, no jump is impossible.")

@@ -59,7 +59,7 @@ class MatchedDrives:
             if watched[j]:
                 lacks = "does not know the gain B of" if own[j] in self._gainless else "has no"
                 raise InputError(
-                    "model", f"{lacks} joint {own[j]!r}, which is watched", "threshold inf leaves a joint unwatched"
+                    "model", f"{lacks} joint {own[j]!r}, which is monitored", "threshold inf leaves a joint unmonitored"
                 )
 
     def links(self) -> list[tuple[Any, float]]:
@@ -96,7 +96,7 @@ class MatchedDrives:
             ("the joint model does not know its gain B", [name for name in names if name in self._gainless]),
         ):
             if of_them:
-                notes.append(f"{', '.join(of_them)}: {words}, not watched.")
+                notes.append(f"{', '.join(of_them)}: {words}, not monitored.")
         twice = [
             joint.name
             for joint, drive in zip(self.robot.joints, self.joints, strict=True)

@@ -169,7 +169,7 @@ class DetectionRun:
     def inactive(self) -> str:
         """Why it cannot have noticed anything in the whole recording; empty: it watched, for a while at least."""
         if self.watched and not any(self.watched):
-            return "no joint is watched"
+            return "no joint is monitored"
         if self.judged.any():
             return ""
         reasons = {**self.blind_rows(), "arming": int(np.count_nonzero(self.state == STATES.index("arming")))}
@@ -256,8 +256,8 @@ def frozen_notes(t: FloatArray, frozen: npt.NDArray[np.bool_]) -> list[str]:
     first, rows = float(t[int(frozen.argmax())]), int(np.count_nonzero(frozen))
     return [
         f"Frozen feedback in {rows} rows, the first at {first:.4f} s: time goes on, but positions and signals of all "
-        "joints are those of the row before. Nothing can be noticed there. A simulated arm without noise does the same "
-        "at rest: frozen_s = inf says that it may."
+        "joints are those of the row before. Nothing can be detected there. A simulated arm without noise does the "
+        "same at rest: frozen_s = inf permits it."
     ]
 
 

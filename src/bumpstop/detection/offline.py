@@ -217,7 +217,7 @@ def residual_record(
         why = ", ".join(f"{name} {rows}" for name, rows in run.blind_rows().items())
         beyond = " ".join(note for note in run.notes if "beyond its limits" in note)
         raise InputError("recording", f"the detector is blind in all {run.t.size} rows ({why})", beyond)
-    notes = tuple(note for note in run.notes if not note.startswith("No joint is watched"))
+    notes = tuple(note for note in run.notes if not note.startswith("No joint is monitored"))
     still = np.flatnonzero(np.ptp(recording.q, axis=0) < STILL)
     if still.size:
         names = ", ".join(robot.joints[j].name for j in still)

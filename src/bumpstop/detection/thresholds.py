@@ -41,7 +41,7 @@ _SETTINGS = (
 _ONE_FOR_ALL = ("model_errors", "period_s", *_SETTINGS)
 _SAME_GAIN = 0.01
 _SAME = 1e-6  # of numbers that are written with all their digits
-_WANTED = "wanted one number above 0 for each joint; inf: not watched"
+_WANTED = "wanted one number above 0 for each joint; inf: not monitored"
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
     from bumpstop.joint.model import Parameter
 
-NO_BOUND = "no bound"
+NO_BOUND = "unbounded"
 NONE = "none"
 NEXT_TO_NOTHING = 1e-6  # in any unit that a page uses: digits of rounding, not of a quantity
 
@@ -89,5 +89,5 @@ def arm(law: CollisionResult) -> str:
 def which_law(law: CollisionResult) -> str:
     """How the law was worked out."""
     if law.kind == "exact":
-        return "exact law (no sampling)"
-    return f"sampled law: {law.samples} collisions, seed {law.seed}"
+        return "integrated distribution (no sampling)"
+    return f"sampled distribution: {law.samples} collisions, seed {law.seed}"

@@ -205,7 +205,7 @@ def _temporary(file: Path) -> Path:
 def _damaged(file: Path) -> InputError:
     """A file that somebody else has cut short, written over or brought from another study."""
     problem = f"{str(file)!r} is damaged, or of another study"
-    return InputError("--out", problem, "delete that file: what it held is worked out anew")
+    return InputError("--out", problem, "delete that file: what it held is computed again")
 
 
 def _settings(study: Study, fingerprint: str, command: str) -> str:

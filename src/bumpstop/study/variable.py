@@ -119,7 +119,7 @@ class Variable:
         if self.name in ("detector.thresholds", "detector.thresholds_and_noise"):
             lowest = min(detector.thresholds_Nm, default=math.inf)
             if not math.isfinite(lowest):
-                raise InputError(self.name, "watches no joint", "wanted a finite threshold")
+                raise InputError(self.name, "monitors no joint", "wanted a finite threshold")
             return lowest
         if self.name in ("contact.stiffness", "contact.stiffness_N_mm"):
             stiffness = scenario.contact.stiffness_N_m

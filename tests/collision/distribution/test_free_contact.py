@@ -50,7 +50,7 @@ def test_a_body_touched_where_a_piece_of_a_step_ends_is_struck_all_the_same() ->
             0.1, contact__stiffness_N_m=75000.0, motion__velocity_mm_s=[0, 0, -speed], motion__start="rest",
             detector__thresholds_Nm=[1e4] * 7,
         )  # fmt: skip
-        distance = bs.stopping_curve(bs.Problem.from_scenario(scenario)).distance
+        distance = bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario)).distance
         places = 0.5 * (distance[1:-1] + distance[2:])[:: len(distance) // 8][:6]
         struck = []
         for place in places:

@@ -15,14 +15,14 @@ from collision.cases import control_group
 DEAF = [6000.0] * 7
 # What is changed, and what is said of it alone.
 SAID: list[tuple[dict[str, Any], str]] = [
-    ({"detector__thresholds_Nm": [20.0, 10.0, math.inf, 20.0, 20.0, 20.0, math.inf]}, "Not watched: joint 3, 7."),
+    ({"detector__thresholds_Nm": [20.0, 10.0, math.inf, 20.0, 20.0, 20.0, math.inf]}, "Not monitored: joint 3, 7."),
     ({"detector__arming_delay_s": 0.05}, "The detector is blind for the first 0.05 s."),
     ({"reaction__latency_s": 0.0105}, "Reaction latency rounded up to 11 ms, whole simulation steps."),
     ({"reaction__latency_s": 0.011}, ""),
     (
         {"detector__thresholds_Nm": DEAF, "motion__duration_s": 2.0},
         "Over 99.9999 % of collisions are not detected within 2 s (motion.duration_s). They count as over every limit: "
-        "their force has no bound and the mean is not given.",
+        "their force is unbounded and the mean is not given.",
     ),
 ]
 

@@ -270,10 +270,10 @@ def test_a_joint_of_unknown_gain_is_not_watched_and_blinds_nothing() -> None:
     assert not run.blind[FILLING:].any()
     np.testing.assert_array_equal(run.residual[:, others], wanted.residual[:, others])
     assert not run.residual[FILLING:, 3].any()
-    assert "joint_u: the joint model does not know its gain B, not watched." in detector.notes
-    assert "joint_t: without a joint model, not watched." in detector.notes
+    assert "joint_u: the joint model does not know its gain B, not monitored." in detector.notes
+    assert "joint_t: without a joint model, not monitored." in detector.notes
     assert np.isfinite(detector.dead_zone).all()
-    with pytest.raises(bs.InputError, match="does not know the gain B of joint 'joint_u', which is watched"):
+    with pytest.raises(bs.InputError, match="does not know the gain B of joint 'joint_u', which is monitored"):
         Detector(SIA5D, model, [20.0, 10, 20, 20, 20, 20, math.inf])
 
 
@@ -387,7 +387,7 @@ def test_parts_of_different_arms_are_refused() -> None:
     model = JointTorqueModel.load("sia5d")
     with pytest.raises(bs.InputError, match="is for a joint 'joint_s', which ur5e has not"):
         Detector(UR5E, model, [10.0] * 6)
-    with pytest.raises(bs.InputError, match="has no joint 'joint_t', which is watched"):
+    with pytest.raises(bs.InputError, match="has no joint 'joint_t', which is monitored"):
         Detector(SIA5D, model, [10.0] * 7)
     with pytest.raises(bs.InputError, match="thresholds: 5 of them; the robot has 6 joints"):
         Detector(UR5E, None, [10.0] * 5)

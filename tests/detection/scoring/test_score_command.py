@@ -99,3 +99,28 @@ def test_forces_of_a_sensor_at_detection(tmp_path: Path) -> None:
     assert "force at detection, N" in (out / "report.html").read_text()
     Recording(t=t, q=q, tau=tau).save(log)
     assert "forces" not in strict_json(run("score", log, *ARM, "--labels", labels, "--json").out)
+
+
+def test_an_inactive_detector_is_said_before_anything_else(tmp_path: Path) -> None:
+    log, labels, events = pushed(tmp_path / "log.parquet", 2.5), tmp_path / "labels.csv", tmp_path / "events.json"
+    labels.write_text("start_s,end_s\n1.5,1.6\n")
+    events.write_text(run("detect", log, *ARM, "--json").out)
+    for given in ((log, *ARM, "--out", tmp_path / "page"), (events,)):
+        said = run("score", *given, "--labels", labels).out
+        assert said.startswith("INACTIVE all the time (")
+        assert "detected 0 of 1" in said
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert "detector inactive: 0 of 1 contacts detected" in page
+    assert page.index("INACTIVE all the time") < page.index("0 detected, 1 missed")
+    watching = pushed(tmp_path / "seen.parquet")
+    assert "INACTIVE" not in run("score", watching, *ARM, "--labels", labels).out
+
+
+def test_the_page_has_the_settings_in_full(tmp_path: Path) -> None:
+    log, labels = pushed(tmp_path / "log.parquet"), tmp_path / "labels.csv"
+    labels.write_text("start_s,end_s\n1.5,1.6\n")
+    done = run("score", log, *ARM, "--late", 0.4, "--window", 0.05, "--labels", labels, "--out", tmp_path / "page")
+    assert done.status == 0, done.err
+    page = (tmp_path / "page" / "report.html").read_text()
+    for said in ("late, s", ">0.4<", "window_s", ">0.05<", "observer_gain_1_s", "20,20,20,9,9,9", "Made by"):
+        assert said in page, said

@@ -102,7 +102,7 @@ def test_tune_for_people(noise: Path) -> None:
     done = run("tune", noise, "--per-hour", 0.1, "--joints", "1,2", "--scenario", EXAMPLE)
     assert done.status == 0, done.err
     assert "0.1 false alarms an hour; 95 % interval" in done.out
-    assert "not watched" in done.out
+    assert "not monitored" in done.out
     assert "Extrapolated too far" in done.out
     assert "* more than 100 times what was recorded" in done.out
 
@@ -232,8 +232,8 @@ def test_joints_that_a_model_cannot_tell_are_not_watched(tmp_path: Path) -> None
     assert done.status == 0, done.err
     found = strict_json(done.out)
     assert [value is None for value in found["thresholds_Nm"]] == [False] * 6 + [True]
-    assert "joint_t: without a joint model, not watched." in found["notes"]
-    assert "Not watched: joint 7." in found["notes"]
+    assert "joint_t: without a joint model, not monitored." in found["notes"]
+    assert "Not monitored: joint 7." in found["notes"]
     assert "The residual of joint 7 never changes." in found["notes"]
 
 

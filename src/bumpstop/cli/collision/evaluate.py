@@ -44,16 +44,16 @@ def command(
     sampled: Annotated[
         int | None,
         typer.Option(
-            parser=whole(1, MAX_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of the exact law."
+            parser=whole(1, MAX_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of integrating."
         ),
     ] = None,
     seed: Annotated[
-        int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled law.")
+        int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled collisions.")
     ] = 0,
     threads: Annotated[
         int,
         typer.Option(
-            parser=whole(1, MAX_THREADS), metavar="NUMBER", help="Threads of the sampled law; they do not change it."
+            parser=whole(1, MAX_THREADS), metavar="NUMBER", help="Threads for sampling; they do not change the result."
         ),
     ] = 1,
     changes: Annotated[
@@ -61,7 +61,7 @@ def command(
         typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
     ] = None,
 ) -> int:
-    """Work out the force law of a scenario and judge it.
+    """Compute the force distribution of a scenario and judge it.
 
     Exit status: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input.
     """
@@ -74,7 +74,7 @@ def command(
             law = evaluate(checked, samples=sampled, seed=seed, threads=threads, progress=share)
     except MemoryError:
         if sampled is None:
-            problem = "is not given, and the exact law of so many feedback ticks needs more memory than there is"
+            problem = "is not given, and integrating over so many control cycles needs more memory than there is"
             raise InputError("--sampled", problem, "try --sampled 100000") from None
         raise InputError("--sampled", f"{sampled} collisions need more memory than there is", "give fewer") from None
     report = None

@@ -36,7 +36,7 @@ def require(
     as_json: AsJson = False,
     changes: Changes = None,
 ) -> int:
-    """Find the harshest value that meets the limits, and with it every milder one.
+    """Find the least conservative value that meets the limits; every more conservative value meets them, too.
 
     Keys: motion.speed, detector.thresholds, detector.feedback_period_s, reaction.joint_acceleration_rad_s2,
     contact.padding. Exit status: 0 found, 3 no value meets the limits or alarms are too probable there, 2 bad input.
@@ -61,7 +61,7 @@ def require(
             if name == "detector.thresholds" and found.value is not None:
                 typer.echo(f"the lowest; by joint {_thresholds(checked, found.value)}")
             typer.echo(found.reason)
-            typer.echo(f"risk there {found.risk_at_value:.3g}, accepted {found.risk:g}; exact law")
+            typer.echo(f"risk there {found.risk_at_value:.3g}, accepted {found.risk:g}; integrated distribution")
         return NOT_ACCEPTABLE if found.value is None or not found.false_alarm_ok else 0
     if "=" not in vary[1]:
         raise InputError("--vary", f"{vary[1]!r} has no range", f"wanted {vary[1]}=LOW:HIGH")

@@ -21,8 +21,8 @@ _MAX_POSES = 10_000_000
 _NOTES = (
     "At every row the tool moves on a straight line through the pose, and the body is clamped; where the scenario does "
     "not say how far away, one feedback period of travel or less, evenly.",
-    "Speeds come from exact laws: each one written here meets the accepted risk, and a speed at most 1 % higher does "
-    "not, unless another cause is named.",
+    "Speeds come from integrated force distributions: each one written here meets the accepted risk, and a speed at "
+    "most 1 % higher does not, unless another cause is named.",
 )
 
 
@@ -47,7 +47,10 @@ def atlas(
     ] = None,
     cap: Annotated[float, typer.Option(metavar="MM_S", help="No speed above it is looked at.")] = 1000.0,
     null_space: Annotated[
-        bool, typer.Option("--null-space", help="Suggest joint positions that feel better, for arms of seven joints.")
+        bool,
+        typer.Option(
+            "--null-space", help="Suggest joint positions that detect smaller forces, for arms of seven joints."
+        ),
     ] = False,
     out: Out = None,
     as_json: AsJson = False,
@@ -142,7 +145,7 @@ def _trajectory_lines(summary: dict[str, Any]) -> list[str]:
     if singular:
         lines.append(
             f"at {singular} of {places} places, at or near a singularity, no straight line can be followed: their "
-            "limits are by the trajectory's own law"
+            "limits come from the trajectory's own force distribution"
         )
     if none:
         lines.append(f"at {none} of {places} places no speed is safe")

@@ -27,14 +27,14 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     no_args_is_help=False,
-    help="Ask many laws a question: what makes collisions harmless, for whom, and where.",
+    help="Compute many force distributions: what lowers the forces, for which body, and where.",
 )
 
 ScenarioFile = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Write report.html, figures, rows, summary and settings there; taken up again."),
+    typer.Option(help="Write report.html, figures, rows, summary and settings there; an interrupted study is resumed."),
 ]
 Changes = Annotated[
     list[str] | None,
@@ -114,7 +114,7 @@ def parameters(
     price: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY=PRICE", help="What one unit of change costs, for the cheapest way to meet the limits."
+            "--cost", metavar="KEY=COST", help="What one unit of change costs, for the cheapest way to meet the limits."
         ),
     ] = None,
     as_json: AsJson = False,
@@ -195,7 +195,7 @@ def workspace(
         float, typer.Option(metavar="MM", help="Avoid self-collision of links this thick; 0: do not look for it.")
     ] = 0.0,
     foretell: Annotated[
-        bool, typer.Option("--foretell", help="Foretell forces from the pose, in its direction and in the worst one.")
+        bool, typer.Option("--predict", help="Predict forces from the pose, in its direction and in the worst one.")
     ] = False,
     seed: Seed = 0,
     as_json: AsJson = False,
@@ -203,7 +203,7 @@ def workspace(
     threads: Threads = 2,
     changes: Changes = None,
 ) -> None:
-    """Work out the laws of poses and directions all over the arm's reach."""
+    """Compute force distributions at poses and directions all over the arm's reach."""
     from typing import get_args
 
     from bumpstop.errors import InputError, near_matches
@@ -282,7 +282,9 @@ def _effectiveness_lines(summary: dict[str, Any]) -> list[str]:
 def _workspace_lines(summary: dict[str, Any]) -> list[str]:
     from bumpstop.report.formatting import correlation
 
-    lines = [f"{summary['laws']} laws; {summary['singular_starts']} poses start at a singularity and have none"]
+    lines = [
+        f"{summary['laws']} distributions; {summary['singular_starts']} poses start at a singularity and have none"
+    ]
     if not summary["laws"]:
         return lines
     if summary["never_touch"]:
@@ -299,7 +301,7 @@ def _workspace_lines(summary: dict[str, Any]) -> list[str]:
     for name, found in summary.get("predictors", {}).items():
         missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
         rank = f"rank correlation {correlation(found['rank_correlation'])}"
-        lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, refuses {refused} of safe")
+        lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, rejects {refused} of safe")
     low, high = summary["distribution"]["mode_of_collisions_N"]
     lines.append(f"most common peak force: {low:g} to {high:g} N")
     ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)

@@ -47,10 +47,10 @@ def print_summary(law: CollisionResult, report: Path | None) -> None:
     rows: list[tuple[str, Distribution | None, float, str, float | None]] = [
         ("peak force, N", law.peak_force, 1, _limits(first, limits, "force_N"), verdict.p_over_force),
         ("pressure, N/cm²", law.pressure, 1, _limits(first, limits, "pressure_N_cm2"), verdict.p_over_pressure),
-        ("compression, mm", law.compression, 1, "", None),
-        ("felt at force, N", law.force_at_detection, 1, "", None),
-        ("felt after, ms", law.detection_delay, 1e3, "", None),
-        ("contact lasts, ms", contact_duration, 1e3, "", None),
+        ("deformation, mm", law.compression, 1, "", None),
+        ("force at detection, N", law.force_at_detection, 1, "", None),
+        ("detection delay, ms", law.detection_delay, 1e3, "", None),
+        ("contact duration, ms", contact_duration, 1e3, "", None),
     ]
     for name, quantity, factor, limit, over in rows:
         if quantity is None:
@@ -72,7 +72,7 @@ def print_summary(law: CollisionResult, report: Path | None) -> None:
         for j, p in sorted(enumerate(law.trigger_joint_probability, start=1), key=lambda item: -item[1])
         if p >= 0.0005
     ]
-    console.print("felt by joint " + ", ".join(felt) if felt else "felt by no joint", end="")
+    console.print("triggered by joint " + ", ".join(felt) if felt else "triggered by no joint", end="")
     console.print(
         f"; false alarm before contact {_probability(law.false_alarm_probability)}; "
         f"never detected {_probability(law.undetected_probability)}"
@@ -81,7 +81,11 @@ def print_summary(law: CollisionResult, report: Path | None) -> None:
     # What the figures above are not about; what was assumed otherwise is in the report.
     for note in (*unused_notes(law.scenario), *sample_notes(law), *law.end_notes()):
         console.print(f"note: {note}")
-    kind = "exact law" if law.kind == "exact" else f"sampled law, {law.samples} runs, seed {law.seed}"
+    kind = (
+        "integrated distribution"
+        if law.kind == "exact"
+        else f"sampled distribution, {law.samples} runs, seed {law.seed}"
+    )
     console.print(f"{kind}; {law.notes[-1][0].lower()}{law.notes[-1][1:]}", style="dim")
     if report is not None:
         # Not wrapped, so that it can be copied or clicked.

@@ -21,6 +21,7 @@ from bumpstop.cli.detection.residual_source import (
 )
 from bumpstop.cli.folders import check_folder, writing
 from bumpstop.cli.option_names import as_options
+from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def detect(
     point_m: Where = "0,0,0",
     blind_force: Annotated[
         float | None,
-        typer.Option("--blind-force", help="Tell poses where more than this could go unnoticed [N]."),
+        typer.Option("--blind-force", help="Report poses where more than this could stay undetected [N]."),
     ] = None,
     stiction: Annotated[
         str | None,
@@ -80,7 +81,7 @@ def detect(
         settings = replace(settings, stiction=stiction_of(stiction, arm.dof))
     check_folder(out)
     log = origin.recording(recording)
-    with as_options(DETECTOR_OPTIONS):
+    with as_options(DETECTOR_OPTIONS), progress("running the detector"):
         run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
     stretches = None
     if blind_force is not None:
@@ -104,12 +105,12 @@ def detect(
     _print(run, arm, settings)
     for one in stretches or ():
         typer.echo(
-            f"from {one.start_s:.4f} to {one.end_s:.4f} s up to {one.largest_N:.4g} N could go unnoticed"
+            f"from {one.start_s:.4f} to {one.end_s:.4f} s up to {one.largest_N:.4g} N could stay undetected"
             if math.isfinite(one.largest_N)
-            else f"from {one.start_s:.4f} to {one.end_s:.4f} s any force could go unnoticed in some direction"
+            else f"from {one.start_s:.4f} to {one.end_s:.4f} s any force could stay undetected in some direction"
         )
     if stretches == ():
-        typer.echo(f"at no time could more than {blind_force:g} N go unnoticed")
+        typer.echo(f"at no time could more than {blind_force:g} N stay undetected")
     if log.report.rows_dropped:
         typer.echo(f"rows dropped while reading: {log.report.rows_dropped} of {log.report.rows_read}")
     if out is not None:
@@ -258,7 +259,7 @@ def _print(run: DetectionRun, arm: Robot, settings: DetectorSettings) -> None:
 def _force(event: Event) -> str:
     """Along the direction, with two standard deviations; nothing where no joint tells anything of it."""
     if not math.isfinite(event.force_along_sd):
-        return "not felt"
+        return "not detectable"
     return f"{event.force_along:.3g} +- {2 * event.force_along_sd:.2g}"
 
 

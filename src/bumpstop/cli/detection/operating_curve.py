@@ -28,8 +28,8 @@ class TradePoint:
         per_hour: false alarms an hour.
         thresholds: (dof,) that give it [Nm or N].
         extrapolated: it lies more than 100 times beyond the recording.
-        forces: by scenario: ``p50 p95 p999`` of the peak force, ``anywhere`` the largest that goes unnoticed
-            in any direction [N, None: no bound], ``limit`` [N or None], ``acceptable``, and what is not: ``fails_by``,
+        forces: by scenario: ``p50 p95 p999`` of the peak force, ``anywhere`` the largest that stays undetected
+            in any direction [N, None: unbounded], ``limit`` [N or None], ``acceptable``, and what is not: ``fails_by``,
             of ``"force"``, ``"pressure"`` and ``"false_alarm"``.
     """
 

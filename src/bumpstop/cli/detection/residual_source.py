@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -214,6 +214,16 @@ class Origin(Watcher):
     begin: Begin = None
     until: Until = None
 
+    @property
+    def reading(self) -> dict[str, str]:
+        """How recordings were read, in words, for a page's table of settings."""
+        first = "the beginning" if self.begin is None else f"{self.begin:g} s"
+        last = "the end" if self.until is None else f"{self.until:g} s"
+        found = {"model": self.model or "none: recorded torque", "part": f"from {first} to {last}"}
+        named = {"columns": self.columns, "topic": self.topic, "rate, Hz": self.rate}
+        found |= {name: str(value) for name, value in named.items() if value is not None}
+        return found | {"share of bad rows that is dropped": f"{self.max_bad:g}"}
+
     def recording(self, path: Path) -> Recording:
         """The part of a recording that counts."""
         from bumpstop.cli.identification.arm_recordings import part_of
@@ -296,3 +306,9 @@ def thresholds_of(text: str, joints: Robot | int) -> Thresholds:
     dof, names = (joints, []) if isinstance(joints, int) else (joints.dof, [joint.name for joint in joints.joints])
     with as_options({"thresholds": "--thresholds"}):
         return Thresholds.of(Thresholds.parse(text, names), dof)
+
+
+def detector_settings(origin: Watcher, thresholds: str | None) -> dict[str, Any]:
+    """Settings of the detector by name, for a page: options, else what the thresholds were found with."""
+    found = None if thresholds is None else thresholds_of(thresholds, origin.parts[1])
+    return asdict(origin.settings_for(found))

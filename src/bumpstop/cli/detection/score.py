@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.detection.residual_source import Arming, Origin, takes_origin, thresholds_of
+from bumpstop.cli.detection.residual_source import Arming, Origin, detector_settings, takes_origin, thresholds_of
 from bumpstop.cli.detection.residuals import holds_residuals, load_run, residuals_of
 from bumpstop.cli.folders import check_folder
+from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 from bumpstop.text_files import read_text
 
@@ -66,21 +67,42 @@ def command(
         ):
             if given:
                 raise InputError(option, f"has no meaning with the events of {str(file)!r}", "leave it out")
-        found, roc = _of_events(file, known, tolerance), None
+        (found, inactive), roc = _of_events(file, known, tolerance), None
     else:
         if thresholds is None:
             raise InputError("--thresholds", "is missing", "residuals and recordings need it: numbers or a file")
-        found, roc, notes = _of_residuals(file, known, thresholds, origin, arming_delay, rearm, tolerance)
+        with progress("scoring"):
+            found, roc, inactive, notes = _of_residuals(file, known, thresholds, origin, arming_delay, rearm, tolerance)
     report = None
     if out is not None:
         from bumpstop.report.detection.scoring import write_scoring
 
         asked = f"{file.name} against the labels of {labels.name}"
-        report = write_scoring(found, roc, out, "; ".join(filter(None, (origin.arm, asked))))
+        recorded = file.suffix != ".json" and not holds_residuals(file)
+        report = write_scoring(
+            found,
+            roc,
+            out,
+            "; ".join(filter(None, (origin.arm, asked))),
+            asked={
+                "events of": str(file),
+                "labels": str(labels),
+                "thresholds": "those of the events" if thresholds is None else thresholds,
+                "arming delay, s": f"{arming_delay:g}",
+                "early, s": f"{early:g}",
+                "late, s": f"{late:g}",
+                "quiet time between events, s": f"{rearm:g}",
+                **origin.reading,
+            },
+            detector=detector_settings(origin, thresholds) if recorded else {},
+            inactive=inactive,
+        )
     if as_json:
         whole = found.to_json() | ({"roc": roc.to_json()} if roc is not None else {}) | {"notes": notes}
         typer.echo(json.dumps(whole, allow_nan=False, indent=2))
         return
+    if inactive:
+        typer.echo(f"INACTIVE all the time ({inactive}): nothing could be detected")
     _print(found, roc)
     for note in notes:
         typer.echo(f"note: {note}")
@@ -88,7 +110,8 @@ def command(
         typer.echo(f"report: {report}")
 
 
-def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> Score:
+def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> tuple[Score, str]:
+    """Score, and why the detector was inactive all the time; empty: it was not, or the file does not say."""
     from bumpstop.detection import score
 
     wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, blind"
@@ -102,7 +125,8 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> S
         raise InputError(str(file), f"has no {error.args[0]!r}", wanted) from None
     except (ValueError, TypeError, OverflowError, RecursionError):
         raise InputError(str(file), "holds no events", wanted) from None
-    return score(events, labels, watched, blind=blind, tolerance=tolerance)
+    inactive = "as the file of events says" if data.get("active") is False else ""
+    return score(events, labels, watched, blind=blind, tolerance=tolerance), inactive
 
 
 def _print(found: Score, roc: Roc | None) -> None:
@@ -159,8 +183,11 @@ def _of_residuals(
     arming_delay_s: float,
     rearm_s: float,
     tolerance: Tolerance,
-) -> tuple[Score, Roc | None, list[str]]:
-    """Events of a recording are those of the detector; residuals alone are compared with constant thresholds."""
+) -> tuple[Score, Roc | None, str, list[str]]:
+    """Score, other thresholds, why the detector was inactive all the time (empty: it was not), and notes.
+
+    Events of a recording are those of the detector; residuals alone are compared with constant thresholds.
+    """
     import numpy as np
 
     from bumpstop.detection import DetectorSettings, event_times, gaps, roc, scaled_residual, score
@@ -170,6 +197,7 @@ def _of_residuals(
     series: ResidualSeries | None
     log: Recording | None = None
     notes: list[str] = []
+    inactive = ""
     # As a run of the detector has them: a false alarm hides no contact behind it while it stands.
     apart_s = min(rearm_s, DetectorSettings.event_pause_s)
     if holds_residuals(file):
@@ -184,14 +212,15 @@ def _of_residuals(
         given = thresholds_of(thresholds, origin.parts[1])
         log = origin.recording(file)
         series, run, notes = load_run(file, given, origin, arming_delay_s, rearm_s, log)
+        inactive = run.inactive
         times = np.array([event.t for event in run.events])
         watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()
     whole = score(times, labels, watched, blind=blind, tolerance=tolerance)
     if log is not None and log.wrench is not None:
         whole = replace(whole, forces=contact_forces(whole.labels, whole.delay_s, log.t, log.wrench))
     if series is None:
-        return whole, None, notes
+        return whole, None, inactive, notes
     factors = roc(
         series, given.constant, labels, _FACTORS, rearm_s=apart_s, tolerance=tolerance, watched=watched, blind=blind
     )
-    return whole, factors, notes
+    return whole, factors, inactive, notes

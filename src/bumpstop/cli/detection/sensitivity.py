@@ -52,7 +52,7 @@ def command(
     tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
-    """Tell which forces at a pose go unnoticed: the largest, along a direction, and those that no joint feels."""
+    """Compute the undetectable forces at a pose: the largest, along a direction, and directions that load no joint."""
     import numpy as np
 
     from bumpstop.model.pose_limits import check_pose
@@ -129,7 +129,7 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> FloatArray |
 def _standing(
     arm: Robot, q: list[float], limits: FloatArray, hidden: FloatArray, along: Vector, about: dict[str, Any]
 ) -> dict[str, Any]:
-    """What goes unnoticed while all joints stand still: thresholds and what friction holds."""
+    """What stays undetected while all joints stand still: thresholds and what friction holds."""
     from bumpstop.detection import undetectable_force_along, undetectable_forces
 
     wide = limits + hidden
@@ -262,11 +262,11 @@ def _print(found: dict[str, Any], arm: Robot) -> None:
     console = Console(highlight=False, markup=False, soft_wrap=True)
     farthest = _row(found["farthest_force_N"])
     if math.isfinite(found["largest_force_N"]):
-        console.print(f"largest force that goes unnoticed: {found['largest_force_N']:.4g} N, as ({farthest}) N")
+        console.print(f"largest undetectable force: {found['largest_force_N']:.4g} N, as ({farthest}) N")
     else:
-        console.print("largest force that goes unnoticed: no bound")
+        console.print("largest undetectable force: unbounded")
         for axis in found["null_space"]:
-            console.print(f"  not felt at all: along ({_row(axis)})")
+            console.print(f"  not detectable at all: along ({_row(axis)})")
         if found["largest_felt_force_N"] > 0:
             console.print(f"  across that: {found['largest_felt_force_N']:.4g} N, as ({farthest}) N")
     console.print(
@@ -301,8 +301,8 @@ def _row(values: list[float]) -> str:
 
 
 def _newtons(value: float) -> str:
-    return f"{value:.4g} N" if math.isfinite(value) else "no bound"
+    return f"{value:.4g} N" if math.isfinite(value) else "unbounded"
 
 
 def _figure(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "no bound"
+    return f"{value:.4g}" if math.isfinite(value) else "unbounded"

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.detection.residual_source import Origin, takes_origin
+from bumpstop.cli.detection.residual_source import Origin, detector_settings, takes_origin
 from bumpstop.cli.detection.residuals import holds_residuals, joint_numbers, load_series
 from bumpstop.cli.folders import check_file, check_folder
+from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError, near_matches
 from bumpstop.text_files import list_items, toml_value, write_text
 
@@ -73,13 +74,18 @@ def command(
     check_folder(out)
     check_file(save, "--save")
     scenarios = load_scenarios(scenario or [])
-    loaded = [load_series(path, origin, motion="speed" in wanted or "acceleration" in wanted) for path in recordings]
+    loaded = []
+    with progress("reading residuals") as report:
+        for done, one_file in enumerate(recordings, start=1):
+            loaded.append(load_series(one_file, origin, motion="speed" in wanted or "acceleration" in wanted))
+            report(done / len(recordings))
     series = [_trimmed(one, trim_start, trim_end) for one, _ in loaded]
     check_joints(scenarios, series[0].dof)
     recorded = not all(holds_residuals(path) for path in recordings)
     watched = joint_numbers(joints, series[0].dof) if joints is not None else None
     try:
-        tuning = tune(series, per_hour, joints=watched, confidence=confidence, terms=wanted)
+        with progress("tuning"):
+            tuning = tune(series, per_hour, joints=watched, confidence=confidence, terms=wanted)
     except InputError as error:
         options = {"per_hour": "--per-hour", "confidence": "--confidence", "terms": "--terms"}
         option = options.get(error.field, error.field)
@@ -91,7 +97,7 @@ def command(
     tuning = replace(tuning, notes=(*tuning.notes, *notes(points, scenarios, noise)))
     if save is not None:
         _save(tuning, series, save, origin if recorded else None)
-    report = None
+    page = None
     if out is not None:
         from bumpstop.model import unit_of
         from bumpstop.report.detection.tuning import write_tuning
@@ -99,7 +105,26 @@ def command(
         unit = unit_of(*origin.parts[1].joints) if recorded else "Nm"
         asked = f"contact-free recordings: {', '.join(path.name for path in recordings)}"
         about = "; ".join(filter(None, (origin.arm, asked)))
-        report = write_tuning(tuning, [point.to_json() for point in points], out, names, unit, about)
+        page = write_tuning(
+            tuning,
+            [point.to_json() for point in points],
+            out,
+            names,
+            unit,
+            about,
+            asked={
+                "recordings": ", ".join(str(path) for path in recordings),
+                "false alarms an hour": f"{tuning.target:g}",
+                "joints": joints or "all",
+                "confidence": f"{confidence:g}",
+                "terms beside constant thresholds": terms or "none",
+                "left out at the start, s": f"{trim_start:g}",
+                "left out at the end, s": f"{trim_end:g}",
+                "scenarios": ", ".join(str(path) for path in scenario or []) or "none",
+                **origin.reading,
+            },
+            detector=detector_settings(origin, None) if recorded else {},
+        )
     if as_json:
         held = _hold_for(series, origin if recorded else None)
         found = tuning.to_json() | {key: None if value == math.inf else value for key, value in held.items()}
@@ -107,7 +132,7 @@ def command(
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return
     _print(tuning, points if scenario else [], names)
-    for what, path in (("thresholds", save), ("report", report)):
+    for what, path in (("thresholds", save), ("report", page)):
         if path is not None:
             typer.echo(f"{what}: {path}")
 
@@ -182,7 +207,7 @@ def _print(tuning: Tuning, points: list[TradePoint], names: list[str]) -> None:
         table.add_column(heading, justify="left" if heading == "joint" and names else "right")
     ends = tuning.thresholds_interval()
     for j, (value, below, above) in enumerate(zip(tuning.thresholds(), *ends, strict=True), start=1):
-        cells = [f"{value:.4g}", f"{below:.4g} to {above:.4g}"] if math.isfinite(value) else ["not watched", ""]
+        cells = [f"{value:.4g}", f"{below:.4g} to {above:.4g}"] if math.isfinite(value) else ["not monitored", ""]
         cells += [f"{column[j - 1]:.4g}" if math.isfinite(value) else "" for column in more.values()]
         table.add_row(" ".join((str(j), *names[j - 1 : j])), *cells)
     console.print(table)
@@ -198,7 +223,7 @@ def _trade_table(points: list[TradePoint]) -> Any:
     from bumpstop.report.formatting import acceptable
 
     table = Table(box=None, pad_edge=False)
-    for heading in ("alarms an hour", "scenario", "peak N p50", "p95", "p99.9", "unnoticed N", "acceptable"):
+    for heading in ("alarms an hour", "scenario", "peak N p50", "p95", "p99.9", "undetectable N", "acceptable"):
         table.add_column(heading, justify="left" if heading == "scenario" else "right")
     for point in points:
         rate = f"{point.per_hour:.4g}" + (" *" if point.extrapolated else "")

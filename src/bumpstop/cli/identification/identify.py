@@ -17,6 +17,7 @@ from bumpstop.cli.identification.arm_recordings import (
     load_parts,
     payloads_of,
 )
+from bumpstop.cli.identification.fit_options import check_options
 from bumpstop.cli.identification.fit_verdict import with_faults
 from bumpstop.errors import InputError
 from bumpstop.text_files import list_items
@@ -108,15 +109,25 @@ def identify(
         check_file(out)
     else:
         check_folder(out)
+    options: dict[str, object] = {
+        "--model": model,
+        "--consistent": consistent,
+        "--joint-model": joint_model,
+        "--second-moments": second_moments,
+        "--dynamics": dynamics,
+        "--mass": mass,
+        "--known": known,
+        "--cutoff": cutoff,
+        "--shared-motor": shared_motor,
+        "--payload": payload,
+        "--base": base,
+        "--tip": tip,
+        "--gravity": gravity,
+    }
     if protocol is not None:
         from bumpstop.cli.schroeder2013.protocol import identify_by_protocol
 
-        _refuse("is not for a protocol", "leave it out", consistent, joint_model, second_moments, dynamics, mass)
-        if model is not None:
-            raise InputError("--model", "is not for a protocol", "leave it out: it finds a joint model")
-        _refuse_for_a_plan("leave it out", {"--known": known, "--cutoff": cutoff, "--shared-motor": shared_motor})
-        said: dict[str, object] = {"--payload": payload, "--base": base, "--tip": tip, "--gravity": gravity}
-        _refuse_for_a_plan("leave it out: the plan says it", said)
+        check_options("protocol", options)
 
         def load(arm: Robot) -> list[Recording]:
             return load_parts(recordings, columns, arm, begin, until, topic, max_bad)
@@ -132,13 +143,11 @@ def identify(
             raise InputError("recording", problem, "wanted current_1 .. or tau_1 .., or a column file that names them")
     if model is None:
         model = "joint" if all(log.current is not None and log.tau is None for log in logs) else "dynamics"
+    check_options(model, options)
     with with_faults(logs):
         if model == "joint":
             from bumpstop.cli.identification.identify_joint import identify_joint
 
-            if shared_motor:
-                raise InputError("--shared-motor", "is for dynamics", "currents are taken joint by joint")
-            _refuse("is not for joint models", "leave it out", consistent, joint_model, second_moments, dynamics, mass)
             arms = payloads_of(payload, arm, len(logs))
             return identify_joint(
                 logs,
@@ -151,15 +160,8 @@ def identify(
                 as_json=as_json,
             )
         if model == "payload":
-            if known:
-                raise InputError("--known", "is for joint models", "leave it out")
             from bumpstop.cli.identification.identify_payload import identify_what_is_carried
 
-            if shared_motor:
-                raise InputError("--shared-motor", "is for dynamics", "a payload is fitted to an arm that is known")
-            if payload:
-                raise InputError("--payload", "is what this fit looks for", "leave it out")
-            _refuse("is for dynamics", "leave it out", consistent)
             return identify_what_is_carried(
                 logs,
                 arm,
@@ -172,7 +174,6 @@ def identify(
                 out=out,
                 as_json=as_json,
             )
-        _refuse("is for a payload", "give --model payload", False, joint_model, second_moments, dynamics, mass)
         from bumpstop.cli.identification.identify_dynamics import identify_dynamics_of
 
         named = {"robot": built_in_or_path(robot)}
@@ -192,33 +193,6 @@ def identify(
         )
 
 
-def _refuse(
-    problem: str,
-    valid: str,
-    consistent: bool,
-    joint_model: str | None = None,
-    second_moments: bool = False,
-    dynamics: Path | None = None,
-    mass: float | None = None,
-) -> None:
-    """Refuse options that belong to another kind of fit."""
-    for option, given in (
-        ("--consistent", consistent),
-        ("--joint-model", joint_model is not None),
-        ("--second-moments", second_moments),
-        ("--dynamics", dynamics is not None),
-        ("--mass", mass is not None),
-    ):
-        if given:
-            raise InputError(option, problem, valid)
-
-
-def _refuse_for_a_plan(valid: str, options: dict[str, object]) -> None:
-    for option, value in options.items():
-        if value not in (None, []):
-            raise InputError(option, "is not for a protocol", valid)
-
-
 def validate(
     model: Annotated[Path, typer.Argument(help="Model that identify wrote.", show_default=False)],
     recordings: Files,
@@ -231,7 +205,7 @@ def validate(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write a report into this folder.")] = None,
     contact_joint: Annotated[
         int | None,
-        typer.Option(help="Joint whose torque tells the contact force; default: the one that feels it most."),
+        typer.Option(help="Joint whose torque gives the contact force; default: the joint that it loads most."),
     ] = None,
     filter_hz: Annotated[
         float | None, typer.Option("--filter", help="Cut-off at which they are compared [Hz]; default: the model's.")

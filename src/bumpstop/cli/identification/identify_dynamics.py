@@ -15,6 +15,7 @@ from bumpstop.cli.identification.consistent_inertia import bodies_json, print_bo
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.model_report import dynamics_report
 from bumpstop.cli.option_names import as_options
+from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,13 +50,18 @@ def identify_dynamics_of(
     if any(log.tau is None for log in logs) and all(log.current is not None for log in logs):
         if groups:
             raise InputError("--shared-motor", "is for torques", "currents are taken joint by joint")
-        fit = identify_gains(logs, arm, payloads=carried, known=_known_gains(known), cutoff_hz=cutoff_hz, gravity=falls)
+        gains = _known_gains(known)
+        with progress("fitting"):
+            fit = identify_gains(logs, arm, payloads=carried, known=gains, cutoff_hz=cutoff_hz, gravity=falls)
     else:
         if known:
             raise InputError("--known", "is for drives, and torques were recorded", "leave it out")
-        with as_options({"couplings": "--shared-motor"}):
+        with as_options({"couplings": "--shared-motor"}), progress("fitting"):
             fit = identify_dynamics(logs, arm, cutoff_hz=cutoff_hz, couplings=groups, payloads=carried, gravity=falls)
-    bodies = consistent_inertias(logs, fit, payloads=carried) if consistent else None
+    bodies = None
+    if consistent:
+        with progress("fitting consistent inertias"):
+            bodies = consistent_inertias(logs, fit, payloads=carried)
     scores = fit.score(logs if fit.fitted is None else None, payloads=carried)
     verdict = judge_dynamics(fit, logs)
     model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
@@ -86,12 +92,12 @@ def identify_dynamics_of(
     _print_gains(fit)
     if fit.held_out:
         tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
-        typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
+        typer.echo(f"5-fold cross-validation error, by cut-off: {tried}")
     whole = "" if fit.rows_whole <= fit.rows_used else f" of {fit.rows_whole}, in blocks spread over the time"
     typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows{whole}")
     _print_left(fit.rows_left, fit.rows_beside_gaps, fit.cutoff_hz)
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
-        weak = "" if abs(value) >= 2 * error else "  (not told from zero)"
+        weak = "" if abs(value) >= 2 * error else "  (not distinguishable from zero)"
         typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}{weak}")
     _print_laws(fit)
     if fit.unseen:
@@ -127,9 +133,10 @@ def validate_dynamics(
     fit = load_fit(model)
     logs = load(fit.robot)
     carried = carried_of(payload, len(logs))
-    rows = fit.rows(logs, payloads=carried)
-    scores = fit.score_rows(rows, filter_hz=filter_hz)
-    verdict = judge_predictions(fit, rows, scores, filter_hz or fit.cutoff_hz, logs)
+    with progress("comparing"):
+        rows = fit.rows(logs, payloads=carried)
+        scores = fit.score_rows(rows, filter_hz=filter_hz)
+        verdict = judge_predictions(fit, rows, scores, filter_hz or fit.cutoff_hz, logs)
     where = f"on {logs[0].source}" if len(logs) == 1 else f"on {len(logs)} recordings"
     contact = ""
     if out is not None:
@@ -259,7 +266,7 @@ def _print_gains(fit: DynamicsFit) -> None:
     typer.echo("gains, torque per motor current:")
     for joint, gain, error, unit in zip(fit.robot.joints, fit.gains, fit.gain_errors, _units(fit), strict=True):
         if not np.isfinite(error):
-            typer.echo(f"  {joint.name}: cannot be seen, the scale of its torque means nothing")
+            typer.echo(f"  {joint.name}: not identifiable, the scale of its torque means nothing")
         else:
             how = f"+- {error:.2g}" if error > 0 else "(given)"
             typer.echo(f"  {joint.name}: {gain:.5g} {how} {unit}/A")

@@ -91,7 +91,7 @@ def validate_joint(
         falls = GRAVITY if gravity is None else gravity
         found = compare_currents(model, logs, arms, filter_hz=filter_hz, gravity=falls)
         currents, torques = found.current_scores(), found.torque_scores()
-        verdict = judge_currents(found, logs)
+        verdict = judge_currents(found, logs, arms[0])
     if out is not None:
         on = "on " + ", ".join(Path(log.source).name for log in logs)
         joint_model_report(found, arms[0], out, where=on, verdict=verdict)
@@ -188,7 +188,7 @@ def _print_fit(fit: JointModelFit) -> None:
     typer.echo(f"joint model from {fit.rows_used} rows, filtered at {fit.cutoff_hz:g} Hz, Huber's loss")
     if fit.held_out:
         tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
-        typer.echo(f"unexplained on held-out fifths, by cut-off: {tried}")
+        typer.echo(f"5-fold cross-validation error, by cut-off: {tried}")
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "R2", f"rmse, {unit}", "map", "friction"):
         table.add_column(heading, justify="right" if heading[0] in "Rr" else "left")
@@ -204,7 +204,7 @@ def _print_fit(fit: JointModelFit) -> None:
             if found is not None
         )
         typer.echo(f"  {joint.name}: {', '.join(figures) or 'none seen'}")
-    typer.echo(f"error on held-out fifths, rms {unit}, by map and friction:")
+    typer.echo(f"5-fold cross-validation error, rms {unit}, by current-to-torque model and friction:")
     for joint in fit.joints:
         errors = (
             f"{tried.map}/{tried.friction} " + (f"{tried.held_out:.4g}" if tried.held_out is not None else "refused")

@@ -12,6 +12,7 @@ import typer
 from bumpstop.cli.folders import writing
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.option_names import as_options
+from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 from bumpstop.text_files import toml_value, write_text
 
@@ -57,7 +58,7 @@ def identify_what_is_carried(
     if cutoff_hz is not None and not 0 < cutoff_hz < 0.4 * log.rate_hz:
         raise InputError("--cutoff", f"is {cutoff_hz:g}", f"wanted above 0 and below {0.4 * log.rate_hz:g} Hz")
     fit = None if dynamics is None else load_fit(dynamics)
-    with as_options({"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model"}):
+    with as_options({"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model"}), progress("fitting"):
         found = identify_payload(
             log, arm, model=drives, dynamics=fit, mass=mass, inertia=inertia, cutoff_hz=cutoff_hz, gravity=gravity
         )

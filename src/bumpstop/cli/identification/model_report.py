@@ -43,7 +43,7 @@ def dynamics_report(
         folder: of the page.
         where: on which rows, in words.
         filter_hz: where both are compared filtered; default: the fit's.
-        contact_joint: whose torque the contact comparison uses, from 1; default: the one that feels it most.
+        contact_joint: whose torque the contact comparison uses, from 1; default: the joint that it loads most.
         bodies: inertias that bodies can have, or None.
         payloads: what each recording carried beyond what the arm of the fit did; default: nothing.
         verdict: on the fit or on the model, or None.
@@ -67,7 +67,7 @@ def dynamics_report(
         f"{fit.cutoff_hz:g} Hz",
         "The cut-off of the motion's filter is chosen by the error on fifths of the recording, each predicted from the "
         "other four: the largest that does as well as the best.",
-        "unexplained on held-out fifths [%]",
+        "5-fold cross-validation error [%]",
     )
     name = (Path(logs[0].source).name or "a recording") if len(logs) == 1 else f"{len(logs)} recordings"
     title = f"{fit.robot.title or fit.robot.name}: predicted torque, {name}"
@@ -114,8 +114,8 @@ def joint_model_report(
         selection = SelectionPart(
             {f"{cutoff:g} Hz": 100 * share for cutoff, share in fit.held_out.items()},
             f"{fit.cutoff_hz:g} Hz",
-            "The cut-off of the motion's filter is chosen by the error of currents on held-out fifths.",
-            "unexplained on held-out fifths [%]",
+            "The cut-off of the motion's filter is chosen by the 5-fold cross-validation error of currents.",
+            "5-fold cross-validation error [%]",
         )
     title = f"{robot.title or robot.name}: torque estimated from current"
     write_validation_report(

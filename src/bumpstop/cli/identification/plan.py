@@ -43,6 +43,7 @@ _OF_PROTOCOL = ("repeats", "holds", "hold_s", "least_torque", "gravity", "load_k
 _OF_SERIES = ("period_s", "harmonics", "periods", "rounds", "seed")
 _OPTIONS = {field: f"--{field.replace('_', '-')}" for field in (*_OF_BOTH, *_OF_PROTOCOL, *_OF_SERIES)}
 _OPTIONS["ramp_repeats"] = "--ramps"
+_OPTIONS["speed_shares"] = "--speeds"
 
 
 @app.command("identification")
@@ -214,7 +215,9 @@ def _print(plan: IdentificationPlan, seconds: list[float]) -> None:
             shares = ", ".join(f"{100 * share:.0f}" for share in one.too_fast)
             typer.echo(f"{one.name}: no room to reach {shares} % of its speed at {plan.settings.acceleration:g} rad/s2")
     for lost in plan.unseen:
-        typer.echo(f"{lost.name}: its map cannot be seen, as {lost.reason}; what would show it: {lost.remedy}")
+        typer.echo(
+            f"{lost.name}: its current-to-torque model is not identifiable, as {lost.reason}; remedy: {lost.remedy}"
+        )
     typer.echo("Links are capsules here, tools and cables are not known: try every trajectory slowly first.")
 
 

@@ -44,6 +44,7 @@ def command(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write runs, settings and a page into it.")] = None,
 ) -> None:
     """Run Schroeder's collisions on an arm in MuJoCo, and print them beside its figures."""
+    from bumpstop.cli.progress import progress
     from bumpstop.reproduction.schroeder2013.collision_table import CollisionTable
     from bumpstop.reproduction.schroeder2013.collisions import CollisionExperiment
 
@@ -60,7 +61,8 @@ def command(
             reflected_inertia=not without_inertia,
             loss=loss,
         )
-        table = CollisionTable.measure(made, runs=runs, seed=seed, speeds_mm_s=wanted)
+        with progress("running") as report:
+            table = CollisionTable.measure(made, runs=runs, seed=seed, speeds_mm_s=wanted, progress=report)
     written = [] if out is None else table.save(out)
     if out is not None:
         from bumpstop.reproduction.schroeder2013.experiment_page import write_experiment

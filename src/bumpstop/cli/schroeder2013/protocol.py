@@ -158,7 +158,9 @@ def print_protocol(fit: ProtocolFit) -> None:
     for number, why in fit.missing:
         typer.echo(f"{fit.plan.robot.joints[number].name}: not identified: {why}")
     for lost in fit.plan.unseen:
-        typer.echo(f"{lost.name}: its map cannot be seen, as {lost.reason}; what would show it: {lost.remedy}")
+        typer.echo(
+            f"{lost.name}: its current-to-torque model is not identifiable, as {lost.reason}; remedy: {lost.remedy}"
+        )
 
 
 def shown(fit: ProtocolFit) -> tuple[str, ...]:

@@ -199,7 +199,7 @@ class DetectorTable(_Table):
                     f"detector.thresholds_Nm[{j}]",
                     f"{threshold:g} cannot be used",
                     f"wanted a number from {short(_MIN_THRESHOLD_NM)} to {short(_MAX_THRESHOLD_NM)}, or inf to "
-                    "leave the joint unwatched",
+                    "leave the joint unmonitored",
                 )
         return self
 

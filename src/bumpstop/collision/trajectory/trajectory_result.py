@@ -184,7 +184,9 @@ def stops_short(trajectory: Trajectory) -> bool:
 def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> TrajectoryCollisionResult:
     """Integrate over the time of contact and sensor noise."""
     if problem.residuals is not None:
-        raise InputError("detector.residuals", "measured residuals have no exact law", "draw it: give samples")
+        raise InputError(
+            "detector.residuals", "measured residuals have no integrated distribution", "draw it: give samples"
+        )
     kernel, times = trajectory_kernel(problem), onset_quadrature(problem, refinement)
     used = np.flatnonzero(times.weight > 0)
     begin, weight, K = times.begin[used], times.weight[used], problem.stiffness
@@ -267,8 +269,8 @@ def _laws(problem: CollisionProblem, kernel: Any, begin: FloatArray, normal: Flo
         if detections > _MAX_DETECTIONS:
             raise InputError(
                 "motion.file",
-                f"the motion goes unnoticed for so long that the exact law has more than {_MAX_DETECTIONS:,} pairs of "
-                "a contact time and a tick that detects it",
+                f"collisions stay undetected for so long that the integrated distribution has more than "
+                f"{_MAX_DETECTIONS:,} pairs of a contact time and a control cycle that detects it",
                 "draw it: give samples; or give motion.contact_onset_s, or a part of the motion",
             )
         parts.append(part)

@@ -371,7 +371,7 @@ def _notes(
         notes.append(f"{gaps} gaps in time: peaks on either side count as separate, and the gaps not as hours.")
     unwatched = [str(j + 1) for j in np.flatnonzero(np.isinf(tuning.shares))]
     if unwatched:
-        notes.append(f"Not watched: joint {', '.join(unwatched)}.")
+        notes.append(f"Not monitored: joint {', '.join(unwatched)}.")
     return notes
 
 

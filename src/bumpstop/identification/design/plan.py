@@ -21,6 +21,8 @@ from bumpstop.model import gravity_torque
 if TYPE_CHECKING:
     from bumpstop.model import Robot
 
+# Friction shows how it depends on the speed where the fastest strokes are this much faster than the slowest.
+MIN_SPEED_RATIO = 1.3
 SPEED_SHARES = tuple(tenth / 10 for tenth in range(1, 11))  # table 2.1
 # A stroke is of use where its constant speed lasts for this share of the way.
 _CONSTANT_SHARE = 0.25
@@ -210,9 +212,17 @@ def plan_identification(robot: Robot, settings: ProtocolSettings | None = None) 
         settings: default: those of Schroeder (2013).
 
     Raises:
-        InputError: no inertia, a joint without a largest speed, or no pose that is clear of the floor.
+        InputError: no inertia, a joint without a largest speed, speeds too much alike to show how friction depends on
+            them, or no pose that is clear of the floor.
     """
     settings = settings or ProtocolSettings()
+    if max(settings.speed_shares) < MIN_SPEED_RATIO * min(settings.speed_shares):
+        shares = ", ".join(f"{100 * share:g} %" for share in settings.speed_shares)
+        raise InputError(
+            "speed_shares",
+            f"{shares}: speeds so alike show no friction that depends on speed",
+            f"wanted two at least, the fastest {MIN_SPEED_RATIO:g} times the slowest",
+        )
     arm = loaded_robot(robot, settings.load_kg, settings.load_m)
     for joint in robot.joints:
         if not math.isfinite(joint.velocity):

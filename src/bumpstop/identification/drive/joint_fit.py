@@ -177,7 +177,7 @@ def fit_joint(
             fixed[name], unseen[name] = value, reason
     predicted = task.measured - fit.residual
     estimated = _estimated(parameters, task)
-    warnings = [f"{name} cannot be seen: {reason}" for name, reason in unseen.items()]
+    warnings = [f"{name} is not identifiable: {reason}" for name, reason in unseen.items()]
     if not fit.converged:
         warnings.append("the fit did not settle; its figures are doubtful")
     spread = float(((task.measured - task.measured.mean()) ** 2).sum())

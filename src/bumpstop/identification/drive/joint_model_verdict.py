@@ -49,7 +49,7 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
     if len(hidden) + len(opposite) == len(fit.joints):
         faults.append("no joint shows its gain in this motion")
     elif hidden:
-        warnings.append(f"the gain of {named(hidden)} cannot be seen in this motion: its torque stays unknown")
+        warnings.append(f"the gain of {named(hidden)} is not identifiable in this motion: its torque stays unknown")
     shares = []
     for joint in fit.joints:
         unexplained = _held_out(joint)
@@ -100,12 +100,15 @@ def _at_zero(joint: JointFit, name: str) -> bool:
     return found is not None and found.value == 0 and found.standard_error is not None
 
 
-def judge_currents(found: CurrentComparison, recordings: Sequence[Recording] = ()) -> FitVerdict:
+def judge_currents(
+    found: CurrentComparison, recordings: Sequence[Recording] = (), robot: Robot | None = None
+) -> FitVerdict:
     """Judge a joint torque model on recordings that it was not fitted to.
 
     Args:
         found: the model beside them.
         recordings: the same, for what reading them found; may be left out.
+        robot: that moved, for a shift in time between its motion and the currents; None: none is looked for.
     """
     faults = reading_faults(recordings)
     warnings: list[str] = []
@@ -126,6 +129,8 @@ def judge_currents(found: CurrentComparison, recordings: Sequence[Recording] = (
         for joint, share in zip(found.model.joints, [] if shares is None else shares.tolist(), strict=False):
             if share > _TOLD:
                 warnings.append(f"{joint.name}: {100 * share:.3g} % of the rows {words}")
+    if robot is not None:
+        tell_shifts(recordings, robot, "current", faults, warnings)
     return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
 
 
@@ -157,7 +162,9 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
     left = (found.rmse**2).sum() / max(float((found.rmse_without**2).sum()), 1e-300)
     if mass is not None and error is not None and abs(mass) > 2 * error and left > 1 - 0.05:
         warnings.append(f"the payload explains {100 * (1 - left):.2g} % of what the arm leaves open")
-    warnings += doubtful_columns([recording], robot, "tau" if recording.tau is not None else "current")
+    quantity = "tau" if recording.tau is not None else "current"
+    tell_shifts([recording], robot, quantity, faults, warnings)
+    warnings += doubtful_columns([recording], robot, quantity)
     return FitVerdict(
         faults=tuple(faults), warnings=tuple(warnings), condition=found.condition, held_out=found.unexplained
     )

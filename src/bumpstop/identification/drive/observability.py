@@ -82,7 +82,7 @@ class Sight:
         if "A" in errors and errors["A"] * (self.torque / values["B"]) > _SURE_BEND * values["B"]:
             return "A cannot be told from B: the torques are too small or too much alike"
         if "stribeck_speed" in errors and not errors["stribeck_speed"] < values["stribeck_speed"]:
-            return "the speed of the Stribeck effect cannot be seen"
+            return "the speed of the Stribeck effect is not identifiable"
         return ""
 
     def unclear(self, law: CurrentLaw, fit: RobustFit) -> dict[str, tuple[float, str]]:
@@ -98,7 +98,10 @@ class Sight:
                 found["inertia"] = (0.0, "the joint hardly accelerates, its inertia stays unknown and counts as 0")
         share = dict(zip(law.names, fit.visible.tolist(), strict=True)).get("A", 1.0)
         if "A" in errors and not (share >= _DEPENDENT and errors["A"] * self.torque < _SURE_BEND * values["B"] ** 2):
-            found["A"] = (0.0, "the torques are too small or too much alike to show the map's bend, A is fixed at 0")
+            found["A"] = (
+                0.0,
+                "the torques are too small or too much alike to show that the gain bends, A is fixed at 0",
+            )
         return found
 
     def without_gain(self, law: CurrentLaw, fit: RobustFit) -> Sight | None:

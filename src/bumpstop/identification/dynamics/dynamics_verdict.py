@@ -108,6 +108,7 @@ def judge_predictions(
         warnings += fit.seen.outside(rows.motion, [joint.name for joint in fit.robot.joints])
     else:
         warnings.append("the model's file does not say what motion it was fitted to: fit it again to know")
+    tell_shifts(recordings, fit.robot, "tau" if fit.gains is None else "current", faults, warnings)
     return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
 
 
@@ -202,7 +203,7 @@ def _gains(fit: DynamicsFit, faults: list[str], warnings: list[str]) -> None:
     names = [joint.name for joint in fit.robot.joints]
     hidden = [name for name, one in zip(names, seen, strict=True) if not one]
     if hidden:
-        warnings.append(f"the gain of {named(hidden)} cannot be seen: the scale of that torque means nothing")
+        warnings.append(f"the gain of {named(hidden)} is not identifiable: the scale of that torque means nothing")
     negative = [name for name, gain, one in zip(names, fit.gains, seen, strict=True) if one and gain < 0]
     if negative:
         how = "negative" if len(negative) == int(seen.sum()) else "negative, unlike the others"

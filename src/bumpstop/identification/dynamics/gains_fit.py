@@ -81,7 +81,7 @@ def identify_gains(
         alike = "all recordings carry the same" if any(payloads) else "nothing known is carried"
         raise InputError(
             "gains",
-            f"their scale cannot be seen: {alike}, and a load that never changes is as good as a part of the arm",
+            f"their scale is not identifiable: {alike}, and a load that never changes is as good as a part of the arm",
             "wanted recordings with and without a known payload, or a known gain",
         )
     still = still_joints(logs, robot)
@@ -287,7 +287,7 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
     if hidden[free].all() and free.any():
         raise InputError(
             "gains",
-            f"cannot be seen: {', '.join(name for name, own_hidden in zip(joints, hidden, strict=True) if own_hidden)}",
+            f"not identifiable: {', '.join(name for name, lost in zip(joints, hidden, strict=True) if lost)}",
             "wanted a heavier known payload, faster motion of several joints at once, or a known gain",
         )
     essential = system.essential(own, values, 1 / spread, inverse)

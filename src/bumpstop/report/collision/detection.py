@@ -39,14 +39,14 @@ class DetectionSection(Section):
         text = [
             paragraph(
                 f"False alarm before contact: {percent(law.false_alarm_probability)}. "
-                f"Never noticed: {percent(law.undetected_probability)}. "
+                f"Never detected: {percent(law.undetected_probability)}. "
                 f"Neither contact nor alarm: {percent(law.no_contact_probability)}. "
-                f"Two or more joints at the same tick, given detection: "
+                f"Two or more joints in the same control cycle, given detection: "
                 f"{percent(law.multi_joint_probability)}."
             )
         ]
         if not self._detects:
-            text.append(paragraph("Nothing is ever detected, so no joint is the one that notices."))
+            text.append(paragraph("No collision is ever detected, so no joint triggers."))
         moving = isinstance(law, TrajectoryCollisionResult)
         caption = f"Joints as sensors at the {'hardest moment of contact' if moving else 'start of the motion'}"
         headings = (
@@ -57,7 +57,7 @@ class DetectionSection(Section):
         text.append(
             paragraph(
                 "The force to reach the threshold is that of a contact along this motion's normal. Without noise "
-                "nothing below the smallest of them is noticed."
+                "no force below the smallest of them is detected."
             )
         )
         return text
@@ -79,11 +79,11 @@ class DetectionSection(Section):
             rows.append(
                 (
                     str(j + 1),
-                    quantity(threshold, unit) if watched else "not watched",
+                    quantity(threshold, unit) if watched else "not monitored",
                     quantity(float(problem.noise_sd[j]), unit),
                     quantity(float(problem.noise_mean[j]), unit),
                     quantity(100 * lever if lever > 1e-9 else 0.0, unit),
-                    (quantity(needed, "N") if math.isfinite(needed) else "cannot feel it") if watched else "",
+                    (quantity(needed, "N") if math.isfinite(needed) else "not detectable") if watched else "",
                     percent(float(law.trigger_joint_probability[j])),
                 )
             )
@@ -109,9 +109,9 @@ class DetectionSection(Section):
             pictures.append(
                 Picture(
                     "trigger_joints",
-                    f"Bars: probability of each joint being over its threshold at the tick of detection. {shares}.",
-                    "Joint over its threshold at the tick of detection, given detection. The bars may sum to more than "
-                    "100 %: joints can notice together.",
+                    f"Bars: probability that each joint is over its threshold when the detector triggers. {shares}.",
+                    "Joint over its threshold when the detector triggers, given detection. The bars may sum to more "
+                    "than 100 %: several joints can trigger together.",
                     self._draw_joints,
                     height=0.85 + 0.27 * self.law.problem.robot.dof,
                 )
@@ -126,8 +126,8 @@ class DetectionSection(Section):
                 Picture(
                     "detection_delay",
                     f"Density of the time from touch to detection: median {middle}, p99 {late}.",
-                    f"Time from touch to the tick that notices, given a detection after contact: median {middle}, "
-                    f"p99 {late}. The feedback period is "
+                    f"Time from touch to the control cycle of detection, given a detection after contact: median "
+                    f"{middle}, p99 {late}. The feedback period is "
                     f"{1e3 * self.law.scenario.detector.feedback_period_s:g} ms.{left_out}",
                     lambda figure: self._draw_delay(figure, edges),
                     height=2.74,
@@ -138,12 +138,12 @@ class DetectionSection(Section):
     def _draw_joints(self, figure: Figure) -> None:
         problem, shares = self.law.problem, self.law.trigger_joint_probability
         panel = axes(figure, left=1.2, right=1.1, top=0.34)
-        panel.set_title("Which joint notices")
+        panel.set_title("Joint that triggers")
         numbers = np.arange(1, problem.robot.dof + 1)
         panel.barh(numbers, 100 * shares, height=0.66, color=AREA, edgecolor=LAW, hatch="//")
         for j, share in zip(numbers, shares, strict=True):
             watched = math.isfinite(problem.thresholds[j - 1])
-            text = percent(float(share)) if watched else "not watched"
+            text = percent(float(share)) if watched else "not monitored"
             panel.annotate(
                 text, (100 * share, j), (4, 0), textcoords="offset points", va="center", fontsize=8.5,
                 color=INK if watched else FAINT,

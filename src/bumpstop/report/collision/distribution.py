@@ -39,13 +39,13 @@ class DistributionSection(Section):
             return [
                 paragraph(
                     f"There is no figure: {percent(law.undetected_probability)} of collisions are never detected, "
-                    f"so that their force has no bound, and in {percent(law.no_contact_probability)} of cases the "
+                    f"so that their force is unbounded, and in {percent(law.no_contact_probability)} of cases the "
                     "arm touches nothing."
                 )
             ]
         meets = "where this curve meets a limit stands the probability of exceeding it"
         if law.problem.transient_limits is not None:
-            meets = "a force that is gone in time may pass the limit that holds later, but not the one at first"
+            meets = "a force that is gone in time may exceed the limit that holds later, but not the one at first"
         uneven = f" times the peak factor {contact.peak_factor:g}" if contact.peak_factor != 1 else ""
         text = [
             paragraph(

@@ -42,7 +42,7 @@ class ForceOverTimeSection(Section):
 
     def content(self) -> list[Html]:
         """What the panels mean."""
-        drawn = "the law's own sampled runs" if self.law.kind == "sampled" else "runs drawn with seed 0"
+        drawn = "the distribution's own sampled runs" if self.law.kind == "sampled" else "runs drawn with seed 0"
         same = len(self._rollouts) == 1
         return [
             paragraph(
@@ -51,7 +51,7 @@ class ForceOverTimeSection(Section):
                 drawn,
                 ". Here both are the same. " if same else ". ",
                 "Upper panel: the contact force. The body is a linear spring, so the same line read on the right-hand "
-                "scale is its compression. Lower panel: the residual of the joint that noticed, which the detector "
+                "scale is its deformation. Lower panel: the residual of the joint that triggered, which the detector "
                 "compares with its threshold once every feedback period; dotted: the part of it that is contact, "
                 "without noise.",
             )
@@ -107,14 +107,14 @@ def _which(law: CollisionResult, p: float) -> str:
         return f"p{100 * p:g} of the peak force is {number(quantile)} N"
     if isinstance(law, TrajectoryCollisionResult):
         return f"about p{100 * p:g} of the forces, those of collisions never detected included"
-    return f"the p{100 * p:g} collision is never detected: its force has no bound"
+    return f"the p{100 * p:g} collision is never detected: its force is unbounded"
 
 
 def _story(rollout: Rollout) -> str:
     """What happens, in one or two sentences."""
     if rollout.detection is None:
         if rollout.touch is None:
-            return "The arm does not reach the body and nothing is noticed."
+            return "The arm does not reach the body and nothing is detected."
         if rollout.displacement.any():
             return f"Never detected: the body gets away from {quantity(rollout.peak_force, 'N')}."
         return (
@@ -129,7 +129,7 @@ def _story(rollout: Rollout) -> str:
             f"{quantity(rollout.peak_force, 'N')}."
         )
     return (
-        f"Noticed by {joint} {_ms(rollout.detection)} after the touch; the force peaks at "
+        f"Detected by {joint} {_ms(rollout.detection)} after the touch; the force peaks at "
         f"{quantity(rollout.peak_force, 'N')}, {_ms(float(rollout.time[np.argmax(rollout.force)]))} after the touch."
     )
 
@@ -184,7 +184,7 @@ class _Panels:
         # Padding takes its own share.
         stiffness = self._law.problem.body_stiffness
         millimetres = panel.secondary_yaxis("right", functions=scale_by(1e3 / stiffness))
-        millimetres.set_ylabel("compression [mm]")
+        millimetres.set_ylabel("deformation [mm]")
         self._limit(panel)
         self._events(panel)
 
@@ -209,7 +209,7 @@ class _Panels:
             self._detection(panel)
             room = rollout.detection > self._window[0] + 0.2 * (self._window[1] - self._window[0])
             panel.annotate(
-                "noticed",
+                "detected",
                 (rollout.detection * self._scale, self._top),
                 (-4 if room else 4, -1),
                 textcoords="offset points",
@@ -226,31 +226,34 @@ class _Panels:
         """Draw what the limits allow, while it holds."""
         begin, last = self._window
 
-        def note(text: str, x: float, y: float, *, up: float = 2, left: bool = False) -> None:
+        # What would cover a curve inside the panel stands above it: limits beyond the scale, and those of two phases.
+        def note(text: str, x: float, y: float, *, up: float = 2) -> None:
             panel.annotate(
-                text, (x * self._scale, y), (2 if left else -2, up), textcoords="offset points",
-                ha="left" if left else "right", va="bottom", color=LIMIT, bbox=PAPER,
+                text, (x * self._scale, y), (-2, up), textcoords="offset points", ha="right", va="bottom",
+                color=LIMIT, bbox=PAPER,
             )  # fmt: skip
 
-        for until, allowed in _allowed(self._law):
+        phases = _allowed(self._law)
+        said = []
+        for until, allowed in phases:
             if begin >= last:
                 # An arm that stays meets the later limit beyond what is drawn.
                 if self._stays:
                     panel.axhline(allowed, color=LIMIT, linestyle=":", linewidth=1.4)
-                    note(f"limit {number(allowed)} N from {FIRST_PHASE_S:g} s on", last, allowed)
+                    said.append(f"{number(allowed)} N from {FIRST_PHASE_S:g} s on")
                 break
             end = min(until, last)
             if allowed < self._top:
                 panel.hlines(
                     allowed, begin * self._scale, end * self._scale, color=LIMIT, linestyle="--", linewidth=1.4
                 )
-                # The first of two phases ends where the peak may be.
-                left = end < last
-                note(f"limit {number(allowed)} N", begin if left else end, allowed, left=left)
-            else:
-                # Beside the title, clear of everything inside.
-                note(f"limit {number(allowed)} N ↑", last, self._top, up=5)
+            said.append(f"{number(allowed)} N" + (" ↑" if allowed >= self._top else ""))
+            if len(phases) == 1:
+                inside = allowed < self._top
+                note(f"limit {said[0]}", end if inside else last, min(allowed, self._top), up=2 if inside else 5)
             begin = end
+        if len(phases) == 2:
+            note(f"limit {', '.join(said)}", last, self._top, up=5)
 
     def _residual(self, panel: Axes) -> None:
         rollout = self._rollout
@@ -283,7 +286,7 @@ class _Panels:
     def _threshold(self, panel: Axes, reach: float, unit: str) -> float:
         """Draw the thresholds, unless they are far beyond the residual; returns what the scale must reach."""
         threshold = self._rollout.threshold
-        text = f"threshold ±{number(threshold)} {unit}" if math.isfinite(threshold) else "not watched"
+        text = f"threshold ±{number(threshold)} {unit}" if math.isfinite(threshold) else "not monitored"
         label: dict[str, Any] = {
             "textcoords": "offset points", "ha": "right", "va": "top", "color": LIMIT, "bbox": PAPER,
         }  # fmt: skip

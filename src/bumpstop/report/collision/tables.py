@@ -41,21 +41,21 @@ class FiguresSection(Section):
         rows: list[tuple[str, Distribution | None, float]] = [
             ("peak force [N]", law.peak_force, 1),
             ("peak pressure [N/cm²]", law.pressure, 1),
-            ("compression [mm]", law.compression, 1),
+            ("deformation [mm]", law.compression, 1),
             ("force at detection [N]", law.force_at_detection, 1),
             ("detection delay [ms]", law.detection_delay, 1e3),
-            ("contact time [ms]", law.contact_duration, 1e3),
+            ("contact duration [ms]", law.contact_duration, 1e3),
         ]
         headings = ("", "mean", "sd", *(percentile(name) for name in QUANTILES))
         free = law.problem.body_mass is not None
-        given = "until arm and body have parted" if free else "given a reaction that ends the contact"
+        given = "until arm and body have separated" if free else "given a reaction that ends the contact"
         text = (
             "A quantile p99 is the value that 99 of 100 collisions stay below. Force at detection and delay are given "
-            f"a detection after contact, contact time {given}. “no bound”: the "
-            "figure lies in the share that is never detected; “none”: no collision has one."
+            f"a detection after contact, contact duration {given}. “unbounded”: the "
+            "quantile lies in the share that is never detected; “none”: no collision has one."
         )
         found = [
-            paragraph(f"Worked out with the {which_law(law)}. ", text),
+            paragraph(f"Computed with the {which_law(law)}. ", text),
             table(headings, [_row(*row) for row in rows], caption="Every quantity", numbers=True),
         ]
         if math.isinf(law.peak_force.mean):
@@ -196,8 +196,8 @@ class AssumptionsSection(Section):
             "copy of it, in its current edition.",
             "The model is not validated on your arm: noise, thresholds, deceleration and latency are those of the "
             "scenario. Measure them, or the figures are about another arm.",
-            "Compliance of the gears and the controller is not modelled; it lowers the force the body feels, and it "
-            "can delay detection.",
+            "Compliance of the gears and the controller is not modelled; it lowers the force on the body, and it can "
+            "delay detection.",
             "Probabilities far below the accepted risk are statements about the model's tails, not about an arm.",
             "One motion and one contact point are judged. Others may be worse."
             if law.problem.trajectory is not None

@@ -68,7 +68,7 @@ class VerdictSection(Section):
             )
         )
         rows.append(("False alarms in free motion", alarm_rate(law.problem).words, "", ""))
-        rows.append(("Probability of never noticing", percent(law.undetected_probability), "", ""))
+        rows.append(("Probability of no detection", percent(law.undetected_probability), "", ""))
         delay = law.detection_delay
         shown = f"{number(1e3 * delay.quantile(0.5))} / {quantity(1e3 * delay.quantile(0.99), 'ms')}"
         rows.append(("Delay from touch to detection, median / p99", shown, "", ""))
@@ -94,7 +94,7 @@ class VerdictSection(Section):
             else:
                 meaning += f"Collisions that are not detected {because} count as over every limit."
         else:
-            meaning += "A body that gets away unnoticed counts with the force it has met."
+            meaning += "A body that gets away undetected counts with the force it has met."
         if first is not None:
             meaning += (
                 f" In the first {FIRST_PHASE_S:g} s of contact the transient limits hold, after them the quasi-static "

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bumpstop.report.collision.tables import flat
 from bumpstop.report.detection.residuals import residual_picture
+from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.formatting import number
-from bumpstop.report.markup import Html, bullets, element, paragraph, table
+from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.section import Part
 
 if TYPE_CHECKING:
@@ -36,9 +36,9 @@ def conclusion(run: DetectionRun) -> str:
     seconds, count = float(run.t[-1] - run.t[0]), len(run.events)
     alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.6g} s, {run.t.size} rows"
     if run.inactive:
-        return f"INACTIVE all the time ({run.inactive}): nothing could be noticed. {alarms}"
+        return f"INACTIVE all the time ({run.inactive}): nothing could be detected. {alarms}"
     idle = run.blind_s + run.arming_s
-    return alarms + (f"; watched for {run.watched_s:.4g} s of them" if idle > 0.05 * seconds else "")
+    return alarms + (f"; active for {run.watched_s:.4g} s of them" if idle > 0.05 * seconds else "")
 
 
 def write_events(
@@ -54,7 +54,7 @@ def write_events(
         asked: what was asked for, by name, for the table of settings.
         name: of the recording.
     """
-    parts: list[Part] = [AlarmsPart(run, robot, units), RunSettingsPart(run, robot, asked)]
+    parts: list[Part] = [AlarmsPart(run, robot, units), SettingsPart({"robot": robot.name, **asked}, run.settings)]
     return write_document(Document(f"{name}: {_heading(run)}", "bumpstop detection", "detection", parts), folder)
 
 
@@ -120,25 +120,3 @@ class AlarmsPart(Part):
     def pictures(self) -> list[Picture]:
         """Residuals with their thresholds."""
         return [residual_picture(self.run, tuple(joint.name for joint in self.robot.joints), tuple(self.units))]
-
-
-class RunSettingsPart(Part):
-    """What was asked for, the detector's settings, and what computed it."""
-
-    title = "Settings"
-    anchor = "settings"
-
-    def __init__(self, run: DetectionRun, robot: Robot, asked: Mapping[str, str]) -> None:
-        self.run, self.robot, self.asked = run, robot, asked
-
-    def content(self) -> list[Html]:
-        """Three tables."""
-        from bumpstop.study.study import versions
-
-        first = {"robot": self.robot.name, **self.asked}
-        settings = [(element("code", key), value) for key, value in flat(dict(self.run.settings))]
-        return [
-            table(("", ""), list(first.items()), caption="Asked for"),
-            table(("setting", "value"), settings, caption="Detector"),
-            table(("", ""), list(versions().items()), caption="Made by"),
-        ]

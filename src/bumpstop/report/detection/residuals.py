@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _STRIPES = 600
 _MAX_EVENTS = 200
 _PANEL = 0.95  # [inch]
+_NAME_SHARE = 0.3  # of a panel's range, above what is drawn in it
 
 
 def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str, ...]) -> Picture:
@@ -49,10 +50,13 @@ def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str
             ):
                 panel.axvspan(start, end, color=colour, alpha=0.25, linewidth=0, label=label)
             panel.set_ylabel(f"{j + 1}, {units[j]}")
+            # Room for the joint's name above its curve.
+            low_end, high_end = panel.get_ylim()
+            panel.set_ylim(low_end, high_end + _NAME_SHARE * (high_end - low_end))
             panel.text(
                 0.01,
-                0.93,
-                names[j] + ("" if watched else ": not watched"),
+                0.96,
+                names[j] + ("" if watched else ": not monitored"),
                 transform=panel.transAxes,
                 va="top",
                 color=INK,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop.detection.scoring.labels import time_text
+from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.formatting import hours_in_words, number
 from bumpstop.report.markup import Html, paragraph, table
@@ -22,7 +24,16 @@ if TYPE_CHECKING:
     from bumpstop.detection import Roc, Score
 
 
-def write_scoring(score: Score, roc: Roc | None, folder: Path, about: str = "") -> Path:
+def write_scoring(
+    score: Score,
+    roc: Roc | None,
+    folder: Path,
+    about: str = "",
+    *,
+    asked: Mapping[str, str],
+    detector: Mapping[str, Any],
+    inactive: str = "",
+) -> Path:
     """Write report.html and figures.
 
     Args:
@@ -30,11 +41,17 @@ def write_scoring(score: Score, roc: Roc | None, folder: Path, about: str = "") 
         roc: the same at other thresholds, where residuals were given.
         folder: made where it is missing.
         about: the robot, the recording and its labels, in words.
+        asked: options and their values, for the table of settings.
+        detector: settings of the detector whose events they are; empty where events or residuals came from a file.
+        inactive: why the detector was inactive all the time; empty: it was not.
     """
-    parts: list[Part] = [DetectionsPart(score)]
+    parts: list[Part] = [DetectionsPart(score, inactive)]
     if roc is not None:
         parts.append(RocPart(roc))
+    parts.append(SettingsPart(asked, detector))
     title = f"{score.detected} of {len(score.labels)} contacts detected"
+    if inactive:
+        title = f"detector inactive: {title}"
     return write_document(Document(title, "bumpstop scores", "scoring", parts, about), folder)
 
 
@@ -44,8 +61,8 @@ class DetectionsPart(Part):
     title = "DetectedCollisions"
     anchor = "detections"
 
-    def __init__(self, score: Score) -> None:
-        self.score = score
+    def __init__(self, score: Score, inactive: str = "") -> None:
+        self.score, self.inactive = score, inactive
 
     def content(self) -> list[Html]:
         """Counts, and every contact."""
@@ -63,7 +80,9 @@ class DetectionsPart(Part):
                 (*row[:3], *("-" if math.isnan(force) else number(float(force)) for force in forces), row[3])
                 for row, forces in zip(rows, both, strict=True)
             ]
+        first = f"INACTIVE all the time ({self.inactive}): nothing could be detected." if self.inactive else ""
         return [
+            *([paragraph(first)] if first else []),
             paragraph(
                 f"{score.detected} detected, {score.missed} missed, {score.false_alarms.size} false alarms in "
                 f"{hours_in_words(score.hours)} without contact: {number(score.false_alarms_per_hour)} an hour, with "

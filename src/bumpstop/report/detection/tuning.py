@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop.detection import MAX_EXTRAPOLATION
+from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.formatting import acceptable, number
 from bumpstop.report.markup import Html, bullets, paragraph, table
@@ -31,6 +32,9 @@ def write_tuning(
     joints: Sequence[str] = (),
     unit: str = "Nm",
     about: str = "",
+    *,
+    asked: Mapping[str, str],
+    detector: Mapping[str, Any],
 ) -> Path:
     """Write report.html and figures.
 
@@ -41,10 +45,13 @@ def write_tuning(
         joints: their names, where they are known.
         unit: of the thresholds.
         about: the robot and the recordings, in words.
+        asked: options and their values, for the table of settings.
+        detector: settings of the detector whose residuals they are; empty where they came from a file.
     """
     parts: list[Part] = [TailPart(tuning, joints, unit)]
     if any(point["scenarios"] for point in trade):
         parts.append(TradePart(trade, tuning.target))
+    parts.append(SettingsPart(asked, detector))
     title = f"Thresholds for {number(tuning.target)} false alarms an hour"
     return write_document(Document(title, "bumpstop tuning", "tuning", parts, about), folder)
 
@@ -68,7 +75,7 @@ class TailPart(Part):
         rows = [
             (" ".join((f"joint {j}", *self.joints[j - 1 : j])), number(value), f"{number(below)} to {number(above)}")
             if math.isfinite(value)
-            else (" ".join((f"joint {j}", *self.joints[j - 1 : j])), "not watched", "")
+            else (" ".join((f"joint {j}", *self.joints[j - 1 : j])), "not monitored", "")
             for j, (value, below, above) in enumerate(ends, start=1)
         ]
         percent = f"{100 * tuning.confidence:g} %"
@@ -138,10 +145,10 @@ class TradePart(Part):
             for point in self.trade
             for name, forces in point["scenarios"].items()
         ]
-        headings = ["alarms an hour", "scenario", "median, N", "p95, N", "p99.9, N", "unnoticed, N", "acceptable"]
+        headings = ["alarms an hour", "scenario", "median, N", "p95, N", "p99.9, N", "undetectable, N", "acceptable"]
         return [
             table(headings, rows, caption="Peak force at the thresholds of each rate", numbers=True),
-            paragraph("Unnoticed is the largest force at the pose that no threshold notices, in any direction."),
+            paragraph("Undetectable is the largest force at the pose, in any direction, below every threshold."),
         ]
 
     def pictures(self) -> list[Picture]:

@@ -45,7 +45,7 @@ class PayloadPart(Part):
                 (f"centre, {axis}", f"{x:.4g}", f"{error:.2g}", "m")
                 for axis, x, error in zip("xyz", found.center, found.center_errors, strict=True)
             ]
-        said = [f"{name} cannot be seen in this motion" for name in found.unseen]
+        said = [f"{name} is not identifiable in this motion" for name in found.unseen]
         said += [f"{name} is left out: its gain is unknown" for name in found.joints_left_out]
         return [
             paragraph(
@@ -99,7 +99,7 @@ class ExplainedPart(Part):
         def draw(figure: Figure) -> None:
             panel = axes(figure, left=0.75)
             panel.axhline(0, color=FAINT, linewidth=0.6)
-            panel.plot(*thin(found.t, found.wanted[:, j]), color=FAINT, linewidth=0.9, label="unexplained")
+            panel.plot(*thin(found.t, found.wanted[:, j]), color=FAINT, linewidth=0.9, label="without payload")
             panel.plot(*thin(found.t, found.explained[:, j]), color=LAW, linewidth=1.2, linestyle="--", label="payload")
             panel.set_title(name)
             panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)

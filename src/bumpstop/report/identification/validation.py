@@ -48,7 +48,7 @@ class ScoresPart(Part):
         ]
         return [
             paragraph(
-                f"Predicted less measured, {self._where} (as Schroeder's table 3.1). R2 is the share of the variance "
+                f"Predicted minus measured, {self._where} (as Schroeder's table 3.1). R2 is the share of the variance "
                 f"that is predicted, both filtered at {self._comparison.filter_hz:g} Hz without delay; beside it "
                 "without the filter. Mean, standard deviation and root mean square are of the unfiltered error."
             ),
@@ -88,7 +88,7 @@ class OverTimePart(_JointsPart):
     title = "Measured and predicted"
     anchor = "over-time"
     text = (
-        "Upper panel: measured (thin) and predicted (dashed). Middle: predicted less measured. Lower: the "
+        "Upper panel: measured (thin) and predicted (dashed). Middle: predicted minus measured. Lower: the "
         "joint's acceleration; errors that follow it point to inertia, errors that follow the sign of the "
         "speed to friction."
     )
@@ -142,7 +142,7 @@ class HistogramPart(_JointsPart):
             panel.set_yscale("log")
             panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
             panel.set_ylim(max(1e-4 * float(normal.max()), 1e-12), 3 * max(float(counts.max()), float(normal.max())))
-            panel.set_xlabel(f"predicted less measured [{unit}]")
+            panel.set_xlabel(f"predicted minus measured [{unit}]")
             panel.set_ylabel(f"density [1/{unit}]")
             panel.set_title(name)
 

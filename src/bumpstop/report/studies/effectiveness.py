@@ -65,7 +65,7 @@ class SafeSpeedsPart(Part):
             paragraph(
                 f"The highest speed, in mm/s, at which each limit is passed with a probability of at most "
                 f"{percent(self._risk)}. In brackets what stands against more: f force, p pressure, a false alarms, "
-                f"u collisions that go unnoticed, s a singularity on the way."
+                "u undetected collisions, s a singularity on the way."
             ),
             *(paragraph(f"{label}: {reason}") for label, reason in unjudged.items()),
             table(headings, rows, caption="Highest safe speed [mm/s]", numbers=True),
@@ -167,8 +167,8 @@ class CollisionsPart(Part):
             Picture(
                 "effectiveness",
                 "Verdict of every body part by direction, speed and area.",
-                "Probability of passing a limit. Empty blue: within the accepted risk; hatched: more; full orange: in "
-                "more than half of all collisions; cross: not permitted, or no law.",
+                "Probability of exceeding a limit. Empty blue: within the accepted risk; hatched: more; full orange: "
+                "in more than half of all collisions; cross: not permitted, or no distribution.",
                 self._draw,
                 height=1.5 + 0.19 * len(self._study.bodies),
             )
@@ -210,7 +210,7 @@ class CollisionsPart(Part):
 class TriggersPart(Part):
     """Which joints notice."""
 
-    title = "Which joints notice"
+    title = "Joints that trigger"
     anchor = "triggers"
 
     def __init__(self, study: EffectivenessStudy, rows: pl.DataFrame) -> None:

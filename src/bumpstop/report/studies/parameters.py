@@ -34,7 +34,7 @@ _ABSOLUTE = (
 _REACTION = (
     "On the way to stop the point travels as far as its speed squared over twice its deceleration. The peak force is "
     "therefore the force at detection, which no reaction can change, plus a part that falls with one over the joint "
-    "acceleration. A power law without a constant cannot say that over a wide range."
+    "acceleration. A power without a constant cannot say that over a wide range."
 )
 
 
@@ -57,13 +57,15 @@ def pages_of(
 def _law_note(scenario: Scenario) -> str:
     """What the laws behind all figures are."""
     if scenario.detector.residuals is None:
-        return "Every figure is of an exact law: there is no sampling noise in curves, fits or derivatives."
+        return (
+            "Every figure is of an integrated distribution: there is no sampling noise in curves, fits or derivatives."
+        )
     from bumpstop.collision.evaluation import RESAMPLED_RUNS
 
     return (
-        f"Measured residuals have no exact law: every figure is of {RESAMPLED_RUNS} sampled collisions, drawn from the "
-        "same seed each time. Curves, fits and derivatives have their noise, and the relative errors below do not "
-        "know all of it."
+        f"Measured residuals have no integrated distribution: every figure is of {RESAMPLED_RUNS} sampled "
+        "collisions, drawn from the same seed each time. Curves, fits and derivatives have sampling noise; the "
+        "relative errors below do not include all of it."
     )
 
 
@@ -83,7 +85,7 @@ class SweepsPart(Part):
         text = (
             f"The scenario as it is has a mean peak force of {number(control['mean_N'])} N with a standard deviation "
             f"of {number(control['sd_N'])} N. Points: mean; band: one standard deviation to either side; dashed line: "
-            "the named law fitted to the means; green line: the scenario's own value."
+            "the named model fitted to the means; green line: the scenario's own value."
         )
         lowest = [each["key"] for each in self._summary["parameters"] if each["key"].startswith("detector.thresholds")]
         told = [paragraph(f"{key}: {ALIASES[key][1]}.") for key in lowest if key in ALIASES]
@@ -131,7 +133,7 @@ def _fits(x: Any, y: Any) -> list[Fit]:
 class FitsPart(Part):
     """How well each law fits, and which one Schroeder (2013) named."""
 
-    title = "Which law each dependence follows"
+    title = "Which model each dependence follows"
     anchor = "fits"
 
     def __init__(self, summary: dict[str, Any]) -> None:
@@ -153,20 +155,20 @@ class FitsPart(Part):
             rows.append([each["key"], named or "not studied", *cells, f"{best}: {formula[best]}" if best else NONE])
         found = [
             paragraph(
-                "R2 is the share of the variance of the means that a law explains. A law of Schroeder (2013) stands "
-                f"where it explains at least {R2_WANTED:g}; where it does not, or none is named, the best is taken."
+                "R2 is the share of the variance of the means that a model explains. A model of Schroeder (2013) "
+                f"stands where it explains at least {R2_WANTED:g}; where it does not, or none is named, the best is."
             ),
             table(
                 ["parameter", "Schroeder (2013)", *names, "taken"],
                 rows,
-                caption="R2 of four laws (Schroeder's table 5.3)",
+                caption="R2 of four models (Schroeder's table 5.3)",
                 numbers=True,
             ),
         ]
         weak = [each for each in self._parameters if each.get("source_law") and each.get("better_law")]
         found += [
             paragraph(
-                f"{each['key']}: Schroeder's {each['source_law']} law falls short; {each['better_law']} is better."
+                f"{each['key']}: Schroeder's {each['source_law']} model falls short; {each['better_law']} is better."
             )
             for each in weak
         ]
@@ -199,7 +201,7 @@ class DerivativesPart(Part):
         headings = ["parameter", "at", "d mean / dx", "d sd / dx", "unit", "% per %", "how", "Schroeder (2013)"]
         found = [
             paragraph(
-                "Differences of laws on either side of the scenario's own value. Where a key only takes whole "
+                "Differences of distributions on either side of the scenario's own value. Where a key only takes whole "
                 "steps, the difference is across whole steps: between them nothing changes."
             ),
             table(headings, rows, caption="Derivatives at its own values (Schroeder's table 5.4)", numbers=True),
@@ -232,8 +234,8 @@ class EqualRiskPart(Part):
         """How to read them."""
         return [
             paragraph(
-                "Along each curve the probability of passing a limit of the body is the same. Which side is the milder "
-                "one, the curves of smaller probability show: they lie on it. The cross is the scenario."
+                "Along each curve the probability of exceeding a limit of the body is the same. The more conservative "
+                "side is that of the curves of smaller probability. The cross is the scenario."
             )
         ]
 
@@ -264,8 +266,8 @@ class EqualRiskPart(Part):
         keys = " and ".join(pair["keys"])
         return Picture(
             f"equal_risk_{order}",
-            f"Curves of equal probability of passing a limit over {keys}.",
-            f"Pairs of {keys} with the same probability of passing a limit of the body.",
+            f"Curves of equal probability of exceeding a limit over {keys}.",
+            f"Pairs of {keys} with the same probability of exceeding a limit of the body.",
             draw,
         )
 
@@ -287,8 +289,8 @@ class GuidePart(Part):
         ratio = f"{now['force_over_allowed']:.4g}"
         found = [
             paragraph(
-                f"Now the force that is passed with the accepted probability of {percent(self._risk)} is {ratio} "
-                "times what force and pressure limit allow. Every plan below was checked by its own law."
+                f"The force that is exceeded with the accepted probability of {percent(self._risk)} is {ratio} "
+                "times what force and pressure limit allow. Every plan below was checked by its own distribution."
             )
         ]
         if guide["reason"]:

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 # Quarters of the poses, slowest first: colour and marker.
 _GROUPS = ((LIMIT, "v"), ("#E69F00", "s"), (AREA, "D"), (LAW, "o"))
 _COUNTED = {
-    "law": "the exact law",
+    "law": "the integrated distribution",
     "turning": "joints that turn more than on a straight line",
     "cap": "the highest speed looked at",
     "none": "no speed is safe",
-    "singularity": "the trajectory's own law, at or near a singularity, where no straight line can be followed",
+    "singularity": "the trajectory's own force distribution near a singularity, where no straight line can be followed",
 }
 
 
@@ -109,7 +109,7 @@ _WORTH_A_WORD = 1.01
 class SuggestionPart(Part):
     """What other joint positions with the same pose of the tool would feel."""
 
-    title = "Joint positions that feel better"
+    title = "Joint positions that detect smaller forces"
     anchor = "suggestions"
 
     def __init__(self, rows: pl.DataFrame, suggestions: pl.DataFrame) -> None:
@@ -120,9 +120,9 @@ class SuggestionPart(Part):
         """How much is to be gained, and where."""
         worth = int((self._gain >= _WORTH_A_WORD).sum())
         text = (
-            "The same pose of the tool can be held by other joint positions, and some of them let less force go "
-            f"unnoticed. At {worth} of {len(self._gain)} waypoints this is at least "
-            f"{100 * _WORTH_A_WORD - 100:.0f} % less. "
+            "The same pose of the tool can be held by other joint positions, and some of them detect smaller "
+            f"forces. At {worth} of {len(self._gain)} waypoints the largest undetectable force is at least "
+            f"{100 * _WORTH_A_WORD - 100:.0f} % smaller. "
         )
         if worth:
             at = int(np.argmax(self._gain))
@@ -137,8 +137,8 @@ class SuggestionPart(Part):
         return [
             Picture(
                 "suggestions",
-                "Force that goes unnoticed at the waypoints, as programmed and with the joint positions suggested.",
-                "Force along the motion that no joint notices, as programmed and with the joint positions suggested.",
+                "Largest undetectable force at the waypoints, as programmed and with the joint positions suggested.",
+                "Largest undetectable force along the motion, as programmed and with the joint positions suggested.",
                 self._draw,
             )
         ]
@@ -152,7 +152,7 @@ class SuggestionPart(Part):
         top = float(finite.max()) if finite.size else 1.0
         plot.set(
             xlabel="time as programmed [s]",
-            ylabel="unnoticed force [N]",
+            ylabel="undetectable force [N]",
             ylim=(0, 1.3 * top),
             xlim=(self._t[0], self._t[-1]),
         )

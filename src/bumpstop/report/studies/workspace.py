@@ -79,15 +79,17 @@ class CountsPart(Part):
         """One table, nothing left out."""
         s = self._summary
         rows = [
-            ("laws", str(s["laws"])),
-            ("poses that start at a singularity, without a law", str(s["singular_starts"])),
+            ("force distributions", str(s["laws"])),
+            ("poses that start at a singularity, without a distribution", str(s["singular_starts"])),
         ]
         if s["self_collisions"]["looked_for"]:
             rows.append(("poses discarded for self-collision", str(s["self_collisions"]["poses_discarded"])))
         if s["laws"]:
             rows.append(("motions that never touch anything, and say nothing about safety", str(s["never_touch"])))
             for name, limit in zip(("force", "pressure"), s["limits"].values(), strict=False):
-                rows.append((f"P(over the {name} limit, {limit:g} N), all laws", _share(s[f"p_over_{name}"])))
+                rows.append(
+                    (f"P(over the {name} limit, {limit:g} N), all poses and directions", _share(s[f"p_over_{name}"]))
+                )
                 if s["never_touch"]:
                     of_touching = _share(s[f"p_over_{name}_of_touching"])
                     rows.append((f"the same of the {s['laws'] - s['never_touch']} motions that touch", of_touching))
@@ -95,14 +97,16 @@ class CountsPart(Part):
                 rows.append(("the same of the force limit, or the motion ends before contact",
                              _share(s["p_over_force_or_no_contact"])))  # fmt: skip
                 risk = percent(s["accepted_risk"])
-                rows.append((f"poses that pass a limit with more than the accepted {risk}", str(s["poses_over_risk"])))
+                rows.append(
+                    (f"poses that exceed a limit with more than the accepted {risk}", str(s["poses_over_risk"]))
+                )
             rows += [
                 ("P(never detected)", _share(s["undetected"])),
                 ("poses more often undetected than not", str(s["poses_more_often_undetected"])),
                 ("P(the motion ends before contact)", _share(s["no_contact"])),
                 ("P(false alarm before contact)", _share(s["false_alarm"])),
                 ("median of the median forces", f"{number(s['median_force_N']['median'])} N"),
-                ("poses whose median force has no bound", str(s["median_force_N"]["unbounded"])),
+                ("poses whose median force is unbounded", str(s["median_force_N"]["unbounded"])),
             ]
         words = {
             "horizon": "the simulated time",
@@ -236,7 +240,7 @@ class SlicesPart(Part):
         return [
             Picture(
                 "slices",
-                "Tip positions in slices of height, marked by the probability of passing a limit.",
+                "Tip positions in slices of height, marked by the probability of exceeding a limit.",
                 "Blue dots: within the accepted risk; green circles: more; orange crosses: over a limit in more than "
                 "half of all collisions.",
                 self._draw,
@@ -275,7 +279,7 @@ class SlicesPart(Part):
 class SensitivityPart(Part):
     """Force against condition number and smallest singular value."""
 
-    title = "Can the Jacobian foretell it?"
+    title = "Does the Jacobian predict it?"
     anchor = "sensitivity"
 
     def __init__(self, study: WorkspaceStudy, summary: dict[str, Any], known: pl.DataFrame) -> None:
@@ -292,7 +296,7 @@ class SensitivityPart(Part):
             paragraph(
                 "Both are of the Jacobian of the joints that move, at the start pose. Three rows are the tip's "
                 "translation, in one unit. Six rows mix translation and rotation, as Schroeder (2013) does; they "
-                "depend on the unit of length, here metres. A value near 0 foretells nothing, near 1 or -1 the order "
+                "depend on the unit of length, here metres. A value near 0 predicts nothing, near 1 or -1 the order "
                 "of the forces. Neither knows thresholds nor the direction of the contact."
             ),
             table(("of the median force with the", "rank correlation"), rows, caption="Rank correlation", numbers=True),
@@ -314,14 +318,14 @@ class SensitivityPart(Part):
         ]
         return [
             paragraph(
-                f"A force foretold from the pose knows thresholds, noise and braking. The formula holds for "
-                f"{self._trusted} of {self._known.height} poses; elsewhere there is no bound and the pose counts as "
-                "refused. The worst direction is that of the largest force that goes unnoticed at the pose. The bound "
-                "refuses what it says passes a limit; every other predictor is cut where it errs least, with all laws "
-                "known."
+                "The predicted force takes thresholds, noise and braking into account. The formula holds for "
+                f"{self._trusted} of {self._known.height} poses; the others have no prediction and count as "
+                "rejected. The worst direction is that of the largest undetectable force at the pose. The bound "
+                "rejects every pose whose predicted force exceeds a limit; every other predictor has the cut-off with "
+                "the fewest errors."
             ),
             table(
-                ("predictor", "rank correlation", "unsafe poses missed", "safe poses refused"),
+                ("predictor", "rank correlation", "unsafe poses missed", "safe poses rejected"),
                 rows,
                 caption="Predictors of unsafe poses",
                 numbers=True,

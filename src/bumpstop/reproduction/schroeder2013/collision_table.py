@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,13 @@ class CollisionTable:
 
     @classmethod
     def measure(
-        cls, experiment: CollisionExperiment, *, runs: int = 10, seed: int = 0, speeds_mm_s: Sequence[float] = ()
+        cls,
+        experiment: CollisionExperiment,
+        *,
+        runs: int = 10,
+        seed: int = 0,
+        speeds_mm_s: Sequence[float] = (),
+        progress: Callable[[float], None] | None = None,
     ) -> CollisionTable:
         """Run it.
 
@@ -109,6 +115,7 @@ class CollisionTable:
             runs: at each speed.
             seed: of the first run at each speed.
             speeds_mm_s: instead of all of Schroeder's.
+            progress: is given the share that is done after every run.
 
         Raises:
             InputError: a number cannot be used, or mujoco is not installed.
@@ -119,11 +126,17 @@ class CollisionTable:
             raise InputError("seed", f"is {seed}", "wanted a whole number from 0 to 2^63 - 1")
         known = {row.speed_mm_s: row for row in experiment.rows()}
         rows = []
-        for speed in speeds_mm_s or known:
+        speeds = tuple(speeds_mm_s or known)
+        for place, speed in enumerate(speeds):
+            made = []
+            for k in range(runs):
+                made.append(experiment.run(speed / 1e3, seed + k))
+                if progress is not None:
+                    progress((place * runs + k + 1) / (len(speeds) * runs))
             rows.append(
                 SpeedRow(
                     speed_mm_s=float(speed),
-                    runs=tuple(experiment.run(speed / 1e3, seed + k) for k in range(runs)),
+                    runs=tuple(made),
                     source=known.get(speed) if experiment.at == "hand" else None,
                     bound_N=experiment.force_bound(speed / 1e3),
                 )

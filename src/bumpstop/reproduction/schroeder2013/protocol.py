@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.identification.design.plan import MIN_SPEED_RATIO
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.model import JointParameters, Parameter
 from bumpstop.model import gravity_torque
@@ -35,8 +36,6 @@ MAPS = ("odd", "load_dependent")
 _MIN_STROKES = 4
 # Joints that move less fast count as held [rad/s], and other joints are in the planned pose within this [rad].
 _MIN_SPEED, _NEAR_POSE = 0.03, math.radians(3.0)
-# Strokes show a law of friction where the fastest is so many times as fast as the slowest.
-_SPEED_RATIO = 1.3
 # Gravity's torque shows a map where it changes by this share of what a plan wants on one side of a stroke.
 _MIN_SPAN = 0.5
 _POSES = 40  # of a stroke
@@ -206,7 +205,7 @@ def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) 
         speed = math.degrees(float(np.median([np.abs(part.qd).mean() for part in found.constant])))
         return (
             f"all its strokes run at one speed, {speed:.3g} deg/s, which shows no law of friction: wanted two at "
-            f"least, the fastest {_SPEED_RATIO:g} times the slowest"
+            f"least, the fastest {MIN_SPEED_RATIO:g} times the slowest"
         )
     poses = np.stack([experiment.at(position) for position in np.linspace(experiment.low, experiment.high, _POSES)])
     span = float(np.ptp(gravity_torque(plan.loaded, poses, gravity=plan.settings.gravity)[:, experiment.joint]))
@@ -222,7 +221,7 @@ def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) 
 def one_speed(strokes: Sequence[Stretch]) -> bool:
     """Whether all strokes run so nearly at one speed that they show no law of friction."""
     speeds = [float(np.abs(part.qd).mean()) for part in strokes]
-    return max(speeds) < _SPEED_RATIO * min(speeds)
+    return max(speeds) < MIN_SPEED_RATIO * min(speeds)
 
 
 def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:

@@ -61,8 +61,7 @@ class TablePart(Part):
         said = [f"{joint.experiment.name}: {note}" for joint in self._fit.joints for note in joint.notes]
         said += [f"{self._fit.plan.robot.joints[k].name}: not identified: {why}" for k, why in self._fit.missing]
         said += [
-            f"{lost.name}: cannot be seen, as {lost.reason}; what would show it: {lost.remedy}"
-            for lost in self._fit.plan.unseen
+            f"{lost.name}: not identifiable, as {lost.reason}; remedy: {lost.remedy}" for lost in self._fit.plan.unseen
         ]
         return [*found, *([bullets(said)] if said else [])]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.identification.fit_verdict import FitVerdict, named, reading_faults
+from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import doubtful_columns
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ def judge_protocol(fit: ProtocolFit, beside: GeneralBeside, recordings: Sequence
                 apart.append(f"{name} {own.value:.4g} and {other.value:.4g}")
         if apart:
             warnings.append(f"protocol and general fit disagree on {pair.general.name}: {named(apart)}")
+    tell_shifts(recordings, fit.plan.robot, "current", faults, warnings)
     warnings += doubtful_columns(recordings, fit.plan.robot, "current")
     known = [share for share in shares if share is not None]
     return FitVerdict(

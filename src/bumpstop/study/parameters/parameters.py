@@ -116,9 +116,9 @@ class ParameterStudy(Study):
             check_risk(scenario)
         for text in prices or []:
             name, _, written = (part.strip() for part in text.partition("="))
-            price = CostRate.of(varied("--price", name), written)
+            price = CostRate.of(varied("--cost", name), written)
             if any(price.swept is each.swept for each in priced):
-                raise InputError("--price", f"names {name!r} twice", "name each key once")
+                raise InputError("--cost", f"names {name!r} twice", "name each key once")
             priced.append(price)
         if found or priced:
             _check_limits(scenario)

@@ -54,7 +54,7 @@ class CostRate:
         except ValueError:
             price = math.nan
         if not 0 < price < math.inf:
-            raise InputError("--price", f"{written!r} of {swept.variable.name} is no price", "wanted a number above 0")
+            raise InputError("--cost", f"{written!r} of {swept.variable.name} is no cost", "wanted a number above 0")
         return cls(swept, price)
 
     def to_json(self) -> str:
@@ -143,7 +143,7 @@ def cheapest(scenario: Scenario, prices: Sequence[CostRate]) -> DesignGuide:
     if together is None:
         mild = search.plan(search.mild)
         reason = (
-            f"Nothing in these ranges is enough: with all of them at their mildest values the force that is passed "
+            f"No design in these ranges is enough: with the most conservative value of each the force that is exceeded "
             f"with the accepted risk is {math.exp(-mild.margin):.3g} times what is allowed"
             + ("." if mild.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
         )
@@ -319,7 +319,7 @@ class _Search:
         most = _MAX_EVALUATIONS if all(self.quantum) else _MAX_SEARCHES
         if count > most:
             problem = f"{count} combinations of whole steps of {', '.join(self.variables[k].name for k in choices)}"
-            raise InputError("--price", problem, f"wanted at most {most}: a narrower range, or fewer prices")
+            raise InputError("--cost", problem, f"wanted at most {most}: a narrower range, or fewer costs")
         return [dict(zip(choices, values, strict=True)) for values in itertools.product(*choices.values())]
 
     def _smooth(self, fixed: Mapping[int, float], begin: FloatArray) -> Plan | None:

@@ -30,8 +30,8 @@ _ILL_CONDITIONED = (
     " The arm cannot follow its line here, as near a singularity; values between those looked at may fail."
 )
 _SINGULARITY = (
-    "a singularity before a collision is noticed for certain: whether it gets across or ends there, with collisions "
-    "unnoticed, hangs on the last digits"
+    "a singularity before a collision is detected for certain: whether it gets across or ends there, with collisions "
+    "undetected, hangs on the last digits"
 )
 
 
@@ -191,8 +191,8 @@ class _Answer:
             if binding == "singularity":
                 reason += f"the arm passes {_SINGULARITY}."
             else:
-                what = {"undetected": "collisions go unnoticed", "force": "the force passes its limit"}.get(
-                    binding, "the pressure passes its limit"
+                what = {"undetected": "collisions stay undetected", "force": "the force exceeds its limit"}.get(
+                    binding, "the pressure exceeds its limit"
                 )
                 reason += f"{what} for {limits.label} more often than {self.search.accepted:g}."
         allowed = self.search.scenario.verdict.max_false_alarm
@@ -207,13 +207,13 @@ class _Answer:
         if binding == "singularity":
             reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
             return self._result(None, binding, at, reason, ill_conditioned)
-        why = f"{mildest} limits are passed with a probability of {at.over:.2g}"
+        why = f"{mildest} limits are exceeded with a probability of {at.over:.2g}"
         deaf = self.search.risks.unnoticed
         limit = self.search.risks.force_limit
         if at.undetected > 0.5 * at.over:
-            why += ", mostly by collisions that are never noticed"
+            why += ", mostly by collisions that are never detected"
         elif self.search.variable.name != "detector.thresholds" and deaf > limit:
-            why += f": {deaf:.3g} N go unnoticed here, and the limit is {limit:.3g} N"
+            why += f": {deaf:.3g} N stay undetected here, and the limit is {limit:.3g} N"
         elif self.search.variable.name != "motion.speed":
             why += ": what the arm travels after detection is too much at this speed"
         return self._result(None, binding, at, f"No value meets it: {why}.", ill_conditioned)

@@ -97,7 +97,7 @@ class VariedRisk:
                 "contact.body", f"no value can meet it: {_clause(transient.reason)}", "wanted quasi_static limits"
             )
         if problem.residuals is not None:
-            raise InputError("detector.residuals", "have no exact law", "give detector.noise_sd_Nm")
+            raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
 
     @property
     def force_limit(self) -> float:

@@ -40,7 +40,7 @@ def check(problem: CollisionProblem) -> None:
     try:
         check_foretold(problem, quantile_of(problem))
     except InputError as error:
-        raise InputError("--foretell", f"is not possible here: {error}", "leave it out") from None
+        raise InputError("--predict", f"is not possible here: {error}", "leave it out") from None
 
 
 def quantile_of(problem: CollisionProblem) -> float:

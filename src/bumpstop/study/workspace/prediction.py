@@ -82,13 +82,13 @@ def check_foretold(problem: CollisionProblem, quantile: float) -> None:
     if not 0.5 <= quantile <= 1 - 1e-9:
         raise InputError("quantile", f"{quantile:g} cannot be used", "wanted 0.5 to 0.999999999")
     if problem.trajectory is not None:
-        raise InputError("motion.kind", "'trajectory' is not foretold", "wanted 'line'")
+        raise InputError("motion.kind", "'trajectory' is not predicted", "wanted 'line'")
     if scenario.contact.kind == "free":
-        raise InputError("contact.kind", "'free' is not foretold", "wanted 'clamped'")
+        raise InputError("contact.kind", "'free' is not predicted", "wanted 'clamped'")
     if problem.residuals is not None:
-        raise InputError("detector.residuals", "measured noise is not foretold", "give detector.noise_sd_Nm")
+        raise InputError("detector.residuals", "measured noise is not predicted", "give detector.noise_sd_Nm")
     if problem.first_armed_tick > 0:
-        raise InputError("detector.arming_delay_s", "a detector that is armed late is not foretold", "wanted 0")
+        raise InputError("detector.arming_delay_s", "a detector that is armed late is not predicted", "wanted 0")
     if not np.isfinite(problem.thresholds).any():
         raise InputError("detector.thresholds_Nm", "watch no joint", "give one a finite threshold")
 

@@ -88,7 +88,7 @@ class WorkspaceStudy(Study):
             problem = f"{self.speed_sd_mm_s:g} mm/s is more than the speed of {self._speed:g} mm/s"
             raise InputError("--speed-sd", problem, "wanted less, or most speeds would be drawn again")
         if self.drawn > MAX_ROWS:
-            raise InputError("--grid", f"{self.drawn} laws are too many", f"wanted at most {MAX_ROWS}")
+            raise InputError("--grid", f"{self.drawn} distributions are too many", f"wanted at most {MAX_ROWS}")
         if self.foretell:
             foretold.check(self._problem)
         # Everything a shard would refuse, it refuses here, before any work.
