@@ -32,6 +32,7 @@ from validation import (  # noqa: E402
     endings,
     experiments,
     false_alarms,
+    gain_intervals,
     gains,
     instruction_sets,
     page,
@@ -82,6 +83,7 @@ COMPARISONS = {
     "tuning": tuning,
     "sample_paths": sample_paths,
     "drives": drives,
+    "gain_intervals": gain_intervals,
     "gains": gains,
     "tx40": tx40,
 }

@@ -40,7 +40,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         for seed in range(seeds):
             robot, motion = motion_of(seed)
             truth, log = planted(robot, motion, 1000 + seed)
-            fit = identify_joint_model(log, robot, maps=["odd"], frictions=["power"])
+            fit = identify_joint_model(log, robot, maps=["odd"], frictions=["power"], inertia_uncertainty=0.0)
             scores += z_scores(fit.model, truth)
         inside = np.abs(scores) < 1.96
         pooled += inside.tolist()

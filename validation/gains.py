@@ -38,11 +38,11 @@ def compare(findings: Findings, *, quick: bool) -> None:
                 ]
                 pair += 1
                 fit = identify_gains(logs, robot, payloads=[None, LOAD], cutoff_hz=15.0)
-                assert fit.gains is not None
+                assert fit.model.gains is not None
                 assert fit.gain_errors is not None
                 seen = np.isfinite(fit.gain_errors)
-                scores += ((fit.gains - truth)[seen] / fit.gain_errors[seen]).tolist()
-                shares += (np.abs(fit.gains - truth)[seen] / truth[seen]).tolist()
+                scores += ((fit.model.gains - truth)[seen] / fit.gain_errors[seen]).tolist()
+                shares += (np.abs(fit.model.gains - truth)[seen] / truth[seen]).tolist()
             inside = np.abs(scores) < 1.96
             pooled += inside.tolist()
             rows.append(

@@ -18,7 +18,7 @@ from bumpstop.model import inverse_dynamics
 from bumpstop.plant import Gears, Plant, Sensors
 from bumpstop.plant.motions import pick_and_place, workspace
 from bumpstop.recording import Recording
-from bumpstop.reproduction.schroeder2013.fit_comparison import general_beside
+from bumpstop.reproduction.schroeder2013.fit_comparison import compare_fits
 from bumpstop.reproduction.schroeder2013.protocol import identify_protocol
 from bumpstop.reproduction.schroeder2013.simulate_protocol import follow, planned_arm, planned_experiments
 from bumpstop.signal import derivatives
@@ -102,7 +102,7 @@ def _found(plan: IdentificationPlan, one: JointExperiment) -> tuple[JointTorqueM
     """Models of a joint alone, by the protocol and by the general fit, from the same recording."""
     log = _plant(plan, one.joint).run(follow(plan.path(one))).recording
     fit = identify_protocol(plan, [log])
-    (pair,) = general_beside(fit, [log]).joints
+    (pair,) = compare_fits(fit, [log]).joints
     return fit.model(), replace(fit.model(), joints=(pair.general.parameters,))
 
 

@@ -36,7 +36,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     near = [abs(z) <= 3 for *_, z in rows]
     far = ", ".join(name for name, near_enough in zip((row[0] for row in rows), near, strict=True) if not near_enough)
     findings.say(
-        f"Cut-off {fit.cutoff_hz:g} Hz, {fit.rows_used} rows, {len(rows)} published combinations in our basis."
+        f"Cut-off {fit.model.cutoff_hz:g} Hz, {fit.rows_used} rows, {len(rows)} published combinations in our basis."
     )
     headings = ("parameter", "ours", "sd", "published", "sd", "difference, combined sd")
     findings.table("Base parameters", headings, ("", ".5g", ".2g", ".5g", ".2g", ".2f"), rows)
@@ -49,18 +49,18 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def beside(fit: DynamicsFit) -> list[tuple[str, float, float, float, float, float]]:
     """Of every published combination that is one of ours: name, ours and sd, theirs and sd, difference in sds."""
     assert fit.covariance is not None
-    names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
-    base = np.zeros((len(fit.columns), len(names)))
+    names = column_names(fit.model.robot, fit.model.couplings, fit.model.top_speed, fit.model.loaded)
+    base = np.zeros((len(fit.model.columns), len(names)))
     for row, name in enumerate(fit.names):
         base[row] = _combination(name, names)
     found = []
     with (SHARED / "staubli_tx40" / "TX40_bp_5.csv").open(encoding="utf-8") as file:
         for name, *_, value, percent in csv.reader(file):
             theirs = _combination(_renamed(name), names)
-            mix = theirs[list(fit.columns)]
+            mix = theirs[list(fit.model.columns)]
             if np.abs(theirs - mix @ base).max() > _SAME * np.abs(theirs).max():
                 continue
-            ours, own_sd = float(mix @ fit.values), float(np.sqrt(mix @ fit.covariance @ mix))
+            ours, own_sd = float(mix @ fit.model.values), float(np.sqrt(mix @ fit.covariance @ mix))
             their_sd = abs(float(value)) * float(percent) / 100
             found.append(
                 (name, ours, own_sd, float(value), their_sd, (ours - float(value)) / np.hypot(own_sd, their_sd))

@@ -52,13 +52,12 @@ if TYPE_CHECKING:
         InputError,
     )
     from bumpstop.identification import (
+        DynamicsFit,
         Payload,
         identify_dynamics,
         identify_gains,
         identify_joint_model,
         identify_payload,
-        load_fit,
-        save_fit,
     )
     from bumpstop.joint import (
         JointTorqueModel,
@@ -94,13 +93,12 @@ _HOME = {
     "bumpstop.recording": ("Recording",),
     "bumpstop.joint": ("JointTorqueModel",),
     "bumpstop.identification": (
+        "DynamicsFit",
         "Payload",
         "identify_dynamics",
         "identify_gains",
         "identify_joint_model",
         "identify_payload",
-        "load_fit",
-        "save_fit",
     ),
     "bumpstop.detection": (
         "Detector",
@@ -171,6 +169,7 @@ __all__ = [
     "ContactLimits",
     "Detector",
     "Distribution",
+    "DynamicsFit",
     "EffectivenessStudy",
     "Experiment",
     "InputError",
@@ -198,12 +197,10 @@ __all__ = [
     "identify_joint_model",
     "identify_payload",
     "integrate",
-    "load_fit",
     "load_labels",
     "load_scenario",
     "monte_carlo",
     "robots",
-    "save_fit",
     "score",
     "solve_requirement",
     "stopping_curve",

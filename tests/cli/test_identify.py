@@ -241,7 +241,7 @@ DAMAGE: dict[str, tuple[Any, str]] = {
     "a name twice": (lambda lines: [lines[0].replace("q_2", "q_1"), *lines[1:]], "has 2 columns 'q_1'"),
     "five joints": (lambda lines: [",".join(line.split(",")[:6]) for line in lines], "holds 5 joints"),
     "degrees": (in_degrees, "degrees taken for radians"),
-    "few rows": (lambda lines: lines[:30], "stretch of 50 rows"),
+    "few rows": (lambda lines: lines[:30], "segment of 50 rows"),
 }
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from bumpstop.cli.main import main
 from bumpstop.detection import DetectorSettings, detect, undetectable_forces
-from bumpstop.identification import load_fit
+from bumpstop.identification import DynamicsFit
 from bumpstop.model import Robot, inverse_dynamics
 from bumpstop.recording import Recording
 
@@ -183,9 +183,9 @@ def test_real_arms_by_their_fitted_dynamics(
         )
         assert (json.loads(text)["events"] != []) == alarms
     # Gains that the recordings of the fit did not show: such a joint is watched, but says nothing of forces.
-    fit = load_fit(model)
+    fit = DynamicsFit.load(model).model
     errors = np.where(np.arange(log.dof) == 1, np.inf, 0.0)
-    unscaled = replace(fit, gains=np.ones(log.dof), gain_errors=errors)
+    unscaled = replace(fit, gains=np.ones(log.dof), unscaled=(1,))
     currents = replace(log, current=log.tau, tau=None)
     found = detect(currents, fit.robot, unscaled, 0.5 * largest)
     plain = detect(log, fit.robot, fit, 0.5 * largest)

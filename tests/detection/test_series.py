@@ -9,7 +9,7 @@ import bumpstop as bs
 from bumpstop.arrays import FloatArray
 from bumpstop.detection import DetectorSettings, Thresholds, detect
 from bumpstop.detection.events import STATES
-from bumpstop.identification import DynamicsFit, identify_dynamics
+from bumpstop.identification import DynamicsModel, identify_dynamics
 from bumpstop.recording import Recording
 from detection.moving_arms import UR5E, moving
 
@@ -31,11 +31,11 @@ def log(seed: int, rows: int, lost: tuple[tuple[int, int], ...] = (), push: Floa
 
 
 @pytest.fixture(scope="module")
-def fit() -> DynamicsFit:
-    return identify_dynamics([log(1, 4000), log(2, 4000)], UR5E, cutoff_hz=CUTOFF_HZ)
+def fit() -> DynamicsModel:
+    return identify_dynamics([log(1, 4000), log(2, 4000)], UR5E, cutoff_hz=CUTOFF_HZ).model
 
 
-def test_a_gap_blinds_and_makes_no_alarm(fit: DynamicsFit) -> None:
+def test_a_gap_blinds_and_makes_no_alarm(fit: DynamicsModel) -> None:
     """A lost second: straight lines across it and the filter beside it leave more than the thresholds."""
     whole = detect(log(3, 3000), UR5E, fit, [THETA] * 6)
     assert not whole.blind.any()
@@ -50,7 +50,7 @@ def test_a_gap_blinds_and_makes_no_alarm(fit: DynamicsFit) -> None:
     np.testing.assert_allclose(run.residual[~dark], whole.residual[~dark], atol=0.5)
 
 
-def test_nothing_is_noticed_inside_a_short_gap(fit: DynamicsFit) -> None:
+def test_nothing_is_noticed_inside_a_short_gap(fit: DynamicsModel) -> None:
     """Five lost rows after one that was pushed: what is interpolated from it is no second push."""
     push = np.zeros(3000)
     push[1000] = 60.0
@@ -64,14 +64,14 @@ def test_nothing_is_noticed_inside_a_short_gap(fit: DynamicsFit) -> None:
     assert later.events == ()
 
 
-def test_a_recording_of_nothing_but_gaps_is_all_blind(fit: DynamicsFit) -> None:
+def test_a_recording_of_nothing_but_gaps_is_all_blind(fit: DynamicsModel) -> None:
     lost = tuple((first, first + 60) for first in range(5, 3000, 65))
     run = detect(log(3, 3000, lost), UR5E, fit, [0.1] * 6)
     assert run.blind.all()
     assert run.events == ()
 
 
-def test_a_day_between_two_motions_is_refused(fit: DynamicsFit) -> None:
+def test_a_day_between_two_motions_is_refused(fit: DynamicsModel) -> None:
     """An even grid across it would have twenty million rows."""
     whole = log(3, 3000)
     later = np.where(np.arange(3000) < 1500, whole.t, whole.t + 86_400)
@@ -79,7 +79,7 @@ def test_a_day_between_two_motions_is_refused(fit: DynamicsFit) -> None:
         detect(Recording(t=later, q=whole.q, tau=whole.tau), UR5E, fit, [THETA] * 6)
 
 
-def test_a_gap_is_no_quiet_time(fit: DynamicsFit) -> None:
+def test_a_gap_is_no_quiet_time(fit: DynamicsModel) -> None:
     """Pushed into a gap of a second: nobody knows whether it was quiet in there, and quiet counts from its end."""
     push = np.zeros(3000)
     push[900:1000] = 60.0
@@ -89,7 +89,7 @@ def test_a_gap_is_no_quiet_time(fit: DynamicsFit) -> None:
     assert run.t[alarm] == pytest.approx(run.t[first] + 2.0, abs=1.5 * DT)
 
 
-def test_the_fast_channel_begins_anew_behind_a_gap(fit: DynamicsFit) -> None:
+def test_the_fast_channel_begins_anew_behind_a_gap(fit: DynamicsModel) -> None:
     """A constant error that comes in a gap looks like no blow behind it, as at the beginning of a recording."""
     push = np.zeros(3000)
     push[1020:] = 6.0
@@ -98,7 +98,7 @@ def test_the_fast_channel_begins_anew_behind_a_gap(fit: DynamicsFit) -> None:
     assert detect(log(3, 3000, ((1000, 1050),), push), UR5E, fit, law).events == ()
 
 
-def test_what_was_found_at_another_rate_is_refused(fit: DynamicsFit) -> None:
+def test_what_was_found_at_another_rate_is_refused(fit: DynamicsModel) -> None:
     recording = log(3, 3000)
     with pytest.raises(bs.InputError, match=r"a row every 0\.004 s; the detector is made for thresholds period_s"):
         detect(recording, UR5E, fit, Thresholds(np.full(6, THETA), period_s=0.02))

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 import bumpstop as bs
-from bumpstop.identification import JointMotion, held_share, motor_current
+from bumpstop.identification import JointMotion, motor_current, stiction_share
 from bumpstop.identification.segments.drive_samples import without_rotors
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
 from bumpstop.model import inverse_dynamics
@@ -92,7 +92,7 @@ def driven(
     torque = inverse_dynamics(without_rotors(robot), q, qd, qdd)
     current = np.empty_like(torque)
     for j, joint in enumerate(model.joints):
-        held = held_share(qd[:, j], joint.rest_speed)
+        held = stiction_share(qd[:, j], joint.rest_speed)
         current[:, j] = motor_current(joint, JointMotion(torque[:, j], qd[:, j], qdd[:, j], held))
     current += noise * lfilter([0.6], [1, -0.8], rng.normal(size=current.shape), axis=0)
     kept = rng.random(t.size) >= lost

@@ -11,7 +11,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.identification import consistent_inertias, identify_dynamics
 from bumpstop.identification.dynamics.physical_consistency import _derivative, _matrix, _start
-from bumpstop.identification.payload.payload_fit import parameters_of, pseudo_inertia
+from bumpstop.identification.payload.tip_parameters import parameters_of, pseudo_inertia
 from bumpstop.model import LinkInertia, inverse_dynamics, mass_matrix, write_urdf
 from identification.test_dynamics_fit import excited, planted
 

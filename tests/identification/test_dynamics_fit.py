@@ -15,8 +15,6 @@ from bumpstop.identification import (
     identify_dynamics,
     inertial_names,
     inertial_regressor,
-    load_fit,
-    save_fit,
 )
 from bumpstop.identification.statistics.essential_parameters import essential_values
 from bumpstop.model import inverse_dynamics
@@ -58,7 +56,7 @@ def planted(robot: bs.Robot, seed: int, *, noise: float = 0.6, seconds: float = 
 
 def parameter(fit: DynamicsFit, name: str) -> tuple[float, float]:
     place = [own.split()[0] for own in fit.names].index(name)
-    return float(fit.values[place]), float(fit.standard_errors[place])
+    return float(fit.model.values[place]), float(fit.errors[place])
 
 
 def test_regressor_times_parameters_is_newton_euler() -> None:
@@ -107,7 +105,7 @@ def test_intervals_hold_under_correlated_noise() -> None:
 def test_the_cut_off_is_chosen_by_held_out_error() -> None:
     robot = bs.Robot.load("ur5e")
     fit = identify_dynamics(planted(robot, 4, seconds=8.0), robot)
-    assert fit.held_out[fit.cutoff_hz] <= 1.01 * min(fit.held_out.values())
+    assert fit.held_out[fit.model.cutoff_hz] <= 1.01 * min(fit.held_out.values())
     assert len(fit.held_out) > 3
 
 
@@ -130,23 +128,23 @@ def test_predictions_leave_out_what_is_not_told_from_zero(tmp_path: Path) -> Non
     """On unseen noiseless motion the essential values predict better; intervals are of all base parameters."""
     robot = bs.Robot.load("ur10e")
     fit = identify_dynamics(planted(robot, 27, noise=3.0, seconds=10.0), robot, cutoff_hz=6.0)
-    assert fit.predicting is not None
-    assert 0 < np.count_nonzero(fit.predicting) < fit.values.size
-    every = replace(fit, predicting=None)
+    assert fit.model.predicting is not None
+    assert 0 < np.count_nonzero(fit.model.predicting) < fit.model.values.size
+    every = replace(fit, model=replace(fit.model, predicting=None))
     other = planted(robot, 8, noise=0.0)
     errors = [np.mean([score.rmse**2 for score in own.score(other)]) for own in (fit, every)]
     assert errors[0] < errors[1]
     path = tmp_path / "model.toml"
-    save_fit(fit, path, robot={"robot": "ur10e"}, created_from=[])
-    assert np.array_equal(load_fit(path).predicting, fit.predicting)
+    fit.save(path)
+    assert np.array_equal(DynamicsFit.load(path).model.predicting, fit.model.predicting)
     # Files from before hold no such values; those with some of them are damaged.
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join(line for line in lines if not line.startswith("predicting")), encoding="utf-8")
-    assert load_fit(path).predicting is None
+    assert DynamicsFit.load(path).model.predicting is None
     lines.pop(next(i for i, line in enumerate(lines) if line.startswith("predicting")))
     path.write_text("".join(lines), encoding="utf-8")
     with pytest.raises(bs.InputError, match="only some parameters"):
-        load_fit(path)
+        DynamicsFit.load(path)
 
 
 def test_files_repeat_the_fit(tmp_path: Path) -> None:
@@ -154,8 +152,8 @@ def test_files_repeat_the_fit(tmp_path: Path) -> None:
     log = planted(robot, 5, seconds=12.0)
     fit = identify_dynamics(log, robot, cutoff_hz=6.0, couplings=[[(4, 1.0), (5, 1.0)]])
     path = tmp_path / "model.toml"
-    save_fit(fit, path, robot={"robot": "ur5e"}, created_from=["here"])
-    again = load_fit(path)
+    fit.save(path)
+    again = DynamicsFit.load(path)
     assert again.names == fit.names
     assert [score.rmse for score in again.score(log)] == [score.rmse for score in fit.score(log)]
     for spoil, message in (
@@ -174,8 +172,8 @@ def test_files_repeat_the_fit(tmp_path: Path) -> None:
     ):
         path.write_text(spoil(path.read_text(encoding="utf-8")), encoding="utf-8")
         with pytest.raises(bs.InputError, match=message):
-            load_fit(path)
-        save_fit(fit, path, robot={"robot": "ur5e"}, created_from=["here"])
+            DynamicsFit.load(path)
+        fit.save(path)
 
 
 def test_what_cannot_be_fitted_is_refused() -> None:
@@ -194,7 +192,7 @@ def test_friction_bends_where_it_does() -> None:
     robot = bs.Robot.load("ur10e")
     log, other = planted(robot, 3, seconds=15.0), planted(robot, 4, noise=0.0, seconds=10.0)
     straight = identify_dynamics(log, robot, cutoff_hz=6.0)
-    assert straight.top_speed is None
+    assert straight.model.top_speed is None
 
     def with_root(one: Recording) -> Recording:
         assert one.qd is not None
@@ -202,11 +200,11 @@ def test_friction_bends_where_it_does() -> None:
         return replace(one, tau=one.tau + 8.0 * np.sign(one.qd) * np.sqrt(np.abs(one.qd)) / (1 + np.arange(robot.dof)))
 
     fit = identify_dynamics(with_root(log), robot, cutoff_hz=6.0)
-    assert fit.top_speed is not None
-    bent = np.flatnonzero(np.isfinite(fit.top_speed))
+    assert fit.model.top_speed is not None
+    bent = np.flatnonzero(np.isfinite(fit.model.top_speed))
     assert bent.size >= 3  # joints whose motion shows it beyond chance
     for j in bent:
-        top = fit.top_speed[j]
+        top = fit.model.top_speed[j]
         value, error = parameter(fit, f"bend_{j + 1}")
         assert abs(value - 8.0 * np.sqrt(top) / (1 + j)) < 4 * error, j
     assert min(score.r2 for score in fit.score(with_root(other))) > 0.995

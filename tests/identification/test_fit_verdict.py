@@ -13,6 +13,7 @@ import bumpstop as bs
 from bumpstop.identification import (
     DynamicsFit,
     FitVerdict,
+    Quantity,
     compare_currents,
     identify_dynamics,
     identify_gains,
@@ -23,12 +24,10 @@ from bumpstop.identification import (
     judge_joint_model,
     judge_payload,
     judge_predictions,
-    load_fit,
-    save_fit,
     with_payload,
 )
 from bumpstop.identification.segments.current_shift import shift_of, tell_shifts
-from bumpstop.identification.segments.motion import EvenMotion
+from bumpstop.identification.segments.motion import UniformMotion
 from bumpstop.identification.segments.recorded_columns import clipped_share
 from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.model import inverse_dynamics
@@ -151,15 +150,15 @@ def test_joints_that_rest_are_told() -> None:
 def test_validation_says_what_lies_outside_the_fit(tmp_path: Path) -> None:
     robot, log, fit = good()
     path = tmp_path / "model.toml"
-    save_fit(fit, path, robot={"robot": "ur10e"}, created_from=[], verdict="usable")
-    again = load_fit(path)
+    fit.save(path)
+    again = DynamicsFit.load(path)
     assert again.seen is not None
     assert fit.seen is not None
     np.testing.assert_array_equal(again.seen.low, fit.seen.low)
 
     def judged(other: Recording) -> FitVerdict:
-        rows = again.rows(other)
-        return judge_predictions(again, rows, again.score_rows(rows), again.cutoff_hz)
+        rows = again.model.rows(other)
+        return judge_predictions(again, rows, again.model.compare_rows(rows).scores(), again.model.cutoff_hz)
 
     assert not [warning for warning in judged(log).warnings if "outside" in warning]
     assert log.tau is not None
@@ -182,7 +181,7 @@ def test_a_range_is_left_by_more_than_its_margin() -> None:
     def told(q: float, qd: float, rows: int) -> list[str]:
         position, rate = np.zeros((100, 1)), np.zeros((100, 1))
         position[:rows], rate[:rows] = q, qd
-        return seen.outside(EvenMotion(np.arange(100.0), position, rate, 0 * rate, 1.0), ["a"])
+        return seen.outside(UniformMotion(np.arange(100.0), position, rate, 0 * rate, 1.0), ["a"])
 
     assert told(1.09, 2.09, 100) == []  # within 5 % of a width of 2, and of a speed of 2
     assert told(-1.2, 0.0, 1) == []  # one row of a hundred
@@ -300,9 +299,9 @@ def test_payloads_are_judged() -> None:
     assert verdict.status == "usable", verdict.reasons()
     assert verdict.condition is not None
     assert verdict.held_out is not None
-    less = judge_payload(replace(found, values={**found.values, "m": -1.0}), log, robot)
+    less = judge_payload(replace(found, parameters={**found.parameters, "m": Quantity(-1.0, "kg")}), log, robot)
     assert any("mass comes out as -1 kg" in fault for fault in less.faults)
-    unseen = judge_payload(replace(found, values={**found.values, "m": None}), log, robot)
+    unseen = judge_payload(replace(found, parameters={**found.parameters, "m": Quantity(None, "kg")}), log, robot)
     assert unseen.status == "not usable"
     assert log.current is not None
     lying = replace(log, current=log.current.copy(), q=np.tile(log.q[:1], (log.t.size, 1)))

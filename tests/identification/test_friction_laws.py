@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.identification import DynamicsFit, Payload, identify_dynamics, identify_gains, load_fit, save_fit
+from bumpstop.identification import DynamicsFit, Payload, identify_dynamics, identify_gains
 from bumpstop.identification.segments.rest import resting, used_rows
-from bumpstop.identification.segments.torque_samples import TorqueRows
+from bumpstop.identification.segments.torque_samples import TorqueSamples
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from identification.test_dynamics_fit import COULOMB, ROTOR, VISCOUS, excited, parameter, planted
@@ -37,8 +37,8 @@ def with_laws(log: Recording, robot: bs.Robot) -> Recording:
 
 
 def laws_of(fit: DynamicsFit) -> tuple[list[int], list[int]]:
-    bent = [] if fit.top_speed is None else np.flatnonzero(np.isfinite(fit.top_speed)).tolist()
-    return bent, list(fit.loaded)
+    bent = [] if fit.model.top_speed is None else np.flatnonzero(np.isfinite(fit.model.top_speed)).tolist()
+    return bent, list(fit.model.loaded)
 
 
 def test_each_joint_takes_its_own_law(tmp_path: Path) -> None:
@@ -52,16 +52,16 @@ def test_each_joint_takes_its_own_law(tmp_path: Path) -> None:
     other = with_laws(planted(robot, 4, noise=0.0, seconds=10.0), robot)
     assert min(score.r2 for score in fit.score(other)) > 0.99
     path = tmp_path / "model.toml"
-    save_fit(fit, path, robot={"robot": "ur10e"}, created_from=[])
-    again = load_fit(path)
+    fit.save(path)
+    again = DynamicsFit.load(path)
     assert laws_of(again) == laws_of(fit)
-    assert again.predicted_by_all == fit.predicted_by_all
+    assert again.model.predicted_by_all == fit.model.predicted_by_all
     assert [score.rmse for score in again.score(other)] == [score.rmse for score in fit.score(other)]
     text = path.read_text(encoding="utf-8")
     for spoil in ("loaded = [9] #", "loaded = [3, 3] #"):
         path.write_text(text.replace("loaded = ", spoil), encoding="utf-8")
         with pytest.raises(bs.InputError, match="loaded is no list of joints from 1 to 6"):
-            load_fit(path)
+            DynamicsFit.load(path)
 
 
 def test_each_joint_takes_its_own_law_from_currents() -> None:
@@ -127,7 +127,7 @@ def test_rows_at_rest_stay_out(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = identify_dynamics(log, robot, cutoff_hz=6.0)
     assert fit.rows_at_rest is not None
     assert (fit.rows_at_rest > 0.2 * fit.rows_used).all()
-    monkeypatch.setattr(TorqueRows, "used", property(lambda rows: np.ones_like(rows.rests)))
+    monkeypatch.setattr(TorqueSamples, "used", property(lambda rows: np.ones_like(rows.rests)))
     every = identify_dynamics(log, robot, cutoff_hz=6.0)
     found: dict[str, list[float]] = {"own": [], "every": []}
     for name, own in (("own", fit), ("every", every)):
@@ -157,7 +157,7 @@ def test_ends_stay_out() -> None:
     robot = bs.Robot.load("ur5e")
     t, q, _, qdd = excited(robot, 20.0, 100.0, 3)
     log = Recording(t=t, q=q, tau=np.zeros_like(q))
-    rows = TorqueRows.of([log], robot, 2.0, filters_hz=(8.0,))
+    rows = TorqueSamples.of([log], robot, 2.0, filters_hz=(8.0,))
     assert rows.motion.t[0] == pytest.approx(0.5, abs=0.06)
     assert rows.motion.t[-1] == pytest.approx(t[-1] - 0.5, abs=0.06)
     assert rows.rows_at_ends == pytest.approx(100, abs=2)
@@ -168,7 +168,7 @@ def test_ends_stay_out() -> None:
     slow = np.stack([np.interp(around.t, t, qdd[:, j]) for j in range(6)], axis=1)
     assert np.abs(slow - around.qdd).max() > 0.5 * np.abs(qdd).max()
     # Of a short one no more than a twentieth at either end.
-    short = TorqueRows.of([log.between(3.0, 5.0)], robot, 2.0)
+    short = TorqueSamples.of([log.between(3.0, 5.0)], robot, 2.0)
     assert short.rows_at_ends == pytest.approx(20, abs=2)
 
 
@@ -177,17 +177,17 @@ def test_cut_offs_are_compared_on_the_same_rows(monkeypatch: pytest.MonkeyPatch)
     robot = bs.Robot.load("ur5e")
     monkeypatch.setattr("bumpstop.identification.dynamics.dynamics_model_selection.ENOUGH_TO_CHOOSE", 1500)
     seen: list[Any] = []
-    made = TorqueRows.of.__func__  # type: ignore[attr-defined]
+    made = TorqueSamples.of.__func__  # type: ignore[attr-defined]
 
-    def of(cls: type, *args: Any, **options: Any) -> TorqueRows:
-        rows: TorqueRows = made(cls, *args, **options)
+    def of(cls: type, *args: Any, **options: Any) -> TorqueSamples:
+        rows: TorqueSamples = made(cls, *args, **options)
         if "rate_hz" in options:
             seen.append(rows)
         return rows
 
-    monkeypatch.setattr(TorqueRows, "of", classmethod(of))
+    monkeypatch.setattr(TorqueSamples, "of", classmethod(of))
     fit = identify_dynamics(planted(robot, 1, seconds=40.0), robot)
     assert len(seen) == len(fit.held_out) > 3
     assert all(np.array_equal(rows.motion.t, seen[0].motion.t) for rows in seen)
     assert all(rows.rows_whole > 3000 > rows.motion.t.size for rows in seen)
-    assert fit.held_out[fit.cutoff_hz] <= 1.01 * min(fit.held_out.values())
+    assert fit.held_out[fit.model.cutoff_hz] <= 1.01 * min(fit.held_out.values())

@@ -9,11 +9,10 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.identification import (
+    DynamicsFit,
     identify_dynamics,
     identify_gains,
     identify_payload,
-    load_fit,
-    save_fit,
     with_payload,
 )
 from bumpstop.model import inverse_dynamics
@@ -44,9 +43,9 @@ def test_dynamics_of_a_mounted_arm(gravity: tuple[float, float, float], tmp_path
     other = hung(robot, 2, gravity=gravity)
     assert min(score.r2 for score in fit.score(other)) > 0.99
     path = tmp_path / "arm.toml"
-    save_fit(fit, path, robot={"robot": "ur5e"}, created_from=[])
-    again = load_fit(path)
-    assert again.gravity == gravity
+    fit.save(path)
+    again = DynamicsFit.load(path)
+    assert again.model.gravity == gravity
     assert [score.r2 for score in again.score(other)] == [score.r2 for score in fit.score(other)]
     assert ("mx_1" in fit.unseen) == (gravity == CEILING)
     if gravity == WALL:
@@ -58,17 +57,17 @@ def test_gains_of_a_mounted_arm() -> None:
     robot = bs.Robot.load("ur5e")
     known = {robot.joints[1].name: GAIN}
     fit = identify_gains(hung(robot, 1, gravity=WALL), robot, known=known, cutoff_hz=6.0, gravity=WALL)
-    assert fit.gains is not None
+    assert fit.model.gains is not None
     assert fit.gain_errors is not None
-    assert np.abs(fit.gains[:3] - GAIN).max() < 4 * fit.gain_errors[:3].max()
-    assert fit.gravity == WALL
+    assert np.abs(fit.model.gains[:3] - GAIN).max() < 4 * fit.gain_errors[:3].max()
+    assert fit.model.gravity == WALL
 
 
 def test_a_payload_of_a_mounted_arm() -> None:
     robot = bs.Robot.load("ur5e")
     log = hung(with_payload(robot, MASS, CENTER), 3, gravity=WALL)
     fit = identify_payload(log, robot, gravity=WALL)
-    assert fit.values["m"] == pytest.approx(MASS, rel=0.03)
+    assert fit.parameters["m"].value == pytest.approx(MASS, rel=0.03)
     assert fit.center == pytest.approx(CENTER, abs=0.01)
 
 
@@ -78,8 +77,8 @@ def test_a_payload_beside_fitted_dynamics() -> None:
     bare = identify_dynamics(hung(robot, 1), robot, cutoff_hz=6.0)
     log = hung(with_payload(robot, MASS, CENTER), 3)
     nothing = with_payload(robot, 20.0, (0.0, 0.0, 0.3))  # an inertia that is wrong by as much
-    fit = identify_payload(log, nothing, dynamics=bare)
-    assert fit.values["m"] == pytest.approx(MASS, rel=0.03)
+    fit = identify_payload(log, nothing, dynamics=bare.model)
+    assert fit.parameters["m"].value == pytest.approx(MASS, rel=0.03)
     assert fit.center == pytest.approx(CENTER, abs=0.01)
 
 
@@ -88,7 +87,7 @@ def test_a_known_mass_shows_its_centre() -> None:
     robot = bs.Robot.load("ur5e")
     log = hung(with_payload(robot, MASS, CENTER), 3)
     free, given = identify_payload(log, robot), identify_payload(log, robot, mass=MASS)
-    assert (given.values["m"], given.standard_errors["m"]) == (MASS, 0.0)
+    assert (given.parameters["m"].value, given.standard_errors["m"]) == (MASS, 0.0)
     assert given.center is not None
     assert given.center_errors is not None
     assert free.center_errors is not None

@@ -10,7 +10,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.identification import identify_payload, inertial_regressor, with_payload
-from bumpstop.identification.payload.payload_fit import parameters_of, pseudo_inertia
+from bumpstop.identification.payload.tip_parameters import parameters_of, pseudo_inertia
 from bumpstop.identification.segments.drive_samples import without_rotors
 from bumpstop.identification.statistics.robust_fit import visible_share
 from bumpstop.model import LinkInertia, inverse_dynamics
@@ -37,9 +37,9 @@ def test_from_currents_with_a_joint_model() -> None:
         assert fit.center is not None
         assert fit.center_errors is not None
         assert fit.standard_errors["m"] is not None
-        inside += [abs(fit.values["m"] - MASS) / fit.standard_errors["m"]]
+        inside += [abs(fit.parameters["m"].value - MASS) / fit.standard_errors["m"]]
         inside += [abs(c - truth) / e for c, truth, e in zip(fit.center, CENTER, fit.center_errors, strict=True)]
-        assert fit.values["m"] == pytest.approx(MASS, rel=0.05)
+        assert fit.parameters["m"].value == pytest.approx(MASS, rel=0.05)
     # Sixteen intervals at 95 %: three outside has a chance of 1 in 25, four 1 in 140.
     assert sum(z < 1.96 for z in inside) >= 13, inside
 
@@ -51,9 +51,9 @@ def test_from_torques_beside_friction_and_with_second_moments() -> None:
     tau = inverse_dynamics(carrying, q, qd, qdd) + 2.0 * np.sign(qd) + 1.5 * qd + 0.4
     tau += 0.05 * np.random.default_rng(3).normal(size=tau.shape)
     fit = identify_payload(Recording(t=t, q=q, tau=tau), robot, inertia=True, cutoff_hz=8.0)
-    assert fit.values["m"] == pytest.approx(MASS, rel=0.03)
+    assert fit.parameters["m"].value == pytest.approx(MASS, rel=0.03)
     assert fit.center == pytest.approx(CENTER, abs=0.01)
-    assert set(fit.values) >= {"Ixx", "Iyz"}
+    assert set(fit.parameters) >= {"Ixx", "Iyz"}
 
 
 @pytest.mark.parametrize("lost", [(), ((5.0, 6.0), (9.0, 11.0))])
@@ -70,12 +70,12 @@ def test_an_arm_that_moves_at_the_ends_of_stretches_shows_its_payload(lost: tupl
         for start, end in lost:
             kept &= (t <= start) | (t >= end)
         fit = identify_payload(Recording(t=t[kept], q=q[kept], tau=tau[kept]), robot)
-        mass, error = fit.values["m"], fit.standard_errors["m"]
+        mass, error = fit.parameters["m"].value, fit.standard_errors["m"]
         assert mass is not None
         assert error is not None
         assert mass == pytest.approx(MASS, abs=0.05)
         deviations.append((mass - MASS) / error)
-        # 0.2 s at 5 Hz at each end of each stretch.
+        # 0.2 s at 5 Hz at each end of each segment.
         assert fit.rows_left == pytest.approx(50 * 2 * (1 + len(lost)), abs=4)
     # The mean of eight, in standard errors of the mean.
     assert abs(np.mean(deviations)) * math.sqrt(8) < 3
@@ -128,9 +128,9 @@ def test_a_moment_that_no_joint_can_feel_is_not_seen() -> None:
     fit = identify_payload(Recording(t=t, q=q, tau=tau), robot)
     assert fit.unseen == ("my",)
     assert fit.center is None
-    assert fit.values["m"] == pytest.approx(MASS, abs=0.05)
-    assert fit.values["mx"] == pytest.approx(0.05 * MASS, abs=0.03)
-    assert fit.values["mz"] == pytest.approx(0.1 * MASS, abs=0.03)
+    assert fit.parameters["m"].value == pytest.approx(MASS, abs=0.05)
+    assert fit.parameters["mx"].value == pytest.approx(0.05 * MASS, abs=0.03)
+    assert fit.parameters["mz"].value == pytest.approx(0.1 * MASS, abs=0.03)
 
 
 def test_visible_share_is_what_is_left_after_the_other_columns() -> None:

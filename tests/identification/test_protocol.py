@@ -20,7 +20,7 @@ from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.model import JointParameters, Parameter
 from bumpstop.recording import Recording
 from bumpstop.reproduction.schroeder2013 import fit_comparison
-from bumpstop.reproduction.schroeder2013.fit_comparison import GeneralBeside, general_beside
+from bumpstop.reproduction.schroeder2013.fit_comparison import FitComparison, compare_fits
 from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit, ProtocolJoint, identify_protocol
 from bumpstop.reproduction.schroeder2013.protocol_page import write_protocol_report
 from bumpstop.reproduction.schroeder2013.protocol_steps import joint_torque
@@ -73,8 +73,8 @@ def fit(plan: IdentificationPlan, recordings: list[Recording]) -> ProtocolFit:
 
 
 @pytest.fixture(scope="module")
-def beside(fit: ProtocolFit, recordings: list[Recording]) -> GeneralBeside:
-    return general_beside(fit, recordings)
+def beside(fit: ProtocolFit, recordings: list[Recording]) -> FitComparison:
+    return compare_fits(fit, recordings)
 
 
 def test_simulated_currents_give_the_torque_back(plan: IdentificationPlan) -> None:
@@ -112,7 +112,7 @@ def test_planted_figures_are_recovered(fit: ProtocolFit) -> None:
             assert error < near[name] * truth.value(name), (joint.experiment.name, name)
 
 
-def test_the_general_fit_finds_the_same(beside: GeneralBeside) -> None:
+def test_the_general_fit_finds_the_same(beside: FitComparison) -> None:
     """Two ways to a figure: both near the truth, and differences told in what both are uncertain by together."""
     assert beside.why_not == ""
     assert [pair.general.name for pair in beside.joints] == [pair.protocol.experiment.name for pair in beside.joints]
@@ -144,13 +144,13 @@ def test_a_joint_that_cannot_be_fitted_leaves_the_others(fit: ProtocolFit, recor
     fitted = fit_comparison._fitted
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fit_comparison, "_fitted", refused)
-        found = general_beside(fit, recordings)
+        found = compare_fits(fit, recordings)
     assert [pair.general.name for pair in found.joints] == ["elbow_joint"]
     assert found.why_not == "joint shoulder_lift_joint: its map is not monotone"
     assert found.rows_used > 0
 
 
-def test_what_is_not_the_same_thing_is_not_compared(beside: GeneralBeside) -> None:
+def test_what_is_not_the_same_thing_is_not_compared(beside: FitComparison) -> None:
     pair = beside.joints[0]
     other = replace(pair.protocol, map="load_dependent")
     assert replace(pair, protocol=other).difference("A") is None
@@ -169,7 +169,7 @@ def test_the_protocol_stands_without_a_general_fit(
     log = recordings[0]
     assert log.current is not None
     scrap = Recording(t=log.t[:40], q=log.q[:40], current=log.current[:40])
-    without = general_beside(fit, [scrap])
+    without = compare_fits(fit, [scrap])
     assert without.joints == ()
     assert "50 rows" in without.why_not
     write_protocol_report(fit, tmp_path, without)
@@ -189,7 +189,7 @@ def test_the_general_fit_knows_the_plans_gravity() -> None:
     log = simulated_recording(
         tilted.loaded, planted(), tilted.path(one), rate_hz=125.0, noise=NOISE, seed=1, gravity=gravity
     )
-    (pair,) = general_beside(identify_protocol(tilted, [log]), [log]).joints
+    (pair,) = compare_fits(identify_protocol(tilted, [log]), [log]).joints
     for parameter in pair.pair("B"):
         assert parameter is not None
         assert parameter.value == pytest.approx(10.0, rel=0.05)
@@ -351,10 +351,10 @@ def test_the_law_of_friction_is_chosen_by_strokes_it_was_not_fitted_to(
         assert abs(parameter.value - value) < 5 * parameter.standard_error, name
     model = found.model()
     assert model.joints[0].friction == "load_dependent"
-    assert "load" in protocol_json(found, GeneralBeside((), np.nan, 0, ""), [log])["joints"][1]["parameters"]
+    assert "load" in protocol_json(found, FitComparison((), np.nan, 0, ""), [log])["joints"][1]["parameters"]
 
 
-def test_a_protocol_is_judged(fit: ProtocolFit, beside: GeneralBeside, recordings: list[Recording]) -> None:
+def test_a_protocol_is_judged(fit: ProtocolFit, beside: FitComparison, recordings: list[Recording]) -> None:
     verdict = judge_protocol(fit, beside, recordings)
     # Two joints of four were recorded.
     assert [warning.split()[0] for warning in verdict.warnings] == ["wrist_1_joint", "wrist_2_joint"]

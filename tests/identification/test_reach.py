@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from bumpstop.identification.segments.motion import REACH_SHARE, EvenMotion, lowpass, lowpass_reach
-from bumpstop.identification.segments.padded_segments import Reach
+from bumpstop.identification.segments.motion import REACH_SHARE, UniformMotion, lowpass, lowpass_reach
+from bumpstop.identification.segments.padded_segments import PaddedSegments
 
 RATE = 10.0
 # Of a signal of 1000 rows: its beginning, which has no margin before it, then two blocks with margins.
@@ -15,29 +15,29 @@ BLOCKS, MARGINS = ((0, 150), (400, 520), (700, 800)), ((0, 100), (90, 60), (100,
 SIGNAL = np.random.default_rng(2).normal(size=(1000, 3)).cumsum(axis=0)
 
 
-def made() -> Reach:
+def made() -> PaddedSegments:
     """Three blocks of the signal, which stands for positions and for what is carried."""
-    pieces, stretches, kept, start = [], [], [], 0
+    pieces, segments, kept, start = [], [], [], 0
     for (first, last), (before, after) in zip(BLOCKS, MARGINS, strict=True):
         pieces.append(np.arange(first - before, last + after))
-        stretches.append(slice(start, start + pieces[-1].size))
+        segments.append(slice(start, start + pieces[-1].size))
         kept.append(slice(start + before, start + before + last - first))
-        start = stretches[-1].stop
+        start = segments[-1].stop
     places = np.concatenate(pieces)
     x = SIGNAL[places]
-    motion = EvenMotion(places / RATE, x, x, x, RATE)
-    return Reach(motion, x, tuple(stretches), tuple(kept), (RATE,) * 3)
+    motion = UniformMotion(places / RATE, x, x, x, RATE)
+    return PaddedSegments(motion, x, tuple(segments), tuple(kept), (RATE,) * 3)
 
 
 def test_margins_go_through_the_filter_and_are_cut_off() -> None:
-    """Blocks out of the whole signal's filter beside those of the margins', narrowed to the filter or not."""
+    """Blocks out of the whole signal's filter beside those of the margins', trimmed to the filter or not."""
     reach = made()
     own = np.concatenate([SIGNAL[first:last] for first, last in BLOCKS])
     assert np.array_equal(reach.within(reach.carried), own)
-    assert not reach.bare
+    assert not reach.unpadded
     smooth = lowpass(SIGNAL, RATE, 2.0)
     wanted = np.concatenate([smooth[first:last] for first, last in BLOCKS])
-    narrow = reach.narrowed(2.0)
+    narrow = reach.trimmed(2.0)
     margin = lowpass_reach(RATE, 2.0)
     assert margin < 60
     assert narrow.motion.t.size == own.shape[0] + 5 * margin
@@ -47,8 +47,8 @@ def test_margins_go_through_the_filter_and_are_cut_off() -> None:
         columns = np.stack([some.carried, 0 * some.carried], axis=2)  # one of them does nothing
         assert np.array_equal(some.filtered(columns, 2.0), np.stack([filtered, 0 * filtered], axis=2))
     # Without margins every block has ends of its own, which are felt far above the margins' share.
-    bare = narrow.narrowed(100.0)
-    assert bare.bare
+    bare = narrow.trimmed(100.0)
+    assert bare.unpadded
     assert np.array_equal(bare.within(bare.carried), own)
     assert np.abs(bare.filtered(bare.carried, 2.0) - wanted).max() > 1e-3 * np.ptp(SIGNAL)
 
@@ -66,7 +66,7 @@ def test_parts_take_their_margins_with_them() -> None:
         ):
             within[a:b], around[wide_a:wide_b] = part, part
         assert np.array_equal(reach.within(around), within)
-        for whole, rows in zip(reach.stretches, reach.kept, strict=True):
+        for whole, rows in zip(reach.segments, reach.kept, strict=True):
             assert (around[whole.start : rows.start] == around[rows.start]).all()
             assert (around[rows.stop : whole.stop] == around[rows.stop - 1]).all()
     # An edge where a block ends parts the margins of both.

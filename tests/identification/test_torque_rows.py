@@ -20,10 +20,9 @@ from bumpstop.identification import (
     with_payload,
 )
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF, System
-from bumpstop.identification.dynamics.regressor_columns import torque_columns, torque_of
+from bumpstop.identification.dynamics.regressor_columns import regressor_columns, torque_of
 from bumpstop.identification.segments.motion import REACH_SHARE, lowpass
-from bumpstop.identification.segments.torque_samples import TorqueRows
-from bumpstop.identification.validation import compare_dynamics
+from bumpstop.identification.segments.torque_samples import TorqueSamples
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
@@ -51,13 +50,13 @@ def test_stretches_never_mix() -> None:
     """Rows of two recordings are those of each, one after the other; on both sides of a gap a period is left away."""
     robot = bs.Robot.load("ur5e")
     logs = [planted(robot, seed, seconds=6.0) for seed in (1, 2)]
-    alone = [TorqueRows.of([log], robot, 5.0) for log in logs]
-    both = TorqueRows.of(logs, robot, 5.0)
-    gap = TorqueRows.of([joined(*logs, 0.7)], robot, 5.0)
-    assert [rows.stop - rows.start for rows in both.stretches] == [rows.motion.t.size for rows in alone]
+    alone = [TorqueSamples.of([log], robot, 5.0) for log in logs]
+    both = TorqueSamples.of(logs, robot, 5.0)
+    gap = TorqueSamples.of([joined(*logs, 0.7)], robot, 5.0)
+    assert [rows.stop - rows.start for rows in both.segments] == [rows.motion.t.size for rows in alone]
     assert both.rows_beside_gaps == 0
     # A period of 5 Hz is left away at ends and beside gaps alike.
-    sizes = [rows.stop - rows.start for rows in gap.stretches]
+    sizes = [rows.stop - rows.start for rows in gap.segments]
     assert all(abs(own.motion.t.size - size) < 2 for own, size in zip(alone, sizes, strict=True))
     assert abs(gap.rows_beside_gaps - 2 * 0.2 * logs[0].rate_hz) <= 2
     for name in NAMES[1:]:
@@ -67,7 +66,7 @@ def test_stretches_never_mix() -> None:
         parts = [own.torque_below(cutoff) for own in alone]
         np.testing.assert_allclose(both.torque_below(cutoff), np.concatenate(parts), rtol=1e-8, atol=1e-8)
     # Without the gap the jump from one to the other is filtered as if the arm had made it.
-    through = TorqueRows.of([joined(*logs, 0.01)], robot, 5.0)
+    through = TorqueSamples.of([joined(*logs, 0.01)], robot, 5.0)
     assert np.abs(through.motion.qdd).max() > 2 * np.abs(both.motion.qdd).max()
 
 
@@ -79,8 +78,8 @@ def test_no_spikes_beside_gaps() -> None:
     for lost in range(3, 39, 3):
         kept[(t > lost) & (t < lost + 0.5)] = False
     log = Recording(t=t[kept], q=q[kept], tau=np.zeros_like(q[kept]))
-    rows = TorqueRows.of([log], robot, 5.0)
-    assert len(rows.stretches) == 13
+    rows = TorqueSamples.of([log], robot, 5.0)
+    assert len(rows.segments) == 13
     error = np.stack([np.interp(rows.motion.t, t, qdd[:, j]) - rows.motion.qdd[:, j] for j in range(6)])
     middle = (rows.motion.t > 3) & (rows.motion.t < 39)
     # With nothing left away it is wrong by 2.4 times its root mean square beside a gap, with a period by half of it.
@@ -93,7 +92,7 @@ def test_torque_is_filtered_before_it_is_thinned() -> None:
     t, q, qd, _ = excited(robot, 10.0, 1000.0, 1)
     hum = np.sin(2 * np.pi * 90.3 * t)
     log = Recording(t=t, q=q, qd=qd, tau=np.tile(hum[:, None], (1, robot.dof)))
-    rows = TorqueRows.of([log], robot, 3.0)
+    rows = TorqueSamples.of([log], robot, 3.0)
     assert rows.motion.rate_hz == pytest.approx(30.3, rel=0.01)
     inside = slice(10, -10)
     assert np.abs(lowpass(rows.torque, rows.motion.rate_hz, 12.0)[inside]).max() > 0.5
@@ -104,21 +103,21 @@ def test_blocks_are_spread_over_all() -> None:
     """Blocks reach over a recording, and no recording goes without."""
     robot = bs.Robot.load("ur5e")
     logs = [planted(robot, 1, seconds=120.0), planted(robot, 2, seconds=8.0)]
-    whole, blocks = (TorqueRows.of(logs, robot, 5.0, limit=limit) for limit in (None, 2000))
+    whole, blocks = (TorqueSamples.of(logs, robot, 5.0, limit=limit) for limit in (None, 2000))
     assert blocks.rows_whole == whole.rows_whole == whole.motion.t.size
     assert 1900 < blocks.motion.t.size <= 4000
-    ends = [rows.stop for rows in blocks.stretches]
+    ends = [rows.stop for rows in blocks.segments]
     assert blocks.motion.t[0] == whole.motion.t[0]
     # Blocks of the first recording reach its end; the second follows.
     assert blocks.motion.t.max() > 119.7  # but for a period of the cut-off at its end
     assert (np.diff(blocks.motion.t) < 0).sum() == 1
     first = blocks.motion.t[: ends[-2]]
     assert np.diff(first).max() < 120 / (len(ends) - 2)
-    # A limit that all rows keep changes nothing, and very many stretches cost no more rows than twice the limit.
-    assert np.array_equal(TorqueRows.of(logs, robot, 5.0, limit=10_000).torque, whole.torque)
+    # A limit that all rows keep changes nothing, and very many segments cost no more rows than twice the limit.
+    assert np.array_equal(TorqueSamples.of(logs, robot, 5.0, limit=10_000).torque, whole.torque)
     t = logs[0].t + 0.7 * np.floor(logs[0].t / 1.5)
     short = replace(logs[0], t=t)
-    assert 500 < TorqueRows.of([short], robot, 5.0, limit=1000).motion.t.size <= 2000
+    assert 500 < TorqueSamples.of([short], robot, 5.0, limit=1000).motion.t.size <= 2000
 
 
 @pytest.mark.parametrize(("cutoff", "measured", "shaken"), [(5.0, True, 0.0), (2.0, False, 0.3), (12.5, False, 0.3)])
@@ -134,10 +133,10 @@ def test_rows_in_blocks_are_those_of_the_whole(cutoff: float, measured: bool, sh
     log = replace(log, t=log.t + shaken * 0.01 * rng.uniform(-1, 1, log.t.size), qd=log.qd if measured else None)
     payloads = [Payload(2.0, (0.02, 0.0, 0.05))]
     filters = (FIT_PER_CUTOFF * cutoff, cutoff, 20.0)
-    whole = TorqueRows.of([log], robot, cutoff, payloads)
-    blocks = TorqueRows.of([log], robot, cutoff, payloads, limit=1000, filters_hz=filters)
+    whole = TorqueSamples.of([log], robot, cutoff, payloads)
+    blocks = TorqueSamples.of([log], robot, cutoff, payloads, limit=1000, filters_hz=filters)
     assert blocks.motion.t.size < 0.7 * whole.motion.t.size
-    assert len(blocks.stretches) > 2 == len(whole.stretches)
+    assert len(blocks.segments) > 2 == len(whole.segments)
     # The very same times: a block has no grid of its own.
     places = np.searchsorted(whole.motion.t, blocks.motion.t)
     assert np.array_equal(whole.motion.t[places], blocks.motion.t)
@@ -156,7 +155,7 @@ def test_rows_in_blocks_are_those_of_the_whole(cutoff: float, measured: bool, sh
     around = blocks.reach
     for filter_hz in filters:
         alike(blocks.torque_below(filter_hz), whole.torque_below(filter_hz), float(np.ptp(whole.torque)))
-        for reach in (around, around.narrowed(filter_hz)):
+        for reach in (around, around.trimmed(filter_hz)):
             filtered = reach.filtered(reach.carried, filter_hz)
             alike(filtered, whole.reach.filtered(whole.reach.carried, filter_hz), float(np.ptp(whole.carried)))
     system, other = (System.of(rows, robot, cutoff, (), 0.03) for rows in (blocks, whole))
@@ -190,7 +189,7 @@ def test_a_long_recording_gives_the_parameters_of_all_its_rows(monkeypatch: pyte
     # Some ten parameters a joint, and noise of 3000 / 9 independent rows: predictions are worse by 1.5 %, give or take.
     np.testing.assert_allclose(scores[0], scores[1], rtol=0.05)
     # The fit's own rows: those of the recording without its ends, which a comparison keeps.
-    own = whole.score_rows(whole.rows(log, ends=False))
+    own = whole.model.compare_rows(whole.model.rows(log, ends=False)).scores()
     assert [score.rmse for score in whole.score()] == [score.rmse for score in own]
 
 
@@ -198,9 +197,9 @@ def test_predictions_are_columns_times_values() -> None:
     """Torque by Newton-Euler of two chains, and the sum of the columns, are two routes to one number."""
     robot = bs.Robot.load("ur10e")
     couplings = [[(4, 1.0), (5, -0.5)]]
-    motion = TorqueRows.of([planted(robot, 3, seconds=5.0)], robot, 8.0).motion
+    motion = TorqueSamples.of([planted(robot, 3, seconds=5.0)], robot, 8.0).motion
     speeds = np.full(7, 0.2)
-    columns = torque_columns(robot, motion, speeds, couplings, 5 * speeds)
+    columns = regressor_columns(robot, motion, speeds, couplings, 5 * speeds)
     values = np.random.default_rng(5).normal(size=columns.shape[2])
     torque = torque_of(robot, motion, values, speeds, couplings, 5 * speeds)
     np.testing.assert_allclose(torque, columns @ values, rtol=1e-9, atol=1e-9 * np.abs(torque).max())
@@ -246,7 +245,7 @@ def test_a_declared_payload_is_no_part_of_the_arm() -> None:
     declared, silent = (fit.score(carrying, payloads=own)[1].rmse for own in ([payloads[1]], ()))
     assert declared < 0.2 * silent
     # On a page the recordings follow one another, whatever their clocks say.
-    page = compare_dynamics(fit, [bare, carrying], payloads=payloads)
+    page = fit.predict([bare, carrying], payloads=payloads)
     assert (np.diff(page.t) >= 0).all()
     assert page.t[-1] > bare.duration + 0.9 * carrying.duration
     assert page.scores()[1].rmse < 0.2 * silent
@@ -262,7 +261,7 @@ def test_what_cannot_be_joined_is_refused() -> None:
     with pytest.raises(bs.InputError, match="is -1"):
         Payload(-1.0)
     short = joined(log, log, 0.5).between(3.4, 5.0)
-    with pytest.raises(bs.InputError, match="in 2 stretches too short to use"):
+    with pytest.raises(bs.InputError, match="in 2 segments too short to use"):
         identify_dynamics(short, robot, cutoff_hz=5.0)
 
 

@@ -9,14 +9,9 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
-from bumpstop.identification import identify_dynamics, save_fit
-from bumpstop.identification.validation import (
-    ContactComparison,
-    binned_error,
-    compare_contact,
-    compare_dynamics,
-    contact_of,
-)
+from bumpstop.identification import identify_dynamics
+from bumpstop.identification.comparison import binned_error
+from bumpstop.identification.validation import ContactComparison, compare_contact, contact_of
 from bumpstop.recording import Recording
 
 
@@ -39,7 +34,7 @@ def test_statistics_are_those_of_the_error() -> None:
     robot = bs.Robot.load("ur5e")
     log = planted(robot, 1, seconds=10.0)
     fit = identify_dynamics(log, robot, cutoff_hz=6.0)
-    found = compare_dynamics(fit, log)
+    found = fit.predict(log)
     assert [score.r2 for score in found.scores()] == [score.r2 for score in fit.score(log)]
     assert [score.mean for score in found.scores()] == [score.mean for score in fit.score(log)]
     error = found.predicted - found.measured
@@ -120,7 +115,7 @@ def test_contact_is_not_judged_where_the_recording_has_gaps() -> None:
     kept = (log.t <= 4) | (log.t >= 6)
     assert log.tau is not None
     torn = Recording(t=log.t[kept], q=log.q[kept], tau=log.tau[kept], wrench=wrench[kept])
-    contact = contact_of(fit, torn)
+    contact = contact_of(fit.model, torn)
     assert contact is not None
     before, after = contact.t[contact.t < 5], contact.t[contact.t > 5]
     step = float(np.median(np.diff(contact.t)))
@@ -134,17 +129,17 @@ def test_pages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot = bs.Robot.load("ur5e")
     log = planted(robot, 2, seconds=12.0, noise=0.1)
     fit = identify_dynamics(log, robot, cutoff_hz=6.0)
-    save_fit(fit, tmp_path / "model.toml", robot={"robot": "ur5e"}, created_from=["here"])
+    fit.save(tmp_path / "model.toml")
     wrench = np.zeros((log.t.size, 6))
     wrench[:, 2] = -40 * np.clip(np.sin(log.t - 4), 0, None) * (log.t > 4) * (log.t < 7.1)
     in_base = np.einsum("nij,nj->ni", robot.pose(log.q)[:, :3, :3], wrench[:, :3])
     assert log.tau is not None
     touched = log.tau - np.einsum("nij,ni->nj", robot.jacobian(log.q)[:, :3], in_base)
     pressed_log = Recording(t=log.t, q=log.q, qd=log.qd, tau=touched, wrench=wrench)
-    contact = contact_of(fit, pressed_log)
+    contact = contact_of(fit.model, pressed_log)
     assert contact is not None
     assert np.nanmean(np.abs(contact.error)) < 3.0
-    assert contact_of(fit, log) is None
+    assert contact_of(fit.model, log) is None
     pressed_log.save(tmp_path / "log.parquet")
     arguments = [
         "validate",

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import bumpstop as bs
 from bumpstop.collision.verdict.verdict import percent
 from bumpstop.detection import Label, score
-from bumpstop.identification.validation import Comparison
+from bumpstop.identification.comparison import Comparison
 from bumpstop.joint.model import Parameter
 from bumpstop.recording import Recording
 from bumpstop.report.collision.area import AreaSection

@@ -14,7 +14,7 @@ from bumpstop.detection.tuning.residual_file import ResidualSeries
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.detection.settings import DetectorSettings
-    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -27,7 +27,7 @@ def with_motion(
     series: ResidualSeries,
     recording: Recording,
     robot: Robot,
-    model: JointTorqueModel | DynamicsFit | None,
+    model: JointTorqueModel | DynamicsModel | None,
     settings: DetectorSettings | None = None,
 ) -> ResidualSeries:
     """Residuals with the sizes of the joints' speeds and accelerations, so that thresholds can grow with these.
@@ -39,7 +39,7 @@ def with_motion(
         series: residuals of ``recording``.
         recording: as for :func:`detect`, like the other arguments.
         robot: with inertia, unless dynamics are fitted.
-        model: of currents; or fitted dynamics; or None.
+        model: of currents; or a model of dynamics; or None.
         settings: of the detector whose residuals they are.
 
     Raises:
@@ -60,7 +60,7 @@ def with_motion(
     return replace(series, qd=sizes(speed), qdd=sizes(acceleration))
 
 
-def _watchable(robot: Robot, model: JointTorqueModel | DynamicsFit | None) -> np.ndarray:
+def _watchable(robot: Robot, model: JointTorqueModel | DynamicsModel | None) -> np.ndarray:
     from bumpstop.joint import JointTorqueModel
 
     if not isinstance(model, JointTorqueModel):

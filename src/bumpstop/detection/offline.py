@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -36,7 +36,7 @@ _TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
 def detect(
     recording: Recording,
     robot: Robot,
-    model: JointTorqueModel | DynamicsFit | None,
+    model: JointTorqueModel | DynamicsModel | None,
     thresholds: Thresholds | npt.ArrayLike,
     settings: DetectorSettings | None = None,
     *,
@@ -52,7 +52,7 @@ def detect(
     Args:
         recording: with currents for a joint model, with joint torque otherwise.
         robot: with inertia, unless dynamics are fitted.
-        model: of currents; or fitted dynamics; or None, where the robot's own inertia predicts recorded torque.
+        model: of currents; or a model of dynamics; or None, where the robot's own inertia predicts recorded torque.
         thresholds: by joint.
         settings: everything else.
         rearm_s: as for :meth:`Detector.run`.
@@ -62,10 +62,10 @@ def detect(
             dynamics an observer, payloads, measured rates, a largest signal or a margin of limits.
     """
     # Fits are a tenth of the time that laws take to start, and these need none.
-    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.identification.segments.torque_samples import near_gaps
 
-    if not isinstance(model, DynamicsFit):
+    if not isinstance(model, DynamicsModel):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
     given = settings or DetectorSettings()
     if given.window_s != DetectorSettings.window_s:
@@ -90,7 +90,7 @@ def detect(
     motion, residual = model.residual(recording)
     detector = Detector(_with_some_inertia(robot), None, law, given)
     period = period_of(motion.t, given, law)
-    unscaled = np.zeros(robot.dof, dtype=bool) if model.gain_errors is None else np.isinf(model.gain_errors)
+    unscaled = np.isin(np.arange(robot.dof), model.unscaled)
     if unscaled.any():
         # What is no torque in Nm says nothing of a force.
         noise = np.where(unscaled, np.inf, detector.noise_sd)
@@ -188,7 +188,7 @@ def _frozen(recording: Recording, t: FloatArray, frozen_s: float) -> npt.NDArray
 def residual_record(
     recording: Recording,
     robot: Robot,
-    model: JointTorqueModel | DynamicsFit | None,
+    model: JointTorqueModel | DynamicsModel | None,
     *,
     settings: DetectorSettings | None = None,
     feedback_period_s: float | None = None,

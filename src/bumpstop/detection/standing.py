@@ -13,7 +13,7 @@ from bumpstop.errors import InputError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
 
@@ -24,7 +24,7 @@ _HALF_S = 0.05  # of the time over which the speed of a row is taken
 
 def hidden_torques(
     robot: Robot,
-    model: JointTorqueModel | DynamicsFit | None,
+    model: JointTorqueModel | DynamicsModel | None,
     stiction: float | npt.ArrayLike | None = None,
 ) -> FloatArray:
     """(dof,) torque that friction can hide of a standing joint, each way [Nm or N].
@@ -34,7 +34,7 @@ def hidden_torques(
 
     Args:
         robot: the arm.
-        model: of currents; or fitted dynamics; or None.
+        model: of currents; or a model of dynamics; or None.
         stiction: stated, one or (dof,), zero or more [Nm or N].
 
     Raises:
@@ -48,7 +48,7 @@ def hidden_torques(
         return np.zeros(robot.dof)
     if isinstance(model, JointTorqueModel):
         return MatchedDrives(robot, model, [False] * robot.dof).dead_zone()
-    return _coulomb(model)
+    return model.coulomb
 
 
 def checked_stiction(stiction: float | npt.ArrayLike, dof: int) -> FloatArray:
@@ -87,19 +87,4 @@ def standing_share(t: npt.ArrayLike, q: npt.ArrayLike, rest_speed: float | npt.A
     span = np.maximum(times[after] - times[before], 1e-12)
     speed = np.abs(rows[after] - rows[before]) / span[:, None]
     found: FloatArray = np.clip(2 - speed / np.asarray(rest_speed), 0.0, 1.0)
-    return found
-
-
-def _coulomb(fit: DynamicsFit) -> FloatArray:
-    """(dof,) Coulomb friction of fitted dynamics, with that of shared motors [Nm or N]."""
-    from bumpstop.identification.dynamics.regressor_columns import column_names
-
-    names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
-    values = np.zeros(len(names))
-    values[list(fit.columns)] = fit.values if fit.predicting is None else fit.predicting
-    of = dict(zip(names, values, strict=True))
-    found = np.array([abs(of[f"coulomb_{j + 1}"]) for j in range(fit.robot.dof)])
-    for number, group in enumerate(fit.couplings, start=1):
-        for j, share in group:
-            found[j] += abs(share * of[f"coulomb_shared_{number}"])
     return found

@@ -10,7 +10,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.identification.drive.drive_model import motor_current
 
 if TYPE_CHECKING:
-    from bumpstop.identification.segments.drive_samples import DriveRows
+    from bumpstop.identification.segments.drive_samples import DriveSamples
     from bumpstop.joint.model import JointTorqueModel
 
 # Recordings disagree on a joint when an offset and a gain of their own take such a share away of what is left of its
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _SHARE, _WORTH = 0.3, 0.005
 
 
-def joints_in_dispute(model: JointTorqueModel, rows: DriveRows) -> list[str]:
+def inconsistent_joints(model: JointTorqueModel, rows: DriveSamples) -> list[str]:
     """Names of the joints that the recordings of a fit want different gains of.
 
     Args:
@@ -28,7 +28,7 @@ def joints_in_dispute(model: JointTorqueModel, rows: DriveRows) -> list[str]:
     numbers = sorted(set(rows.recordings))
     if len(numbers) < 2:
         return []
-    place = np.repeat(rows.recordings, [part.stop - part.start for part in rows.stretches])
+    place = np.repeat(rows.recordings, [part.stop - part.start for part in rows.segments])
     found = []
     for j, joint in enumerate(model.joints):
         if joint.parameters["B"] is None:

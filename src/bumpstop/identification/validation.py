@@ -7,190 +7,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics.dynamics_fit import JointScore, share_predicted
-from bumpstop.identification.segments.motion import lowpass
 from bumpstop.identification.segments.torque_samples import near_gaps, recorded_motion
-from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bumpstop.identification.drive.current_scores import CurrentComparison
-    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
-    from bumpstop.identification.payload.payload import Payload
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
-
-_MIN_IN_BIN = 20
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
-    """What a model predicts for a recording, beside what was measured.
-
-    Attributes:
-        names: of the joints.
-        units: of the quantity, joint by joint.
-        t: (N,) even times [s].
-        qd, qdd: (N, n) [rad/s or m/s, and per second].
-        measured, predicted: (N, n) [units].
-        rate_hz: rows a second.
-        filter_hz: cut-off of the zero-phase filter that both pass where they are compared filtered.
-        given: scores by joint that were worked out elsewhere, where rows are not even; None: they are worked out here.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    t: FloatArray
-    qd: FloatArray
-    qdd: FloatArray
-    measured: FloatArray
-    predicted: FloatArray
-    rate_hz: float
-    filter_hz: float
-    given: tuple[JointScore, ...] | None = None
-
-    @cached_property
-    def error(self) -> FloatArray:
-        """Predicted less measured (N, n), eq 3.1."""
-        return self.predicted - self.measured
-
-    def scores(self) -> tuple[JointScore, ...]:
-        """Table 3.1, with R2 filtered and raw; mean and standard deviation are of the unfiltered error."""
-        if self.given is not None:
-            return self.given
-        smooth, smooth_predicted = (lowpass(x, self.rate_hz, self.filter_hz) for x in (self.measured, self.predicted))
-        error = self.error
-        return tuple(
-            JointScore(
-                name=name,
-                r2=share_predicted(smooth[:, j], smooth_predicted[:, j]),
-                r2_raw=share_predicted(self.measured[:, j], self.predicted[:, j]),
-                mean=float(error[:, j].mean()),
-                sd=float(error[:, j].std()),
-                rmse=float(np.sqrt((error[:, j] ** 2).mean())),
-            )
-            for j, name in enumerate(self.names)
-        )
-
-    def by_speed(self, joint: int, bins: int = 12) -> BinnedError:
-        """Error by the joint's own speed [rad/s]."""
-        return binned_error(self.qd[:, joint], self.error[:, joint], bins)
-
-    def by_acceleration(self, joint: int, bins: int = 12) -> BinnedError:
-        """Error by the joint's own acceleration [rad/s2]."""
-        return binned_error(self.qdd[:, joint], self.error[:, joint], bins)
-
-
-@dataclass(frozen=True, eq=False)
-class BinnedError:
-    """Error by another quantity; bins with fewer than 20 rows are left out.
-
-    Attributes:
-        edges: (k, 2) low and high end of every bin.
-        mean, sd: (k,) of the error in it.
-        rows: (k,) in it.
-    """
-
-    edges: FloatArray
-    mean: FloatArray
-    sd: FloatArray
-    rows: FloatArray
-
-
-def binned_error(x: FloatArray, error: FloatArray, bins: int) -> BinnedError:
-    """Mean and standard deviation of an error in bins of equal width over the middle 99.8 % of ``x`` (N,)."""
-    low, high = np.quantile(x, [0.001, 0.999])
-    if not high > low:
-        return BinnedError(np.array([[low, high]]), error.mean()[None], error.std()[None], np.array([float(x.size)]))
-    edges = np.linspace(low, high, bins + 1)
-    place = np.digitize(x, edges[1:-1])
-    inside = (x >= low) & (x <= high)
-    kept = [k for k in range(bins) if (inside & (place == k)).sum() >= _MIN_IN_BIN]
-    parts = [error[inside & (place == k)] for k in kept]
-    return BinnedError(
-        np.array([[edges[k], edges[k + 1]] for k in kept]).reshape(-1, 2),
-        np.array([part.mean() for part in parts]),
-        np.array([part.std() for part in parts]),
-        np.array([float(part.size) for part in parts]),
-    )
-
-
-def compare_dynamics(
-    fit: DynamicsFit,
-    recordings: Recording | Sequence[Recording],
-    *,
-    filter_hz: float | None = None,
-    payloads: Sequence[Payload | None] = (),
-) -> Comparison:
-    """Torques that fitted dynamics predict, beside recorded ones; joints whose gain is not seen are left out.
-
-    Args:
-        fit: what ``identify`` found.
-        recordings: with torques, of the same robot; one or more.
-        filter_hz: where they are compared filtered; default: the cut-off of the fit.
-        payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
-    """
-    rows = fit.rows(recordings, payloads)
-    errors = np.zeros(fit.robot.dof) if fit.gain_errors is None else fit.gain_errors
-    known = [j for j in range(fit.robot.dof) if np.isfinite(errors[j])]
-    joints = [fit.robot.joints[j] for j in known]
-    scores = fit.score_rows(rows, filter_hz=filter_hz)
-    return Comparison(
-        names=tuple(joint.name for joint in joints),
-        units=tuple(unit_of(joint) for joint in joints),
-        t=_one_after_another(rows.motion.t, rows.stretches),
-        qd=rows.motion.qd[:, known],
-        qdd=rows.motion.qdd[:, known],
-        measured=rows.torque[:, known],
-        predicted=(fit.predict(rows.motion, rows.carried) + rows.carried)[:, known],
-        rate_hz=rows.motion.rate_hz,
-        filter_hz=filter_hz or fit.cutoff_hz,
-        given=tuple(scores[j] for j in known),
-    )
-
-
-def compare_estimates(found: CurrentComparison, robot: Robot) -> Comparison:
-    """Torques that a joint model makes of motor currents, beside Newton-Euler's of the motion (table 3.1).
-
-    Args:
-        found: a joint model beside recordings.
-        robot: whose joints it is of. Joints whose gain is unknown are left out.
-    """
-    rows, scores = found.rows, found.torque_scores()
-    known = [j for j, score in enumerate(scores) if score is not None]
-    # A view where all are known: of a long recording there is no need for a copy.
-    which = slice(None) if len(known) == len(scores) else known
-    units = {joint.name: unit_of(joint) for joint in robot.joints}
-    names = tuple(found.model.joints[j].name for j in known)
-    return Comparison(
-        names=names,
-        units=tuple(units.get(name, "Nm") for name in names),
-        t=_one_after_another(rows.t, rows.stretches),
-        qd=rows.qd[:, which],
-        qdd=rows.qdd[:, which],
-        measured=found.estimated[:, which],
-        predicted=rows.torque[:, which],
-        rate_hz=float(np.median(rows.rate_hz)),
-        filter_hz=found.filter_hz,
-        given=tuple(score for score in scores if score is not None),
-    )
-
-
-def _one_after_another(t: FloatArray, stretches: Sequence[slice]) -> FloatArray:
-    """Times of recordings that follow one another on the page, whatever their clocks say."""
-    t = t.copy()
-    for before, part in pairwise(stretches):
-        t[part] += max(0.0, t[before.stop - 1] - t[part.start])
-    return t
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -302,7 +130,7 @@ def compare_contact(
     )
 
 
-def contact_of(fit: DynamicsFit, recording: Recording, *, joint: int | None = None) -> ContactComparison | None:
+def contact_of(model: DynamicsModel, recording: Recording, *, joint: int | None = None) -> ContactComparison | None:
     """The contact comparison of a recording with torques and a wrench in the tip's frame; None: it has no wrench.
 
     Rows in gaps were made up, and beside longer ones the motion is not known: they are left out.
@@ -312,10 +140,10 @@ def contact_of(fit: DynamicsFit, recording: Recording, *, joint: int | None = No
     """
     if recording.wrench is None or not np.linalg.norm(recording.wrench[:, :3], axis=1).max() > 0:
         return None
-    motion, torque = recorded_motion(recording, fit.cutoff_hz)
+    motion, torque = recorded_motion(recording, model.cutoff_hz)
     wrench = np.stack([np.interp(motion.t, recording.t, column) for column in recording.wrench.T], axis=1)
-    known = ~near_gaps(motion.t, recording.t, 1 / fit.cutoff_hz)
+    known = ~near_gaps(motion.t, recording.t, 1 / model.cutoff_hz)
     if not known.any():
         raise InputError("recording", "gaps leave no row whose motion is known", "record without losing samples")
-    external = fit.predict(replace(motion, gravity=fit.gravity)) - torque
-    return compare_contact(fit.robot, motion.t[known], motion.q[known], external[known], wrench[known], joint=joint)
+    external = model.torque(replace(motion, gravity=model.gravity)) - torque
+    return compare_contact(model.robot, motion.t[known], motion.q[known], external[known], wrench[known], joint=joint)

@@ -226,7 +226,7 @@ def test_real_arms(folder: str, arm: str, cutoff_hz: float, beyond: float) -> No
     first, second = (
         ResidualSeries(record.t, record.rows)
         for part in (log.between(float(log.t[0]), middle), log.between(middle, float(log.t[-1])))
-        for record in (residual_record(part, fit.robot, fit),)
+        for record in (residual_record(part, fit.model.robot, fit.model),)
         if record.t is not None
     )
     tuning = tune(first)

@@ -138,11 +138,11 @@ def detector(
     """Write robot, joint model and thresholds as one file for the control loop (detector_description.hpp)."""
     from bumpstop.detection import Detector, save_detector
     from bumpstop.detection.detector import window_notes
-    from bumpstop.identification import DynamicsFit
+    from bumpstop.identification import DynamicsModel
 
     given, arm = origin.parts
     law = thresholds_of(thresholds, arm)
-    if isinstance(given, DynamicsFit):
+    if isinstance(given, DynamicsModel):
         raise InputError("--model", "fitted dynamics look ahead and cannot run in a loop", "give a joint model")
     settings = _settings(origin, law, arming_delay, payload_change, link, point_m, direction)
     with as_options(DETECTOR_OPTIONS):

@@ -17,7 +17,7 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.detection import DetectorSettings, Thresholds
-    from bumpstop.identification import DynamicsFit
+    from bumpstop.identification import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -129,7 +129,7 @@ class Watcher:
     frozen: Frozen = None
 
     @cached_property
-    def parts(self) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
+    def parts(self) -> tuple[JointTorqueModel | DynamicsModel | None, Robot]:
         """The model, if there is one, and the robot."""
         return load_model(self.model, self.robot, self.base, self.tip)
 
@@ -162,7 +162,7 @@ class Watcher:
             InputError: what no detector can have, or the gain of an observer where there is none.
         """
         from bumpstop.detection import DetectorSettings
-        from bumpstop.identification import DynamicsFit
+        from bumpstop.identification import DynamicsModel
 
         given = {
             "residual": self.residual,
@@ -174,7 +174,7 @@ class Watcher:
             "frozen_s": self.frozen,
         }
         tuned = {} if thresholds is None else thresholds.settings
-        if isinstance(self.parts[0], DynamicsFit):
+        if isinstance(self.parts[0], DynamicsModel):
             tuned = {name: value for name, value in tuned.items() if name in ("residual", "frozen_s")}
         chosen = tuned | {name: value for name, value in given.items() if value is not None} | more
         with as_options(DETECTOR_OPTIONS):
@@ -187,11 +187,11 @@ class Watcher:
     @property
     def held(self) -> dict[str, Any]:
         """What a file of thresholds says of the detector whose residuals they were found with."""
-        from bumpstop.identification import DynamicsFit
+        from bumpstop.identification import DynamicsModel
 
         settings = self.settings
         names = ["residual", "frozen_s"]
-        if not isinstance(self.parts[0], DynamicsFit):
+        if not isinstance(self.parts[0], DynamicsModel):
             names += ["window_s", "measured_rates", "limit_margin", "payload_kg"]
         if settings.residual == "observer":
             names.append("observer_gain_1_s")
@@ -272,14 +272,14 @@ def takes_origin(command: Callable[..., int | None]) -> Callable[..., int | None
 
 def load_model(
     model: str | None, robot: str | None, base: str | None, tip: str | None
-) -> tuple[JointTorqueModel | DynamicsFit | None, Robot]:
+) -> tuple[JointTorqueModel | DynamicsModel | None, Robot]:
     """What ``--model`` and ``--robot`` name; the robot of the model where none is named.
 
     Raises:
         InputError: neither says which robot, or a file is neither kind of model.
     """
     from bumpstop.cli.identification.arm_recordings import is_dynamics
-    from bumpstop.identification import load_fit
+    from bumpstop.identification import DynamicsFit
     from bumpstop.joint import JointTorqueModel
 
     named = None if robot is None else load_robot(robot, base, tip)
@@ -291,10 +291,10 @@ def load_model(
         for option, given in (("--base", base), ("--tip", tip)):
             if given is not None:
                 raise InputError(option, "has no meaning with fitted dynamics, which know their robot", "leave it out")
-        fit = load_fit(model)
-        if named is not None and named.dof != fit.robot.dof:
-            raise InputError("--robot", f"{named.name} has {named.dof} joints, the model {fit.robot.dof}")
-        return fit, fit.robot
+        dynamics = DynamicsFit.load(model).model
+        if named is not None and named.dof != dynamics.robot.dof:
+            raise InputError("--robot", f"{named.name} has {named.dof} joints, the model {dynamics.robot.dof}")
+        return dynamics, dynamics.robot
     joints = JointTorqueModel.load(model)
     return joints, named if named is not None else load_robot(joints.robot, base, tip)
 

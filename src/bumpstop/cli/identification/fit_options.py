@@ -18,6 +18,7 @@ _TAKEN_BY: Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]] = {
     ),
     "--known": (("joint", "dynamics"), {}),
     "--cutoff": (("joint", "dynamics", "payload"), {}),
+    "--inertia-uncertainty": (("joint",), {}),
     "--payload": (
         ("joint", "dynamics"),
         {"payload": "leave it out: it is what this fit looks for", "protocol": "leave it out: the plan says it"},

@@ -77,6 +77,14 @@ def identify(
     consistent: Annotated[
         bool, typer.Option("--consistent", help="Of dynamics: also fit inertias that bodies can have, as a URDF.")
     ] = False,
+    inertia_uncertainty: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="Of joint models: relative standard uncertainty of the robot's inertia, in the errors of the gains.",
+            show_default="0.05",
+        ),
+    ] = None,
     joint_model: Annotated[
         str | None, typer.Option(help="Of a payload: joint model that turns currents into torques, a name or a path.")
     ] = None,
@@ -118,6 +126,7 @@ def identify(
         "--mass": mass,
         "--known": known,
         "--cutoff": cutoff,
+        "--inertia-uncertainty": inertia_uncertainty,
         "--shared-motor": shared_motor,
         "--payload": payload,
         "--base": base,
@@ -156,6 +165,7 @@ def identify(
                 known=known,
                 cutoff_hz=cutoff,
                 gravity=falls,
+                inertia_uncertainty=inertia_uncertainty,
                 out=out,
                 as_json=as_json,
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from bumpstop.cli.identification.arm_recordings import carried_of, known_of
 from bumpstop.cli.identification.consistent_inertia import bodies_json, print_bodies
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.model_report import dynamics_report
+from bumpstop.cli.identification.parameters import parameters_json
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
@@ -41,9 +43,8 @@ def identify_dynamics_of(
     as_json: bool,
 ) -> int:
     """Fit dynamics, with the gains of the drives where only currents were recorded; write and print what was found."""
-    from bumpstop.identification import consistent_inertias, identify_dynamics, identify_gains, judge_dynamics, save_fit
+    from bumpstop.identification import consistent_inertias, identify_dynamics, identify_gains, judge_dynamics
     from bumpstop.identification.segments.motion import GRAVITY
-    from bumpstop.model import write_urdf
 
     falls = GRAVITY if gravity is None else gravity
 
@@ -80,23 +81,23 @@ def identify_dynamics_of(
                 verdict=verdict,
             )
         if urdf is not None and bodies is not None:
-            write_urdf(bodies.robot, urdf)
-        save_fit(fit, model_file, robot=named, created_from=[log.source for log in logs], verdict=verdict.status)
+            bodies.save(urdf)
+        replace(fit, source=named, verdict=verdict.status).save(model_file)
     if as_json:
         found = {"verdict": verdict.to_json()} | _identified(fit, scores, logs)
         found |= {} if bodies is None else {"consistent": bodies_json(bodies)}
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return exit_status(verdict)
     print_verdict(verdict)
-    _print_scores(fit, scores, fit.cutoff_hz, "on the rows of the fit")
+    _print_scores(scores, fit.model.cutoff_hz, "on the rows of the fit")
     _print_gains(fit)
     if fit.held_out:
         tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
         typer.echo(f"5-fold cross-validation error, by cut-off: {tried}")
     whole = "" if fit.rows_whole <= fit.rows_used else f" of {fit.rows_whole}, in blocks spread over the time"
-    typer.echo(f"{len(fit.values)} base parameters from {fit.rows_used} rows{whole}")
-    _print_left(fit.rows_left, fit.rows_beside_gaps, fit.cutoff_hz)
-    for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
+    typer.echo(f"{len(fit.model.values)} base parameters from {fit.rows_used} rows{whole}")
+    _print_left(fit.rows_left, fit.rows_beside_gaps, fit.model.cutoff_hz)
+    for name, value, error in zip(fit.names, fit.model.values, fit.errors, strict=True):
         weak = "" if abs(value) >= 2 * error else "  (not distinguishable from zero)"
         typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}{weak}")
     _print_laws(fit)
@@ -128,15 +129,15 @@ def validate_dynamics(
 
     ``load`` reads the recordings of the model's robot.
     """
-    from bumpstop.identification import judge_predictions, load_fit
+    from bumpstop.identification import DynamicsFit, judge_predictions
 
-    fit = load_fit(model)
-    logs = load(fit.robot)
+    fit = DynamicsFit.load(model)
+    logs = load(fit.model.robot)
     carried = carried_of(payload, len(logs))
     with progress("comparing"):
-        rows = fit.rows(logs, payloads=carried)
-        scores = fit.score_rows(rows, filter_hz=filter_hz)
-        verdict = judge_predictions(fit, rows, scores, filter_hz or fit.cutoff_hz, logs)
+        rows = fit.model.rows(logs, payloads=carried)
+        scores = fit.model.compare_rows(rows, filter_hz=filter_hz).scores()
+        verdict = judge_predictions(fit, rows, scores, filter_hz or fit.model.cutoff_hz, logs)
     where = f"on {logs[0].source}" if len(logs) == 1 else f"on {len(logs)} recordings"
     contact = ""
     if out is not None:
@@ -151,13 +152,13 @@ def validate_dynamics(
             verdict=verdict,
         )
     if as_json:
-        joints = [_score_json(fit, j, score) for j, score in enumerate(scores)]
+        joints = [_score_json(score) for score in scores]
         left = {"rows_left": rows.rows_left, "rows_beside_gaps": rows.rows_beside_gaps}
         typer.echo(json.dumps({"verdict": verdict.to_json(), "joints": joints} | left, allow_nan=False, indent=2))
         return exit_status(verdict)
     print_verdict(verdict)
-    _print_scores(fit, scores, filter_hz or fit.cutoff_hz, where)
-    _print_left(rows.rows_left, rows.rows_beside_gaps, fit.cutoff_hz)
+    _print_scores(scores, filter_hz or fit.model.cutoff_hz, where)
+    _print_left(rows.rows_left, rows.rows_beside_gaps, fit.model.cutoff_hz)
     if contact:
         typer.echo(contact)
     print_reading(logs)
@@ -168,61 +169,51 @@ def validate_dynamics(
 
 def _print_left(rows_left: int, beside_gaps: int, cutoff_hz: float) -> None:
     if rows_left:
-        typer.echo(f"note: {rows_left} rows lie in stretches between gaps too short to use")
+        typer.echo(f"note: {rows_left} rows lie in segments between gaps too short to use")
     if beside_gaps:
         typer.echo(f"note: {beside_gaps} rows within {1 / cutoff_hz:.2g} s of gaps are left away")
 
 
 def _print_laws(fit: DynamicsFit) -> None:
     """Joints whose friction is more than Coulomb's and viscous, and what was left out of the fit."""
-    bent = [] if fit.top_speed is None else np.flatnonzero(np.isfinite(fit.top_speed[: fit.robot.dof])).tolist()
-    for what, joints in (("bends with the speed", bent), ("grows with the load", list(fit.loaded))):
+    bent = (
+        []
+        if fit.model.top_speed is None
+        else np.flatnonzero(np.isfinite(fit.model.top_speed[: fit.model.robot.dof])).tolist()
+    )
+    for what, joints in (("bends with the speed", bent), ("grows with the load", list(fit.model.loaded))):
         if joints:
-            typer.echo(f"friction {what}: {', '.join(fit.robot.joints[j].name for j in joints)}")
+            typer.echo(f"friction {what}: {', '.join(fit.model.robot.joints[j].name for j in joints)}")
     if fit.rows_at_ends:
         typer.echo(f"note: {fit.rows_at_ends} rows at the ends of recordings are left away")
-    for joint, rows in zip(fit.robot.joints, () if fit.rows_at_rest is None else fit.rows_at_rest, strict=False):
+    for joint, rows in zip(fit.model.robot.joints, () if fit.rows_at_rest is None else fit.rows_at_rest, strict=False):
         if rows:
             typer.echo(f"note: {joint.name} rests in {rows} of the {fit.rows_used} rows; they stay out of its fit")
 
 
-def _units(fit: DynamicsFit) -> list[str]:
-    from bumpstop.model import unit_of
-
-    return [unit_of(joint) for joint in fit.robot.joints]
-
-
 def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence[Recording]) -> dict[str, Any]:
-    found = {
-        name.split()[0]: {"value": float(value), "standard_error": float(error)}
-        for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
-    }
+    found = parameters_json(fit)
     joints = []
     for j, score in enumerate(scores, start=1):
-        own: dict[str, Any] = {
+        own = {
             what: found[f"{what}_{j}"] for what in ("coulomb", "viscous", "rotor", "offset") if f"{what}_{j}" in found
         }
-        scaled = _scaled(fit, j - 1)
-        if fit.gains is not None and fit.gain_errors is not None:
-            gain, error = float(fit.gains[j - 1]), float(fit.gain_errors[j - 1])
-            own["B"] = {"value": gain if scaled else None, "standard_error": error if scaled else None}
+        if fit.model.gains is not None:
+            own["B"] = found[f"gain_{j}"]
         joints.append(
             {
                 "name": score.name,
-                "observable": bool(own) and scaled,
+                "observable": bool(own) and not score.free_gain,
                 "parameters": own,
                 "r2": or_null(score.r2),
-                "rmse_Nm": score.rmse if scaled else None,
+                "rmse_Nm": None if score.free_gain else score.rmse,
             }
         )
-    base = [
-        {"name": name, "value": float(value), "standard_error": float(error)}
-        for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
-    ]
+    base = [{"name": name} | found[name.split()[0]] for name in fit.names]
     return {
         "joints": joints,
         "base_parameters": base,
-        "filter": {"cutoff_hz": fit.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
+        "filter": {"cutoff_hz": fit.model.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
         "not_visible": list(fit.unseen),
         "hardly_moved": list(fit.still),
         "rows_used": fit.rows_used,
@@ -235,17 +226,9 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
     }
 
 
-def _score_json(fit: DynamicsFit, j: int, score: JointScore) -> dict[str, Any]:
-    errors: dict[str, float | None] = {"mean": score.mean, "sd": score.sd, "rmse": score.rmse}
-    if not _scaled(fit, j):
-        errors = dict.fromkeys(errors)
+def _score_json(score: JointScore) -> dict[str, Any]:
     shares = {"r2": or_null(score.r2), "r2_raw": or_null(score.r2_raw)}
-    return {"name": score.name, **shares, **errors, "unit": _units(fit)[j]}
-
-
-def _scaled(fit: DynamicsFit, j: int) -> bool:
-    """Whether the torque of joint ``j`` has a scale."""
-    return fit.gain_errors is None or bool(np.isfinite(fit.gain_errors[j]))
+    return {"name": score.name, **shares, "mean": score.mean, "sd": score.sd, "rmse": score.rmse, "unit": score.unit}
 
 
 def _known_gains(given: Sequence[str] | None) -> dict[str, float]:
@@ -261,29 +244,31 @@ def _known_gains(given: Sequence[str] | None) -> dict[str, float]:
 
 
 def _print_gains(fit: DynamicsFit) -> None:
-    if fit.gains is None or fit.gain_errors is None:
+    if fit.model.gains is None:
         return
     typer.echo("gains, torque per motor current:")
-    for joint, gain, error, unit in zip(fit.robot.joints, fit.gains, fit.gain_errors, _units(fit), strict=True):
-        if not np.isfinite(error):
+    for j, joint in enumerate(fit.model.robot.joints, start=1):
+        (gain, unit), error = fit.parameters[f"gain_{j}"], fit.standard_errors[f"gain_{j}"]
+        if gain is None:
             typer.echo(f"  {joint.name}: not identifiable, the scale of its torque means nothing")
         else:
-            how = f"+- {error:.2g}" if error > 0 else "(given)"
-            typer.echo(f"  {joint.name}: {gain:.5g} {how} {unit}/A")
+            how = f"+- {error:.2g}" if error else "(given)"
+            typer.echo(f"  {joint.name}: {gain:.5g} {how} {unit}")
 
 
-def _print_scores(fit: DynamicsFit, scores: tuple[JointScore, ...], cutoff_hz: float, where: str) -> None:
+def _print_scores(scores: Sequence[JointScore], cutoff_hz: float, where: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")
-    for j, score in enumerate(scores):
-        errors = [f"{error:.4g}" for error in (score.mean, score.sd, score.rmse)]
-        if not _scaled(fit, j):
-            errors = ["unknown gain", "", ""]
+    for score in scores:
+        unit = f" {score.unit}" if score.free_gain else ""
+        errors = (f"{error:.4g}{unit}" for error in (score.mean, score.sd, score.rmse))
         table.add_row(score.name, *map(share_text, (score.r2, score.r2_raw)), *errors)
     console = Console(highlight=False, markup=False)
     console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered")
     console.print(table)
+    if hidden := [score.name for score in scores if score.free_gain]:
+        typer.echo(f"note: R2 of {', '.join(hidden)} is that up to a free gain, errors are of the current [A]")

@@ -20,7 +20,7 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.identification import CurrentComparison, JointFit, JointModelFit, JointScore
-    from bumpstop.identification.segments.drive_samples import DriveRows
+    from bumpstop.identification.segments.drive_samples import DriveSamples
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -34,24 +34,33 @@ def identify_joint(
     known: Sequence[str] | None,
     cutoff_hz: float | None,
     gravity: tuple[float, float, float] | None,
+    inertia_uncertainty: float | None,
     out: Path | None,
     as_json: bool,
 ) -> int:
     """Fit a joint torque model, write it, and print what was found."""
     from bumpstop.identification import compare_currents, identify_joint_model, judge_joint_model
+    from bumpstop.identification.drive.error_sources import INERTIA_UNCERTAINTY
     from bumpstop.identification.segments.motion import GRAVITY
 
     falls = GRAVITY if gravity is None else gravity
+    uncertainty = INERTIA_UNCERTAINTY if inertia_uncertainty is None else inertia_uncertainty
+    options = {"cutoff_hz": "--cutoff", "inertia_uncertainty": "--inertia-uncertainty"}
     with progress("fitting") as report:
         try:
             fit = identify_joint_model(
-                logs, arms, cutoff_hz=cutoff_hz, known=known_of(known), gravity=falls, progress=report
+                logs,
+                arms,
+                cutoff_hz=cutoff_hz,
+                known=known_of(known),
+                gravity=falls,
+                inertia_uncertainty=uncertainty,
+                progress=report,
             )
         except InputError as error:
-            if error.field.startswith("known.") or error.field == "cutoff_hz":
-                field = "--known " + error.field[6:] if error.field != "cutoff_hz" else "--cutoff"
-                raise InputError(field, error.problem, error.valid) from None
-            raise
+            if error.field.startswith("known."):
+                raise InputError("--known " + error.field[6:], error.problem, error.valid) from None
+            raise InputError(options.get(error.field, error.field), error.problem, error.valid) from None
     verdict = judge_joint_model(fit, logs)
     model = replace(fit.model, robot=robot)
     model_file = out if out is None or out.suffix == ".toml" else out / "joint_model.toml"
@@ -65,7 +74,7 @@ def identify_joint(
         typer.echo(json.dumps({"verdict": verdict.to_json()} | _identified(fit, logs), allow_nan=False, indent=2))
         return exit_status(verdict)
     print_verdict(verdict)
-    _print_fit(fit)
+    _print_fit(fit, uncertainty)
     _print_left(fit.rows)
     print_reading(logs)
     if model_file is not None:
@@ -113,11 +122,11 @@ def validate_joint(
     return exit_status(verdict)
 
 
-def _print_left(rows: DriveRows) -> None:
+def _print_left(rows: DriveSamples) -> None:
     if rows.rows_left:
-        typer.echo(f"note: {rows.rows_left} rows lie in stretches between gaps too short to use")
+        typer.echo(f"note: {rows.rows_left} rows lie in segments between gaps too short to use")
     typer.echo(
-        f"note: {rows.rows_at_ends} rows within {1 / rows.cutoff_hz:.2g} s of the ends of stretches are left away"
+        f"note: {rows.rows_at_ends} rows within {1 / rows.cutoff_hz:.2g} s of the ends of segments are left away"
     )
 
 
@@ -146,6 +155,7 @@ def _joint(joint: JointFit) -> dict[str, Any]:
             name: nothing if found is None else {"value": found.value, "standard_error": found.standard_error}
             for name, found in own.parameters.items()
         },
+        "gain_errors": dict(joint.gain_errors),
         "unseen": dict(joint.unseen),
         "r2": or_null(joint.r2),
         "rmse_A": joint.rmse,
@@ -180,7 +190,7 @@ def _score(score: JointScore | None, unit: str) -> dict[str, Any]:
     return {name: None if score is None else or_null(getattr(score, name)) for name in names} | {"unit": unit}
 
 
-def _print_fit(fit: JointModelFit) -> None:
+def _print_fit(fit: JointModelFit, inertia_uncertainty: float) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -204,6 +214,10 @@ def _print_fit(fit: JointModelFit) -> None:
             if found is not None
         )
         typer.echo(f"  {joint.name}: {', '.join(figures) or 'none seen'}")
+    typer.echo(
+        f"standard errors know of noise, of an inertia known to {100 * inertia_uncertainty:g} % and, of B, of the "
+        "choice of the model"
+    )
     typer.echo(f"5-fold cross-validation error, rms {unit}, by current-to-torque model and friction:")
     for joint in fit.joints:
         errors = (
@@ -222,6 +236,7 @@ def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None],
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")
+    hidden = [score.name for score in scores if score is not None and score.free_gain]
     for joint, score in zip(found.model.joints, scores, strict=True):
         if score is None:
             table.add_row(joint.name, *["unknown gain"], *[""] * 4)
@@ -231,3 +246,5 @@ def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None],
     console = Console(highlight=False, markup=False)
     console.print(title)
     console.print(table)
+    if hidden:
+        typer.echo(f"note: R2 of {', '.join(hidden)} is that up to a free gain: the gain is not known")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +10,10 @@ import typer
 
 from bumpstop.cli.folders import writing
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
+from bumpstop.cli.identification.parameters import parameters_json
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
-from bumpstop.text_files import toml_value, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from bumpstop.identification import PayloadFit
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
-
-_UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # second moments: kg m2
 
 
 def identify_what_is_carried(
@@ -40,7 +37,7 @@ def identify_what_is_carried(
     as_json: bool,
 ) -> int:
     """Fit a payload, write it and its page, and print what was found."""
-    from bumpstop.identification import identify_payload, judge_payload, load_fit
+    from bumpstop.identification import DynamicsFit, identify_payload, judge_payload
     from bumpstop.joint import JointTorqueModel
 
     if len(logs) != 1:
@@ -57,16 +54,23 @@ def identify_what_is_carried(
         raise InputError("--joint-model", "is missing", "currents become torques by a joint model that identify wrote")
     if cutoff_hz is not None and not 0 < cutoff_hz < 0.4 * log.rate_hz:
         raise InputError("--cutoff", f"is {cutoff_hz:g}", f"wanted above 0 and below {0.4 * log.rate_hz:g} Hz")
-    fit = None if dynamics is None else load_fit(dynamics)
+    of_arm = None if dynamics is None else DynamicsFit.load(dynamics).model
     with as_options({"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model"}), progress("fitting"):
         found = identify_payload(
-            log, arm, model=drives, dynamics=fit, mass=mass, inertia=inertia, cutoff_hz=cutoff_hz, gravity=gravity
+            log,
+            arm,
+            model=drives,
+            dynamics=of_arm,
+            mass=mass,
+            inertia=inertia,
+            cutoff_hz=cutoff_hz,
+            gravity=gravity,
         )
     verdict = judge_payload(found, log, arm)
     model_file = out if out is None or out.suffix == ".toml" else out / "payload.toml"
     if model_file is not None and out is not None:
         with writing(None if model_file == out else out):
-            write_text(model_file, _toml(found, arm, log))
+            found.save(model_file)
         if model_file != out:
             from bumpstop.report.identification.payload import write_payload_report
 
@@ -84,17 +88,13 @@ def identify_what_is_carried(
     return exit_status(verdict)
 
 
-def _pair(value: float | None, error: float | None) -> dict[str, float | None]:
-    return {"value": value, "standard_error": error}
-
-
 def _payload_json(found: PayloadFit, log: Recording) -> dict[str, Any]:
     center = None
     if found.center is not None and found.center_errors is not None:
         center = {"value": list(found.center), "standard_error": list(found.center_errors)}
     return {
         "kind": "payload",
-        "parameters": {name: _pair(found.values[name], found.standard_errors[name]) for name in found.values},
+        "parameters": parameters_json(found),
         "center_m": center,
         "unseen": list(found.unseen),
         "joints": [
@@ -108,37 +108,15 @@ def _payload_json(found: PayloadFit, log: Recording) -> dict[str, Any]:
     }
 
 
-def _toml(found: PayloadFit, arm: Robot, log: Recording) -> str:
-    """The figures that were seen, with standard errors; what was not is left out and listed."""
-    lines = [
-        "# Payload at the tip, in its frame: kg, kg m, kg m2.",
-        f"robot = {toml_value(arm.name)}",
-        f"created_from = {toml_value(log.source)}",
-    ]
-    for name, value in found.values.items():
-        error = found.standard_errors[name]
-        if value is not None and error is not None and math.isfinite(error):
-            lines.append(_figure(name, value, error))
-    if found.center is not None and found.center_errors is not None:
-        lines.append(_figure("center_m", found.center, found.center_errors))
-    lines.append(f"unseen = {toml_value(found.unseen)}")
-    return "\n".join(lines) + "\n"
-
-
-def _figure(name: str, value: Any, error: Any) -> str:
-    return f"{name} = {{ value = {toml_value(value)}, standard_error = {toml_value(error)} }}"
-
-
 def _print(found: PayloadFit, arm: Robot) -> None:
     from bumpstop.model import unit_of
 
     units = {joint.name: unit_of(joint) for joint in arm.joints}
     typer.echo(
         f"payload at the tip from {found.rows_used} rows; {found.rows_left} recorded ones are left away at the ends, "
-        "beside gaps, or in stretches too short to use"
+        "beside gaps, or in segments too short to use"
     )
-    for name, value in found.values.items():
-        unit = _UNITS.get(name, "kg m2")
+    for name, (value, unit) in found.parameters.items():
         error = found.standard_errors[name]
         shown = "not visible in this motion"
         if value is not None and error is not None:
@@ -147,7 +125,7 @@ def _print(found: PayloadFit, arm: Robot) -> None:
     if found.center is not None and found.center_errors is not None:
         at = ", ".join(f"{x:.4g} +- {e:.2g}" for x, e in zip(found.center, found.center_errors, strict=True))
         typer.echo(f"centre of mass [m]: {at}")
-        typer.echo(f"for --payload: {found.values['m']:.4g}," + ",".join(f"{x:.4g}" for x in found.center))
+        typer.echo(f"for --payload: {found.parameters['m'].value:.4g}," + ",".join(f"{x:.4g}" for x in found.center))
     for name, rmse, without in zip(found.joints, found.rmse, found.rmse_without, strict=True):
         typer.echo(f"  {name}: {rmse:.3g} {units[name]} left, {without:.3g} {units[name]} without the payload")
     if found.joints_left_out:

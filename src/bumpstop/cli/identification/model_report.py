@@ -48,29 +48,29 @@ def dynamics_report(
         payloads: what each recording carried beyond what the arm of the fit did; default: nothing.
         verdict: on the fit or on the model, or None.
     """
-    from bumpstop.identification.validation import compare_dynamics, contact_of
+    from bumpstop.identification.validation import contact_of
     from bumpstop.model import unit_of
     from bumpstop.report.identification.fit_verdict import VerdictPart
     from bumpstop.report.identification.inertias import BodiesPart
     from bumpstop.report.identification.validation import SelectionPart, write_validation_report
 
-    comparison = compare_dynamics(fit, logs, filter_hz=filter_hz, payloads=payloads)
+    comparison = fit.predict(logs, filter_hz=filter_hz, payloads=payloads)
     contact = None
     if len(logs) == 1 and not any(payloads):
-        contact = contact_of(fit, logs[0], joint=None if contact_joint is None else contact_joint - 1)
+        contact = contact_of(fit.model, logs[0], joint=None if contact_joint is None else contact_joint - 1)
         if contact is None and contact_joint is not None:
             raise InputError("--contact-joint", f"has no effect: {logs[0].source} has no wrench", "leave it out")
     elif contact_joint is not None:
         raise InputError("--contact-joint", "is for one recording without a declared payload", "leave it out")
     selection = SelectionPart(
         {f"{cutoff:g} Hz": 100 * share for cutoff, share in fit.held_out.items()},
-        f"{fit.cutoff_hz:g} Hz",
+        f"{fit.model.cutoff_hz:g} Hz",
         "The cut-off of the motion's filter is chosen by the error on fifths of the recording, each predicted from the "
         "other four: the largest that does as well as the best.",
         "5-fold cross-validation error [%]",
     )
     name = (Path(logs[0].source).name or "a recording") if len(logs) == 1 else f"{len(logs)} recordings"
-    title = f"{fit.robot.title or fit.robot.name}: predicted torque, {name}"
+    title = f"{fit.model.robot.title or fit.model.robot.name}: predicted torque, {name}"
     parts: list[Part] = [] if verdict is None else [VerdictPart(verdict)]
     parts += [] if bodies is None else [BodiesPart(bodies)]
     write_validation_report(
@@ -78,7 +78,7 @@ def dynamics_report(
     )
     if contact is None:
         return ""
-    error, joint = contact.error[contact.judged], fit.robot.joints[contact.joint]
+    error, joint = contact.error[contact.judged], fit.model.robot.joints[contact.joint]
     most = f"{abs(error).mean():.3g} N on average, {abs(error).max():.3g} N at most" if error.size else "none judged"
     return (
         f"contact force by {joint.name}: error {most}; {contact.not_judged} rows not judged, their torque is below "
@@ -105,7 +105,6 @@ def joint_model_report(
         verdict: on the fit or on the model.
         fit: how the model was chosen, or None.
     """
-    from bumpstop.identification.validation import compare_estimates
     from bumpstop.report.identification.fit_verdict import VerdictPart
     from bumpstop.report.identification.validation import SelectionPart, write_validation_report
 
@@ -119,7 +118,7 @@ def joint_model_report(
         )
     title = f"{robot.title or robot.name}: torque estimated from current"
     write_validation_report(
-        compare_estimates(found, robot),
+        found.torques(),
         folder,
         title=title,
         where=where,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bumpstop.joint.model import Parameter
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
-    from bumpstop.reproduction.schroeder2013.fit_comparison import GeneralBeside, JointBeside
+    from bumpstop.reproduction.schroeder2013.fit_comparison import FitComparison, JointComparison
     from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit
 
 SHOWN = ("A", "B", "D", "F", "coulomb", "viscous", "load", "hysteresis", "inertia")
@@ -35,7 +35,7 @@ def identify_by_protocol(
     """
     from bumpstop.cli.progress import progress
     from bumpstop.identification.design.plan_file import load_plan
-    from bumpstop.reproduction.schroeder2013.fit_comparison import general_beside
+    from bumpstop.reproduction.schroeder2013.fit_comparison import compare_fits
     from bumpstop.reproduction.schroeder2013.protocol import identify_protocol
     from bumpstop.reproduction.schroeder2013.protocol_verdict import judge_protocol
 
@@ -46,7 +46,7 @@ def identify_by_protocol(
     with progress("identifying") as report:
         fit = identify_protocol(plan, logs, progress=report)
     with progress("fitting all motion") as report:
-        beside = general_beside(fit, logs, progress=report)
+        beside = compare_fits(fit, logs, progress=report)
     verdict = judge_protocol(fit, beside, logs)
     if out is not None:
         _write(fit, beside, verdict, out)
@@ -65,18 +65,18 @@ def identify_by_protocol(
     return exit_status(verdict)
 
 
-def _write(fit: ProtocolFit, beside: GeneralBeside, verdict: FitVerdict, out: Path) -> None:
+def _write(fit: ProtocolFit, beside: FitComparison, verdict: FitVerdict, out: Path) -> None:
     if out.suffix == ".toml":
-        fit.model().save(out)
+        fit.save(out)
         return
     with writing(out):
-        fit.model().save(out / "joint_model.toml")
+        fit.save(out / "joint_model.toml")
     from bumpstop.reproduction.schroeder2013.protocol_page import write_protocol_report
 
     write_protocol_report(fit, out, beside, verdict)
 
 
-def protocol_json(fit: ProtocolFit, beside: GeneralBeside, logs: Sequence[Recording]) -> dict[str, Any]:
+def protocol_json(fit: ProtocolFit, beside: FitComparison, logs: Sequence[Recording]) -> dict[str, Any]:
     """Table 2.2 for programs, the general fit beside it; joints that were not identified have no parameters."""
     found = {joint.experiment.joint: joint for joint in fit.joints}
     other = {pair.protocol.experiment.joint: pair for pair in beside.joints}
@@ -111,7 +111,7 @@ def protocol_json(fit: ProtocolFit, beside: GeneralBeside, logs: Sequence[Record
     return {"joints": joints, "filter": {}, "general": general, "rows_used": fit.rows, "rows_dropped": dropped}
 
 
-def _general(pair: JointBeside | None) -> dict[str, Any] | None:
+def _general(pair: JointComparison | None) -> dict[str, Any] | None:
     """One joint of the general fit, and how far the protocol's parameters are from its own."""
     if pair is None:
         return None
@@ -168,7 +168,7 @@ def shown(fit: ProtocolFit) -> tuple[str, ...]:
     return tuple(name for name in SHOWN if any(name in joint.parameters for joint in fit.joints))
 
 
-def print_beside(beside: GeneralBeside) -> None:
+def print_beside(beside: FitComparison) -> None:
     """The general fit's parameters, and in brackets how far the protocol's are from them."""
     from rich.console import Console
     from rich.table import Table

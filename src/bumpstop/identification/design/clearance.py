@@ -72,7 +72,7 @@ class Clearance:
         ]
 
 
-def reach(robot: Robot, margin: float = 0.0) -> tuple[FloatArray, FloatArray]:
+def usable_joint_range(robot: Robot, margin: float = 0.0) -> tuple[FloatArray, FloatArray]:
     """Lower and upper joint positions a plan may use (n,): the limits less a margin [rad or m], half a turn at most."""
     revolute = np.array([joint.kind == "revolute" for joint in robot.joints])
     lower = np.where(revolute, np.maximum(robot.lower, -np.pi), np.where(np.isfinite(robot.lower), robot.lower, 0.0))
@@ -82,7 +82,7 @@ def reach(robot: Robot, margin: float = 0.0) -> tuple[FloatArray, FloatArray]:
 
 
 def _some_poses(robot: Robot, count: int) -> FloatArray:
-    lower, upper = reach(robot)
+    lower, upper = usable_joint_range(robot)
     return np.random.default_rng(_SEED).uniform(lower, upper, size=(count, robot.dof))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.design.clearance import Clearance, reach
+from bumpstop.identification.design.clearance import Clearance, usable_joint_range
 from bumpstop.identification.design.plan import loaded_robot
 from bumpstop.identification.design.timed_path import TimedPath
 from bumpstop.identification.dynamics.regressor import inertial_names, inertial_regressor
@@ -171,7 +171,7 @@ class _Search:
         self.robot, self.settings = robot, settings
         self.arm = loaded_robot(robot, 0.0, (0.0, 0.0, 0.0))
         self.clear = Clearance(robot, settings.floor, settings.radius)
-        self.low, self.high = reach(robot, math.radians(5))
+        self.low, self.high = usable_joint_range(robot, math.radians(5))
         self.columns = base_columns(robot, settings.gravity)
         self.fine = np.linspace(0.0, settings.period_s, 40 * settings.harmonics + 1)
         self.coarse = np.linspace(0.0, settings.period_s, _ROWS, endpoint=False)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.identification.design.clearance import Clearance, reach
+from bumpstop.identification.design.clearance import Clearance, usable_joint_range
 from bumpstop.model import gravity_torque
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def find_gravity_pose(
             "it slides: the weight it carries does not change along its stroke",
             "weigh it with known loads",
         )
-    low, high = reach(robot, margin)
+    low, high = usable_joint_range(robot, margin)
     poses = _lattice(robot, low, high)
     at_zero, at_quarter = poses.copy(), poses.copy()
     at_zero[:, joint], at_quarter[:, joint] = 0.0, math.pi / 2

@@ -11,7 +11,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.design.clearance import Clearance, reach
+from bumpstop.identification.design.clearance import Clearance, usable_joint_range
 from bumpstop.identification.design.gravity_pose import GravityPose, Unseen, find_gravity_pose
 from bumpstop.identification.design.timed_path import PathBuilder, TimedPath, top_speed
 from bumpstop.identification.payload.payload import with_payload
@@ -28,7 +28,7 @@ SPEED_SHARES = tuple(tenth / 10 for tenth in range(1, 11))  # table 2.1
 _CONSTANT_SHARE = 0.25
 _RAMP_SHARES = (1 / 3, 2 / 3, 1.0)  # of the acceleration
 _TRAVEL_SHARE = 0.3  # of the joints' speeds, between experiments
-_MIN_APPROACH_SHARE = 0.1  # share of the speed at which a held pose is reached
+_MIN_APPROACH = 0.1  # share of the speed at which a held pose is reached
 _ROUTE_CHECKS = 60
 _ROUTE_TRIES = 400
 _SEED = 13
@@ -161,7 +161,7 @@ class IdentificationPlan:
         """From home through strokes, ramps and holds of one joint, and home again."""
         settings, joint = self.settings, experiment.joint
         travel = _TRAVEL_SHARE * self.robot.velocity
-        slow = _MIN_APPROACH_SHARE * float(self.robot.velocity[joint])
+        slow = _MIN_APPROACH * float(self.robot.velocity[joint])
         path = PathBuilder(self.home)
         there = [*experiment.route, experiment.at(experiment.high)]
         path.rest(1.0)
@@ -301,7 +301,7 @@ def _hold_joint(
     arm: Robot, found: GravityPose, settings: ProtocolSettings, clearance: Clearance
 ) -> tuple[int | None, float]:
     """The joint whose swing changes the held joint's torque least; of equals the one nearest the tip."""
-    low, high = reach(arm, math.radians(5))
+    low, high = usable_joint_range(arm, math.radians(5))
     best: tuple[float, int | None, float] = (math.inf, None, 0.0)
     for other in reversed(range(arm.dof)):
         if other == found.joint or arm.joints[other].kind == "prismatic":
@@ -322,7 +322,7 @@ def _hold_joint(
 
 def _home(arm: Robot, clearance: Clearance) -> FloatArray:
     """The clearest of many poses; the zero pose where it is nearly as clear, as people know it."""
-    low, high = reach(arm, math.radians(10))
+    low, high = usable_joint_range(arm, math.radians(10))
     rng = np.random.default_rng(_SEED)
     poses = rng.uniform(low, high, size=(_ROUTE_TRIES * 5, arm.dof))
     revolute = [joint.kind == "revolute" for joint in arm.joints]
@@ -346,7 +346,7 @@ def _route(arm: Robot, clearance: Clearance, begin: FloatArray, end: FloatArray)
 
     if clear(begin, end):
         return np.empty((0, arm.dof))
-    low, high = reach(arm, math.radians(5))
+    low, high = usable_joint_range(arm, math.radians(5))
     rng = np.random.default_rng(_SEED)
     middle = rng.uniform(low, high, size=(_ROUTE_TRIES, arm.dof))
     middle = middle[clearance.least(middle) > 0]

@@ -102,7 +102,7 @@ class PathBuilder:
         Args:
             joint: which one, from 0.
             to: its position at the end.
-            speed: of the stretch between the ramps, positive.
+            speed: of the segment between the ramps, positive.
             acceleration: peak of the ramps.
         """
         way = to - self.q[joint]

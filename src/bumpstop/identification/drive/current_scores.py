@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.drive.drive_model import motor_current
-from bumpstop.identification.dynamics.dynamics_fit import JointScore, share_predicted
-from bumpstop.identification.segments.drive_samples import DriveRows, drive_rows
+from bumpstop.identification.comparison import Comparison, JointScore, one_after_another, share_predicted
+from bumpstop.identification.drive.drive_model import DriveModel, JointMotion, motor_current
+from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.identification.segments.motion import GRAVITY
-from bumpstop.joint.model import JointTorqueModel, TorqueState
+from bumpstop.joint.model import JointParameters, JointTorqueModel, TorqueState
+from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -31,8 +31,11 @@ class CurrentComparison:
     Attributes:
         model: of the joints.
         rows: motion, Newton-Euler torque and unfiltered current.
-        predicted: (N, n) motor current that the model wants for the motion [A]; NaN for a joint whose gain is unknown.
-        estimated: (N, n) torque that the model makes of the measured current [Nm or N]; NaN likewise.
+        predicted: (N, n) motor current that the model wants for the motion [A]. For a joint whose gain is unknown, its
+            friction and the multiples of torque and acceleration that suit these recordings best.
+        estimated: (N, n) torque that the model makes of the measured current [Nm or N]; NaN where the gain is unknown.
+        torque_units: of the joints.
+        free_gains: joints (from 0) whose gain is unknown.
         filter_hz: of the zero-phase filter for ``r2``.
         notes: where the model was used outside its range.
         outside_current, outside_speed: (n,) share of the rows outside the fitted range of joint current and of speed;
@@ -40,11 +43,13 @@ class CurrentComparison:
     """
 
     model: JointTorqueModel
-    rows: DriveRows
+    rows: DriveSamples
     predicted: FloatArray
     estimated: FloatArray
     filter_hz: float
     notes: tuple[str, ...]
+    torque_units: tuple[str, ...]
+    free_gains: tuple[int, ...] = ()
     outside_current: FloatArray | None = None
     outside_speed: FloatArray | None = None
 
@@ -63,36 +68,60 @@ class CurrentComparison:
         """Torque estimated from current less that of the motion (N, n) [Nm or N]: the detector's direct residual."""
         return self.estimated - self.rows.torque
 
-    def current_scores(self) -> tuple[JointScore | None, ...]:
-        """Of currents [A]; None for a joint whose gain is unknown."""
-        return self._scores(self.rows.current, self.predicted)
+    def current_scores(self) -> tuple[JointScore, ...]:
+        """Of currents [``model.unit``]; R2 of a joint whose gain is unknown is that up to a free gain."""
+        return self.currents().scores()
 
     def torque_scores(self) -> tuple[JointScore | None, ...]:
-        """Of torques [Nm or N]: Newton-Euler less estimated; None for a joint whose gain is unknown."""
-        return self._scores(self.estimated, self.rows.torque)
+        """Of torques [Nm or N]: Newton-Euler minus estimated; None for a joint whose gain is unknown."""
+        known = iter(self.torques().scores())
+        return tuple(None if j in self.free_gains else next(known) for j in range(len(self.model.joints)))
 
-    def _scores(self, measured: FloatArray, predicted: FloatArray) -> tuple[JointScore | None, ...]:
-        scores: list[JointScore | None] = []
-        known: npt.NDArray[np.bool_] = np.all(np.isfinite(self.predicted), axis=0)
-        which = slice(None) if known.all() else known
-        smooth, smooth_predicted = (self.rows.filtered(x[:, which], self.filter_hz) for x in (measured, predicted))
-        place = np.cumsum(known) - 1
-        for j, joint in enumerate(self.model.joints):
-            if not known[j]:
-                scores.append(None)
-                continue
-            error = predicted[:, j] - measured[:, j]  # eq 3.1
+    def currents(self) -> Comparison:
+        """Motor currents that the model wants beside measured ones; of all joints."""
+        return self._comparison(self.rows.current, self.predicted, range(len(self.model.joints)), None)
+
+    def torques(self) -> Comparison:
+        """Newton-Euler torques beside those that the model makes of currents; of joints whose gain is known."""
+        known = [j for j in range(len(self.model.joints)) if j not in self.free_gains]
+        return self._comparison(self.estimated, self.rows.torque, known, self.torque_units)
+
+    def _comparison(
+        self, measured: FloatArray, predicted: FloatArray, joints: Sequence[int], units: Sequence[str] | None
+    ) -> Comparison:
+        # A view where all are known: of a long recording there is no need for a copy.
+        which = slice(None) if len(joints) == len(self.model.joints) else list(joints)
+        measured, predicted, rows = measured[:, which], predicted[:, which], self.rows
+        names = tuple(self.model.joints[j].name for j in joints)
+        told = tuple(self.model.unit if units is None else units[j] for j in joints)
+        smooth, smooth_predicted = (rows.filtered(x, self.filter_hz) for x in (measured, predicted))
+        scores = []
+        for k, j in enumerate(joints):
+            error = predicted[:, k] - measured[:, k]  # eq 3.1
             scores.append(
                 JointScore(
-                    name=joint.name,
-                    r2=share_predicted(smooth[:, place[j]], smooth_predicted[:, place[j]]),
-                    r2_raw=share_predicted(measured[:, j], predicted[:, j]),
+                    name=names[k],
+                    r2=share_predicted(smooth[:, k], smooth_predicted[:, k]),
+                    r2_raw=share_predicted(measured[:, k], predicted[:, k]),
                     mean=float(error.mean()),
                     sd=float(error.std()),
                     rmse=float(np.sqrt((error**2).mean())),
+                    unit=told[k],
+                    free_gain=j in self.free_gains,
                 )
             )
-        return tuple(scores)
+        return Comparison(
+            names=names,
+            units=told,
+            t=one_after_another(rows.t, rows.segments),
+            qd=rows.qd[:, which],
+            qdd=rows.qdd[:, which],
+            measured=measured,
+            predicted=predicted,
+            rate_hz=float(np.median(rows.rate_hz)),
+            filter_hz=self.filter_hz,
+            given=tuple(scores),
+        )
 
 
 def compare_currents(
@@ -124,13 +153,20 @@ def compare_currents(
     place = _place(model, arm)
     if cutoff_hz is None:
         cutoff_hz = min(DEFAULT_CUTOFF_HZ, 0.2 * min(log.rate_hz for log in logs))
-    rows = drive_rows(logs, robots, cutoff_hz, every_row=True, smooth_current=False, gravity=gravity).of_joints(place)
+    rows = drive_samples(logs, robots, cutoff_hz, every_row=True, smooth_current=False, gravity=gravity).of_joints(
+        place
+    )
     predicted = np.empty_like(rows.current)
+    free_gains = tuple(j for j, joint in enumerate(model.joints) if joint.parameters["B"] is None)
     for j, joint in enumerate(model.joints):
-        predicted[:, j] = motor_current(joint, rows.joint(j, joint.rest_speed))
+        motion = rows.joint(j, joint.rest_speed)
+        if j in free_gains:
+            predicted[:, j] = _current_by_free_gain(joint, motion, rows, rows.current[:, j], filter_hz or cutoff_hz)
+        else:
+            predicted[:, j] = motor_current(joint, motion)
     estimated = np.empty_like(rows.current)
     total = TorqueState.at_rest(len(place))
-    for part in rows.stretches:
+    for part in rows.segments:
         state = TorqueState.at_rest(len(place))
         estimated[part] = model.torque(rows.current[part], rows.qd[part], rows.qdd[part], state)
         total.outside_current += state.outside_current
@@ -142,9 +178,29 @@ def compare_currents(
         estimated=estimated,
         filter_hz=filter_hz or cutoff_hz,
         notes=model.notes(total),
+        torque_units=tuple(unit_of(arm.joints[j]) for j in place),
+        free_gains=free_gains,
         outside_current=total.outside_current / len(rows.t),
         outside_speed=total.outside_speed / len(rows.t),
     )
+
+
+def _current_by_free_gain(
+    joint: JointParameters, motion: JointMotion, rows: DriveSamples, measured: FloatArray, cutoff_hz: float
+) -> FloatArray:
+    """Motor current (N,) by the friction of a joint, and by its torque and acceleration as they suit ``measured`` best.
+
+    Two numbers are fitted to the recordings that are scored, current per torque and current per acceleration: what is
+    left says how well friction and the shape of the torque are known, and nothing of the scale.
+    """
+    values = {name: joint.value(name) for name in joint.parameters}
+    law = DriveModel("blind", joint.friction, ("torque", "acceleration"), values, joint.rest_speed)
+    friction, columns = law.current(np.zeros(2), motion)
+    smooth = rows.filtered(np.column_stack([columns, measured - friction]), cutoff_hz)
+    length = np.maximum(np.linalg.norm(smooth[:, :2], axis=0), 1e-300)
+    share = np.linalg.lstsq(smooth[:, :2] / length, smooth[:, 2], rcond=1e-9)[0] / length
+    current: FloatArray = friction + columns @ share
+    return current
 
 
 def _place(model: JointTorqueModel, arm: Robot) -> list[int]:

@@ -42,7 +42,7 @@ class JointMotion:
         return JointMotion(self.torque[which], self.qd[which], self.qdd[which], self.held[which])
 
 
-def held_share(qd: FloatArray, rest_speed: float, noticed: npt.NDArray[np.bool_] | None = None) -> FloatArray:
+def stiction_share(qd: FloatArray, rest_speed: float, noticed: npt.NDArray[np.bool_] | None = None) -> FloatArray:
     """Share of hysteresis that acts at each row, with the sign of the last motion (eqs 2.22 and 2.23).
 
     All of it up to ``rest_speed``, nothing from twice that on, none before the first motion; as
@@ -63,7 +63,7 @@ def held_share(qd: FloatArray, rest_speed: float, noticed: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class CurrentLaw:
+class DriveModel:
     """A map and a friction law, and which of their parameters are free.
 
     Attributes:
@@ -84,7 +84,7 @@ class CurrentLaw:
     @classmethod
     def of(
         cls, kind: str, friction: str, rest_speed: float, fixed: Mapping[str, float], *, hysteresis: bool
-    ) -> CurrentLaw:
+    ) -> DriveModel:
         """All parameters of a map and a friction law but the fixed ones."""
         own = ("torque", "acceleration") if kind == "blind" else (*OF_MAP[kind], "inertia")
         own = (*own, *OF_FRICTION[friction], *(("hysteresis",) if hysteresis and kind != "blind" else ()))
@@ -177,6 +177,6 @@ def motor_current(joint: JointParameters, motion: JointMotion) -> FloatArray:
             tangent = edge + (wanted - edge * (B + bend)) / (B + 2 * bend)
             current = np.where(beyond(tangent, edge), tangent, current)
     values = {name: joint.value(name) for name in joint.parameters}
-    law = CurrentLaw("blind", joint.friction, (), {**values, "torque": 1.0, "acceleration": 0.0}, joint.rest_speed)
+    law = DriveModel("blind", joint.friction, (), {**values, "torque": 1.0, "acceleration": 0.0}, joint.rest_speed)
     still = JointMotion(current, motion.qd, motion.qdd, motion.held)
     return law.current(np.empty(0), still)[0]

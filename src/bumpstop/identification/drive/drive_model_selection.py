@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.segments.drive_samples import DriveRows, drive_rows
+from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.joint.model import DEFAULT_REST_SPEED
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def choose_settings(
         trim = min(1 / _CUTOFFS_HZ[0], 0.05 * min(recording.duration for recording in shorter))
         for candidate in _CUTOFFS_HZ:
             if candidate <= _PER_RATE * slowest:
-                rows = drive_rows(
+                rows = drive_samples(
                     shorter, robots, candidate, every_row=True, smooth_current=False, trim_s=trim, gravity=gravity
                 )
                 speeds = [rest_speed or DEFAULT_REST_SPEED] * robots[0].dof
@@ -81,7 +81,7 @@ def choose_settings(
         cutoff_hz = max(candidate for candidate, error in held_out.items() if error <= _AS_GOOD * least)
     if rest_speed is not None:
         return DriveSettings(cutoff_hz, (rest_speed,) * robots[0].dof, held_out)
-    rows = drive_rows(shorter, robots, cutoff_hz, gravity=gravity)
+    rows = drive_samples(shorter, robots, cutoff_hz, gravity=gravity)
     chosen = []
     for j in range(robots[0].dof):
         errors = [_left_out(rows, j, speed, cutoff_hz) for speed in _REST_SPEEDS]
@@ -90,14 +90,14 @@ def choose_settings(
     return DriveSettings(cutoff_hz, tuple(chosen), held_out)
 
 
-def linear_columns(rows: DriveRows, j: int, rest_speed: float) -> FloatArray:
+def linear_columns(rows: DriveSamples, j: int, rest_speed: float) -> FloatArray:
     """Columns (N, 5) of a linear map: torque, acceleration, sign and rate of the motion, share of hysteresis."""
     motion = rows.joint(j, rest_speed)
     sign = np.clip(motion.qd / rest_speed, -1.0, 1.0)
     return np.stack([motion.torque, motion.qdd, sign, motion.qd, motion.held], axis=1)
 
 
-def _left_out(rows: DriveRows, j: int, rest_speed: float, cutoff_hz: float) -> float:
+def _left_out(rows: DriveSamples, j: int, rest_speed: float, cutoff_hz: float) -> float:
     """Share of a joint's current, filtered at ``cutoff_hz``, that fifths leave unexplained by the other four."""
     # A power of the speed beside Coulomb and viscous friction, or a smoother sign would stand in for it.
     columns = linear_columns(rows, j, rest_speed)

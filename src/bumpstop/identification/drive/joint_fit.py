@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.drive.drive_model import CurrentLaw, JointMotion
-from bumpstop.identification.drive.observability import Sight, bounds, look, starting_values
-from bumpstop.identification.segments.drive_samples import DriveRows
+from bumpstop.identification.drive.drive_model import DriveModel, JointMotion
+from bumpstop.identification.drive.error_sources import (
+    GainByModel,
+    error_of_choice,
+    errors_of_inertia,
+    weights_of,
+)
+from bumpstop.identification.drive.observability import SURE_GAIN, DriveObservability, assess, bounds, starting_values
+from bumpstop.identification.segments.drive_samples import DriveSamples
 from bumpstop.identification.statistics.independent_columns import condition_of
 from bumpstop.identification.statistics.robust_fit import HUBER, RobustFit, at_bound, gauss_newton_step, robust_fit
 from bumpstop.joint.model import COMMON, OF_FRICTION, OF_MAP, JointParameters, Parameter
@@ -22,8 +28,8 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 _FOLDS = 5
-# Rows that maps and laws are chosen on, and that the chosen one is fitted to; of more, blocks spread over the time.
-_ENOUGH_TO_CHOOSE, _ENOUGH_TO_FIT = 8_000, 30_000
+# Rows that maps and laws are chosen on; of more, blocks spread over the time.
+_ENOUGH_TO_CHOOSE = 8_000
 # The simplest candidate within this factor of the least held-out error is taken.
 _AS_GOOD = 1.002
 # Simplest first.
@@ -38,12 +44,17 @@ class Candidate:
         map, friction: which.
         held_out: root mean square error on held-out fifths of the time [A, filtered]; None: refused.
         refused: why it cannot be used; or empty.
+        gain: that it came to, on the samples that models are chosen on; None: there is none, or it is no map at all. A
+            model that is refused since the motion does not tell its parameters apart has one: it may still be true.
+        weight: of its gain among those of all candidates, 0 to 1.
     """
 
     map: str
     friction: str
     held_out: float | None
     refused: str = ""
+    gain: GainByModel | None = None
+    weight: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +76,8 @@ class JointFit:
         rmse: root mean square of measured less predicted, filtered [A].
         independent: number of residuals that count as independent.
         condition: condition number of the columns of the fit, each brought to length one.
+        gain_errors: standard errors of B by what makes them: ``noise``, ``model`` (the choice of map and friction) and
+            ``inertia``; that of B is their hypotenuse. Empty where the gain is not fitted.
     """
 
     name: str
@@ -83,6 +96,7 @@ class JointFit:
     rmse: float
     independent: float
     condition: float = math.inf
+    gain_errors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def residual(self) -> FloatArray:
@@ -94,25 +108,25 @@ class JointFit:
 class _Task:
     """The rows of one joint, and how predictions are filtered to be compared."""
 
-    rows: DriveRows
+    rows: DriveSamples
     motion: JointMotion
     measured: FloatArray
 
     @classmethod
-    def of(cls, rows: DriveRows, j: int, rest_speed: float) -> _Task:
+    def of(cls, rows: DriveSamples, j: int, rest_speed: float) -> _Task:
         return cls(rows, rows.joint(j, rest_speed), rows.filtered(rows.current[:, j : j + 1])[:, 0])
 
-    def model(self, law: CurrentLaw, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def model(self, law: DriveModel, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         current, columns = law.current(values, self.motion)
         both = self.rows.filtered(np.column_stack([current, columns]))
         return both[:, 0], both[:, 1:]
 
-    def fit(self, law: CurrentLaw, start: Mapping[str, float], sight: Sight, **options: Any) -> RobustFit:
+    def fit(self, law: DriveModel, start: Mapping[str, float], sight: DriveObservability, **options: Any) -> RobustFit:
         low, high = bounds(law.names, sight)
         values = np.array([start[name] for name in law.names])
         return robust_fit(lambda x: self.model(law, x), self.measured, values, low, high, **options)
 
-    def left_out(self, law: CurrentLaw, fit: RobustFit, sight: Sight) -> float:
+    def left_out(self, law: DriveModel, fit: RobustFit, sight: DriveObservability) -> float:
         """Root mean square error on fifths of the time, each predicted from the other four.
 
         Their fit is one Gauss-Newton step away from that to all five, so near that a second would change nothing.
@@ -130,24 +144,27 @@ class _Task:
 
 
 def fit_joint(
-    rows: DriveRows,
+    rows: DriveSamples,
     j: int,
     arm: Robot,
     rest_speed: float,
     maps: tuple[str, ...],
     frictions: tuple[str, ...],
     known: Mapping[str, float],
+    changes: FloatArray,
 ) -> JointFit:
-    """Fit joint ``j`` (from 0) of ``arm``; settings as for ``identify_joint_model``."""
+    """Fit joint ``j`` (from 0) of ``arm``; settings as for ``identify_joint_model``.
+
+    ``changes``: (N, c) of the joint's torque by one standard deviation of the inertia, as :func:`inertia_changes`.
+    """
     joint = arm.joints[j]
-    rows = rows.spread(_ENOUGH_TO_FIT)
     task = _Task.of(rows, j, rest_speed)
-    sight = look(rows, j, arm, rest_speed, known)
+    sight = assess(rows, j, arm, rest_speed, known)
     unseen = dict(sight.unseen)
     fixed = {**sight.fixed, **known}
     start = starting_values(sight, fixed)
     candidates: list[Candidate] = []
-    if sight.blind:
+    if sight.gain_unobservable:
         kind, friction = "blind", "power"
     else:
         kind, friction, near = _choose(
@@ -155,9 +172,9 @@ def fit_joint(
         )
         start |= near
     while True:
-        law = CurrentLaw.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
+        law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
         fit = task.fit(law, start, sight)
-        more = sight.unclear(law, fit)
+        more = sight.ambiguous(law, fit)
         blinder = None if more else sight.without_gain(law, fit)
         if blinder is not None:
             sight, kind, friction = blinder, "blind", "power"
@@ -166,7 +183,8 @@ def fit_joint(
             continue
         if not more:
             try:
-                parameters = _parameters(joint.name, law, fit, known, sight, task)
+                errors, gain_errors = _errors(law, fit, task, changes, candidates)
+                parameters = _parameters(joint.name, law, fit.values, errors, known, sight, task)
                 break
             except InputError:
                 if "A" not in law.names:
@@ -178,12 +196,18 @@ def fit_joint(
     predicted = task.measured - fit.residual
     estimated = _estimated(parameters, task)
     warnings = [f"{name} is not identifiable: {reason}" for name, reason in unseen.items()]
+    gain = parameters.parameters["B"]
+    if gain is not None and gain_errors and gain_errors["inertia"] > SURE_GAIN * gain.value:
+        warnings.append(
+            f"B rests on the inertia that the robot came with: its standard error is "
+            f"{100 * gain_errors['inertia'] / gain.value:.3g} % where that is as uncertain as stated"
+        )
     if not fit.converged:
         warnings.append("the fit did not settle; its figures are doubtful")
     spread = float(((task.measured - task.measured.mean()) ** 2).sum())
     return JointFit(
         name=joint.name,
-        observable=not sight.blind,
+        observable=not sight.gain_unobservable,
         parameters=parameters,
         unseen=unseen,
         warnings=tuple(warnings),
@@ -198,13 +222,39 @@ def fit_joint(
         rmse=float(np.sqrt((fit.residual**2).mean())),
         independent=fit.independent,
         condition=condition_of(fit.columns),
+        gain_errors=gain_errors,
     )
 
 
+def _errors(
+    law: DriveModel, fit: RobustFit, task: _Task, changes: FloatArray, candidates: list[Candidate]
+) -> tuple[FloatArray, dict[str, float]]:
+    """Standard errors (k,) of a fit by noise, inertia and choice of the model, and the parts of that of B."""
+    of_inertia = errors_of_inertia(law, fit, task.motion, changes, task.rows)
+    errors = np.hypot(fit.standard_errors, of_inertia)
+    if "B" not in law.names:
+        return errors, {}
+    place = law.names.index("B")
+    able = [number for number, candidate in enumerate(candidates) if candidate.gain is not None]
+    gains = [gain for candidate in candidates if (gain := candidate.gain) is not None]
+    of_choice = 0.0
+    if gains:
+        weights = weights_of(gains, fit.independent)
+        for number, weight in zip(able, weights.tolist(), strict=True):
+            candidates[number] = replace(candidates[number], weight=weight)
+        tried = [(candidates[number].map, candidates[number].friction) for number in able]
+        chosen = (law.map, law.friction)
+        if chosen in tried:
+            of_choice = error_of_choice(gains, tried.index(chosen), weights)
+    errors[place] = math.hypot(errors[place], of_choice)
+    noise = float(fit.standard_errors[place])
+    return errors, {"noise": noise, "model": of_choice, "inertia": float(of_inertia[place])}
+
+
 def _choose(
-    rows: DriveRows,
+    rows: DriveSamples,
     j: int,
-    sight: Sight,
+    sight: DriveObservability,
     fixed: Mapping[str, float],
     start: Mapping[str, float],
     maps: tuple[str, ...],
@@ -218,25 +268,28 @@ def _choose(
     By held-out error; and the values found. Where the simplest map bends too little, a law may have made up for it.
     """
     task = _Task.of(rows.spread(_ENOUGH_TO_CHOOSE), j, rest_speed)
-    kinds = [kind for kind in _MAPS if kind in maps and not ("A" in known_names(fixed) and kind == "linear")]
+    kinds = [kind for kind in _MAPS if kind in maps and not ("A" in fixed_parameters(fixed) and kind == "linear")]
     laws = [law for law in _FRICTIONS if law in frictions]
-    if sight.one_speed or sight.never_moves:
+    if sight.single_speed or sight.static:
         laws = [law for law in laws if law == "power"] or laws[:1]
 
     near: dict[tuple[str, str], dict[str, float]] = {}
 
     def tried(kind: str, friction: str) -> Candidate:
-        law = CurrentLaw.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
+        law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
         fit = task.fit(law, {**start, **near.get((kinds[0], friction), {})}, sight)
         near[kind, friction] = dict(zip(law.names, fit.values.tolist(), strict=True))
-        refused = sight.refused(law, fit)
-        if not refused:
-            try:
-                _parameters(name, law, fit, {}, sight, task)
-            except InputError as error:
-                refused = error.problem
-        held_out = None if refused else task.left_out(law, fit, sight)
-        return Candidate(map=kind, friction=friction, held_out=held_out, refused=refused)
+        refused, gain = sight.refused(law, fit), None
+        held_out = task.left_out(law, fit, sight)
+        if "B" in law.names:
+            place = law.names.index("B")
+            gain = GainByModel(float(fit.values[place]), float(fit.standard_errors[place]), held_out)
+        try:
+            _parameters(name, law, fit.values, fit.standard_errors, {}, sight, task)
+        except InputError as error:
+            refused, gain = refused or error.problem, None
+        held = None if refused else held_out
+        return Candidate(map=kind, friction=friction, held_out=held, refused=refused, gain=gain)
 
     candidates += [tried(kinds[0], friction) for friction in laws]
     friction = _best(candidates, "friction") or laws[0]
@@ -249,7 +302,7 @@ def _choose(
     return kind, friction, near[kind, friction]
 
 
-def known_names(fixed: Mapping[str, float]) -> set[str]:
+def fixed_parameters(fixed: Mapping[str, float]) -> set[str]:
     """Names of parameters that are not fitted and not zero."""
     return {name for name, value in fixed.items() if value != 0}
 
@@ -265,15 +318,16 @@ def _best(candidates: list[Candidate], what: str) -> str:
 
 def _parameters(
     name: str,
-    law: CurrentLaw,
-    fit: RobustFit,
+    law: DriveModel,
+    found: FloatArray,
+    standard_errors: FloatArray,
     known: Mapping[str, float],
-    sight: Sight,
+    sight: DriveObservability,
     task: _Task,
 ) -> JointParameters:
     """The fit as a joint of a model, which refuses a map that is not monotone over the currents of the fit."""
-    values = {**law.fixed, **dict(zip(law.names, fit.values.tolist(), strict=True))}
-    errors = dict(zip(law.names, fit.standard_errors.tolist(), strict=True))
+    values = {**law.fixed, **dict(zip(law.names, found.tolist(), strict=True))}
+    errors = dict(zip(law.names, standard_errors.tolist(), strict=True))
     blind = law.map == "blind"
     kind = "linear" if blind else law.map
     parameters: dict[str, Parameter | None] = {}
@@ -291,16 +345,16 @@ def _parameters(
         map=kind,  # type: ignore[arg-type]
         friction=law.friction,  # type: ignore[arg-type]
         parameters=parameters,
-        current_range=None if blind else _current_range(law, fit, task),
+        current_range=None if blind else _current_range(law, found, task),
         speed_range=sight.speed_range,
         rest_speed=law.rest_speed,
     )
 
 
-def _current_range(law: CurrentLaw, fit: RobustFit, task: _Task) -> tuple[float, float] | None:
+def _current_range(law: DriveModel, found: FloatArray, task: _Task) -> tuple[float, float] | None:
     """Range of the joint current over the rows of the fit."""
-    values = {**law.fixed, **dict(zip(law.names, fit.values.tolist(), strict=True))}
-    still = CurrentLaw(law.map, "power", (), {**values, "D": 0.0, "F": 0.0}, law.rest_speed)
+    values = {**law.fixed, **dict(zip(law.names, found.tolist(), strict=True))}
+    still = DriveModel(law.map, "power", (), {**values, "D": 0.0, "F": 0.0}, law.rest_speed)
     current = still.current(np.empty(0), task.motion)[0]
     low, high = float(current.min()), float(current.max())
     return (low, high) if low < high else None
@@ -311,7 +365,7 @@ def _estimated(parameters: JointParameters, task: _Task) -> FloatArray:
 
     model = JointTorqueModel(robot="arm", created_from="a recording", unit="A", joints=(parameters,))
     parts = []
-    for rows in task.rows.stretches:
+    for rows in task.rows.segments:
         motion = task.motion.rows(rows)
         parts.append(model.torque(task.measured[rows, None], motion.qd[:, None], motion.qdd[:, None])[:, 0])
     return np.concatenate(parts)

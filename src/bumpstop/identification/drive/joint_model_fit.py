@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError, near_matches
+from bumpstop.identification.drive.current_scores import compare_currents
 from bumpstop.identification.drive.drive_model_selection import choose_settings
+from bumpstop.identification.drive.drive_quantities import drive_errors, drive_quantities
+from bumpstop.identification.drive.error_sources import INERTIA_UNCERTAINTY, inertia_changes
 from bumpstop.identification.drive.joint_fit import JointFit, fit_joint
-from bumpstop.identification.recording_consistency import joints_in_dispute
-from bumpstop.identification.segments.drive_samples import DriveRows, drive_rows
+from bumpstop.identification.fit import Quantity
+from bumpstop.identification.recording_consistency import inconsistent_joints
+from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.joint.model import BOUNDS, OF_FRICTION, OF_MAP, JointTorqueModel
 
 if TYPE_CHECKING:
+    from bumpstop.identification.comparison import Comparison, JointScore
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
+# Samples that a joint is fitted to; of more, blocks spread over the time.
+_ENOUGH_TO_FIT = 30_000
 # No parameter that is given comes near these ends, and what is worked out of them are numbers.
 _MIN_GAIN, _MAX_VALUE = 1e-9, 1e9
 
@@ -35,29 +43,54 @@ class JointModelFit:
         cutoff_hz: of the zero-phase filter that motion and current passed.
         held_out: mean over joints of 1 - R2 of held-out fifths, by the cut-off that was tried [Hz].
         rows_used: recorded rows that the fit used.
-        rows_left: rows in stretches between gaps too short to use.
-        rows_at_ends: rows left away at the ends of stretches, where the filter has one side only to go by.
-        in_dispute: joints whose gain differs from recording to recording.
+        rows_left: rows in segments between gaps too short to use.
+        rows_at_ends: rows left away at the ends of segments, where the filter has one side only to go by.
+        inconsistent: joints whose gain differs from recording to recording.
+        gravity: acceleration of free fall in the base frame, of the recordings and of predictions [m/s2].
     """
 
     model: JointTorqueModel
     robot: Robot
     joints: tuple[JointFit, ...]
-    rows: DriveRows
+    rows: DriveSamples
     cutoff_hz: float
     held_out: Mapping[float, float]
     rows_used: int
     rows_left: int
     rows_at_ends: int
-    in_dispute: tuple[str, ...] = ()
+    inconsistent: tuple[str, ...] = ()
+    gravity: tuple[float, float, float] = GRAVITY
+
+    @property
+    def parameters(self) -> dict[str, Quantity]:
+        """Parameters of the joints, ``JOINT.NAME``."""
+        return drive_quantities(self.model, self.robot)
+
+    @property
+    def standard_errors(self) -> dict[str, float | None]:
+        """Of :attr:`parameters`."""
+        return drive_errors(self.model)
+
+    def predict(self, recording: Recording | Sequence[Recording]) -> Comparison:
+        """Motor currents that the model wants, beside measured ones; see :func:`compare_currents` for more."""
+        found = compare_currents(self.model, recording, self.robot, cutoff_hz=self.cutoff_hz, gravity=self.gravity)
+        return found.currents()
+
+    def score(self, recording: Recording | Sequence[Recording]) -> tuple[JointScore, ...]:
+        """Of motor currents; R2 of a joint whose gain is unknown is that up to a free gain."""
+        return self.predict(recording).scores()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the joint torque model (:meth:`JointTorqueModel.save`)."""
+        self.model.save(path)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the motion could not show, a sentence for each parameter, with the joint's name."""
         own = tuple(f"{joint.name}: {warning}" for joint in self.joints for warning in joint.warnings)
-        if not self.in_dispute:
+        if not self.inconsistent:
             return own
-        which = ", ".join(self.in_dispute)
+        which = ", ".join(self.inconsistent)
         return (f"{which}: the recordings want different gains: did the arm carry something in one (--payload)?", *own)
 
 
@@ -73,6 +106,7 @@ def identify_joint_model(
     unit: str = "A",
     gravity: tuple[float, float, float] = GRAVITY,
     joints: Sequence[int] | None = None,
+    inertia_uncertainty: float = INERTIA_UNCERTAINTY,
     progress: Callable[[float], None] | None = None,
 ) -> JointModelFit:
     """Fit map, friction, hysteresis and reflected inertia of every joint to recorded currents.
@@ -80,7 +114,8 @@ def identify_joint_model(
     The current that a joint model wants for the recorded motion is compared with the current that was measured. Noise
     is on the current: taken as a regressor it would pull A and B towards zero, as a response it does not. Measured and
     predicted currents pass one zero-phase filter. Huber's loss, in robust standard deviations of the residuals;
-    standard errors that hold where residuals are correlated in time. Of maps and friction laws the simplest within
+    standard errors that hold where residuals are correlated in time, and that know of an uncertain inertia and, of B,
+    of the choice among models. Of maps and friction laws the simplest within
     0.2 % of the least root mean square error on held-out fifths of the time is taken.
 
     Args:
@@ -94,6 +129,8 @@ def identify_joint_model(
         unit: of current.
         gravity: acceleration of free fall in the base frame, of a tilted base not along -z [m/s2].
         joints: numbers, from 0, of the joints to fit; default: all.
+        inertia_uncertainty: relative standard uncertainty of every link's mass and, independently, of the distance of
+            its centre along each axis, 0 to 1; it enters the standard errors. 0: the inertia is exact.
         progress: called with the share that is done, 0 to 1.
 
     Raises:
@@ -108,15 +145,20 @@ def identify_joint_model(
     _check_choice("frictions", frictions, OF_FRICTION)
     arm = robots[0]
     fixed = _known(known or {}, arm)
+    if not 0 <= inertia_uncertainty < 1:
+        raise InputError("inertia_uncertainty", f"is {inertia_uncertainty}", "wanted 0 or more, and below 1")
     report = progress or (lambda share: None)
     settings = choose_settings(logs, robots, cutoff_hz, rest_speed, gravity)
     report(0.2)
-    rows = drive_rows(logs, robots, settings.cutoff_hz, gravity=gravity)
+    rows = drive_samples(logs, robots, settings.cutoff_hz, gravity=gravity)
     found = []
     which = range(arm.dof) if joints is None else joints
+    few = rows.spread(_ENOUGH_TO_FIT)
+    changes = inertia_changes(few, arm, gravity, inertia_uncertainty)
     for j in which:
         known_here = fixed.get(arm.joints[j].name, {})
-        found.append(fit_joint(rows, j, arm, settings.rest_speeds[j], tuple(maps), tuple(frictions), known_here))
+        laws = tuple(maps), tuple(frictions)
+        found.append(fit_joint(few, j, arm, settings.rest_speeds[j], *laws, known_here, changes[:, j]))
         report(0.2 + 0.8 * len(found) / len(which))
     model = JointTorqueModel(
         robot=arm.name,
@@ -134,7 +176,8 @@ def identify_joint_model(
         rows_used=rows.rows_recorded - rows.rows_at_ends,
         rows_left=rows.rows_left,
         rows_at_ends=rows.rows_at_ends,
-        in_dispute=tuple(joints_in_dispute(model, rows if joints is None else rows.of_joints(list(joints)))),
+        inconsistent=tuple(inconsistent_joints(model, rows if joints is None else rows.of_joints(list(joints)))),
+        gravity=gravity,
     )
 
 

@@ -70,9 +70,9 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
             warnings.append(f"{named(at_zero)} of {joint.name} would come out negative and is held at 0")
         if joint.observable and joint.condition > _ILL_CONDITIONED:
             warnings.append(f"the motion of {joint.name} hardly tells its parameters apart ({joint.condition:.3g})")
-    if fit.in_dispute:
+    if fit.inconsistent:
         warnings.append(
-            f"the recordings want different gains of {named(fit.in_dispute)}: did the arm carry something undeclared?"
+            f"the recordings want different gains of {named(fit.inconsistent)}: did the arm carry something undeclared?"
         )
     tell_shifts(recordings, fit.robot, "current", faults, warnings)
     warnings += doubtful_columns(recordings, fit.robot, "current")
@@ -112,7 +112,7 @@ def judge_currents(
     """
     faults = reading_faults(recordings)
     warnings: list[str] = []
-    scores = [score for score in found.current_scores() if score is not None]
+    scores = [score for score in found.current_scores() if not score.free_gain]
     if not scores:
         faults.append("the model knows the gain of no joint")
     for score in scores:
@@ -144,7 +144,7 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
     """
     faults = reading_faults([recording])
     warnings: list[str] = []
-    mass, error = found.values.get("m"), found.standard_errors.get("m")
+    mass, error = found.parameters["m"].value, found.standard_errors["m"]
     if mass is None:
         faults.append("the motion does not show the payload's mass")
     elif error is not None and mass < -2 * error:

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.identification.drive.drive_model import CurrentLaw
+from bumpstop.identification.drive.drive_model import DriveModel
 from bumpstop.identification.drive.drive_model_selection import linear_columns
-from bumpstop.identification.segments.drive_samples import DriveRows
+from bumpstop.identification.segments.drive_samples import DriveSamples
 from bumpstop.identification.statistics.robust_fit import RobustFit, long_run_errors
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 # A gain whose standard error is above this share of it is not seen.
-_SURE = 0.25
+SURE_GAIN = 0.25
 # Moving rows whose speeds, between the 10 % and the 90 % quantile, differ by less than this factor are of one speed.
 _ONE_SPEED = 1.3
 # An exponent is seen when its standard error is below this.
@@ -37,15 +37,15 @@ _NOT_FROM_GAIN = "it cannot be told from the gain"
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class DriveObservability:
     """What a joint's motion can show, by a linear map with Coulomb and viscous friction.
 
     Attributes:
         name: of the joint.
         gain, acceleration, coulomb, viscous: of the linear fit: current per torque, per acceleration, constant and per
             rate.
-        blind: the gain cannot be seen.
-        one_speed, never_moves: what it says.
+        gain_unobservable: the gain cannot be seen.
+        single_speed, static: what it says.
         hysteresis: whether it can be seen.
         unseen: parameters that cannot be seen, with reasons.
         fixed: what is put in their place.
@@ -60,9 +60,9 @@ class Sight:
     acceleration: float
     coulomb: float
     viscous: float
-    blind: bool
-    one_speed: bool
-    never_moves: bool
+    gain_unobservable: bool
+    single_speed: bool
+    static: bool
     hysteresis: bool
     unseen: Mapping[str, str]
     fixed: Mapping[str, float]
@@ -72,7 +72,7 @@ class Sight:
     torque: float
     rest_speed: float
 
-    def refused(self, law: CurrentLaw, fit: RobustFit) -> str:
+    def refused(self, law: DriveModel, fit: RobustFit) -> str:
         """Why the parameters of a law cannot be told apart in this motion; or empty."""
         values = {**law.fixed, **dict(zip(law.names, fit.values.tolist(), strict=True))}
         errors = dict(zip(law.names, fit.standard_errors.tolist(), strict=True))
@@ -85,7 +85,7 @@ class Sight:
             return "the speed of the Stribeck effect is not identifiable"
         return ""
 
-    def unclear(self, law: CurrentLaw, fit: RobustFit) -> dict[str, tuple[float, str]]:
+    def ambiguous(self, law: DriveModel, fit: RobustFit) -> dict[str, tuple[float, str]]:
         """Parameters of a fit that it leaves open: what to put in their place, and why."""
         values = {**law.fixed, **dict(zip(law.names, fit.values.tolist(), strict=True))}
         errors = dict(zip(law.names, fit.standard_errors.tolist(), strict=True))
@@ -104,14 +104,14 @@ class Sight:
             )
         return found
 
-    def without_gain(self, law: CurrentLaw, fit: RobustFit) -> Sight | None:
+    def without_gain(self, law: DriveModel, fit: RobustFit) -> DriveObservability | None:
         """What is seen where the whole fit leaves the gain open, as a linear one did not; None: it does not either."""
         errors = dict(zip(law.names, fit.standard_errors.tolist(), strict=True))
         gain = dict(zip(law.names, fit.values.tolist(), strict=True)).get("B")
-        if self.blind or gain is None or errors["B"] < _SURE * gain:
+        if self.gain_unobservable or gain is None or errors["B"] < SURE_GAIN * gain:
             return None
         reasons = {"B": _TOO_LITTLE, "inertia": _NOT_FROM_GAIN}
-        return replace(self, blind=True, unseen={**self.unseen, **reasons})
+        return replace(self, gain_unobservable=True, unseen={**self.unseen, **reasons})
 
 
 # A torque that varies by less than this share of its size, while the joint rests, says nothing of the gain.
@@ -119,7 +119,7 @@ _SAME = 0.02
 _HELD_STILL = "the joint rests and its torque stays the same, friction may carry any part of it: its gain stays unknown"
 
 
-def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[str, float]) -> Sight:
+def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Mapping[str, float]) -> DriveObservability:
     """Find out what the motion of joint ``j`` can show."""
     from bumpstop.model import mass_matrix
 
@@ -129,14 +129,14 @@ def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[
     moving = np.sort(speed[speed > 2 * rest_speed])
     never = moving.size < 0.01 * speed.size
     quantile = np.quantile(moving, [0.1, 0.25, 0.75, 0.9]) if moving.size else np.full(4, rest_speed)
-    one_speed = bool(quantile[3] < _ONE_SPEED * quantile[0])
+    single_speed = bool(quantile[3] < _ONE_SPEED * quantile[0])
     unseen: dict[str, str] = {}
     fixed: dict[str, float] = {}
     if never:
         unseen["D"] = "the joint does not move, D and F are fixed at 0"
         unseen["F"] = unseen["D"]
         fixed |= {"D": 0.0, "F": 0.0}
-    elif one_speed:
+    elif single_speed:
         unseen["F"] = (
             f"all speeds lie about {np.median(moving):.3g} rad/s, F is fixed at 0: D is the friction at that speed"
         )
@@ -150,21 +150,21 @@ def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[
     held = never and "B" not in known
     if held and float(raw[:, 0].std()) >= _SAME * float(np.abs(raw[:, 0]).max()):
         beside, unsure = _linear_fit(rows, j, raw, hysteresis, known, constant=True)
-        held = not unsure[0] < _SURE * abs(float(beside[0]))
-    blind = "B" not in known and (held or not (gain > 0 and errors[0] < _SURE * gain))
+        held = not unsure[0] < SURE_GAIN * abs(float(beside[0]))
+    blind = "B" not in known and (held or not (gain > 0 and errors[0] < SURE_GAIN * gain))
     if blind:
         unseen["B"] = _HELD_STILL if held else _why_blind(gain, float(errors[0]), raw)
         unseen["inertia"] = _NOT_FROM_GAIN
     near = rows.q[:: max(1, rows.t.size // 50)]
-    return Sight(
+    return DriveObservability(
         name=name,
         gain=gain if gain > 0 else 1 / known.get("B", 1.0),
         acceleration=float(values[1]),
         coulomb=max(float(values[2]), 0.0),
         viscous=max(float(values[3]), 0.0),
-        blind=blind,
-        one_speed=one_speed,
-        never_moves=never,
+        gain_unobservable=blind,
+        single_speed=single_speed,
+        static=never,
         hysteresis=hysteresis,
         unseen={key: reason for key, reason in unseen.items() if key not in known},
         fixed=fixed,
@@ -176,7 +176,7 @@ def look(rows: DriveRows, j: int, arm: Robot, rest_speed: float, known: Mapping[
     )
 
 
-def starting_values(sight: Sight, fixed: Mapping[str, float]) -> dict[str, float]:
+def starting_values(sight: DriveObservability, fixed: Mapping[str, float]) -> dict[str, float]:
     """Where fits begin, by name."""
     slow, fast = sight.speeds
     fast = max(fast, 1.05 * slow)
@@ -201,7 +201,7 @@ def starting_values(sight: Sight, fixed: Mapping[str, float]) -> dict[str, float
     }
 
 
-def bounds(names: Sequence[str], sight: Sight) -> tuple[FloatArray, FloatArray]:
+def bounds(names: Sequence[str], sight: DriveObservability) -> tuple[FloatArray, FloatArray]:
     """Least and largest values of parameters."""
     B = 1 / sight.gain
     own = {
@@ -219,11 +219,11 @@ def bounds(names: Sequence[str], sight: Sight) -> tuple[FloatArray, FloatArray]:
     return np.array([low for low, _ in pairs]), np.array([high for _, high in pairs])
 
 
-def _rests(rows: DriveRows, held: FloatArray) -> bool:
+def _rests(rows: DriveSamples, held: FloatArray) -> bool:
     """Whether the joint rests often enough, after motion both ways."""
     after = {1.0: 0, -1.0: 0}
-    for stretch, rate in zip(rows.stretches, rows.rate_hz, strict=True):
-        own = held[stretch]
+    for segment, rate in zip(rows.segments, rows.rate_hz, strict=True):
+        own = held[segment]
         for run in np.split(own, np.flatnonzero(np.diff(own)) + 1):
             if abs(run[0]) == 1 and run.size >= max(2.0, _REST_S * rate):
                 after[float(run[0])] += 1
@@ -231,7 +231,7 @@ def _rests(rows: DriveRows, held: FloatArray) -> bool:
 
 
 def _linear_fit(
-    rows: DriveRows,
+    rows: DriveSamples,
     j: int,
     raw: FloatArray,
     hysteresis: bool,

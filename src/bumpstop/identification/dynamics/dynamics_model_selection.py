@@ -11,9 +11,9 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF, System
-from bumpstop.identification.segments.drive_samples import stretches_of
+from bumpstop.identification.segments.drive_samples import split_at_gaps
 from bumpstop.identification.segments.motion import GRAVITY
-from bumpstop.identification.segments.torque_samples import TorqueRows
+from bumpstop.identification.segments.torque_samples import TorqueSamples
 
 if TYPE_CHECKING:
     from bumpstop.identification.dynamics.dynamics_system import Groups
@@ -28,7 +28,7 @@ SIGN_SHARES = (0.03, 0.001, 0.005, 0.01, 0.1, 0.3)
 ENOUGH_TO_CHOOSE = 4_000
 # Cut-offs are compared on the same rows, so many times the frequency that they are compared at.
 _ROWS_PER_REFERENCE = 5.0
-_MAX_TRIMMED_SHARE = 0.05  # of a stretch, that is left away at either end while the cut-off is chosen
+_MAX_AT_END = 0.05  # of a segment, that is left away at either end while the cut-off is chosen
 _CUTOFFS_HZ = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 30.0, 60.0)
 # Another law of friction is taken where it leaves so much of the error on held-out fifths, and where the parts of the
 # rows say so beyond chance, by so many standard errors.
@@ -55,12 +55,12 @@ def choose_cutoff(
     """
     rate = min(1 / float(np.median(np.diff(recording.t))) for recording in recordings)
     reference = min(20.0, 0.15 * rate)
-    trim = min(1 / _CUTOFFS_HZ[0], _MAX_TRIMMED_SHARE * _usual_stretch(recordings))
+    trim = min(1 / _CUTOFFS_HZ[0], _MAX_AT_END * _usual_segment(recordings))
     held_out: dict[float, float] = {}
     for candidate in _CUTOFFS_HZ:
         if candidate <= 0.4 * rate:
             filters = (FIT_PER_CUTOFF * candidate, reference)
-            rows = TorqueRows.of(
+            rows = TorqueSamples.of(
                 recordings,
                 robot,
                 candidate,
@@ -91,7 +91,7 @@ def choose_cutoff(
 
 
 def best_friction(
-    rows: TorqueRows, robot: Robot, cutoff_hz: float, couplings: Groups, *, of: TorqueRows | None = None
+    rows: TorqueSamples, robot: Robot, cutoff_hz: float, couplings: Groups, *, of: TorqueSamples | None = None
 ) -> System:
     """The system with the laws and the widths of friction that predict held-out fifths best, joint by joint.
 
@@ -160,12 +160,12 @@ def _with_laws(first: System, shares: FloatArray, bent: np.ndarray, loaded: Sequ
     return found
 
 
-def _usual_stretch(recordings: Sequence[Recording]) -> float:
-    """Length of the stretch that the middle one of all rows lies in [s]."""
+def _usual_segment(recordings: Sequence[Recording]) -> float:
+    """Length of the segment that the middle one of all rows lies in [s]."""
     lengths = sorted(
         (float(recording.t[rows.stop - 1] - recording.t[rows.start]), rows.stop - rows.start)
         for recording in recordings
-        for rows in stretches_of(recording.t)
+        for rows in split_at_gaps(recording.t)
     )
     rows_up_to = np.cumsum([rows for _, rows in lengths])
     return lengths[int(np.searchsorted(rows_up_to, rows_up_to[-1] / 2))][0]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.identification.dynamics.regressor_columns import column_names, speeds_of, torque_columns
+from bumpstop.identification.dynamics.regressor_columns import column_names, regressor_columns, speeds_of
 from bumpstop.identification.statistics.clusters import blocks_of, clustered_covariance
 from bumpstop.identification.statistics.essential_parameters import essential_values
 from bumpstop.identification.statistics.held_out import PARTS, PIECES, SPREAD, Folds, by_fold, part_edges
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from bumpstop.identification.segments.padded_segments import Reach
-    from bumpstop.identification.segments.torque_samples import TorqueRows
+    from bumpstop.identification.segments.padded_segments import PaddedSegments
+    from bumpstop.identification.segments.torque_samples import TorqueSamples
     from bumpstop.model import Robot
 
     Groups = tuple[tuple[tuple[int, float], ...], ...]
@@ -50,7 +50,7 @@ class System:
         robot, couplings, cutoff_hz: as in :class:`DynamicsFit`.
         rows: motion and torque.
         reach: of these rows what the columns are of: M rows, margins of blocks included.
-        sign_speed, top_speed: shape of friction, as :func:`torque_columns` takes it.
+        sign_speed, top_speed: shape of friction, as :func:`regressor_columns` takes it.
         loads: torque (M,) that loads the gears of joints whose friction grows with it.
         raw: (M, n, parameters) columns.
         columns: (N, n, parameters) the same, filtered, without margins.
@@ -62,8 +62,8 @@ class System:
     robot: Robot
     couplings: Groups
     cutoff_hz: float
-    rows: TorqueRows
-    reach: Reach
+    rows: TorqueSamples
+    reach: PaddedSegments
     sign_speed: FloatArray
     top_speed: FloatArray | None
     loads: Mapping[int, FloatArray]
@@ -75,7 +75,7 @@ class System:
     @classmethod
     def of(
         cls,
-        rows: TorqueRows,
+        rows: TorqueSamples,
         robot: Robot,
         cutoff_hz: float,
         couplings: Groups,
@@ -84,7 +84,7 @@ class System:
         bent: np.ndarray | bool = False,
         loads: Mapping[int, FloatArray] | None = None,
         known: System | None = None,
-        reach: Reach | None = None,
+        reach: PaddedSegments | None = None,
     ) -> System:
         """The system of some rows.
 
@@ -105,9 +105,9 @@ class System:
         top_speed = np.where(bent, tops, np.nan) if np.any(bent) else None
         count = 10 * robot.dof
         cutoff = FIT_PER_CUTOFF * cutoff_hz
-        reach = known.reach if known is not None else reach or rows.reach.narrowed(cutoff)
+        reach = known.reach if known is not None else reach or rows.reach.trimmed(cutoff)
         inertial = None if known is None else known.raw[:, :, :count]
-        raw = torque_columns(robot, reach.motion, sign_speed, couplings, top_speed, loads=loads, inertial=inertial)
+        raw = regressor_columns(robot, reach.motion, sign_speed, couplings, top_speed, loads=loads, inertial=inertial)
         if rows.currents:
             raw = np.concatenate([raw, reach.carried[:, :, None]], axis=2)
         if known is None:

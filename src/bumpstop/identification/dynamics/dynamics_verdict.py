@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.identification.dynamics.regressor_columns import column_names, torque_columns
+from bumpstop.identification.dynamics.regressor_columns import regressor_columns
 from bumpstop.identification.fit_verdict import NOT_USABLE, FitVerdict, named, reading_faults
 from bumpstop.identification.segments.current_shift import tell_shifts
-from bumpstop.identification.segments.motion import EvenMotion
+from bumpstop.identification.segments.motion import UniformMotion
 from bumpstop.identification.segments.recorded_columns import doubtful_columns
 from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
-    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit, JointScore
-    from bumpstop.identification.segments.torque_samples import TorqueRows
+    from bumpstop.identification.comparison import JointScore
+    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.identification.segments.torque_samples import TorqueSamples
     from bumpstop.recording import Recording
 
 # Standard error of the torque elsewhere inside the ranges of the fit, as a share of the torque that was recorded.
@@ -52,7 +53,7 @@ def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerd
     """
     faults = reading_faults(recordings)
     warnings: list[str] = []
-    names = [joint.name for joint in fit.robot.joints]
+    names = [joint.name for joint in fit.model.robot.joints]
     moving = [name not in fit.still for name in names]
     if fit.condition is not None and fit.condition > _ILL_CONDITIONED:
         (faults if fit.condition > _UNDECIDED else warnings).append(
@@ -70,8 +71,8 @@ def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerd
                 )
     for name in fit.still:
         warnings.append(f"{name} hardly moves: its friction, its rotor and what only its motion shows are noise")
-    tell_shifts(recordings, fit.robot, "tau" if fit.gains is None else "current", faults, warnings)
-    warnings += doubtful_columns(recordings, fit.robot, "tau" if fit.gains is None else "current")
+    tell_shifts(recordings, fit.model.robot, "tau" if fit.model.gains is None else "current", faults, warnings)
+    warnings += doubtful_columns(recordings, fit.model.robot, "tau" if fit.model.gains is None else "current")
     held_out = None
     if fit.unexplained is not None and np.isfinite(fit.unexplained).any():
         held_out = float(np.nanmean(np.where(moving, fit.unexplained, np.nan)))
@@ -80,7 +81,7 @@ def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerd
 
 def judge_predictions(
     fit: DynamicsFit,
-    rows: TorqueRows,
+    rows: TorqueSamples,
     scores: Sequence[JointScore],
     filter_hz: float,
     recordings: Sequence[Recording] = (),
@@ -105,22 +106,24 @@ def judge_predictions(
             )
             (faults if score.r2 < 0 else warnings).append(text)
     if fit.seen is not None:
-        warnings += fit.seen.outside(rows.motion, [joint.name for joint in fit.robot.joints])
+        warnings += fit.seen.outside(rows.motion, [joint.name for joint in fit.model.robot.joints])
     else:
         warnings.append("the model's file does not say what motion it was fitted to: fit it again to know")
-    tell_shifts(recordings, fit.robot, "tau" if fit.gains is None else "current", faults, warnings)
+    tell_shifts(recordings, fit.model.robot, "tau" if fit.model.gains is None else "current", faults, warnings)
     return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
 
 
-def _motion(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> EvenMotion:
-    return EvenMotion(np.arange(float(len(q))), q, qd, qdd, 1.0)
+def _motion(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> UniformMotion:
+    return UniformMotion(np.arange(float(len(q))), q, qd, qdd, 1.0)
 
 
-def _columns(fit: DynamicsFit, motion: EvenMotion) -> FloatArray:
-    motion = replace(motion, gravity=fit.gravity)
-    loads = fit.loads(motion)
-    every = torque_columns(fit.robot, motion, fit.sign_speed, fit.couplings, fit.top_speed, loads=loads)
-    return every[:, :, list(fit.columns)]
+def _columns(fit: DynamicsFit, motion: UniformMotion) -> FloatArray:
+    motion = replace(motion, gravity=fit.model.gravity)
+    loads = fit.model.loads(motion)
+    every = regressor_columns(
+        fit.model.robot, motion, fit.model.sign_speed, fit.model.couplings, fit.model.top_speed, loads=loads
+    )
+    return every[:, :, list(fit.model.columns)]
 
 
 def _spread(columns: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -142,10 +145,10 @@ def _elsewhere(fit: DynamicsFit, moving: Sequence[bool], faults: list[str], warn
         ]
         if which:
             worst = max(which, key=lambda j: float(share[j]))
-            joint = fit.robot.joints[worst]
+            joint = fit.model.robot.joints[worst]
             error_there, usual = float(np.median(error[:, worst])), float(fit.usual_torque[worst])
             kind.append(
-                f"the torque of {named([fit.robot.joints[j].name for j in which])} {words} beside the recorded "
+                f"the torque of {named([fit.model.robot.joints[j].name for j in which])} {words} beside the recorded "
                 f"motion, in others within the same ranges: at {joint.name} its standard error is {error_there:.3g} "
                 f"{unit_of(joint)}, and {usual:.3g} {unit_of(joint)} were usual; record a motion of several joints at "
                 "once"
@@ -156,13 +159,13 @@ def _bodies(fit: DynamicsFit, moving: Sequence[bool], faults: list[str], warning
     """Inertia about a joint, and friction, that nothing in nature has."""
     if fit.covariance is None or fit.seen is None or fit.usual_torque is None:
         return
-    values = fit.values if fit.predicting is None else fit.predicting
+    values = fit.model.values if fit.model.predicting is None else fit.model.predicting
     q = fit.seen.random(_POSES)[0]
     none = np.zeros_like(q)
     at_rest = _columns(fit, _motion(q, none, none))
-    all_names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
-    own_names = [all_names[c] for c in fit.columns]
-    for j, joint in enumerate(fit.robot.joints):
+    all_names = fit.model.column_names
+    own_names = [all_names[c] for c in fit.model.columns]
+    for j, joint in enumerate(fit.model.robot.joints):
         if not moving[j]:
             continue
         unit = unit_of(joint)
@@ -197,14 +200,14 @@ def _bodies(fit: DynamicsFit, moving: Sequence[bool], faults: list[str], warning
 
 
 def _gains(fit: DynamicsFit, faults: list[str], warnings: list[str]) -> None:
-    if fit.gains is None or fit.gain_errors is None:
+    if fit.model.gains is None or fit.gain_errors is None:
         return
     seen = np.isfinite(fit.gain_errors)
-    names = [joint.name for joint in fit.robot.joints]
+    names = [joint.name for joint in fit.model.robot.joints]
     hidden = [name for name, one in zip(names, seen, strict=True) if not one]
     if hidden:
         warnings.append(f"the gain of {named(hidden)} is not identifiable: the scale of that torque means nothing")
-    negative = [name for name, gain, one in zip(names, fit.gains, seen, strict=True) if one and gain < 0]
+    negative = [name for name, gain, one in zip(names, fit.model.gains, seen, strict=True) if one and gain < 0]
     if negative:
         how = "negative" if len(negative) == int(seen.sum()) else "negative, unlike the others"
         warnings.append(

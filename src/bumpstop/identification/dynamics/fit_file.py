@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit, checked_group
+from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
 from bumpstop.identification.dynamics.regressor_columns import column_names
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
@@ -24,64 +26,61 @@ _KEYS |= {"gravity", "seen", "verdict"}
 _SEEN = ("low", "high", "speed", "acceleration")
 
 
-def save_fit(
-    fit: DynamicsFit, path: str | Path, *, robot: dict[str, str], created_from: list[str], verdict: str = ""
-) -> None:
+def save_fit(fit: DynamicsFit, path: str | os.PathLike[str]) -> None:
     """Write a fit.
-
-    Args:
-        fit: what was found.
-        path: of the file.
-        robot: ``robot`` as a scenario names it, with ``base`` and ``tip`` where a URDF needs them.
-        created_from: the recordings.
-        verdict: on the fit, for whoever reads the file; empty: it was not judged.
 
     Raises:
         InputError: the file cannot be written.
     """
-    lines = ['kind = "dynamics"', *(f"{key} = {toml_value(value)}" for key, value in robot.items())]
+    model = fit.model
+    source = fit.source or {"robot": model.robot.name}
+    lines = ['kind = "dynamics"', *(f"{key} = {toml_value(value)}" for key, value in source.items())]
     lines += [
-        f"created_from = {toml_value(created_from)}",
-        f"cutoff_hz = {toml_value(float(fit.cutoff_hz))}  # of the zero-phase filter of the motion",
+        f"created_from = {toml_value(list(fit.created_from))}",
+        f"cutoff_hz = {toml_value(float(model.cutoff_hz))}  # of the zero-phase filter of the motion",
         f"rows_used = {fit.rows_used}",
-        f"sign_speed = {toml_value(fit.sign_speed.tolist())}  # rad/s or m/s, over which Coulomb friction turns",
-        f"couplings = {toml_value([[[j + 1, share] for j, share in group] for group in fit.couplings])}",
+        f"sign_speed = {toml_value(model.sign_speed.tolist())}  # rad/s or m/s, over which Coulomb friction turns",
+        f"couplings = {toml_value([[[j + 1, share] for j, share in group] for group in model.couplings])}",
     ]
-    if fit.top_speed is not None:
-        tops = np.where(np.isfinite(fit.top_speed), fit.top_speed, 0.0).tolist()
+    if model.top_speed is not None:
+        tops = np.where(np.isfinite(model.top_speed), model.top_speed, 0.0).tolist()
         lines.append(f"top_speed = {toml_value(tops)}  # up to which friction bends; 0: it is straight")
-    if fit.loaded:
-        lines.append(f"loaded = {toml_value([j + 1 for j in fit.loaded])}  # joints whose friction grows with the load")
-    if fit.gravity != GRAVITY:
-        lines.append(f"gravity = {toml_value(list(fit.gravity))}  # acceleration of free fall, base frame [m/s2]")
-    if verdict:
-        lines.append(f"verdict = {toml_value(verdict)}")
-    if fit.predicted_by_all:
-        lines.append(f"predicted_by_all = {toml_value([j + 1 for j in fit.predicted_by_all])}  # joints, by all values")
+    if model.loaded:
+        lines.append(
+            f"loaded = {toml_value([j + 1 for j in model.loaded])}  # joints whose friction grows with the load"
+        )
+    if model.gravity != GRAVITY:
+        lines.append(f"gravity = {toml_value(list(model.gravity))}  # acceleration of free fall, base frame [m/s2]")
+    if fit.verdict:
+        lines.append(f"verdict = {toml_value(fit.verdict)}")
+    if model.predicted_by_all:
+        lines.append(
+            f"predicted_by_all = {toml_value([j + 1 for j in model.predicted_by_all])}  # joints, by all values"
+        )
     if fit.seen is not None:
         lines += ["", "[seen]  # motion of the fit: rad or m, and per second"]
         lines += [f"{name} = {toml_value(getattr(fit.seen, name).tolist())}" for name in _SEEN]
-    if fit.gains is not None and fit.gain_errors is not None:
-        for joint, gain, error in zip(fit.robot.joints, fit.gains, fit.gain_errors, strict=True):
+    if model.gains is not None and fit.gain_errors is not None:
+        for joint, gain, error in zip(model.robot.joints, model.gains, fit.gain_errors, strict=True):
             seen = "" if np.isfinite(error) else "  # not seen: the scale of this joint's torque means nothing"
             lines += ["", "[[gain]]", f"joint = {toml_value(joint.name)}", f"value = {float(gain)!r}{seen}"]
             lines += [f"standard_error = {float(error)!r}"]
-    names = column_names(fit.robot, fit.couplings, fit.top_speed, fit.loaded)
-    for place, (column, name) in enumerate(zip(fit.columns, fit.names, strict=True)):
+    names = model.column_names
+    for place, (column, name) in enumerate(zip(model.columns, fit.names, strict=True)):
         lines += [
             "",
             "[[parameter]]",
             f"column = {toml_value(names[column])}",
             f"name = {toml_value(name)}",
-            f"value = {float(fit.values[place])!r}",
-            f"standard_error = {float(fit.standard_errors[place])!r}",
+            f"value = {float(model.values[place])!r}",
+            f"standard_error = {float(fit.errors[place])!r}",
         ]
-        if fit.predicting is not None:
-            lines.append(f"predicting = {float(fit.predicting[place])!r}  # value in predictions; 0: left out")
+        if model.predicting is not None:
+            lines.append(f"predicting = {float(model.predicting[place])!r}  # value in predictions; 0: left out")
     write_text(path, "\n".join(lines) + "\n")
 
 
-def load_fit(path: str | Path) -> DynamicsFit:
+def load_fit(path: str | os.PathLike[str]) -> DynamicsFit:
     """Read a fit.
 
     Raises:
@@ -117,25 +116,30 @@ def load_fit(path: str | Path) -> DynamicsFit:
         if predicting and len(predicting) < len(parameters):
             raise ValueError("only some parameters have a value in predictions")
         return DynamicsFit(
-            robot=robot,
-            columns=tuple(names.index(parameter["column"]) for parameter in parameters),
+            model=DynamicsModel(
+                robot=robot,
+                columns=tuple(names.index(parameter["column"]) for parameter in parameters),
+                values=_finite([parameter["value"] for parameter in parameters]),
+                predicting=_finite(predicting) if predicting else None,
+                predicted_by_all=by_all,
+                sign_speed=sign_speed,
+                top_speed=top_speed,
+                couplings=couplings,
+                loaded=loaded,
+                cutoff_hz=cutoff_hz,
+                gravity=gravity,
+                gains=gains,
+                unscaled=() if gain_errors is None else tuple(np.flatnonzero(np.isinf(gain_errors)).tolist()),
+            ),
             names=tuple(str(parameter["name"]) for parameter in parameters),
-            values=_finite([parameter["value"] for parameter in parameters]),
-            standard_errors=_finite([parameter["standard_error"] for parameter in parameters]),
-            sign_speed=sign_speed,
-            couplings=couplings,
-            cutoff_hz=cutoff_hz,
+            errors=_finite([parameter["standard_error"] for parameter in parameters]),
+            gain_errors=gain_errors,
             held_out={},
             unseen=(),
             rows_used=int(data["rows_used"]),
-            top_speed=top_speed,
-            predicting=_finite(predicting) if predicting else None,
-            predicted_by_all=by_all,
-            loaded=loaded,
-            gravity=gravity,
-            gains=gains,
-            gain_errors=gain_errors,
             seen=_seen(data.get("seen"), robot),
+            source={key: str(data[key]) for key in ("robot", "base", "tip") if key in data},
+            created_from=tuple(str(name) for name in data.get("created_from", ())),
             verdict=str(data.get("verdict", "")),
         )
     except KeyError as error:

@@ -16,11 +16,12 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
 from bumpstop.identification.dynamics.dynamics_model_selection import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
-from bumpstop.identification.segments.torque_samples import TorqueRows, listed, still_joints
+from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, still_joints
 from bumpstop.identification.statistics.clusters import clustered_covariance
 from bumpstop.identification.statistics.independent_columns import condition_of, independent, label_of, triangle_of
 from bumpstop.identification.statistics.robust_fit import visible_share
@@ -68,13 +69,13 @@ def identify_gains(
         gravity: acceleration of free fall in the base frame, of a base on a wall or a ceiling not along -z [m/s2].
 
     Returns:
-        A fit with ``gains`` and ``gain_errors``. Gains that the recordings do not show are named in ``unseen``
-        (``gain_4``), with an infinite error.
+        A fit whose model has ``gains``, with ``gain_errors``. Gains that the recordings do not show are named in
+        ``unseen`` (``gain_4``), with an infinite error.
 
     Raises:
         InputError: no currents, an unknown joint, nothing that gives a scale, or no gain that can be seen.
     """
-    logs = listed(recordings)
+    logs = as_list(recordings)
     fixed = _fixed(robot, known or {})
     scales = np.isfinite(fixed).any()
     if not scales and not _loads_differ(payloads, len(logs)):
@@ -90,7 +91,7 @@ def identify_gains(
         cutoff_hz, held_out = choose_cutoff(logs, robot, (), payloads, currents=True, gravity=gravity)
     filters = (FIT_PER_CUTOFF * cutoff_hz,)
     rows, few = (
-        TorqueRows.of(
+        TorqueSamples.of(
             logs,
             robot,
             cutoff_hz,
@@ -108,9 +109,9 @@ def identify_gains(
     if system.loads:
         # The loads were those of each current alone, in amperes: now they are torques of one arm.
         every = np.zeros(system.raw.shape[2])
-        every[list(fit.columns)], every[-1] = fit.values, 1.0
+        every[list(fit.model.columns)], every[-1] = fit.model.values, 1.0
         fit = _found(system.reloaded(every), fixed, held_out)
-    return replace(fit, still=still)
+    return replace(fit, still=still, created_from=tuple(log.source for log in logs))
 
 
 def _fixed(robot: Robot, known: Mapping[str, float]) -> FloatArray:
@@ -296,30 +297,32 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
     unseen = [name for i, name in enumerate(names) if i not in set(seen.tolist())]
     unseen += [f"gain_{j + 1}" for j in np.flatnonzero(hidden)]
     return DynamicsFit(
-        robot=system.robot,
-        columns=tuple(own),
+        model=DynamicsModel(
+            robot=system.robot,
+            columns=tuple(own),
+            values=values,
+            predicting=predicting,
+            predicted_by_all=tuple(np.flatnonzero(~takes).tolist()),
+            sign_speed=system.sign_speed,
+            top_speed=system.top_speed,
+            loaded=tuple(sorted(system.loads)),
+            cutoff_hz=system.cutoff_hz,
+            gravity=system.rows.reach.motion.gravity,
+            gains=gains,
+            unscaled=tuple(np.flatnonzero(hidden).tolist()),
+        ),
         names=tuple(label_of(names, seen, int(c), groups[i]) for i, c in enumerate(chosen)),
-        values=values,
-        standard_errors=spreads[count:],
-        sign_speed=system.sign_speed,
-        couplings=(),
-        cutoff_hz=system.cutoff_hz,
+        errors=spreads[count:],
+        gain_errors=np.where(hidden, np.inf, errors),
         held_out=held_out,
         unseen=tuple(unseen),
         rows_used=system.wanted.shape[0],
-        top_speed=system.top_speed,
         covariance=covariance[count:, count:],
-        predicting=predicting,
-        predicted_by_all=tuple(np.flatnonzero(~takes).tolist()),
-        loaded=tuple(sorted(system.loads)),
         rows_left=system.rows.rows_left,
         rows_beside_gaps=system.rows.rows_beside_gaps,
         rows_at_ends=system.rows.rows_at_ends,
-        gravity=system.rows.reach.motion.gravity,
         rows_at_rest=(~system.rows.used).sum(axis=0),
         rows_whole=system.rows.rows_whole,
-        gains=gains,
-        gain_errors=np.where(hidden, np.inf, errors),
         condition=condition_of(matrix),
         unexplained=system.unexplained(),
         usual_torque=np.abs(gains) * np.sqrt((system.rows.torque**2).mean(axis=0)),

@@ -9,6 +9,7 @@ Wensing, "Smooth parameterization of rigid-body inertia", 2022.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,16 +19,19 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_fit import ENOUGH_TO_FIT
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
-from bumpstop.identification.dynamics.regressor_columns import torque_columns
-from bumpstop.identification.payload.payload_fit import parameters_of, pseudo_inertia
-from bumpstop.identification.segments.torque_samples import listed
-from bumpstop.model import LinkInertia, Robot
+from bumpstop.identification.dynamics.regressor_columns import column_unit, regressor_columns
+from bumpstop.identification.fit import Quantity
+from bumpstop.identification.payload.tip_parameters import parameters_of, pseudo_inertia
+from bumpstop.identification.segments.torque_samples import as_list
+from bumpstop.model import LinkInertia, Robot, write_urdf
 from bumpstop.model.inertia import matrix3, vector3
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from bumpstop.identification.comparison import Comparison, JointScore
     from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.identification.payload.payload import Payload
     from bumpstop.recording import Recording
 
@@ -49,14 +53,53 @@ class ConsistentFit:
     """Links and rotors that bodies can have.
 
     Attributes:
-        robot: the chain with these inertias.
+        model: of the torques: these inertias, with the friction and the offsets that suit them.
+        body_errors: (11 n,) standard errors of the ten parameters of every link and of the rotors, of what the torque
+            and the inertia that the robot came with say together (the covariance about the least squares' end).
         rmse: (n,) of the torques on the rows of the fit [Nm or N].
         rmse_free: (n,) the same of the base parameters, which nothing constrains.
     """
 
-    robot: Robot
+    model: DynamicsModel
+    body_errors: FloatArray
     rmse: FloatArray
     rmse_free: FloatArray
+
+    @property
+    def robot(self) -> Robot:
+        """The chain with these inertias."""
+        return self.model.robot
+
+    @property
+    def parameters(self) -> dict[str, Quantity]:
+        """Mass, first and second moments of the links (``m_1`` .. ``Iyz_n``) and rotor inertias (``rotor_1`` ..)."""
+        names = self.model.column_names
+        return {
+            names[column]: Quantity(float(self.model.values[column]), column_unit(names[column], self.robot))
+            for column in _body_columns(self.robot.dof)
+        }
+
+    @property
+    def standard_errors(self) -> dict[str, float | None]:
+        """Of :attr:`parameters`."""
+        return dict(zip(self.parameters, self.body_errors.tolist(), strict=True))
+
+    def predict(self, recording: Recording | Sequence[Recording]) -> Comparison:
+        """:meth:`DynamicsModel.compare`."""
+        return self.model.compare(recording)
+
+    def score(self, recording: Recording | Sequence[Recording]) -> tuple[JointScore, ...]:
+        """How well recorded torques are predicted, joint by joint."""
+        return self.predict(recording).scores()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the inertias as a URDF (:func:`bumpstop.model.write_urdf`)."""
+        write_urdf(self.robot, os.fspath(path))
+
+
+def _body_columns(dof: int) -> np.ndarray:
+    """Columns of links, then of rotors."""
+    return np.concatenate([np.arange(10 * dof), 10 * dof + 4 * np.arange(dof) + 2])
 
 
 def consistent_inertias(
@@ -65,8 +108,8 @@ def consistent_inertias(
     """Fit possible inertias to the recordings that base parameters were fitted to.
 
     Least squares over the parameters of all links and the logarithms of rotor inertias; friction and offsets are linear
-    and follow. What the torque does not show stays near the inertia of ``fit.robot``, or near 3 kg and 0.1 m where that
-    has none.
+    and follow. What the torque does not show stays near the inertia of the model's robot, or near 3 kg and 0.1 m where
+    that has none.
 
     Args:
         recordings: with joint torque; one or more.
@@ -79,35 +122,39 @@ def consistent_inertias(
     from scipy.linalg import qr
     from scipy.optimize import least_squares
 
-    n = fit.robot.dof
-    rows, cutoff = fit.rows(recordings, payloads, limit=ENOUGH_TO_FIT, ends=False), FIT_PER_CUTOFF * fit.cutoff_hz
-    reach = rows.reach.narrowed(cutoff)
-    columns = torque_columns(
-        fit.robot,
+    given = fit.model
+    n = given.robot.dof
+    rows, cutoff = (
+        given.rows(recordings, payloads, limit=ENOUGH_TO_FIT, ends=False),
+        FIT_PER_CUTOFF * given.cutoff_hz,
+    )
+    reach = rows.reach.trimmed(cutoff)
+    columns = regressor_columns(
+        given.robot,
         reach.motion,
-        fit.sign_speed,
-        fit.couplings,
-        fit.top_speed,
-        loads=fit.loads(reach.motion, reach.carried),
+        given.sign_speed,
+        given.couplings,
+        given.top_speed,
+        loads=given.loads(reach.motion, reach.carried),
     )
     columns = reach.filtered(columns, cutoff)
     wanted = rows.torque_below(cutoff) - reach.filtered(reach.carried, cutoff)
     columns[~rows.used], wanted[~rows.used] = 0.0, 0.0
-    free = wanted - columns[:, :, list(fit.columns)] @ fit.values
+    free = wanted - columns[:, :, list(given.columns)] @ given.values
     weight = 1 / np.maximum(free.std(axis=0), 1e-12)
     flat = (columns * weight[None, :, None]).reshape(-1, columns.shape[2])
     target = (wanted * weight).ravel()
     rotors = 10 * n + 4 * np.arange(n) + 2
-    bodies = np.concatenate([np.arange(10 * n), rotors])
+    bodies = _body_columns(n)
     others = np.setdiff1d(np.arange(flat.shape[1]), bodies)
     length = np.linalg.norm(flat[:, others], axis=0)
     others = others[length > 1e-9 * length.max(initial=0.0)]
     # Friction takes its own share of every residual: what is left after it is a small triangle.
     (triangle,) = qr(np.column_stack([flat[:, others], flat[:, bodies], target]), mode="r")
     rest = triangle[others.size : others.size + bodies.size + 1, others.size :] / np.sqrt(_ROWS_PER_INDEPENDENT)
-    start = np.concatenate([*(_start(joint.inertia) for joint in fit.robot.joints), np.log(_rotors(fit.robot))])
+    start = np.concatenate([*(_start(joint.inertia) for joint in given.robot.joints), np.log(_rotors(given.robot))])
     spread = np.concatenate([np.tile(_SPREAD, n), np.full(n, _ROTOR_SPREAD)])
-    for j, joint in enumerate(fit.robot.joints):
+    for j, joint in enumerate(given.robot.joints):
         if joint.inertia is not None and joint.inertia.mass > 0:
             spread[10 * j] = _KNOWN_MASS
 
@@ -118,12 +165,15 @@ def consistent_inertias(
     def misfit(theta: FloatArray) -> FloatArray:
         return np.concatenate([rest[:, :-1] @ parameters(theta) - rest[:, -1], (theta - start) / spread])
 
-    def slope(theta: FloatArray) -> FloatArray:
-        turn = np.zeros((bodies.size, theta.size))
+    def turn(theta: FloatArray) -> FloatArray:
+        derivative = np.zeros((bodies.size, theta.size))
         for j, part in enumerate(theta[: 10 * n].reshape(n, 10)):
-            turn[10 * j : 10 * j + 10, 10 * j : 10 * j + 10] = _derivative(part)
-        turn[10 * n :, 10 * n :] = np.diag(np.exp(theta[10 * n :]))
-        return np.vstack([rest[:, :-1] @ turn, np.diag(1 / spread)])
+            derivative[10 * j : 10 * j + 10, 10 * j : 10 * j + 10] = _derivative(part)
+        derivative[10 * n :, 10 * n :] = np.diag(np.exp(theta[10 * n :]))
+        return derivative
+
+    def slope(theta: FloatArray) -> FloatArray:
+        return np.vstack([rest[:, :-1] @ turn(theta), np.diag(1 / spread)])
 
     found = least_squares(misfit, start, slope, method="lm", x_scale=spread, max_nfev=2000, ftol=1e-7, xtol=1e-7)
     if not found.success:
@@ -133,16 +183,21 @@ def consistent_inertias(
     values[others] = np.linalg.lstsq(flat[:, others], target - flat[:, bodies] @ values[bodies], rcond=None)[0]
     joints = tuple(
         replace(joint, inertia=_link(values[10 * j : 10 * j + 10]), rotor_inertia=float(values[rotors[j]]))
-        for j, joint in enumerate(fit.robot.joints)
+        for j, joint in enumerate(given.robot.joints)
     )
     robot = replace(
-        fit.robot,
+        given.robot,
         joints=joints,
         inertia_status="assumed",
-        inertia_source=f"identified from {' '.join(log.source for log in listed(recordings)) or 'a recording'}",
+        inertia_source=f"identified from {' '.join(log.source for log in as_list(recordings)) or 'a recording'}",
     )
     rmse = np.sqrt(((wanted - columns @ values) ** 2).mean(axis=0))
-    return ConsistentFit(robot, rmse, np.sqrt((free**2).mean(axis=0)))
+    curvature = np.asarray(np.linalg.qr(slope(found.x), mode="r"))
+    body_errors = np.linalg.norm(np.linalg.solve(curvature.T, turn(found.x).T), axis=0)
+    model = replace(
+        given, robot=robot, columns=tuple(range(values.size)), values=values, predicting=None, predicted_by_all=()
+    )
+    return ConsistentFit(model, body_errors, rmse, np.sqrt((free**2).mean(axis=0)))
 
 
 def _matrix(theta: FloatArray) -> FloatArray:

@@ -8,7 +8,8 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.dynamics.regressor import inertial_names, inertial_regressor, inertial_torque
-from bumpstop.identification.segments.motion import EvenMotion
+from bumpstop.identification.segments.motion import UniformMotion
+from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,13 +18,22 @@ if TYPE_CHECKING:
 
     Couplings = Sequence[Sequence[tuple[int, float]]]
 
+# Of what is a joint's own: where it turns, and where it slides.
+_UNITS = {
+    "coulomb": ("Nm", "N"),
+    "viscous": ("Nm s/rad", "N s/m"),
+    "rotor": ("kg m2", "kg"),
+    "offset": ("Nm", "N"),
+    "bend": ("Nm", "N"),
+    "load": ("1", "1"),
+}
 # Rows whose columns are held at once.
 _AT_ONCE = 10_000
 
 
-def torque_columns(
+def regressor_columns(
     robot: Robot,
-    motion: EvenMotion,
+    motion: UniformMotion,
     sign_speed: FloatArray,
     couplings: Couplings,
     top_speed: FloatArray | None = None,
@@ -74,7 +84,7 @@ def torque_columns(
 
 def torque_of(
     robot: Robot,
-    motion: EvenMotion,
+    motion: UniformMotion,
     values: FloatArray,
     sign_speed: FloatArray,
     couplings: Couplings,
@@ -83,7 +93,7 @@ def torque_of(
 ) -> FloatArray:
     """Torque (N, n) that values (parameters,) of all columns make: their sum, without ever holding the columns.
 
-    Other arguments as for :func:`torque_columns`.
+    Other arguments as for :func:`regressor_columns`.
     """
     count = 10 * robot.dof
     torque = inertial_torque(robot, motion.q, motion.qd, motion.qdd, motion.gravity, values[:count])
@@ -92,7 +102,7 @@ def torque_of(
         part = motion.part(rows)
         none = np.empty((part.t.size, robot.dof, 0))
         own = {j: load[rows] for j, load in (loads or {}).items()}
-        columns = torque_columns(robot, part, sign_speed, couplings, top_speed, loads=own, inertial=none)
+        columns = regressor_columns(robot, part, sign_speed, couplings, top_speed, loads=own, inertial=none)
         torque[rows] += columns @ values[count:]
     return torque
 
@@ -109,7 +119,7 @@ def _acting_on(group: Sequence[tuple[int, float]], shapes: Sequence[FloatArray],
 def column_names(
     robot: Robot, couplings: Couplings, top_speed: FloatArray | None = None, loaded: Sequence[int] = ()
 ) -> list[str]:
-    """Names of the columns of :func:`torque_columns`; ``loaded``: joints from 0 whose friction grows with the load."""
+    """Names of the columns of :func:`regressor_columns`; ``loaded``: joints (from 0) whose friction grows with load."""
     names = inertial_names(robot)
     for j in range(robot.dof):
         names += [f"coulomb_{j + 1}", f"viscous_{j + 1}", f"rotor_{j + 1}", f"offset_{j + 1}"]
@@ -122,7 +132,18 @@ def column_names(
     return [*names, *(f"load_{j + 1}" for j in sorted(loaded))]
 
 
-def speeds_of(motion: EvenMotion, couplings: Couplings) -> FloatArray:
+def column_unit(name: str, robot: Robot, couplings: Couplings = ()) -> str:
+    """Unit of the parameter of a column of :func:`column_names`."""
+    what, _, owner = name.partition("_")
+    if what not in _UNITS:
+        return "kg" if what == "m" else "kg m" if len(what) == 2 else "kg m2"
+    shared = owner.startswith("shared_")
+    number = couplings[int(owner.removeprefix("shared_")) - 1][0][0] if shared else int(owner) - 1
+    turning, sliding = _UNITS[what]
+    return unit_of(robot.joints[number], turning=turning, sliding=sliding)
+
+
+def speeds_of(motion: UniformMotion, couplings: Couplings) -> FloatArray:
     """Speeds (N, n + shared motors) of joints, then of shared motors."""
     shared = [np.asarray(sum(share * motion.qd[:, j] for j, share in group)) for group in couplings]
     return np.column_stack([motion.qd, *shared])

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 
-_MAX_MASS, _MAX_OFFSET = 1e5, 100.0  # [kg], [m]; what an arm carries is far from both
+_MAX_MASS, _MAX_DISTANCE = 1e5, 100.0  # [kg], [m]; what an arm carries is far from both
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ def _checked(mass: float, center: npt.ArrayLike) -> Vector3:
     if not 0 <= as_number(mass, "payload.mass") <= _MAX_MASS:
         raise InputError("payload.mass", f"is {mass} kg", f"wanted 0 to {_MAX_MASS:g}")
     offset = as_float_array(center, "payload.center", (3,))
-    if np.abs(offset).max() > _MAX_OFFSET:
-        raise InputError("payload.center", f"is {offset.tolist()} m", f"wanted at most {_MAX_OFFSET:g} either way")
+    if np.abs(offset).max() > _MAX_DISTANCE:
+        raise InputError("payload.center", f"is {offset.tolist()} m", f"wanted at most {_MAX_DISTANCE:g} either way")
     return vector3(offset)
 
 

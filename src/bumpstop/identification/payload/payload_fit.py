@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics.regressor import INERTIAL, link_regressor
-from bumpstop.identification.segments.drive_samples import stretches_of, without_rotors
-from bumpstop.identification.segments.motion import GRAVITY, MIN_ROWS, EvenMotion, even_motion, lowpass, onto
+from bumpstop.identification.comparison import Comparison, JointScore, share_predicted
+from bumpstop.identification.dynamics.regressor import INERTIAL
+from bumpstop.identification.fit import Quantity
+from bumpstop.identification.payload.payload_samples import FIT_PER_CUTOFF, PayloadSamples, PayloadSource
+from bumpstop.identification.payload.tip_parameters import point_moments
+from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.statistics.held_out import held_out_share
 from bumpstop.identification.statistics.independent_columns import condition_of
 from bumpstop.identification.statistics.robust_fit import long_run_covariance, visible_share
+from bumpstop.model import unit_of
 from bumpstop.model.inertia import vector3
 from bumpstop.signal import correlation_time
+from bumpstop.text_files import toml_value, write_text
 
 if TYPE_CHECKING:
-    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
-    from bumpstop.identification.payload.payload import Payload
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -30,14 +35,12 @@ if TYPE_CHECKING:
 # Columns that the others make up to this share of their length are not seen.
 _DEPENDENT = 1e-3
 _ROUNDING = 1e-9  # of the longest column
-_HEAVIEST = 10_000.0  # [kg]
+_MAX_MASS = 10_000.0  # [kg]
 # Nor are those known no better than to a kilogram, or the payload's own mass, at this distance from the tip [m].
 _ARM = 0.1
 _ROUNDS = 4  # of the joints' weights, and of a point mass's second moments
 _WINDOW = 4.0  # of the long-run covariance, in correlation times
-# Torques are compared after a filter at this many times the motion's cut-off.
-_FIT_PER_CUTOFF = 2.0
-_MIN_PERIODS = 4.0  # of the cut-off, that a stretch between gaps lasts
+_UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # second moments: kg m2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +48,12 @@ class PayloadFit:
     """A payload at the tip; what the motion cannot show is None.
 
     Attributes:
-        values: by name: ``m`` [kg], ``mx my mz`` [kg m] and, if asked for, ``Ixx Iyy Izz Ixy Ixz Iyz`` [kg m2]
+        source: the arm without payload, and how torque is made of a recording.
+        created_from: recording of the fit.
+        moments: (10,) what predictions use, of what is not seen as well: about the origin of the tip, in its frame.
+        friction: coefficients of friction and offsets that were fitted beside it.
+        widths: (n,) speed over which that Coulomb friction turns [rad/s or m/s].
+        parameters: by name: ``m`` [kg], ``mx my mz`` [kg m] and, if asked for, ``Ixx Iyy Izz Ixy Ixz Iyz`` [kg m2]
             about the origin of the tip, in its frame.
         standard_errors: likewise; they hold under residuals correlated in time and between joints.
         center: of mass in the frame of the tip [m], or None.
@@ -53,7 +61,7 @@ class PayloadFit:
         unseen: names of what the motion cannot show.
         joints_left_out: joints whose torque is unknown.
         rows_used: of the fit.
-        rows_left: recorded rows left away: in stretches between gaps too short to use, or within a period of the
+        rows_left: recorded rows left away: in segments between gaps too short to use, or within a period of the
             cut-off of their ends.
         joints: names of the others, by which the payload was found.
         t: (N,) of the rows that were compared [s].
@@ -64,8 +72,13 @@ class PayloadFit:
         unexplained: share of the torque's variance beyond the arm's that is left on held-out fifths of the rows.
     """
 
-    values: dict[str, float | None]
-    standard_errors: dict[str, float | None]
+    source: PayloadSource
+    created_from: str
+    moments: FloatArray
+    friction: FloatArray
+    widths: FloatArray
+    parameters: Mapping[str, Quantity]
+    standard_errors: Mapping[str, float | None]
     center: tuple[float, float, float] | None
     center_errors: tuple[float, float, float] | None
     unseen: tuple[str, ...]
@@ -78,6 +91,68 @@ class PayloadFit:
     explained: FloatArray
     condition: float | None = None
     unexplained: float | None = None
+
+    def predict(self, recording: Recording) -> Comparison:
+        """Torque of the arm with the payload, beside that of the recording; of joints whose torque is known.
+
+        Friction and offsets are those of the fit, where none are taken from a joint model or dynamics.
+        """
+        samples = PayloadSamples.of(recording, self.source, self.widths)
+        robot, cutoff = self.source.robot, FIT_PER_CUTOFF * self.source.cutoff_hz
+        joints = [joint for joint, known in zip(robot.joints, samples.known, strict=True) if known]
+        smooth = samples.smooth_arm + samples.payload @ self.moments + samples.others @ self.friction
+        predicted = samples.arm + samples.unfiltered_payload @ self.moments
+        predicted = predicted + samples.unfiltered_others @ self.friction
+        error = predicted - samples.torque  # eq 3.1
+        scores = tuple(
+            JointScore(
+                name=joint.name,
+                r2=share_predicted(samples.smooth_torque[:, k], smooth[:, k]),
+                r2_raw=share_predicted(samples.torque[:, k], predicted[:, k]),
+                mean=float(error[:, k].mean()),
+                sd=float(error[:, k].std()),
+                rmse=float(np.sqrt((error[:, k] ** 2).mean())),
+                unit=unit_of(joint),
+            )
+            for k, joint in enumerate(joints)
+        )
+        return Comparison(
+            names=tuple(joint.name for joint in joints),
+            units=tuple(unit_of(joint) for joint in joints),
+            t=samples.t,
+            qd=samples.qd,
+            qdd=samples.qdd,
+            measured=samples.torque,
+            predicted=predicted,
+            rate_hz=samples.rate_hz,
+            filter_hz=cutoff,
+            given=scores,
+        )
+
+    def score(self, recording: Recording) -> tuple[JointScore, ...]:
+        """How well the torque of the loaded arm is predicted, joint by joint."""
+        return self.predict(recording).scores()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write what was seen with its errors as TOML; what was not is listed.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        lines = [
+            "# Payload at the tip, in its frame: kg, kg m, kg m2.",
+            f"robot = {toml_value(self.source.robot.name)}",
+            f"created_from = {toml_value(self.created_from)}",
+        ]
+        figures: list[tuple[str, Any, Any]] = [
+            (name, found.value, self.standard_errors[name]) for name, found in self.parameters.items()
+        ]
+        figures.append(("center_m", self.center, self.center_errors))
+        for name, value, error in figures:
+            if value is not None and error is not None:
+                lines.append(f"{name} = {{ value = {toml_value(value)}, standard_error = {toml_value(error)} }}")
+        lines.append(f"unseen = {toml_value(self.unseen)}")
+        write_text(path, "\n".join(lines) + "\n")
 
     @property
     def rmse(self) -> FloatArray:
@@ -95,7 +170,7 @@ def identify_payload(
     robot: Robot,
     *,
     model: JointTorqueModel | None = None,
-    dynamics: DynamicsFit | None = None,
+    dynamics: DynamicsModel | None = None,
     mass: float | None = None,
     inertia: bool = False,
     cutoff_hz: float | None = None,
@@ -125,36 +200,14 @@ def identify_payload(
     recording.check_robot(robot)
     if model is not None and dynamics is not None:
         raise InputError("model", "is given beside dynamics", "wanted one of them: both say the arm's friction")
-    if mass is not None and not 0 < mass < _HEAVIEST:
-        raise InputError("mass", f"is {mass:g} kg", f"wanted above 0 and below {_HEAVIEST:g}")
+    if mass is not None and not 0 < mass < _MAX_MASS:
+        raise InputError("mass", f"is {mass:g} kg", f"wanted above 0 and below {_MAX_MASS:g}")
     if gravity is None:
         gravity = GRAVITY if dynamics is None else dynamics.gravity
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
-    parts, left = _parts(recording, cutoff)
-    motions = [replace(even_motion(part.t, part.q, part.qd, cutoff), gravity=gravity) for part in parts]
-    torques = [_bare_torque(part, robot, model, dynamics, own) for part, own in zip(parts, motions, strict=True)]
-    known = torques[0][1]
-    q, qd, qdd = (np.concatenate([getattr(own, name) for own in motions]) for name in ("q", "qd", "qdd"))
-    payload = link_regressor(robot, q, qd, qdd, gravity, robot.dof - 1) @ _tip_to_link(robot)
-    if dynamics is not None:
-        nuisance = np.tile(np.eye(robot.dof)[None], (len(qd), 1, 1))
-    else:
-        nuisance = _friction(qd) if model is None else np.zeros((len(qd), robot.dof, 0))
-    ends = np.cumsum([own.t.size for own in motions])[:-1]
-    inside = [_inside(own.t, cutoff) for own in motions]
-
-    def filtered(x: FloatArray) -> FloatArray:
-        """Each stretch by itself, without its ends."""
-        return np.concatenate(
-            [
-                lowpass(part, own.rate_hz, _FIT_PER_CUTOFF * cutoff)[rows]
-                for part, own, rows in zip(np.split(x[:, known], ends), motions, inside, strict=True)
-            ]
-        )
-
-    t = np.concatenate([own.t[rows] for own, rows in zip(motions, inside, strict=True)])
-    bare = np.concatenate([torque for torque, _ in torques])
-    wanted, seen_by, others = filtered(bare), filtered(payload), filtered(nuisance)
+    source = PayloadSource(robot=robot, model=model, dynamics=dynamics, cutoff_hz=cutoff, gravity=gravity)
+    samples = PayloadSamples.of(recording, source)
+    wanted, seen_by, others = samples.smooth_torque - samples.smooth_arm, samples.payload, samples.others
     count = 10 if inertia else 4
     # What no joint feels is rounding, and would become huge.
     size = np.linalg.norm(seen_by[:, :, :count].reshape(-1, count), axis=0)
@@ -174,7 +227,7 @@ def identify_payload(
         if not inertia:
             first = np.where(visible_share(flat)[:4] > _DEPENDENT, solution[:4], 0.0)
             first[0] = first[0] if mass is None else mass
-            point = _point_moments(first)
+            point = point_moments(first)
         weight = weight / np.maximum(residual.std(axis=0), 1e-12)
     weight_columns = columns / np.maximum(residual.std(axis=0), 1e-12)[None, :, None]
     residual = residual / np.maximum(residual.std(axis=0), 1e-12)
@@ -186,157 +239,33 @@ def identify_payload(
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))[:count]
     enough = max(1.0, float(solution[0])) * np.array([1.0] + [_ARM] * 3 + [_ARM**2] * 6)[:count]
     seen = (shares > _DEPENDENT) & (spread < enough)
-    values = {name: float(solution[i]) if seen[i] else None for i, name in enumerate(names)}
-    errors = {name: float(spread[i]) if seen[i] else None for i, name in enumerate(names)}
     center, center_errors = _center(solution[:4], covariance[:4, :4]) if seen[:4].all() else (None, None)
-    friction = others @ solution[count:]
-    explained = seen_by[:, :, :count] @ solution[:count] + (0.0 if inertia else seen_by[:, :, 4:] @ point)
-    left_out = tuple(joint.name for joint, own in zip(robot.joints, known, strict=True) if not own)
+    left_out = tuple(joint.name for joint, own in zip(robot.joints, samples.known, strict=True) if not own)
+    moments = solution[:count] if inertia else np.concatenate([solution[:4], point])
     return PayloadFit(
-        values=values,
-        standard_errors=errors,
+        source=source,
+        created_from=recording.source,
+        moments=moments,
+        friction=solution[count:],
+        widths=samples.widths,
+        parameters={
+            name: Quantity(float(solution[i]) if seen[i] else None, _UNITS.get(name, "kg m2"))
+            for i, name in enumerate(names)
+        },
+        standard_errors={name: float(spread[i]) if seen[i] else None for i, name in enumerate(names)},
         center=center,
         center_errors=center_errors,
         unseen=tuple(name for i, name in enumerate(names) if not seen[i]),
         joints_left_out=left_out,
-        rows_used=t.size,
-        rows_left=left,
+        rows_used=samples.t.size,
+        rows_left=samples.rows_left,
         joints=tuple(joint.name for joint in robot.joints if joint.name not in left_out),
-        t=t,
-        wanted=wanted - friction,
-        explained=explained,
+        t=samples.t,
+        wanted=wanted - others @ solution[count:],
+        explained=seen_by @ moments,
         condition=condition_of(weight_columns.reshape(-1, weight_columns.shape[2])),
         unexplained=held_out_share(weight_columns, residual + weight_columns @ solution),
     )
-
-
-def _parts(recording: Recording, cutoff_hz: float) -> tuple[list[Recording], int]:
-    """Stretches between gaps that are long enough, and how many recorded rows are left away in all.
-
-    At either end of a stretch, within a period of the cut-off, the filter knows one side of the motion only: the torque
-    that an arm which moves there seems to want is off by several times the noise.
-    """
-    found, used = [], 0
-    for rows in stretches_of(recording.t):
-        t = recording.t[rows]
-        if t.size >= MIN_ROWS and t[-1] - t[0] >= _MIN_PERIODS / cutoff_hz:
-            found.append(recording.between(float(t[0]), float(t[-1])))
-            used += int(np.count_nonzero(_inside(t, cutoff_hz)))
-    if not found:
-        problem = f"has no {MIN_ROWS} rows and {_MIN_PERIODS / cutoff_hz:.3g} s without a gap"
-        raise InputError("recording", problem, "record for longer, or give a higher cut-off")
-    return found, recording.t.size - used
-
-
-def _inside(t: FloatArray, cutoff_hz: float) -> npt.NDArray[np.bool_]:
-    """Which of rising times (N,) lie a period of the cut-off inside both ends."""
-    inside: npt.NDArray[np.bool_] = (t >= t[0] + 1 / cutoff_hz) & (t <= t[-1] - 1 / cutoff_hz)
-    return inside
-
-
-def _bare_torque(
-    recording: Recording,
-    robot: Robot,
-    model: JointTorqueModel | None,
-    dynamics: DynamicsFit | None,
-    motion: EvenMotion,
-) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Torque that the arm without payload does not explain (N, n), and the joints where it is known."""
-    from bumpstop.model import inverse_dynamics
-
-    if dynamics is not None:
-        if len(dynamics.robot.joints) != robot.dof:
-            raise InputError("dynamics", f"has {len(dynamics.robot.joints)} joints", f"{robot.name} has {robot.dof}")
-        errors = np.zeros(robot.dof) if dynamics.gain_errors is None else dynamics.gain_errors
-        return torque_of_recording(recording, motion.t, dynamics.gains) - dynamics.predict(motion), np.isfinite(errors)
-    if model is None:
-        if recording.tau is None:
-            raise InputError(
-                "recording", "has no joint torque", "wanted tau_1 .. tau_n, or currents with a joint model"
-            )
-        own = inverse_dynamics(robot, motion.q, motion.qd, motion.qdd, gravity=motion.gravity)
-        return onto(motion.t, recording.t, recording.tau) - own, np.ones(robot.dof, dtype=bool)
-    if recording.current is None:
-        raise InputError("recording", "has no motor current", "wanted current_1 ..")
-    if len(model.joints) != robot.dof:
-        raise InputError("model", f"has {len(model.joints)} joints", f"{robot.name} has {robot.dof}")
-    known = np.array([joint.parameters["B"] is not None for joint in model.joints])
-    if not known.any():
-        raise InputError("model", "knows the gain of no joint", "wanted at least one")
-    torque = model.torque(onto(motion.t, recording.t, recording.current), motion.qd, motion.qdd)
-    return np.where(known, torque, 0.0) - inverse_dynamics(
-        without_rotors(robot), motion.q, motion.qd, motion.qdd, gravity=motion.gravity
-    ), known
-
-
-def torque_of_recording(recording: Recording, t: FloatArray, gains: FloatArray | None) -> FloatArray:
-    """Recorded torque (N, n) at the times of a grid, or the currents times the gains where there is none [Nm or N]."""
-    if recording.tau is not None:
-        return onto(t, recording.t, recording.tau)
-    if gains is None or recording.current is None:
-        raise InputError(
-            "recording", "has no joint torque", "wanted tau_1 .. tau_n, or currents with dynamics that know gains"
-        )
-    return onto(t, recording.t, recording.current * gains)
-
-
-def _friction(qd: FloatArray) -> FloatArray:
-    """Columns (N, n, 3 n) of Coulomb and viscous friction and an offset of each joint."""
-    rows, n = qd.shape
-    columns = np.zeros((rows, n, 3 * n))
-    for j in range(n):
-        width = max(0.03 * float(np.sqrt((qd[:, j] ** 2).mean())), 1e-6)
-        columns[:, j, 3 * j : 3 * j + 3] = np.stack([np.tanh(qd[:, j] / width), qd[:, j], np.ones(rows)], axis=1)
-    return columns
-
-
-def payload_torque(robot: Robot, payload: Payload, motion: EvenMotion) -> FloatArray:
-    """Torque (N, n) that a payload at the tip adds to a motion [Nm or N]."""
-    center = np.asarray(payload.center)
-    first = payload.mass * np.array([1.0, *center])
-    parameters = _tip_to_link(robot) @ np.concatenate([first, _point_moments(first)])
-    torque: FloatArray = (
-        link_regressor(robot, motion.q, motion.qd, motion.qdd, motion.gravity, robot.dof - 1) @ parameters
-    )
-    return torque
-
-
-def _tip_to_link(robot: Robot) -> FloatArray:
-    """Matrix (10, 10) from inertial parameters in the frame of the tip to those in the frame of the last link."""
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = np.asarray(robot.tip_rotation), robot.tip_origin
-    return np.stack([parameters_of(X @ pseudo_inertia(unit) @ X.T) for unit in np.eye(10)], axis=1)
-
-
-def pseudo_inertia(parameters: FloatArray) -> FloatArray:
-    """Second moments of mass of a body as a 4 x 4 matrix (Wensing, Kim and Slotine 2018), positive definite for a body.
-
-    Args:
-        parameters: (10,) m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin.
-    """
-    m, x, y, z, xx, yy, zz, xy, xz, yz = parameters
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    matrix = np.empty((4, 4))
-    matrix[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    matrix[:3, 3] = matrix[3, :3] = x, y, z
-    matrix[3, 3] = m
-    return matrix
-
-
-def parameters_of(matrix: FloatArray) -> FloatArray:
-    """The parameters (10,) of a pseudo-inertia (4, 4)."""
-    spread = matrix[:3, :3]
-    tensor = np.trace(spread) * np.eye(3) - spread
-    return np.array([matrix[3, 3], *matrix[:3, 3], *np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
-
-
-def _point_moments(first: FloatArray) -> FloatArray:
-    """Second moments (6,) of a point with this mass and these first moments (4,)."""
-    mass, moment = first[0], first[1:]
-    if not mass > 0:
-        return np.zeros(6)
-    tensor = (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
-    return np.array([*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]])
 
 
 def _covariance(columns: FloatArray, residual: FloatArray) -> FloatArray:

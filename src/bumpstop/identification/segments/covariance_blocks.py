@@ -1,4 +1,4 @@
-"""Stretches of recordings between gaps, and the blocks of them that stand for all."""
+"""Segments of recordings between gaps, and the blocks of them that stand for all."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bumpstop.identification.segments.motion import EvenGrid
+from bumpstop.identification.segments.motion import UniformGrid
 
 # Of recordings with more rows than are wanted so many blocks stand for the whole, each of no fewer rows than that.
 _BLOCKS, _MIN_BLOCK = 20, 200
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Segment:
     """A part of a recording between gaps.
 
     Attributes:
@@ -27,7 +27,7 @@ class Stretch:
 
     recording: int
     rows: slice
-    grid: EvenGrid
+    grid: UniformGrid
     stride: int
     used: slice
 
@@ -42,31 +42,31 @@ class Stretch:
         return self.grid.rate_hz / self.stride
 
 
-def blocks_of_stretches(stretches: list[Stretch], limit: int | None) -> list[tuple[Stretch, slice]]:
-    """What is taken of stretches: each with some of its kept rows.
+def blocks_of_segments(segments: list[Segment], limit: int | None) -> list[tuple[Segment, slice]]:
+    """What is taken of segments: each with some of its kept rows.
 
     Args:
-        stretches: of all recordings, in their order.
+        segments: of all recordings, in their order.
         limit: rows that are enough; no more than twice as many are taken. None: all.
     """
-    if limit is None or sum(stretch.size for stretch in stretches) <= limit:
-        return [(stretch, stretch.used) for stretch in stretches]
-    # Of very many stretches every so manieth, counted from the first of each recording.
-    every = math.ceil(sum(min(stretch.size, _MIN_BLOCK) for stretch in stretches) / limit)
-    firsts = {stretch.recording: place for place, stretch in reversed(list(enumerate(stretches)))}
-    kept = [own for place, own in enumerate(stretches) if (place - firsts[own.recording]) % every == 0]
-    total = sum(stretch.size for stretch in kept)
-    found: list[tuple[Stretch, slice]] = []
-    for stretch in kept:
-        own = max(limit * stretch.size / total, _MIN_BLOCK)
-        if own >= stretch.size:
-            found.append((stretch, stretch.used))
+    if limit is None or sum(segment.size for segment in segments) <= limit:
+        return [(segment, segment.used) for segment in segments]
+    # Of very many segments every so manieth, counted from the first of each recording.
+    every = math.ceil(sum(min(segment.size, _MIN_BLOCK) for segment in segments) / limit)
+    firsts = {segment.recording: place for place, segment in reversed(list(enumerate(segments)))}
+    kept = [own for place, own in enumerate(segments) if (place - firsts[own.recording]) % every == 0]
+    total = sum(segment.size for segment in kept)
+    found: list[tuple[Segment, slice]] = []
+    for segment in kept:
+        own = max(limit * segment.size / total, _MIN_BLOCK)
+        if own >= segment.size:
+            found.append((segment, segment.used))
             continue
-        count = max(1, min(round(_BLOCKS * stretch.size / total), int(own / _MIN_BLOCK)))
+        count = max(1, min(round(_BLOCKS * segment.size / total), int(own / _MIN_BLOCK)))
         length = int(own / count)
-        room = stretch.size - length
+        room = segment.size - length
         starts = np.linspace(0, room, count) if count > 1 else np.array([room / 2])
         found += [
-            (stretch, slice(start, start + length)) for start in (stretch.used.start + starts.astype(int)).tolist()
+            (segment, slice(start, start + length)) for start in (segment.used.start + starts.astype(int)).tolist()
         ]
     return found

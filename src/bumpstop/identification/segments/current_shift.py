@@ -10,7 +10,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.regressor import inertial_regressor
-from bumpstop.identification.segments.motion import GRAVITY, EvenGrid, lowpass
+from bumpstop.identification.segments.motion import GRAVITY, UniformGrid, lowpass
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -21,7 +21,7 @@ _CUTOFF_HZ, _ROWS, _MAX_S = 5.0, 2500, 0.3
 _STEPS = 60  # shifts to either side
 # A shift is told from this size on, where it leaves no more than this share of what is left of the currents without it;
 # where it leaves as little as the second share, no fit can be used.
-_MIN_DURATION_S, _MIN_STEPS, _WORTH, _MUCH = 0.02, 1.2, 0.93, 0.75
+_MIN_S, _MIN_STEPS, _WORTH, _MUCH = 0.02, 1.2, 0.93, 0.75
 _EXPLAINED = 0.7  # share of the variance
 _MIN_ROWS = 200
 _NONE = (0.0, 1.0)
@@ -65,7 +65,7 @@ def shift_of(recording: Recording, robot: Robot, effort: FloatArray) -> tuple[fl
     part = _busiest_part(recording)
     t, effort = recording.t[part], effort[part]
     try:
-        grid = EvenGrid.of(t)
+        grid = UniformGrid.of(t)
     except InputError:
         return _NONE
     every = max(1, round(grid.rate_hz / (8 * _CUTOFF_HZ)))
@@ -100,7 +100,7 @@ def shift_of(recording: Recording, robot: Robot, effort: FloatArray) -> tuple[fl
         return _NONE
     best, middle = int(np.argmin(left)), _STEPS
     shift = float(shifts[best])
-    if abs(shift) < max(_MIN_DURATION_S, _MIN_STEPS * recording.dt) or left[best] > _WORTH * left[middle]:
+    if abs(shift) < max(_MIN_S, _MIN_STEPS * recording.dt) or left[best] > _WORTH * left[middle]:
         return _NONE
     return shift, float(left[best] / left[middle])
 

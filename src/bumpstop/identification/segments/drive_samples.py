@@ -12,16 +12,16 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.drive.drive_model import JointMotion, held_share
-from bumpstop.identification.segments.motion import GRAVITY, MIN_ROWS, EvenGrid, lowpass
+from bumpstop.identification.drive.drive_model import JointMotion, stiction_share
+from bumpstop.identification.segments.motion import GRAVITY, MIN_ROWS, UniformGrid, lowpass
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-# An interval this long [s], and longer than so many median ones, ends a stretch: nothing is guessed across it.
+# An interval this long [s], and longer than so many median ones, ends a segment: nothing is guessed across it.
 _GAP_S, _GAP_STEPS = 0.1, 10.0
-# A stretch is used when it is at least so many times as long as what is cut off at an end.
+# A segment is used when it is at least so many times as long as what is cut off at an end.
 _MIN_TRIMS = 5
 # What is filtered at a cut-off is kept at this many times its rate.
 RATE_PER_CUTOFF = 10.0
@@ -32,21 +32,21 @@ _BLOCKS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class DriveRows:
-    """Stretches of motion one after another, filtered alike.
+class DriveSamples:
+    """Segments of motion one after another, filtered alike.
 
     Attributes:
         t: (N,) of each row in its own recording [s].
         q, qd, qdd: (N, n) [rad or m, and per second].
         torque: (N, n) Newton-Euler torque without rotors [Nm or N].
         current: (N, n) of the motors, filtered like the motion [A].
-        stretches: rows of each stretch.
-        rate_hz: rows a second, of each stretch.
+        segments: rows of each segment.
+        rate_hz: rows a second, of each segment.
         cutoff_hz: of the zero-phase filter.
-        rows_recorded: of the recordings that lie in a stretch.
-        rows_left: of the recordings in stretches too short to filter.
-        rows_at_ends: of the recordings left away at either end of a stretch, where the filter has one side only.
-        recordings: number of the recording of each stretch, from 0; empty: not known.
+        rows_recorded: of the recordings that lie in a segment.
+        rows_left: of the recordings in segments too short to filter.
+        rows_at_ends: of the recordings left away at either end of a segment, where the filter has one side only.
+        recordings: number of the recording of each segment, from 0; empty: not known.
     """
 
     t: FloatArray
@@ -55,7 +55,7 @@ class DriveRows:
     qdd: FloatArray
     torque: FloatArray
     current: FloatArray
-    stretches: tuple[slice, ...]
+    segments: tuple[slice, ...]
     rate_hz: tuple[float, ...]
     cutoff_hz: float
     rows_recorded: int
@@ -64,11 +64,11 @@ class DriveRows:
     recordings: tuple[int, ...] = ()
 
     def filtered(self, x: FloatArray, cutoff_hz: float | None = None) -> FloatArray:
-        """Columns (N, ...) after the zero-phase filter, each stretch for itself."""
+        """Columns (N, ...) after the zero-phase filter, each segment for itself."""
         cutoff = self.cutoff_hz if cutoff_hz is None else cutoff_hz
         result = np.empty_like(x)
         alike: dict[tuple[int, float], list[int]] = {}
-        for rows, rate in zip(self.stretches, self.rate_hz, strict=True):
+        for rows, rate in zip(self.segments, self.rate_hz, strict=True):
             alike.setdefault((rows.stop - rows.start, rate), []).append(rows.start)
         for (length, rate), starts in alike.items():
             if len(starts) == 1:
@@ -80,31 +80,31 @@ class DriveRows:
             result[places] = lowpass(x[places], rate, cutoff)
         return result
 
-    def spread(self, limit: int) -> DriveRows:
-        """No more than about ``limit`` rows: blocks spread evenly over the time, each a stretch of its own."""
+    def spread(self, limit: int) -> DriveSamples:
+        """No more than about ``limit`` rows: blocks spread evenly over the time, each a segment of its own."""
         if self.t.size <= limit:
             return self
         length = limit // _BLOCKS
         blocks: list[slice] = []
         rates: list[float] = []
-        for rows, rate in zip(self.stretches, self.rate_hz, strict=True):
+        for rows, rate in zip(self.segments, self.rate_hz, strict=True):
             size = rows.stop - rows.start
             count = min(round(_BLOCKS * size / self.t.size), size // length)
             for start in np.linspace(rows.start, rows.stop - length, count).astype(int).tolist():
                 blocks.append(slice(start, start + length))
                 rates.append(rate)
-        if not blocks:  # many short stretches: every so manieth of them
+        if not blocks:  # many short segments: every so manieth of them
             every = math.ceil(self.t.size / limit)
-            blocks, rates = list(self.stretches[::every]), list(self.rate_hz[::every])
+            blocks, rates = list(self.segments[::every]), list(self.rate_hz[::every])
         ends = np.cumsum([0, *(block.stop - block.start for block in blocks)]).tolist()
         columns: dict[str, Any] = {
             name: np.concatenate([getattr(self, name)[block] for block in blocks])
             for name in ("t", "q", "qd", "qdd", "torque", "current")
         }
-        stretches = tuple(slice(a, b) for a, b in pairwise(ends))
-        return replace(self, **columns, stretches=stretches, rate_hz=tuple(rates), recordings=())
+        segments = tuple(slice(a, b) for a, b in pairwise(ends))
+        return replace(self, **columns, segments=segments, rate_hz=tuple(rates), recordings=())
 
-    def of_joints(self, which: Sequence[int]) -> DriveRows:
+    def of_joints(self, which: Sequence[int]) -> DriveSamples:
         """The columns of some joints, from 0."""
         if list(which) == list(range(self.q.shape[1])):
             return self
@@ -122,10 +122,10 @@ class DriveRows:
 
         qd = np.ascontiguousarray(self.qd[:, j])
         parts = []
-        for rows, rate in zip(self.stretches, self.rate_hz, strict=True):
+        for rows, rate in zip(self.segments, self.rate_hz, strict=True):
             own = qd[rows]
             fastest = maximum_filter1d(np.abs(own), 2 * math.ceil(rate / self.cutoff_hz) + 1)
-            parts.append(held_share(own, rest_speed, np.abs(own) > _SWING_BACK * fastest))
+            parts.append(stiction_share(own, rest_speed, np.abs(own) > _SWING_BACK * fastest))
         held = np.concatenate(parts)
         return JointMotion(self.torque[:, j], qd, self.qdd[:, j], held)
 
@@ -135,7 +135,7 @@ def without_rotors(robot: Robot) -> Robot:
     return replace(robot, joints=tuple(replace(joint, rotor_inertia=0.0) for joint in robot.joints))
 
 
-def drive_rows(
+def drive_samples(
     recordings: Sequence[Recording],
     robots: Sequence[Robot],
     cutoff_hz: float,
@@ -144,7 +144,7 @@ def drive_rows(
     smooth_current: bool = True,
     trim_s: float | None = None,
     gravity: tuple[float, float, float] = GRAVITY,
-) -> DriveRows:
+) -> DriveSamples:
     """Filter, differentiate and thin out recordings, and work out the torque of their motion.
 
     Positions (or recorded rates) and currents pass the same zero-phase filter, and no more rows are kept than it leaves
@@ -156,7 +156,7 @@ def drive_rows(
         cutoff_hz: of the filter.
         every_row: keep the recorded rate.
         smooth_current: filter the currents, too.
-        trim_s: left away at either end of a stretch, where a filter has only one side to go by; default: one period of
+        trim_s: left away at either end of a segment, where a filter has only one side to go by; default: one period of
             the cut-off.
         gravity: acceleration of free fall in the base frame [m/s2].
 
@@ -173,12 +173,12 @@ def drive_rows(
     for number, (recording, robot) in enumerate(zip(recordings, robots, strict=True)):
         _check(recording, robot)
         bare = without_rotors(robot)
-        for rows in stretches_of(recording.t):
+        for rows in split_at_gaps(recording.t):
             span = float(recording.t[rows.stop - 1] - recording.t[rows.start])
             if rows.stop - rows.start < MIN_ROWS or span < _MIN_TRIMS * trim:
                 left += rows.stop - rows.start
                 continue
-            t, motion, current, rate = _stretch(recording, rows, cutoff_hz, every_row, smooth_current)
+            t, motion, current, rate = _segment(recording, rows, cutoff_hz, every_row, smooth_current)
             inside = slice(math.ceil(trim * rate), t.size - math.ceil(trim * rate))
             t, current = t[inside], current[inside]
             motion = (motion[0][inside], motion[1][inside], motion[2][inside])
@@ -189,14 +189,14 @@ def drive_rows(
             recorded += rows.stop - rows.start
             at_ends += 2 * round(trim / recording.dt)
     if not parts:
-        problem = f"has no stretch of {MIN_ROWS} rows and {_MIN_TRIMS * trim:.3g} s without a gap"
+        problem = f"has no segment of {MIN_ROWS} rows and {_MIN_TRIMS * trim:.3g} s without a gap"
         raise InputError("recording", problem, "wanted a longer recording")
     ends = np.cumsum([0, *(part[0].size for part in parts)])
     columns = [np.concatenate([part[i] for part in parts]) for i in range(6)] if len(parts) > 1 else list(parts[0])
-    stretches = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+    segments = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     t, q, qd, qdd, torque, current = columns
-    return DriveRows(
-        t, q, qd, qdd, torque, current, stretches, tuple(rates), cutoff_hz, recorded, left, at_ends, tuple(numbers)
+    return DriveSamples(
+        t, q, qd, qdd, torque, current, segments, tuple(rates), cutoff_hz, recorded, left, at_ends, tuple(numbers)
     )
 
 
@@ -206,7 +206,7 @@ def _check(recording: Recording, robot: Robot) -> None:
     recording.check_robot(robot)
 
 
-def stretches_of(t: FloatArray) -> list[slice]:
+def split_at_gaps(t: FloatArray) -> list[slice]:
     """Rows between gaps: intervals of more than 0.1 s and ten median ones."""
     steps = np.diff(t)
     ends = np.flatnonzero(steps > max(_GAP_S, _GAP_STEPS * float(np.median(steps)))) + 1
@@ -214,12 +214,12 @@ def stretches_of(t: FloatArray) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
-def _stretch(
+def _segment(
     recording: Recording, rows: slice, cutoff_hz: float, every_row: bool, smooth_current: bool
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], FloatArray, float]:
     assert recording.current is not None
     t = recording.t[rows]
-    grid = EvenGrid.of(t)
+    grid = UniformGrid.of(t)
     rate = grid.rate_hz
 
     def smooth(x: FloatArray) -> FloatArray:

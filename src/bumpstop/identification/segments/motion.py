@@ -26,7 +26,7 @@ _SLOPE_ROWS = 2  # that two differences one after the other reach to either side
 
 
 @dataclass(frozen=True, eq=False)
-class EvenMotion:
+class UniformMotion:
     """A motion at an even rate.
 
     Attributes:
@@ -43,9 +43,9 @@ class EvenMotion:
     rate_hz: float
     gravity: tuple[float, float, float] = GRAVITY
 
-    def part(self, rows: slice | np.ndarray) -> EvenMotion:
+    def part(self, rows: slice | np.ndarray) -> UniformMotion:
         """Some rows of it."""
-        return EvenMotion(self.t[rows], self.q[rows], self.qd[rows], self.qdd[rows], self.rate_hz, self.gravity)
+        return UniformMotion(self.t[rows], self.q[rows], self.qd[rows], self.qdd[rows], self.rate_hz, self.gravity)
 
 
 def lowpass(x: FloatArray, rate_hz: float, cutoff_hz: float) -> FloatArray:
@@ -64,7 +64,7 @@ def _filters(rate_hz: float, cutoff_hz: float) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class EvenGrid:
+class UniformGrid:
     """Times at the median rate of a recording over its span.
 
     Attributes:
@@ -80,7 +80,7 @@ class EvenGrid:
     even: bool
 
     @classmethod
-    def of(cls, t: FloatArray) -> EvenGrid:
+    def of(cls, t: FloatArray) -> UniformGrid:
         """The grid of recorded times (N,).
 
         Raises:
@@ -121,7 +121,7 @@ class EvenGrid:
         cutoff_hz: float,
         kept: slice | None = None,
         stride: int | None = None,
-    ) -> EvenMotion:
+    ) -> UniformMotion:
         """Filter a recorded motion, differentiate it, and keep as many rows as the filter leaves something to say.
 
         Args:
@@ -142,22 +142,22 @@ class EvenGrid:
         acceleration = np.gradient(velocity, 1 / rate, axis=0)
         own = slice(first - around.start, last - around.start, stride)
         kept_columns = [np.ascontiguousarray(x[own]) for x in (self.t[around], position, velocity, acceleration)]
-        return EvenMotion(kept_columns[0], kept_columns[1], kept_columns[2], kept_columns[3], rate / stride)
+        return UniformMotion(kept_columns[0], kept_columns[1], kept_columns[2], kept_columns[3], rate / stride)
 
 
-def onto(grid: FloatArray, t: FloatArray, x: FloatArray) -> FloatArray:
+def interpolate_to(grid: FloatArray, t: FloatArray, x: FloatArray) -> FloatArray:
     """Columns of ``x`` (N, n) at the times of a grid, straight between samples; ``x`` itself at its own times."""
     if grid.size == t.size and float(np.abs(grid - t).max()) < _EVEN * (t[-1] - t[0]) / t.size:
         return x
     return np.stack([np.interp(grid, t, x[:, j]) for j in range(x.shape[1])], axis=1)
 
 
-def even_motion(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: float) -> EvenMotion:
-    """The motion of a whole recording at times ``t`` (N,); other arguments as for :meth:`EvenGrid.motion`.
+def resample(t: FloatArray, q: FloatArray, qd: FloatArray | None, cutoff_hz: float) -> UniformMotion:
+    """The motion of a whole recording at times ``t`` (N,); other arguments as for :meth:`UniformGrid.motion`.
 
     Raises:
         InputError: fewer than ``MIN_ROWS`` rows, or gaps too long to be bridged.
     """
     if t.size < MIN_ROWS:
         raise InputError("recording", f"{t.size} rows", f"wanted at least {MIN_ROWS}")
-    return EvenGrid.of(t).motion(q, qd, cutoff_hz)
+    return UniformGrid.of(t).motion(q, qd, cutoff_hz)

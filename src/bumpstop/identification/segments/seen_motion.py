@@ -12,7 +12,7 @@ from bumpstop.arrays import FloatArray
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bumpstop.identification.segments.motion import EvenMotion
+    from bumpstop.identification.segments.motion import UniformMotion
 
 # Outside is what lies beyond the range by more than this share of its width, or faster by this share.
 _MARGIN = 0.05
@@ -36,7 +36,7 @@ class SeenMotion:
     acceleration: FloatArray
 
     @classmethod
-    def of(cls, motion: EvenMotion) -> SeenMotion:
+    def of(cls, motion: UniformMotion) -> SeenMotion:
         """The ranges of a filtered motion."""
         q, qd, qdd = motion.q, np.abs(motion.qd), np.abs(motion.qdd)
         return cls(q.min(axis=0), q.max(axis=0), qd.max(axis=0), qdd.max(axis=0))
@@ -51,7 +51,7 @@ class SeenMotion:
         q = rng.uniform(self.low, self.high, shape)
         return q, rng.uniform(-0.5, 0.5, shape) * self.speed, rng.uniform(-0.5, 0.5, shape) * self.acceleration
 
-    def outside(self, motion: EvenMotion, names: Sequence[str]) -> list[str]:
+    def outside(self, motion: UniformMotion, names: Sequence[str]) -> list[str]:
         """What of a motion lies outside, a sentence for each joint and quantity.
 
         Args:

@@ -1,4 +1,4 @@
-"""Rows that dynamics are fitted to and compared on: filtered motion and torque, stretch by stretch."""
+"""Rows that dynamics are fitted to and compared on: filtered motion and torque, segment by segment."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.payload.payload_fit import payload_torque
-from bumpstop.identification.segments.covariance_blocks import Stretch, blocks_of_stretches
-from bumpstop.identification.segments.drive_samples import stretches_of
+from bumpstop.identification.payload.tip_parameters import payload_torque
+from bumpstop.identification.segments.covariance_blocks import Segment, blocks_of_segments
+from bumpstop.identification.segments.drive_samples import split_at_gaps
 from bumpstop.identification.segments.motion import (
     GRAVITY,
     MIN_ROWS,
-    EvenGrid,
-    EvenMotion,
-    even_motion,
+    UniformGrid,
+    UniformMotion,
+    interpolate_to,
     lowpass,
     lowpass_reach,
-    onto,
+    resample,
 )
-from bumpstop.identification.segments.padded_segments import Reach
+from bumpstop.identification.segments.padded_segments import PaddedSegments
 from bumpstop.identification.segments.rest import resting, used_rows
 from bumpstop.recording.checks.checks import gaps_of
 
@@ -37,25 +37,25 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-# A stretch is used when it has so many rows and lasts so many periods of the cut-off.
+# A segment is used when it has so many rows and lasts so many periods of the cut-off.
 _MIN_PERIODS = 5.0
 _MIN_KEPT = 16  # behind the filter, as torques pass another
 # Beside a gap, and where a recording begins or ends, the filter has one side of the motion only to go by: so many
-# periods of the cut-off are left away, at the ends no more than a share of the stretch.
-_SEAM_PERIODS, _MAX_TRIMMED_SHARE = 1.0, 0.05
+# periods of the cut-off are left away, at the ends no more than a share of the segment.
+_SEAM_PERIODS, _MAX_AT_END = 1.0, 0.05
 # A joint that moves less far stands still [rad or m]: encoders make some of it, and no planned motion is so small.
 STILL = 0.01
 _SAME_TIME = 1e-3  # of a period
 
 
 class RecordedTorque(NamedTuple):
-    """Torque of a stretch and its margins, unfiltered and not thinned out.
+    """Torque of a segment and its margins, unfiltered and not thinned out.
 
     Attributes:
         torque: (K, n) on the even grid at the recorded rate [Nm or N]; currents [A] where these are rows of currents.
         rate_hz: rows a second.
         stride: of how many rows one is kept.
-        kept: of these kept rows those of the stretch itself.
+        kept: of these kept rows those of the segment itself.
     """
 
     torque: FloatArray
@@ -65,25 +65,25 @@ class RecordedTorque(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueRows:
-    """Stretches of recordings one after another. Filters never reach from one into the next.
+class TorqueSamples:
+    """Segments of recordings one after another. Filters never reach from one into the next.
 
-    Of a long recording blocks stand for the whole, each a stretch of its own. Beside a block lie margins, as far as the
+    Of a long recording blocks stand for the whole, each a segment of its own. Beside a block lie margins, as far as the
     filters reach that it is made for: these go through them with it and are cut off behind, so that filtered or not its
     rows are those of the whole recording.
 
     Attributes:
-        reach: motion and carried torque of stretches and margins.
-        recorded: torque of each stretch.
-        rows_left: recorded rows in stretches too short to use.
+        reach: motion and carried torque of segments and margins.
+        recorded: torque of each segment.
+        rows_left: recorded rows in segments too short to use.
         rows_beside_gaps: recorded rows of the others that are left away within a period of the cut-off of a gap.
         rows_at_ends: recorded rows left away where recordings begin and end.
-        rows_whole: rows that the filter leaves of all stretches; more than N where blocks stand for them.
+        rows_whole: rows that the filter leaves of all segments; more than N where blocks stand for them.
         rests: (N, n) rows at which each joint rests.
         currents: these are rows of motor currents.
     """
 
-    reach: Reach
+    reach: PaddedSegments
     recorded: tuple[RecordedTorque, ...]
     rows_left: int
     rows_beside_gaps: int
@@ -108,7 +108,7 @@ class TorqueRows:
         trim_s: float | None = None,
         ends: bool = False,
         gravity: tuple[float, float, float] = GRAVITY,
-    ) -> TorqueRows:
+    ) -> TorqueSamples:
         """Filter motions at a cut-off, and put torques beside them.
 
         No more rows are kept than the filter leaves something to say in. Where that is more than ``limit``, blocks
@@ -134,85 +134,85 @@ class TorqueRows:
             gravity: acceleration of free fall in the base frame [m/s2].
 
         Raises:
-            InputError: no torque, other joints, no stretch that is long enough, another number of payloads.
+            InputError: no torque, other joints, no segment that is long enough, another number of payloads.
         """
         if not 0 < cutoff_hz < math.inf:
             raise InputError("cutoff_hz", f"is {cutoff_hz}", "wanted a frequency above 0 [Hz]")
         if payloads and len(payloads) != len(recordings):
             raise InputError("payloads", f"{len(payloads)} for {len(recordings)} recordings", "wanted one for each")
-        usable: list[Stretch] = []
+        usable: list[Segment] = []
         torques = []
         left = beside_gaps = at_ends = seams = 0
         trim = _SEAM_PERIODS / cutoff_hz if trim_s is None else trim_s
         for number, recording in enumerate(recordings):
             recording.check_robot(robot)
             torques.append(_current_of(recording) if currents else _torque_of(recording, gains))
-            whole = stretches_of(recording.t)
+            whole = split_at_gaps(recording.t)
             seams += len(whole)
             for rows in whole:
                 t = recording.t[rows]
                 if t.size < MIN_ROWS or (len(whole) > 1 and t[-1] - t[0] < _MIN_PERIODS * trim):
                     left += t.size
                     continue
-                stretch, lost, cut = _stretch(number, rows, recording.t, cutoff_hz, rate_hz, trim, ends)
-                usable.append(stretch)
+                segment, lost, cut = _segment(number, rows, recording.t, cutoff_hz, rate_hz, trim, ends)
+                usable.append(segment)
                 beside_gaps += lost
                 at_ends += cut
         if not usable:
-            problem = f"{left} rows" if seams == 1 else f"{left} rows in {seams} stretches too short to use"
+            problem = f"{left} rows" if seams == 1 else f"{left} rows in {seams} segments too short to use"
             raise InputError(
                 "recording",
                 problem,
                 f"wanted at least {MIN_ROWS} and {_MIN_PERIODS * trim:.3g} s without a gap",
             )
-        motions, carried, stretches, kept, recorded, rests = [], [], [], [], [], []
+        motions, carried, segments, kept, recorded, rests = [], [], [], [], [], []
         start = 0
-        for stretch, own in blocks_of_stretches(usable, limit):
+        for segment, own in blocks_of_segments(usable, limit):
             if own.stop - own.start < _MIN_KEPT:
-                span = recordings[stretch.recording].t[stretch.rows]
+                span = recordings[segment.recording].t[segment.rows]
                 problem = f"{cutoff_hz:g} Hz leaves {own.stop - own.start} rows of {span[-1] - span[0]:.3g} s to fit to"
                 raise InputError("cutoff_hz", problem, f"wanted at least {_MIN_KEPT}: a higher one")
-            recording = recordings[stretch.recording]
-            around = _with_margins(stretch, own, filters_hz)
-            qd = None if recording.qd is None else recording.qd[stretch.rows]
-            own_motion = stretch.grid.motion(recording.q[stretch.rows], qd, cutoff_hz, around, stretch.stride)
+            recording = recordings[segment.recording]
+            around = _with_margins(segment, own, filters_hz)
+            qd = None if recording.qd is None else recording.qd[segment.rows]
+            own_motion = segment.grid.motion(recording.q[segment.rows], qd, cutoff_hz, around, segment.stride)
             motions.append(replace(own_motion, gravity=gravity))
-            payload = payloads[stretch.recording] if payloads else None
+            payload = payloads[segment.recording] if payloads else None
             held = np.zeros_like(motions[-1].q) if payload is None else payload_torque(robot, payload, motions[-1])
             carried.append(held)
-            every = slice(around.start * stretch.stride, around.stop * stretch.stride)
-            torque = stretch.grid.columns(torques[stretch.recording][stretch.rows], every)
+            every = slice(around.start * segment.stride, around.stop * segment.stride)
+            torque = segment.grid.columns(torques[segment.recording][segment.rows], every)
             inside = slice(own.start - around.start, own.stop - around.start)
-            still = resting(stretch.grid.columns(recording.q[stretch.rows], every), stretch.grid.rate_hz)
-            rests.append(still[:: stretch.stride][inside])
-            recorded.append(RecordedTorque(torque, stretch.grid.rate_hz, stretch.stride, inside))
-            stretches.append(slice(start, start + motions[-1].t.size))
+            still = resting(segment.grid.columns(recording.q[segment.rows], every), segment.grid.rate_hz)
+            rests.append(still[:: segment.stride][inside])
+            recorded.append(RecordedTorque(torque, segment.grid.rate_hz, segment.stride, inside))
+            segments.append(slice(start, start + motions[-1].t.size))
             kept.append(slice(start + inside.start, start + inside.stop))
-            start = stretches[-1].stop
+            start = segments[-1].stop
         columns = [np.concatenate([getattr(motion, name) for motion in motions]) for name in ("t", "q", "qd", "qdd")]
         rates = tuple(motion.rate_hz for motion in motions)
-        motion = EvenMotion(columns[0], columns[1], columns[2], columns[3], rates[0], gravity)
-        reach = Reach(motion, np.concatenate(carried), tuple(stretches), tuple(kept), rates)
-        rows_whole = sum(stretch.size for stretch in usable)
+        motion = UniformMotion(columns[0], columns[1], columns[2], columns[3], rates[0], gravity)
+        reach = PaddedSegments(motion, np.concatenate(carried), tuple(segments), tuple(kept), rates)
+        rows_whole = sum(segment.size for segment in usable)
         return cls(reach, tuple(recorded), left, beside_gaps, at_ends, rows_whole, np.concatenate(rests), currents)
 
     @property
     def rate_hz(self) -> tuple[float, ...]:
-        """Rows a second of each stretch."""
+        """Rows a second of each segment."""
         return self.reach.rate_hz
 
     @cached_property
-    def stretches(self) -> tuple[slice, ...]:
-        """Rows of each stretch, without margins."""
+    def segments(self) -> tuple[slice, ...]:
+        """Rows of each segment, without margins."""
         ends = np.cumsum([0, *(rows.stop - rows.start for rows in self.reach.kept)]).tolist()
         return tuple(slice(a, b) for a, b in pairwise(ends))
 
     @cached_property
-    def motion(self) -> EvenMotion:
-        """(N, n) of all stretches; its times are those of the recordings, its rate that of the first."""
+    def motion(self) -> UniformMotion:
+        """(N, n) of all segments; its times are those of the recordings, its rate that of the first."""
         motion, within = self.reach.motion, self.reach.within
         t, q, qd, qdd = (within(x) for x in (motion.t, motion.q, motion.qd, motion.qdd))
-        return EvenMotion(t, q, qd, qdd, motion.rate_hz, motion.gravity)
+        return UniformMotion(t, q, qd, qdd, motion.rate_hz, motion.gravity)
 
     @cached_property
     def used(self) -> npt.NDArray[np.bool_]:
@@ -239,15 +239,15 @@ class TorqueRows:
         )
 
 
-def _stretch(
+def _segment(
     number: int, rows: slice, t: FloatArray, cutoff_hz: float, rate_hz: float | None, trim_s: float, ends: bool
-) -> tuple[Stretch, int, int]:
+) -> tuple[Segment, int, int]:
     """A part of a recording, and how many of its recorded rows are left away beside gaps and at its ends."""
     own = t[rows]
-    grid = EvenGrid.of(own)
+    grid = UniformGrid.of(own)
     stride = grid.stride(cutoff_hz) if rate_hz is None else max(1, int(grid.rate_hz / rate_hz * (1 + 1e-6)))
     times = grid.t[::stride]
-    at_end = 0.0 if ends else min(trim_s, _MAX_TRIMMED_SHARE * float(own[-1] - own[0]))
+    at_end = 0.0 if ends else min(trim_s, _MAX_AT_END * float(own[-1] - own[0]))
     before, behind = rows.start > 0, rows.stop < t.size  # gaps
     first = float(own[0]) + (trim_s if before else at_end)
     last = float(own[-1]) - (trim_s if behind else at_end)
@@ -256,20 +256,20 @@ def _stretch(
     stop = int(np.searchsorted(times, last + 0.5 * stride / grid.rate_hz))
     sides = (before, int((own < first).sum())), (behind, int((own > last).sum()))
     lost, cut = (sum(count for gap, count in sides if gap is wanted) for wanted in (True, False))
-    return Stretch(number, rows, grid, stride, slice(start, max(start, stop))), lost, cut
+    return Segment(number, rows, grid, stride, slice(start, max(start, stop))), lost, cut
 
 
-def _with_margins(stretch: Stretch, own: slice, filters_hz: Sequence[float]) -> slice:
+def _with_margins(segment: Segment, own: slice, filters_hz: Sequence[float]) -> slice:
     """Kept rows of a block and of its margins, as far as there are any."""
-    count = stretch.grid.t[:: stretch.stride].size
-    if own == stretch.used:
+    count = segment.grid.t[:: segment.stride].size
+    if own == segment.used:
         return slice(0, count)
     # Columns pass a filter at the rate that is kept, recorded torques at theirs.
     margin = max(
         (
             max(
-                lowpass_reach(stretch.rate_hz, cutoff),
-                math.ceil(lowpass_reach(stretch.grid.rate_hz, cutoff) / stretch.stride),
+                lowpass_reach(segment.rate_hz, cutoff),
+                math.ceil(lowpass_reach(segment.grid.rate_hz, cutoff) / segment.stride),
             )
             for cutoff in filters_hz
         ),
@@ -280,11 +280,11 @@ def _with_margins(stretch: Stretch, own: slice, filters_hz: Sequence[float]) -> 
 
 def recorded_motion(
     recording: Recording, cutoff_hz: float, gains: FloatArray | None = None
-) -> tuple[EvenMotion, FloatArray]:
+) -> tuple[UniformMotion, FloatArray]:
     """The filtered motion of a whole recording, and its torques (N, n) at the same times; straight across gaps."""
     torque = _torque_of(recording, gains)
-    motion = even_motion(recording.t, recording.q, recording.qd, cutoff_hz)
-    return motion, onto(motion.t, recording.t, torque)
+    motion = resample(recording.t, recording.q, recording.qd, cutoff_hz)
+    return motion, interpolate_to(motion.t, recording.t, torque)
 
 
 def near_gaps(t: FloatArray, recorded: FloatArray, beside_s: float) -> np.ndarray:
@@ -297,7 +297,7 @@ def near_gaps(t: FloatArray, recorded: FloatArray, beside_s: float) -> np.ndarra
     same = _SAME_TIME * float(np.median(np.diff(recorded)))
     for start, length in gaps_of(recorded):
         found |= (t > start + same) & (t < start + length - same)
-    parts = stretches_of(recorded)
+    parts = split_at_gaps(recorded)
     for one, other in pairwise(parts):
         found |= (t > recorded[one.stop - 1] - beside_s) & (t < recorded[other.start] + beside_s)
     return found
@@ -334,7 +334,7 @@ def still_joints(recordings: Sequence[Recording], robot: Robot) -> tuple[str, ..
     return tuple(joint.name for joint, rests in zip(robot.joints, still, strict=True) if rests)
 
 
-def listed(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+def as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     """One or more recordings as a list.
 
     Raises:

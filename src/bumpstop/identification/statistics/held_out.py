@@ -9,7 +9,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 
 Folds = Sequence[Sequence[int]]
-# Held-out fifths are made of so many parts of the rows each, spread over the time: where one stretch of a short
+# Held-out fifths are made of so many parts of the rows each, spread over the time: where one segment of a short
 # recording is all that shows a parameter, the other four fifths would otherwise know nothing of it.
 FOLDS, PARTS = 5, 20
 # Parts of every fold: spread over the time, or one piece of it, which the other four may not have been near to.

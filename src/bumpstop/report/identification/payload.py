@@ -35,8 +35,7 @@ class PayloadPart(Part):
         """One row for each figure, and what the motion cannot show."""
         found = self._found
         rows = []
-        for name, value in found.values.items():
-            unit = {"m": "kg"}.get(name, "kg m" if name in ("mx", "my", "mz") else "kg m2")
+        for name, (value, unit) in found.parameters.items():
             error = found.standard_errors[name]
             shown = (number(value), f"{error:.2g}") if value is not None and error is not None else ("not seen", "")
             rows.append((name, *shown, unit))

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.identification.validation import Comparison, ContactComparison
+    from bumpstop.identification.comparison import Comparison
+    from bumpstop.identification.validation import ContactComparison
 
 _MAX_POINTS = 1500  # more cannot be told apart at a figure's width
 

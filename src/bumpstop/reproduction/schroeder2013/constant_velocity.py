@@ -1,4 +1,4 @@
-"""Stretches of a recording in which one joint turns at constant speed, is held, or speeds up."""
+"""Segments of a recording in which one joint turns at constant speed, is held, or speeds up."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _STILL = 0.01  # speed below which a joint stands [rad/s]
 _NEAR_POSE = math.radians(3.0)
 _PIECE_S = 0.1  # of a ramp
 _MIN_ROWS = 20
-_MIN_STROKE_SHARE = 0.1  # share of the stroke that a stretch must cover
-_GAP_S = 0.5  # a longer one ends a stretch
+_MIN_WAY = 0.1  # share of the stroke that a segment must cover
+_GAP_S = 0.5  # a longer one ends a segment
 _BEFORE_MOTION_S = 0.5  # at the end of a hold the joint may begin to move
 _SETTLED = 0.5  # share of a hold after which the current has settled
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Segment:
     """Rows of one joint in which one thing happens.
 
     Attributes:
@@ -57,14 +57,14 @@ class Cut:
     """What recordings hold of one experiment.
 
     Attributes:
-        constant, ramps, holds: the stretches.
+        constant, ramps, holds: the segments.
         fastest_seen: speed of the joint alone in its pose [rad/s]; 0: it never moved alone there.
         pose_missed: how far the other joint that is farthest from the planned pose is, at the nearest row [rad or m].
     """
 
-    constant: tuple[Stretch, ...]
-    ramps: tuple[Stretch, ...]
-    holds: tuple[Stretch, ...]
+    constant: tuple[Segment, ...]
+    ramps: tuple[Segment, ...]
+    holds: tuple[Segment, ...]
     fastest_seen: float
     pose_missed: float = 0.0
 
@@ -103,9 +103,9 @@ def cut(experiment: JointExperiment, recordings: list[Prepared]) -> Cut:
     A row belongs to a joint's strokes where all other joints stand within 3 degrees of the planned pose. It is at
     constant speed where its speed is within 4 % (or 0.006 rad/s) of a planned one.
     """
-    constant: list[Stretch] = []
-    ramps: list[Stretch] = []
-    holds: list[Stretch] = []
+    constant: list[Segment] = []
+    ramps: list[Segment] = []
+    holds: list[Segment] = []
     fastest, missed = 0.0, math.inf
     others = np.arange(experiment.pose.size) != experiment.joint
     for log in recordings:
@@ -118,14 +118,14 @@ def cut(experiment: JointExperiment, recordings: list[Prepared]) -> Cut:
     return Cut(tuple(constant), tuple(ramps), tuple(holds), fastest, missed)
 
 
-def _strokes(experiment: JointExperiment, log: Prepared) -> tuple[list[Stretch], float]:
+def _strokes(experiment: JointExperiment, log: Prepared) -> tuple[list[Segment], float]:
     j = experiment.joint
     others = np.arange(log.q.shape[1]) != j
     in_pose = (np.abs(log.q - experiment.pose)[:, others] < _NEAR_POSE).all(axis=1)
     alone = in_pose & (np.abs(log.qd[:, others]) < _STILL).all(axis=1)
     moving = alone & (np.abs(log.qd[:, j]) > 2 * _STILL)
-    found: list[Stretch] = []
-    way = _MIN_STROKE_SHARE * (experiment.high - experiment.low)
+    found: list[Segment] = []
+    way = _MIN_WAY * (experiment.high - experiment.low)
     speeds = np.array(experiment.speeds)
     for rows in _runs(moving, log.t):
         speed = np.abs(log.qd[rows, j])
@@ -142,11 +142,11 @@ def _strokes(experiment: JointExperiment, log: Prepared) -> tuple[list[Stretch],
         for part in _runs(near, log.t[rows]):
             at = rows[part][_trimmed(log.t[rows][part])]
             if at.size >= _MIN_ROWS and np.ptp(log.q[at, j]) >= way:
-                found.append(_stretch("constant", sign * planned, log, at, j))
+                found.append(_segment("constant", sign * planned, log, at, j))
     return found, float(np.abs(log.qd[alone, j]).max()) if alone.any() else 0.0
 
 
-def _holds(experiment: JointExperiment, log: Prepared) -> list[Stretch]:
+def _holds(experiment: JointExperiment, log: Prepared) -> list[Segment]:
     j, swinging = experiment.joint, experiment.hold_joint
     if swinging is None:
         return []
@@ -163,11 +163,11 @@ def _holds(experiment: JointExperiment, log: Prepared) -> list[Stretch]:
         begin = log.t[rows[0]] + _SETTLED * (log.t[rows[-1]] - log.t[rows[0]])
         settled = rows[(log.t[rows] >= begin) & (log.t[rows] <= log.t[rows[-1]] - _BEFORE_MOTION_S)]
         if settled.size >= _MIN_ROWS:
-            found.append(_stretch("hold", float(moved[before[-1]]), log, settled, j))
+            found.append(_segment("hold", float(moved[before[-1]]), log, settled, j))
     return found
 
 
-def _ramp(speed: float, log: Prepared, rows: np.ndarray, j: int) -> Stretch:
+def _ramp(speed: float, log: Prepared, rows: np.ndarray, j: int) -> Segment:
     """A stroke in pieces of a tenth of a second.
 
     Acceleration is the change of speed over a piece, and the other columns are its means: the second derivative of the
@@ -185,11 +185,11 @@ def _ramp(speed: float, log: Prepared, rows: np.ndarray, j: int) -> Stretch:
     speeds = np.stack([np.interp(edges, t, log.qd[rows, k]) for k in range(n)], axis=1)
     qdd = np.diff(speeds, axis=0) / np.diff(edges)[:, None]
     torque = inverse_dynamics(log.plan.loaded, q, qd, qdd, gravity=log.plan.settings.gravity)[:, j]
-    return Stretch("ramp", speed, (edges[1:] + edges[:-1]) / 2, means[:, 0], torque, qd[:, j], qdd[:, j])
+    return Segment("ramp", speed, (edges[1:] + edges[:-1]) / 2, means[:, 0], torque, qd[:, j], qdd[:, j])
 
 
-def _stretch(kind: str, speed: float, log: Prepared, rows: np.ndarray, j: int) -> Stretch:
-    return Stretch(
+def _segment(kind: str, speed: float, log: Prepared, rows: np.ndarray, j: int) -> Segment:
+    return Segment(
         kind, speed, log.t[rows], log.current[rows, j], log.torque[rows, j], log.qd[rows, j], log.qdd[rows, j]
     )
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class JointBeside:
+class JointComparison:
     """One joint in both fits.
 
     Attributes:
@@ -51,7 +51,7 @@ class JointBeside:
 
 
 @dataclass(frozen=True, eq=False)
-class GeneralBeside:
+class FitComparison:
     """The general fit of the joints that the protocol identified.
 
     Attributes:
@@ -61,15 +61,15 @@ class GeneralBeside:
         why_not: why there is none of the joints that lack one; or empty.
     """
 
-    joints: tuple[JointBeside, ...]
+    joints: tuple[JointComparison, ...]
     cutoff_hz: float
     rows_used: int
     why_not: str = ""
 
 
-def general_beside(
+def compare_fits(
     fit: ProtocolFit, recordings: Sequence[Recording], *, progress: Callable[[float], None] | None = None
-) -> GeneralBeside:
+) -> FitComparison:
     """Fit the same recordings as a whole, strokes, ramps, holds and all between them.
 
     Laws of friction and maps are those that the protocol chose, so that parameters can be compared. Load and
@@ -85,11 +85,11 @@ def general_beside(
         found, rows_used, cutoff_hz = _fitted(fit, recordings, fit.joints, report)
     except InputError as error:
         if len(fit.joints) == 1:
-            return GeneralBeside((), math.nan, 0, _reason(error))
+            return FitComparison((), math.nan, 0, _reason(error))
     else:
-        return GeneralBeside(found, cutoff_hz, rows_used)
+        return FitComparison(found, cutoff_hz, rows_used)
     # The protocol stands without it, and so do joints without one that cannot be fitted.
-    pairs: list[JointBeside] = []
+    pairs: list[JointComparison] = []
     reasons: list[str] = []
     rows_used, cutoff_hz = 0, math.nan
     for joint in fit.joints:
@@ -98,7 +98,7 @@ def general_beside(
             pairs += own
         except InputError as error:
             reasons.append(_reason(error))
-    return GeneralBeside(tuple(pairs), cutoff_hz, rows_used, "; ".join(dict.fromkeys(reasons)))
+    return FitComparison(tuple(pairs), cutoff_hz, rows_used, "; ".join(dict.fromkeys(reasons)))
 
 
 def _reason(error: InputError) -> str:
@@ -110,7 +110,7 @@ def _fitted(
     recordings: Sequence[Recording],
     joints: Sequence[ProtocolJoint],
     progress: Callable[[float], None],
-) -> tuple[tuple[JointBeside, ...], int, float]:
+) -> tuple[tuple[JointComparison, ...], int, float]:
     """Pairs, rows used and cut-off of a fit of these joints alone; others stand still and show nothing."""
     plan = fit.plan
     found = identify_joint_model(
@@ -122,5 +122,5 @@ def _fitted(
         joints=[joint.experiment.joint for joint in joints],
         progress=progress,
     )
-    pairs = tuple(JointBeside(joint, own) for joint, own in zip(joints, found.joints, strict=True))
+    pairs = tuple(JointComparison(joint, own) for joint, own in zip(joints, found.joints, strict=True))
     return pairs, found.rows_used, found.cutoff_hz

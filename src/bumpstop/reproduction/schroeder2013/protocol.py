@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -12,10 +13,12 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.design.plan import MIN_SPEED_RATIO
+from bumpstop.identification.drive.current_scores import compare_currents
+from bumpstop.identification.drive.drive_quantities import drive_errors, drive_quantities
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.model import JointParameters, Parameter
 from bumpstop.model import gravity_torque
-from bumpstop.reproduction.schroeder2013.constant_velocity import Cut, Stretch, cut, prepare
+from bumpstop.reproduction.schroeder2013.constant_velocity import Cut, Segment, cut, prepare
 from bumpstop.reproduction.schroeder2013.protocol_friction import LAWS, FrictionFit, fit_friction, held_out_by_law
 from bumpstop.reproduction.schroeder2013.protocol_steps import (
     InertiaFit,
@@ -29,13 +32,17 @@ from bumpstop.reproduction.schroeder2013.protocol_steps import (
 )
 
 if TYPE_CHECKING:
+    from bumpstop.identification.comparison import Comparison, JointScore
     from bumpstop.identification.design.plan import IdentificationPlan, JointExperiment
+    from bumpstop.identification.fit import Quantity
     from bumpstop.recording import Recording
 
 MAPS = ("odd", "load_dependent")
 _MIN_STROKES = 4
 # Joints that move less fast count as held [rad/s], and other joints are in the planned pose within this [rad].
 _MIN_SPEED, _NEAR_POSE = 0.03, math.radians(3.0)
+# Strokes show a law of friction where the fastest is so many times as fast as the slowest.
+_SPEED_RATIO = 1.3
 # Gravity's torque shows a map where it changes by this share of what a plan wants on one side of a stroke.
 _MIN_SPAN = 0.5
 _POSES = 40  # of a stroke
@@ -58,7 +65,7 @@ class ProtocolJoint:
         friction: the law that was chosen, with its figures.
         friction_held_out: root mean square error of motor currents on strokes that were not fitted, by law [current].
         r2, rmse: of the torque at constant speed, estimated against predicted [1, Nm].
-        cut: the stretches.
+        cut: the segments.
         strokes: eq 2.25 stroke by stroke (figures 2.7, 2.8).
         joint_currents: eq 2.28, stroke by stroke (figure 2.9).
         map_fit: eq 2.29.
@@ -135,6 +142,29 @@ class ProtocolFit:
             note=self._note(),
         )
 
+    @property
+    def parameters(self) -> dict[str, Quantity]:
+        """Parameters of the joints, ``JOINT.NAME``."""
+        return drive_quantities(self.model(), self.plan.robot)
+
+    @property
+    def standard_errors(self) -> dict[str, float | None]:
+        """Of :attr:`parameters`."""
+        return drive_errors(self.model())
+
+    def predict(self, recording: Recording) -> Comparison:
+        """Motor currents that the model wants of the arm with the plan's load and gravity, beside measured ones."""
+        gravity = self.plan.settings.gravity
+        return compare_currents(self.model(), recording, self.plan.loaded, gravity=gravity).currents()
+
+    def score(self, recording: Recording) -> tuple[JointScore, ...]:
+        """Of motor currents."""
+        return self.predict(recording).scores()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the joint torque model (:meth:`JointTorqueModel.save`)."""
+        self.model().save(path)
+
     def _note(self) -> str:
         lost = [lost.name for lost in self.plan.unseen]
         lost += [self.plan.robot.joints[number].name for number, _ in self.missing]
@@ -184,7 +214,7 @@ def identify_protocol(
 
 
 def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) -> str:
-    """Why these stretches are not enough, or nothing."""
+    """Why these segments are not enough, or nothing."""
     if found.fastest_seen < _MIN_SPEED:
         why = "it never moves alone in its planned pose"
         if found.pose_missed > _NEAR_POSE:
@@ -201,7 +231,7 @@ def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) 
         )
     if len({part.speed > 0 for part in found.constant}) < 2:
         return "all its strokes go one way"
-    if one_speed(found.constant):
+    if single_speed(found.constant):
         speed = math.degrees(float(np.median([np.abs(part.qd).mean() for part in found.constant])))
         return (
             f"all its strokes run at one speed, {speed:.3g} deg/s, which shows no law of friction: wanted two at "
@@ -218,7 +248,7 @@ def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) 
     return ""
 
 
-def one_speed(strokes: Sequence[Stretch]) -> bool:
+def single_speed(strokes: Sequence[Segment]) -> bool:
     """Whether all strokes run so nearly at one speed that they show no law of friction."""
     speeds = [float(np.abs(part.qd).mean()) for part in strokes]
     return max(speeds) < MIN_SPEED_RATIO * min(speeds)
@@ -228,7 +258,7 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
     notes = []
     crossing = tuple(part for part in found.constant if part.torque.min() < 0 < part.torque.max())
     enough = len(crossing) >= _MIN_STROKES and len({part.speed > 0 for part in crossing}) == 2
-    if enough and not one_speed(crossing):
+    if enough and not single_speed(crossing):
         # Others are ways to a hold, or end before gravity torque changes its sign.
         found = Cut(crossing, found.ramps, found.holds, found.fastest_seen)
     else:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bumpstop.reproduction.schroeder2013.fit_comparison import GeneralBeside, JointBeside
+    from bumpstop.reproduction.schroeder2013.fit_comparison import FitComparison, JointComparison
 
 _PARAMETERS = ("A", "B", "D", "F", "hysteresis", "inertia", "coulomb", "viscous", "load")
 _FAR = 6.0  # standard errors; what differs by more is drawn there
@@ -29,7 +29,7 @@ class BesidePart(Part):
     title = "Beside the general fit"
     anchor = "general"
 
-    def __init__(self, beside: GeneralBeside | None) -> None:
+    def __init__(self, beside: FitComparison | None) -> None:
         self._beside = beside
 
     def applies(self) -> bool:
@@ -103,7 +103,7 @@ class BesidePart(Part):
         return [Picture("general", alt, caption, draw, height=1.8 + 0.34 * len(pairs))]
 
 
-def _draw_differences(panel: Axes, pairs: Sequence[JointBeside]) -> None:
+def _draw_differences(panel: Axes, pairs: Sequence[JointComparison]) -> None:
     """A row for each joint, a mark for each parameter."""
     for k, name in enumerate(_PARAMETERS):
         points = [(pair.difference(name), j) for j, pair in enumerate(pairs)]

@@ -24,10 +24,10 @@ from bumpstop.reproduction.schroeder2013.protocol_steps import (
 )
 
 if TYPE_CHECKING:
-    from bumpstop.reproduction.schroeder2013.constant_velocity import Stretch
+    from bumpstop.reproduction.schroeder2013.constant_velocity import Segment
 
 LAWS = {"power": ("D", "F"), "load_dependent": ("coulomb", "viscous", "load")}
-_MAX_LOAD_SHARE = 0.6  # share of the current that gears lose
+_MAX_LOAD = 0.6  # share of the current that gears lose
 _ROWS = 150  # of a stroke, where the share is looked for
 _GROUPS = 5  # of strokes, each left out once for the share's standard error
 _PIECES = 10  # of a stroke, to compare by
@@ -81,7 +81,7 @@ class FrictionFit:
         return np.asarray(base / (1 - np.sign(qd) * np.sign(base) * self.values[2]))
 
 
-def fit_friction(law: str, kind: str, parts: Sequence[Stretch]) -> tuple[list[StrokeFit], FrictionFit]:
+def fit_friction(law: str, kind: str, parts: Sequence[Segment]) -> tuple[list[StrokeFit], FrictionFit]:
     """The curve of every stroke, and a law through the currents at which they take no torque.
 
     Args:
@@ -151,7 +151,7 @@ def power_law(strokes: Sequence[StrokeFit]) -> FrictionFit:
     )
 
 
-def held_out_by_law(law: str, kind: str, parts: Sequence[Stretch]) -> FloatArray:
+def held_out_by_law(law: str, kind: str, parts: Sequence[Segment]) -> FloatArray:
     """Mean square error of each stroke (strokes,) [current2], friction and map fitted to every second pair.
 
     Motor currents are compared in tenths of a stroke. NaN: too few strokes.
@@ -179,7 +179,7 @@ def held_out_by_law(law: str, kind: str, parts: Sequence[Stretch]) -> FloatArray
     return errors
 
 
-def _both_ways(parts: Sequence[Stretch]) -> bool:
+def _both_ways(parts: Sequence[Segment]) -> bool:
     return len({part.speed > 0 for part in parts}) == 2
 
 
@@ -209,14 +209,14 @@ def _straight(strokes: Sequence[StrokeFit], share: float) -> FrictionFit:
     )
 
 
-def _unloaded(part: Stretch, share: float) -> Stretch:
+def _unloaded(part: Segment, share: float) -> Segment:
     """The stroke without the current that goes with the load."""
     if share == 0:
         return part
     return replace(part, current=part.current - np.sign(part.qd) * share * np.abs(part.current))
 
 
-def _share(kind: str, parts: Sequence[Stretch]) -> float:
+def _share(kind: str, parts: Sequence[Segment]) -> float:
     """Share of the current that is lost under load: that with which one map explains the strokes both ways best."""
     from scipy.optimize import minimize_scalar
 
@@ -232,10 +232,10 @@ def _share(kind: str, parts: Sequence[Stretch]) -> float:
             error += float(((current - expected - constant) ** 2).mean())
         return error
 
-    return float(minimize_scalar(left, bounds=(0.0, _MAX_LOAD_SHARE), method="bounded", options={"xatol": 1e-4}).x)
+    return float(minimize_scalar(left, bounds=(0.0, _MAX_LOAD), method="bounded", options={"xatol": 1e-4}).x)
 
 
-def _thin(part: Stretch) -> Stretch:
+def _thin(part: Segment) -> Segment:
     every = max(1, part.t.size // _ROWS)
     columns = {name: getattr(part, name)[::every] for name in ("t", "current", "torque", "qd", "qdd")}
     return replace(part, **columns)

@@ -21,7 +21,7 @@ from bumpstop.reproduction.schroeder2013.protocol_figures import (
 
 if TYPE_CHECKING:
     from bumpstop.identification import FitVerdict
-    from bumpstop.reproduction.schroeder2013.fit_comparison import GeneralBeside
+    from bumpstop.reproduction.schroeder2013.fit_comparison import FitComparison
     from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit
 
 _UNITS = {"A": "Nm/A2", "B": "Nm/A", "D": "A", "F": "1", "coulomb": "A", "viscous": "A s/rad", "load": "1"}
@@ -67,7 +67,7 @@ class TablePart(Part):
 
 
 def write_protocol_report(
-    fit: ProtocolFit, folder: Path, beside: GeneralBeside | None = None, verdict: FitVerdict | None = None
+    fit: ProtocolFit, folder: Path, beside: FitComparison | None = None, verdict: FitVerdict | None = None
 ) -> Path:
     """Write ``report.html`` and its figures; returns the page's path.
 

@@ -19,7 +19,7 @@ from bumpstop.joint.model import Parameter
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bumpstop.reproduction.schroeder2013.constant_velocity import Stretch
+    from bumpstop.reproduction.schroeder2013.constant_velocity import Segment
     from bumpstop.reproduction.schroeder2013.protocol_friction import FrictionFit
 
 # A ramp shows its acceleration where it lasts this long, several windows of the derivatives [s].
@@ -88,12 +88,12 @@ def joint_torque(kind: str, A: float, B: float, current: FloatArray, sign: Float
     return torque
 
 
-def fit_stroke(kind: str, stretch: Stretch) -> StrokeFit:
+def fit_stroke(kind: str, segment: Segment) -> StrokeFit:
     """Eqs 2.25 and 2.26 of one stroke: its curve, and the current that friction takes."""
     from scipy.optimize import least_squares
 
-    sign = 1.0 if stretch.speed > 0 else -1.0
-    torque, current = stretch.torque, stretch.current
+    sign = 1.0 if segment.speed > 0 else -1.0
+    torque, current = segment.torque, segment.current
     big = float(np.abs(torque).max())
     line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(torque), torque / big]), current, rcond=None)
     unit = abs(float(line[1])) or 1.0
@@ -109,7 +109,7 @@ def fit_stroke(kind: str, stretch: Stretch) -> StrokeFit:
     start = np.array([line[0] / unit, 1.0, 0.0])
     found = least_squares(residual, start, derivative, method="lm", max_nfev=60).x
     A, B = float(found[2] * big / unit**2), float(found[1] * big / unit)
-    return StrokeFit(float(stretch.qd.mean()), float(found[0] * unit), A, B)
+    return StrokeFit(float(segment.qd.mean()), float(found[0] * unit), A, B)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,18 +140,18 @@ class MapFit:
         return self.B.value > 0 and self.B.value + 2 * bend * max(map(abs, self.reach)) > 0
 
 
-def fit_map(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[FloatArray]) -> MapFit:
+def fit_map(kind: str, segments: Sequence[Segment], joint_currents: Sequence[FloatArray]) -> MapFit:
     """Eq 2.29 for all strokes together; every stroke weighs the same and has a constant of its own.
 
     Standard errors hold for residuals correlated within strokes (clusters), and are widened by Student's quantile.
     """
     from scipy.optimize import least_squares
 
-    lengths = np.array([part.t.size for part in stretches])
+    lengths = np.array([part.t.size for part in segments])
     begins = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    number = np.repeat(np.arange(len(stretches)), lengths)
-    sign = np.sign([part.speed for part in stretches])[number]
-    torque = np.concatenate([part.torque for part in stretches])
+    number = np.repeat(np.arange(len(segments)), lengths)
+    sign = np.sign([part.speed for part in segments])[number]
+    torque = np.concatenate([part.torque for part in segments])
     current = np.concatenate(list(joint_currents))
     weight = np.sqrt(1 / lengths)[number]
     big, unit = float(np.abs(torque).max()), float(np.abs(current).max())
@@ -188,26 +188,26 @@ def fit_map(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[Fl
     )
 
 
-def held_out(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[FloatArray]) -> FloatArray:
+def held_out(kind: str, segments: Sequence[Segment], joint_currents: Sequence[FloatArray]) -> FloatArray:
     """Mean square error of each stroke (strokes,) [Nm2], predicted from every second pair, without constants.
 
     The current of a torque is predicted, as the noise is on the current: predicting torque from it would favour the
     flatter map. Tenths of a stroke are compared, where the noise of single samples has averaged out; the error is told
     as a torque, by the slope of the straight map, one and the same for every kind. NaN: too few strokes.
     """
-    torque, current = np.concatenate([part.torque for part in stretches]), np.concatenate(list(joint_currents))
+    torque, current = np.concatenate([part.torque for part in segments]), np.concatenate(list(joint_currents))
     slope = float((torque**2).sum()) / float((torque * current).sum())
-    errors = np.full(len(stretches), np.nan)
+    errors = np.full(len(segments), np.nan)
     for half in (0, 1):
         # Neighbours are there and back at one speed: pairs stay together.
-        known = [k for k in range(len(stretches)) if k // 2 % 2 == half]
-        other = [k for k in range(len(stretches)) if k // 2 % 2 != half]
+        known = [k for k in range(len(segments)) if k // 2 % 2 == half]
+        other = [k for k in range(len(segments)) if k // 2 % 2 != half]
         if len(known) < 2 or not other:
-            return np.full(len(stretches), np.nan)
-        found = fit_map(kind, [stretches[k] for k in known], [joint_currents[k] for k in known])
+            return np.full(len(segments), np.nan)
+        found = fit_map(kind, [segments[k] for k in known], [joint_currents[k] for k in known])
         for k in other:
-            sign = float(np.sign(stretches[k].speed))
-            expected = inverse_map(kind, found.A.value, found.B.value, stretches[k].torque, sign)[0]
+            sign = float(np.sign(segments[k].speed))
+            expected = inverse_map(kind, found.A.value, found.B.value, segments[k].torque, sign)[0]
             left = joint_currents[k] - expected
             begins = np.arange(_PIECES) * left.size // _PIECES
             mean = np.add.reduceat(left, begins) / np.diff(begins, append=left.size)
@@ -215,7 +215,7 @@ def held_out(kind: str, stretches: Sequence[Stretch], joint_currents: Sequence[F
     return errors
 
 
-def fit_hysteresis(found: MapFit, holds: Sequence[Stretch]) -> tuple[Parameter, list[float]] | None:
+def fit_hysteresis(found: MapFit, holds: Sequence[Segment]) -> tuple[Parameter, list[float]] | None:
     """Eq 2.31: T_H from holds reached from both sides, and the value of every hold [Nm].
 
     What does not change with the side, an error of the predicted torque, drops out. None: a side is missing. The
@@ -249,7 +249,7 @@ def fit_hysteresis(found: MapFit, holds: Sequence[Stretch]) -> tuple[Parameter, 
     return Parameter(value, widened(sum(shares), freedom)), values
 
 
-def _held_torque(found: MapFit, hold: Stretch) -> float:
+def _held_torque(found: MapFit, hold: Segment) -> float:
     """Torque by which the map explains the mean current of a hold, beyond the predicted one [Nm].
 
     It is the mean of the current that is compared: the map of single currents would turn their noise into torque.
@@ -280,7 +280,7 @@ class InertiaFit:
     torque: FloatArray
 
 
-def fit_inertia(found: MapFit, friction: FrictionFit, ramps: Sequence[Stretch], slowest: float) -> InertiaFit | None:
+def fit_inertia(found: MapFit, friction: FrictionFit, ramps: Sequence[Segment], slowest: float) -> InertiaFit | None:
     """Eqs 2.32 and 2.33 over the ramps. None: no ramp is long enough.
 
     Beside acceleration stand the sign of the motion and the predicted torque: they take up what friction and map leave.

@@ -14,7 +14,7 @@ from bumpstop.identification.segments.recorded_columns import doubtful_columns
 
 if TYPE_CHECKING:
     from bumpstop.recording import Recording
-    from bumpstop.reproduction.schroeder2013.fit_comparison import GeneralBeside
+    from bumpstop.reproduction.schroeder2013.fit_comparison import FitComparison
     from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit, ProtocolJoint
 
 # Share of the torque's variance left unexplained on strokes that were not fitted.
@@ -24,7 +24,7 @@ _APART, _BY = 5.0, 0.1
 _MAX_EXPONENT = 3.0
 
 
-def judge_protocol(fit: ProtocolFit, beside: GeneralBeside, recordings: Sequence[Recording]) -> FitVerdict:
+def judge_protocol(fit: ProtocolFit, beside: FitComparison, recordings: Sequence[Recording]) -> FitVerdict:
     """Judge a protocol's joints by what they explain, by what was seen, and by the general fit beside them.
 
     Args:

@@ -1,0 +1,220 @@
+"""The model of an arm's torques that fitted dynamics are: base parameters, friction and, of currents, gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.identification.comparison import Comparison, JointScore, one_after_another, share_predicted
+from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
+from bumpstop.identification.dynamics.regressor import inertial_torque
+from bumpstop.identification.dynamics.regressor_columns import column_names, torque_of
+from bumpstop.identification.segments.motion import GRAVITY
+from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, recorded_motion
+from bumpstop.model import unit_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.identification.payload.payload import Payload
+    from bumpstop.identification.segments.motion import UniformMotion
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DynamicsModel:
+    """Joint torques of a motion, linear in inertial parameters, friction, rotors and offsets.
+
+    Attributes:
+        robot: the chain.
+        columns: numbers of the columns of :func:`regressor_columns` that have a value; the others are 0.
+        values: (p,) of these columns.
+        predicting: (p,) values that predictions use in their place, 0 where the recordings cannot tell a parameter from
+            zero; None: predictions use ``values``.
+        predicted_by_all: joints (from 0) whose predictions use ``values`` all the same.
+        sign_speed: (n + shared motors,) speed scale of Coulomb friction, of joints, then of shared motors; or (n,): a
+            shared motor has the mean of its joints' [rad/s or m/s].
+        top_speed: (n + shared motors,) speed up to which friction bends [rad/s or m/s]; None: friction is a straight
+            line of the speed.
+        couplings: groups of joints that share a motor, as (joint, factor) pairs.
+        loaded: joints (from 0) whose friction grows with the torque that loads the gear.
+        cutoff_hz: of the motion's filter.
+        gravity: acceleration of free fall in the base frame [m/s2].
+        gains: (n,) torque per motor current [Nm/A or N/A], by which currents become torques; None: recordings must have
+            torques.
+        unscaled: joints (from 0) whose gain is not known: the scale of their torque means nothing.
+    """
+
+    robot: Robot
+    columns: tuple[int, ...]
+    values: FloatArray
+    predicting: FloatArray | None = None
+    predicted_by_all: tuple[int, ...] = ()
+    sign_speed: FloatArray
+    top_speed: FloatArray | None = None
+    couplings: tuple[tuple[tuple[int, float], ...], ...] = ()
+    loaded: tuple[int, ...] = ()
+    cutoff_hz: float
+    gravity: tuple[float, float, float] = GRAVITY
+    gains: FloatArray | None = None
+    unscaled: tuple[int, ...] = ()
+
+    @property
+    def column_names(self) -> list[str]:
+        """Names of all columns, those without a value too."""
+        return column_names(self.robot, self.couplings, self.top_speed, self.loaded)
+
+    @property
+    def coulomb(self) -> FloatArray:
+        """(n,) Coulomb friction of the joints, with that of shared motors [Nm or N]."""
+        of = dict(zip(self.column_names, self._every(self._used), strict=True))
+        found = np.array([abs(of[f"coulomb_{j + 1}"]) for j in range(self.robot.dof)])
+        for number, group in enumerate(self.couplings, start=1):
+            for j, share in group:
+                found[j] += abs(share * of[f"coulomb_shared_{number}"])
+        return found
+
+    @property
+    def _used(self) -> FloatArray:
+        return self.values if self.predicting is None else self.predicting
+
+    def torque(self, motion: UniformMotion, carried: FloatArray | None = None) -> FloatArray:
+        """Joint torques (N, n) of a motion [Nm or N].
+
+        Args:
+            motion: of the robot.
+            carried: (N, n) torque of a payload, which loads the gears but is not in the result; default: none.
+        """
+        loads = self.loads(motion, carried)
+
+        def of(values: FloatArray) -> FloatArray:
+            every = self._every(values)
+            return torque_of(self.robot, motion, every, self.sign_speed, self.couplings, self.top_speed, loads)
+
+        if self.predicting is None:
+            return of(self.values)
+        found = of(self.predicting)
+        if self.predicted_by_all:
+            own = list(self.predicted_by_all)
+            found[:, own] = of(self.values)[:, own]
+        return found
+
+    def loads(self, motion: UniformMotion, carried: FloatArray | None = None) -> dict[int, FloatArray]:
+        """Torque (N,) that loads the gear, of joints whose friction grows with it [Nm or N]; as for :meth:`torque`."""
+        if not self.loaded:
+            return {}
+        inertial = self._every(self.values)[: 10 * self.robot.dof]
+        load = inertial_torque(self.robot, motion.q, motion.qd, motion.qdd, motion.gravity, inertial)
+        load = load if carried is None else load + carried
+        return {j: np.ascontiguousarray(load[:, j]) for j in self.loaded}
+
+    def _every(self, values: FloatArray) -> FloatArray:
+        """Values of all columns out of those of the base parameters."""
+        every = np.zeros(len(self.column_names))
+        every[list(self.columns)] = values
+        return every
+
+    def residual(self, recording: Recording) -> tuple[UniformMotion, FloatArray]:
+        """Recorded minus predicted torque, unfiltered, of the same robot.
+
+        Returns:
+            The motion on its even grid, and the residual (N, n) there [Nm or N].
+
+        Raises:
+            InputError: no torque, other joints, or too few rows.
+        """
+        recording.check_robot(self.robot)
+        motion, torque = recorded_motion(recording, self.cutoff_hz, self.gains)
+        motion = replace(motion, gravity=self.gravity)
+        return motion, torque - self.torque(motion)
+
+    def rows(
+        self,
+        recordings: Recording | Sequence[Recording],
+        payloads: Sequence[Payload | None] = (),
+        *,
+        limit: int | None = None,
+        ends: bool = True,
+    ) -> TorqueSamples:
+        """Motion and torque of recordings as this fit filters them.
+
+        Args:
+            recordings: with torque, or with current where the fit has gains, of the same robot; one or more.
+            payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
+            limit: rows that are enough, as for :meth:`TorqueSamples.of`; ``ENOUGH_TO_FIT``: those of the fit.
+            ends: keep the rows where recordings begin and end, which a fit leaves away.
+        """
+        filters = (FIT_PER_CUTOFF * self.cutoff_hz, self.cutoff_hz)
+        return TorqueSamples.of(
+            as_list(recordings),
+            self.robot,
+            self.cutoff_hz,
+            payloads,
+            gains=self.gains,
+            limit=limit,
+            filters_hz=filters,
+            ends=ends,
+            gravity=self.gravity,
+        )
+
+    def compare(
+        self,
+        recordings: Recording | Sequence[Recording],
+        *,
+        filter_hz: float | None = None,
+        payloads: Sequence[Payload | None] = (),
+    ) -> Comparison:
+        """Predicted torques beside recorded ones; of joints whose gain is not known, currents.
+
+        Args:
+            recordings: with torques, or with currents where gains are known, of the same robot; one or more.
+            filter_hz: where they are compared filtered; default: the cut-off of the motion.
+            payloads: what each of them carried beyond what the arm of the fit did; default: nothing.
+        """
+        return self.compare_rows(self.rows(recordings, payloads), filter_hz=filter_hz)
+
+    def compare_rows(self, rows: TorqueSamples, *, filter_hz: float | None = None) -> Comparison:
+        """The same of rows that :meth:`rows` has made."""
+        size, units = self._scale()
+        around = (self.torque(rows.reach.motion, rows.reach.carried) + rows.reach.carried) / size
+        measured, predicted, cutoff = rows.torque / size, rows.reach.within(around), filter_hz or self.cutoff_hz
+        smooth, smooth_predicted = rows.torque_below(cutoff) / size, rows.reach.filtered(around, cutoff)
+        error = predicted - measured  # eq 3.1
+        scores = tuple(
+            JointScore(
+                name=joint.name,
+                r2=share_predicted(smooth[:, j], smooth_predicted[:, j]),
+                r2_raw=share_predicted(measured[:, j], predicted[:, j]),
+                mean=float(error[:, j].mean()),
+                sd=float(error[:, j].std()),
+                rmse=float(np.sqrt((error[:, j] ** 2).mean())),
+                unit=units[j],
+                free_gain=j in self.unscaled,
+            )
+            for j, joint in enumerate(self.robot.joints)
+        )
+        return Comparison(
+            names=tuple(joint.name for joint in self.robot.joints),
+            units=units,
+            t=one_after_another(rows.motion.t, rows.segments),
+            qd=rows.motion.qd,
+            qdd=rows.motion.qdd,
+            measured=measured,
+            predicted=predicted,
+            rate_hz=rows.motion.rate_hz,
+            filter_hz=cutoff,
+            given=scores,
+        )
+
+    def _scale(self) -> tuple[FloatArray, tuple[str, ...]]:
+        """What torques (n,) are divided by to be told, and the units they are told in: currents of unknown gains."""
+        units = [unit_of(joint) for joint in self.robot.joints]
+        size = np.ones(self.robot.dof)
+        for j in self.unscaled:
+            assert self.gains is not None
+            size[j], units[j] = self.gains[j], "A"
+        return size, tuple(units)
