@@ -1,4 +1,4 @@
-"""Speed of the studies: what a workspace study does besides laws, foretold forces, and the atlas of a trajectory."""
+"""Speed of the studies: what a workspace study does besides laws, predicted forces, and the atlas of a trajectory."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def workspace_command() -> tuple[float, float]:
         return (out / "rows.parquet").stat().st_mtime - begin, time.time() - begin
 
 
-def foretold_case(poses: int = 4000) -> float:
-    """Processor time of one foretold case of Schroeder's control group [s], the best of three."""
+def predicted_case(poses: int = 4000) -> float:
+    """Processor time of one predicted case of the source's control group [s], the best of three."""
     scenario = bs.load_scenario(REPOSITORY / "examples/01_hand_downward.toml")
     robot = bs.Robot.load(scenario.robot)
     rng = np.random.default_rng(1)

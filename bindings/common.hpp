@@ -70,7 +70,6 @@ void bind_signal(nb::module_& module);
 void bind_joint(nb::module_& module);
 void bind_detection(nb::module_& module);
 void bind_sensitivity(nb::module_& module);
-void bind_foretold_force(nb::module_& module);
 void bind_workspace(nb::module_& module);
 void bind_threshold(nb::module_& module);
 void bind_collision(nb::module_& module);

@@ -20,6 +20,5 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_collision(module);
     bumpstop::bind_exact_law(module);
     bumpstop::bind_batch(module);
-    bumpstop::bind_foretold_force(module);
     bumpstop::bind_trajectory(module);
 }

@@ -1,4 +1,4 @@
-"""Forces foretold from the pose alone, against exact laws of random cases and against Schroeder's predictors."""
+"""Forces predicted from the pose alone, against exact laws of random cases and against the source's predictors."""
 
 from __future__ import annotations
 
@@ -10,31 +10,33 @@ import numpy.typing as npt
 import bumpstop as bs
 from bumpstop.collision import evaluate_batch
 from bumpstop.study.directions import draw_directions
-from bumpstop.study.workspace.prediction import predict_batch
+from bumpstop.study.prediction import predict_batch
 from collision.cases import control_group
 from study.prediction_cases import draw
 from validation.findings import Cell, Findings
 
-TITLE = "Forces foretold from the pose alone"
+TITLE = "Forces predicted from the pose alone"
 Floats = npt.NDArray[np.float64]
 QUANTILE = 0.999
 LIMIT_N = 135.0  # hand, clamped, BG/BGIA 2011
 MAX_GAIN = 20.0  # rad/m
-LEAST_R2, MAX_MEDIAN_ERROR, MAX_MEDIAN_RATIO = 0.98, 0.05, 1.2
+# Where the form holds, and of all cases; then shares of the force.
+MIN_R2, MIN_R2_OF_ALL = 0.999, 0.95
+MAX_MEDIAN_ERROR, MAX_USUAL_ERROR, MAX_MEDIAN_RATIO = 0.01, 0.05, 1.2
 SEED = 77
 OBSERVER_GAINS_1_S = (20.0, 60.0, 200.0)
 
 
 @dataclass(frozen=True)
 class Cases:
-    """Detected cases with their laws and what is foretold of them."""
+    """Detected cases with their laws and their predictions."""
 
     mean: Floats
     quantile: Floats
     expected: Floats
     bound: Floats
     trusted: npt.NDArray[np.bool_]
-    unnoticed: Floats
+    undetectable: Floats
     condition: Floats
     singular_value: Floats
     drawn: int
@@ -64,7 +66,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     q[:, 6] = 0.0
     alike = _cases(control, q, 0.05 * draw_directions("sphere", np.zeros(3), poses, rng))
     _predictors(findings, "all of them varied", varied)
-    _predictors(findings, "Schroeder's control group, pose and direction varied", alike)
+    _predictors(findings, "the source's control group, pose and direction varied", alike)
 
 
 def _cases(scenario: bs.Scenario, q: Floats, velocity: Floats) -> Cases:
@@ -81,7 +83,7 @@ def _cases(scenario: bs.Scenario, q: Floats, velocity: Floats) -> Cases:
         found.expected[kept],
         found.bound[kept],
         found.trusted[kept],
-        found.unnoticed[kept],
+        found.undetectable[kept],
         (values[:, 0] / values[:, -1])[kept],
         values[kept, -1],
         len(q),
@@ -98,9 +100,9 @@ def _joined(parts: list[Cases]) -> Cases:
     )
 
 
-def _r2(foretold: Floats, exact: Floats) -> float:
+def _r2(predicted: Floats, exact: Floats) -> float:
     """1 - SSE/SST about the identity, in logarithms."""
-    error, spread = np.log(foretold) - np.log(exact), np.log(exact) - np.log(exact).mean()
+    error, spread = np.log(predicted) - np.log(exact), np.log(exact) - np.log(exact).mean()
     return float(1 - (error @ error) / (spread @ spread))
 
 
@@ -108,18 +110,18 @@ def _accuracy(findings: Findings, cases: Cases) -> None:
     trusted = cases.trusted
     handed = np.where(trusted, cases.expected, cases.mean)
     rows: list[list[Cell]] = []
-    for name, foretold, exact in (
-        ("where the formula says it holds", cases.expected[trusted], cases.mean[trusted]),
+    for name, predicted, exact in (
+        ("where the form holds", cases.expected[trusted], cases.mean[trusted]),
         ("elsewhere", cases.expected[~trusted], cases.mean[~trusted]),
         ("all", cases.expected, cases.mean),
         ("all, the exact law elsewhere", handed, cases.mean),
     ):
-        error = np.abs(foretold / exact - 1)
+        error = np.abs(predicted / exact - 1)
         rows.append(
             [
                 name,
                 len(exact) / len(cases),
-                _r2(foretold, exact),
+                _r2(predicted, exact),
                 float(np.median(error)),
                 float(np.quantile(error, 0.99)),
             ]
@@ -130,12 +132,12 @@ def _accuracy(findings: Findings, cases: Cases) -> None:
         ["", ".3f", ".5f", ".5f", ".4f"],
         rows,
     )
-    r2_trusted, r2_all, median = float(rows[0][2] or 0), float(rows[2][2] or 0), float(rows[2][3] or 0)
-    findings.check(
-        "R2 where the formula says it holds", r2_trusted >= LEAST_R2, f"{r2_trusted:.5f}, wanted {LEAST_R2:g}"
-    )
-    findings.check("R2 of all cases", r2_all >= LEAST_R2, f"{r2_all:.4f}, wanted {LEAST_R2:g}")
-    findings.check("Median error", median <= MAX_MEDIAN_ERROR, f"{median:.2%}, wanted at most {MAX_MEDIAN_ERROR:.0%}")
+    r2, median, usual = (float(rows[0][column] or 0) for column in (2, 3, 4))
+    findings.check("R2 where the form holds", r2 >= MIN_R2, f"{r2:.5f}, wanted {MIN_R2:g}")
+    findings.check("Median error there", median <= MAX_MEDIAN_ERROR, f"{median:.2%}, at most {MAX_MEDIAN_ERROR:.0%}")
+    findings.check("99 % of errors there", usual <= MAX_USUAL_ERROR, f"{usual:.2%}, at most {MAX_USUAL_ERROR:.0%}")
+    r2_of_all = float(rows[2][2] or 0)
+    findings.check("R2 of all cases", r2_of_all >= MIN_R2_OF_ALL, f"{r2_of_all:.4f}, wanted {MIN_R2_OF_ALL:g}")
     ratio = cases.bound[trusted] / cases.quantile[trusted]
     below = int((ratio < 1).sum())
     findings.check(
@@ -144,19 +146,19 @@ def _accuracy(findings: Findings, cases: Cases) -> None:
         f"{below} of {len(ratio)}; the lowest ratio is {ratio.min():.5f}",
     )
     findings.check(
-        "No trusted case passes its bound more often, however its motion ends",
+        "No trusted case exceeds its bound more often, however its motion ends",
         cases.over == 0,
         f"{cases.over} of {cases.drawn} drawn",
     )
     findings.table(
-        "Bound over exact quantile, where the formula says it holds",
+        "Bound over exact quantile, where the form holds",
         ["Lowest", "1 %", "Median", "99 %", "Highest"],
         [".4f"] * 5,
         [[float(x) for x in np.quantile(ratio, [0, 0.01, 0.5, 0.99, 1])]],
     )
-    found = float(np.median(cases.bound / cases.quantile))
+    found = float(np.median(ratio))
     findings.check(
-        "Median ratio of bound and exact quantile, all cases",
+        "Median ratio of bound and exact quantile",
         found <= MAX_MEDIAN_RATIO,
         f"{found:.4f}, at most {MAX_MEDIAN_RATIO:g}",
     )
@@ -179,7 +181,7 @@ def _observers(findings: Findings, rng: np.random.Generator, scenarios: int, cou
         over += int((~(ratio >= 1)).sum())
         cases += len(ratio)
     findings.table(
-        "Bound over exact quantile with an observer, where the formula says it holds",
+        "Bound over exact quantile with an observer, where the form holds",
         ["Gain [1/s]", "Cases", "Lowest", "Median"],
         ["g", "d", ".4f", ".4f"],
         rows,
@@ -195,7 +197,7 @@ def _predictors(findings: Findings, which: str, cases: Cases) -> None:
     measures = {
         "bound (cut at the limit)": cases.bound,
         "expected force": cases.expected,
-        "unnoticed force": cases.unnoticed,
+        "undetectable force": cases.undetectable,
         "condition number": cases.condition,
         "smallest singular value": -cases.singular_value,
     }

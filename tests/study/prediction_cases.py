@@ -1,4 +1,4 @@
-"""Random collisions of two robots, for tests and validation of what is foretold."""
+"""Random collisions of two robots, for tests and validation of predictions."""
 
 from __future__ import annotations
 

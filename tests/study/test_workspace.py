@@ -14,12 +14,12 @@ import bumpstop as bs
 from bumpstop.detection import undetectable_force_along
 from bumpstop.kernels import core
 from bumpstop.report.studies.workspace import pages_of
+from bumpstop.study import predictors as predicting
 from bumpstop.study import run
+from bumpstop.study import workspace as workspace_module
 from bumpstop.study.capsules import self_collision
 from bumpstop.study.directions import draw_directions, spread_directions
-from bumpstop.study.workspace import workspace as workspace_module
 from bumpstop.study.workspace.workspace import WorkspaceStudy
-from bumpstop.study.workspace.workspace import foretold as foretelling
 from collision.cases import control_group, ur10e
 
 SLOW = control_group(motion__velocity_mm_s=[0.0, 0.0, -10.0])
@@ -172,34 +172,36 @@ def test_shares_are_those_of_the_rows(study: WorkspaceStudy, rows: pl.DataFrame)
     assert (np.diff(tails, axis=1) <= 1e-12).all()
 
 
-# --- Foretold forces --------------------------------------------------------------------------------------------
+# --- Predicted forces -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def foretold() -> tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]]:
-    study = WorkspaceStudy(SLOW, poses=80, seed=4, foretell=True)
+def predicted() -> tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]]:
+    study = WorkspaceStudy(SLOW, poses=80, seed=4, predict=True)
     return study, *run(study)
 
 
-def test_foretold_forces_stand_beside_their_laws(foretold: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]]) -> None:
-    _, rows, summary = foretold
+def test_predicted_forces_stand_beside_their_laws(
+    predicted: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]],
+) -> None:
+    _, rows, summary = predicted
     trusted = rows.filter(rows["trusted"])
     assert summary["trusted"] == trusted.height > 30
     assert (trusted["bound_N"] >= trusted["p999_N"]).all()
     assert np.median(np.abs(trusted["expected_N"] / trusted["mean_N"] - 1)) < 0.05
-    # Foretelling adds columns and changes none.
+    # Predicting adds columns and changes none.
     plain = run(WorkspaceStudy(SLOW, poses=80, seed=4))[0]
     assert rows.select(plain.columns).equals(plain)
 
 
-def test_the_worst_direction_is_felt_least_of_all(
-    foretold: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]],
+def test_the_worst_direction_is_detected_last_of_all(
+    predicted: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]],
 ) -> None:
-    _, rows, _ = foretold
+    _, rows, _ = predicted
     robot = bs.Robot.load("sia5d")
     q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
     worst = rows.select([f"worst_{axis}" for axis in "xyz"]).to_numpy()
-    largest = rows["worst_unnoticed_N"].to_numpy()
+    largest = rows["worst_undetectable_N"].to_numpy()
     thresholds = SLOW.detector.thresholds_Nm
     assert np.linalg.norm(worst, axis=1) == pytest.approx(np.ones(len(worst)))
     finite = np.isfinite(largest)
@@ -216,12 +218,12 @@ def test_the_worst_direction_is_felt_least_of_all(
 
 
 def test_a_cut_leaves_equal_values_on_one_side() -> None:
-    """Half of these poses are foretold without bound: all of them can be refused, or none."""
+    """Half of these poses are predicted without bound: all of them can be refused, or none."""
     rng = np.random.default_rng(8)
     unsafe = rng.uniform(size=40) < 0.5
     value = np.where(rng.uniform(size=40) < np.where(unsafe, 0.8, 0.3), np.inf, rng.uniform(size=40))
-    columns = {column: value for column, _ in foretelling._PREDICTORS.values()}
-    found = foretelling.predictors(pl.DataFrame(columns | {"p50_N": rng.uniform(size=40)}), unsafe, 0.5)
+    columns = {column: value for column, _ in predicting._PREDICTORS.values()}
+    found = predicting.predictors(pl.DataFrame(columns | {"p50_N": rng.uniform(size=40)}), unsafe, 0.5)
 
     def errors(cut: float) -> float:
         return float((unsafe & ~(value > cut)).sum() / unsafe.sum() + (~unsafe & (value > cut)).sum() / (~unsafe).sum())
@@ -231,9 +233,9 @@ def test_a_cut_leaves_equal_values_on_one_side() -> None:
 
 
 def test_predictors_are_counted_as_a_table_of_errors_would_count_them(
-    foretold: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]],
+    predicted: tuple[WorkspaceStudy, pl.DataFrame, dict[str, Any]],
 ) -> None:
-    study, rows, summary = foretold
+    study, rows, summary = predicted
     known = rows.filter(rows["end"] != "singular_start")
     unsafe = np.fmax(known["p_over_force"].to_numpy(), known["p_over_pressure"].to_numpy()) > 1e-3
     found = summary["predictors"]
@@ -305,7 +307,7 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
             {"poses": 1},
             "verdict.clamped_limit",
         ),
-        (control_group(detector__arming_delay_s=0.1), {"poses": 1, "foretell": True}, "--predict"),
+        (control_group(detector__arming_delay_s=0.1), {"poses": 1, "predict": True}, "--predict"),
     ],
 )
 def test_a_study_that_makes_no_sense_is_refused_by_name(scenario: bs.Scenario, options: Any, field: str) -> None:

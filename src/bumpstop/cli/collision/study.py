@@ -194,7 +194,7 @@ def workspace(
     link_radius: Annotated[
         float, typer.Option(metavar="MM", help="Avoid self-collision of links this thick; 0: do not look for it.")
     ] = 0.0,
-    foretell: Annotated[
+    predict: Annotated[
         bool, typer.Option("--predict", help="Predict forces from the pose, in its direction and in the worst one.")
     ] = False,
     seed: Seed = 0,
@@ -227,7 +227,7 @@ def workspace(
         joint_limits=cast(Any, joint_limits),
         velocity_limits=cast(Any, velocity_limits),
         link_radius_mm=link_radius,
-        foretell=foretell,
+        predict=predict,
         seed=seed,
     )
 

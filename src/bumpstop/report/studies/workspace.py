@@ -279,7 +279,7 @@ class SlicesPart(Part):
 class SensitivityPart(Part):
     """Force against condition number and smallest singular value."""
 
-    title = "Does the Jacobian predict it?"
+    title = "Can the Jacobian predict it?"
     anchor = "sensitivity"
 
     def __init__(self, study: WorkspaceStudy, summary: dict[str, Any], known: pl.DataFrame) -> None:
@@ -295,15 +295,15 @@ class SensitivityPart(Part):
         return [
             paragraph(
                 "Both are of the Jacobian of the joints that move, at the start pose. Three rows are the tip's "
-                "translation, in one unit. Six rows mix translation and rotation, as Schroeder (2013) does; they "
-                "depend on the unit of length, here metres. A value near 0 predicts nothing, near 1 or -1 the order "
-                "of the forces. Neither knows thresholds nor the direction of the contact."
+                "translation, in one unit. Six rows mix translation and rotation, as the source does; they depend on "
+                "the unit of length, here metres. A value near 0 predicts nothing, near 1 or -1 the order of "
+                "the forces. Neither knows thresholds nor the direction of the contact."
             ),
             table(("of the median force with the", "rank correlation"), rows, caption="Rank correlation", numbers=True),
-            *self._foretold(),
+            *self._predicted(),
         ]
 
-    def _foretold(self) -> list[Html]:
+    def _predicted(self) -> list[Html]:
         """How well each predictor tells unsafe poses from safe ones."""
         if not self._predictors:
             return []
@@ -318,11 +318,11 @@ class SensitivityPart(Part):
         ]
         return [
             paragraph(
-                "The predicted force takes thresholds, noise and braking into account. The formula holds for "
-                f"{self._trusted} of {self._known.height} poses; the others have no prediction and count as "
-                "rejected. The worst direction is that of the largest undetectable force at the pose. The bound "
-                "rejects every pose whose predicted force exceeds a limit; every other predictor has the cut-off with "
-                "the fewest errors."
+                f"A force predicted from the pose knows thresholds, noise and braking. The formula holds for "
+                f"{self._trusted} of {self._known.height} poses; elsewhere there is no bound and the pose counts as "
+                "refused. The worst direction is that of the largest force that stays undetected at the pose. The "
+                "bound refuses what it says exceeds a limit; every other predictor is cut where it errs least, with "
+                "all laws known."
             ),
             table(
                 ("predictor", "rank correlation", "unsafe poses missed", "safe poses rejected"),

@@ -17,11 +17,12 @@ from bumpstop.errors import InputError
 from bumpstop.study.directions import STANDS, directions_of, nearest_moving
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.pose_batch import Arms
+from bumpstop.study.prediction import max_speed, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.own_motion import own_speeds
 from bumpstop.study.speed.path_speed import deepest, max_path_speed, sliding_min
 from bumpstop.study.speed.slowing import Judged, Slowing, judge_motion, slow_down
-from bumpstop.study.speed.speed_limit import MIN_SPEED, SpeedLimits, foretold_speed, stopping_time_per_speed
+from bumpstop.study.speed.speed_limit import MIN_SPEED, SpeedLimits
 from bumpstop.study.speed.waypoint_refinement import refine_at_peaks, refine_by_joint_motion
 from bumpstop.study.speed.worst_direction import searched, worst_directions
 from bumpstop.study.study import Study, check_risk
@@ -74,7 +75,7 @@ class Atlas(Study):
             if found != wanted:
                 raise InputError(key, f"{found!r} is not available in an atlas", f"wanted {wanted!r}")
         if self._line_problem.residuals is not None:
-            raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
+            raise InputError("detector.residuals", "have no exact law", "give detector.noise_sd_Nm")
 
     @property
     @abstractmethod
@@ -199,14 +200,11 @@ class TrajectorySpeedLimits(Atlas):
         arms = Arms(problem, q, own)
         torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), own)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            gain = np.fmax(
-                stopping_time_per_speed(problem, arms.joint_rates(q)),
-                stopping_time_per_speed(problem, self.given.at(t, 1)) / speed,
-            )
+            straight = stopping_time_per_speed(problem, arms.joint_rates(q))
+            gain = np.fmax(straight, stopping_time_per_speed(problem, self.given.at(t, 1)) / speed)
         gain = np.nan_to_num(gain, posinf=1e9)
-        allowed = foretold_speed(
-            problem, torque, gain, allowed_force(problem), self.scenario.verdict.accepted_probability
-        )
+        undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
+        allowed = max_speed(problem, undetected, gain, allowed_force(problem))
         return np.asarray(speed / np.maximum(allowed, MIN_SPEED))
 
     @cached_property
@@ -275,13 +273,8 @@ class TrajectorySpeedLimits(Atlas):
             straight = stopping_time_per_speed(problem, Arms(problem, q, own).joint_rates(q))
         torque = np.einsum("nij,ni->nj", Arms(problem, q, own).linear_jacobian(q), own)
         more = (speed > STANDS) & ~(gain <= _TURNS_MORE * straight)
-        allowed = foretold_speed(
-            problem,
-            torque,
-            np.where(more, gain, 0.0),
-            allowed_force(problem),
-            self.scenario.verdict.accepted_probability,
-        )
+        undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
+        allowed = max_speed(problem, undetected, np.where(more, gain, 0.0), allowed_force(problem))
         lower = more & (allowed < found.speed)
         return SpeedLimits(
             np.where(lower, allowed, found.speed),
@@ -307,9 +300,9 @@ class TrajectorySpeedLimits(Atlas):
         at = np.flatnonzero(apart | (turning & (found.speed == 0)))
         if not at.size:
             return found
-        limit, accepted = allowed_force(problem), self.scenario.verdict.accepted_probability
         torque = np.einsum("nij,ni->nj", Arms(problem, q[at], own[at]).linear_jacobian(q[at]), own[at])
-        guess = np.minimum(foretold_speed(problem, torque, gain[at], limit, accepted), self.cap_mm_s / 1e3)
+        undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
+        guess = np.minimum(max_speed(problem, undetected, gain[at], allowed_force(problem)), self.cap_mm_s / 1e3)
         speed, risk = own_speeds(self.problem, time[moving[at]], self._speed[moving[at]], guess)
         # A straight line that is safe faster is no worse a bound.
         better = self._at_singularity[rows][at] | (speed > found.speed[at])

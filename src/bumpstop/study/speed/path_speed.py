@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from bumpstop.study.directions import STANDS
 from bumpstop.study.pose_batch import Arms
+from bumpstop.study.prediction import max_speed, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import CLOSE, missed, speed_of_force, stopping_time_per_speed
+from bumpstop.study.speed.speed_limit import CLOSE
 
 if TYPE_CHECKING:
     import polars as pl
@@ -61,10 +62,12 @@ def max_path_speed(
     torque = np.einsum(
         "nij,ni->nj", Arms(problem, trajectory.position, direction).linear_jacobian(trajectory.position), direction
     )
-    unnoticed = np.where(turning, missed(problem, torque, problem.scenario.verdict.accepted_probability), -1.0)
+    unnoticed = np.where(
+        turning, undetected_force(problem, torque, problem.scenario.verdict.accepted_probability), -1.0
+    )
     most = -sliding_min(-unnoticed, first, here)
     gain = stopping_time_per_speed(problem, trajectory.at(trajectory.time, 1)) / speed
-    turned = np.where(most < 0, np.inf, speed_of_force(problem, most, gain, allowed_force(problem)))
+    turned = np.where(most < 0, np.inf, max_speed(problem, most, gain, allowed_force(problem)))
     allowed = (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned)
     own = np.minimum(np.where(share < 1, (1 - CLOSE) * share, 1.0), allowed / speed)
     turned_yet = np.append(0.0, np.cumsum(np.abs(np.diff(trajectory.position, axis=0)).max(axis=1)))

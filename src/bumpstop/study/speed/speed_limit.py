@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from bumpstop.collision import CollisionProblem, evaluate_batch
 from bumpstop.study.pose_batch import Arms
+from bumpstop.study.prediction import max_speed, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple
 
@@ -45,48 +46,12 @@ class SpeedLimits:
     laws: int
 
 
-def foretold_speed(
-    problem: CollisionProblem, torque: FloatArray, gain: FloatArray, limit: float, accepted: float
-) -> FloatArray:
-    """Speed (N,) [m/s] at which the bound of one tick reaches the limit.
-
-    The largest force that the accepted share of single ticks misses, the travel of a feedback period and of the
-    latency, and the stop: F + K v (T + t_latency) + K v^2 g / 2 = limit, with g the time to stop per speed.
-
-    Args:
-        problem: clamped contact.
-        torque: a = J_v' n (N, dof) [Nm/N].
-        gain: max_j |qd_j| / (v qdd_j), time to stop per speed of the tip (N,) [s2/m].
-        limit: force [N].
-        accepted: probability of passing it.
-    """
-    return speed_of_force(problem, missed(problem, torque, accepted), gain, limit)
-
-
-def speed_of_force(problem: CollisionProblem, unnoticed: FloatArray, gain: FloatArray, limit: float) -> FloatArray:
-    """The same with the force (N,) [N] that goes unnoticed given."""
-    step, K = problem.scenario.simulation.step_s, problem.stiffness
-    left = np.maximum(0.0, limit - unnoticed) / K
-    late = (problem.period_steps + problem.latency_steps) * step
-    return np.asarray(2 * left / (late + np.sqrt(late**2 + 2 * gain * left)))
-
-
-def missed(problem: CollisionProblem, torque: FloatArray, accepted: float) -> FloatArray:
-    """The largest force (N,) [N] that a single tick misses with the accepted probability."""
-    from statistics import NormalDist
-
-    rare = -NormalDist().inv_cdf(accepted)
-    with np.errstate(divide="ignore"):
-        each = (problem.thresholds + np.abs(problem.noise_mean) + rare * problem.noise_sd) / np.abs(torque)
-    return np.asarray(each.min(axis=1))
-
-
 def speed_limits(
     scenario: Scenario | CollisionProblem, q: FloatArray, direction: FloatArray, cap: FloatArray, *, threads: int = 1
 ) -> SpeedLimits:
     """Find the highest safe speeds along straight lines through poses.
 
-    A formula gives the first guess, exact laws decide: every speed returned has been computed and meets
+    A formula gives the first guess, exact laws decide: every speed returned has been worked out and meets
     verdict.accepted_probability, and one at most 1 % higher does not, unless the cap or the formula for turning
     joints is lower. Where the risk is a sawtooth over speed no slower one is left that fails.
 
@@ -103,12 +68,12 @@ def speed_limits(
     torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
     with np.errstate(invalid="ignore", over="ignore"):
         gain = stopping_time_per_speed(problem, arms.joint_rates(q))
-    guess = np.nan_to_num(foretold_speed(problem, torque, gain, limit, accepted))
+    silent = undetected_force(problem, torque, accepted)
+    guess = np.nan_to_num(max_speed(problem, silent, gain, limit))
     count = len(q)
     met, fails = np.zeros(count), np.full(count, np.inf)
     risk = np.full(count, np.nan)
     force_met, force_fails = np.zeros(count), np.full(count, np.inf)
-    silent = missed(problem, torque, accepted)
     trial = np.clip(guess, np.minimum(_FIRST, cap), cap)
     open_ = np.flatnonzero(cap >= MIN_SPEED)
     laws = 0
@@ -206,11 +171,6 @@ def _about_summits(speed: FloatArray, risk: FloatArray) -> FloatArray:
     pieces = np.unique(np.concatenate([np.maximum(summit - 1, 0), np.minimum(summit, speed.size - 2)]))
     share = np.arange(1, _BETWEEN) / _BETWEEN
     return np.asarray((speed[pieces, None] ** (1 - share) * speed[pieces + 1, None] ** share).ravel())
-
-
-def stopping_time_per_speed(problem: CollisionProblem, rates: FloatArray) -> FloatArray:
-    """Time to stop per speed, from joint rates per speed of the tip (N, dof): (N,) [s2/m]."""
-    return np.asarray((np.abs(rates) / problem.joint_acceleration).max(axis=1))
 
 
 def _next(

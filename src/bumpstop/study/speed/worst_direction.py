@@ -13,8 +13,9 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision import evaluate_batch
 from bumpstop.study.directions import cone_directions, tilted
 from bumpstop.study.pose_batch import Arms
+from bumpstop.study.prediction import max_speed, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import CLOSE, SpeedLimits, foretold_speed, speed_limits, stopping_time_per_speed
+from bumpstop.study.speed.speed_limit import CLOSE, SpeedLimits, speed_limits
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionProblem
@@ -42,12 +43,12 @@ def searched(angle: float) -> str:
         return "the motion's own"
     where = "all directions" if angle >= math.pi else f"a cone of {math.degrees(angle):.4g} deg about the motion's own"
     return (
-        f"the worst found in {where}: {_foretold_count(angle)} by a formula, {_SAMPLED + 1} and the formula's worst "
-        f"{_STARTS} by integrated distributions, and from the worst of these on to where the force is greatest"
+        f"the worst found in {where}: {_formula_count(angle)} by a formula, {_SAMPLED + 1} and the formula's worst "
+        f"{_STARTS} by exact laws, and from the worst of these on to where the force is greatest"
     )
 
 
-def _foretold_count(angle: float) -> int:
+def _formula_count(angle: float) -> int:
     return max(_MIN_DIRECTIONS, round(_FORMULA * (1 - math.cos(angle)) / 2))
 
 
@@ -83,13 +84,13 @@ def worst_directions(
     if angle <= 0:
         return WorstDirections(own, speed_limits(problem, q, own, cap))
     places = [
-        _foretold(problem, q[rows], own[rows], angle)
+        _formula_worst(problem, q[rows], own[rows], angle)
         for rows in np.array_split(np.arange(len(q)), math.ceil(len(q) / _AT_ONCE))
     ]
-    foretold = np.concatenate(places)  # (N, starts, 3), the worst first
-    direction = foretold[:, 0].copy()
+    predicted = np.concatenate(places)  # (N, starts, 3), the worst first
+    direction = predicted[:, 0].copy()
     found = speed_limits(problem, q, direction, cap)
-    candidates = np.concatenate([np.stack(cone_directions(own, angle, _SAMPLED), axis=1), foretold], axis=1)
+    candidates = np.concatenate([np.stack(cone_directions(own, angle, _SAMPLED), axis=1), predicted], axis=1)
     search = _Search(problem, q, direction, found)
     force = search.settle(candidates)
     search.settle_between(own, angle, candidates, force)
@@ -183,10 +184,10 @@ class _Search:
         return over, np.nan_to_num(laws.quantile[:, 0], nan=np.inf, posinf=np.inf)
 
 
-def _foretold(problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float) -> FloatArray:
+def _formula_worst(problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float) -> FloatArray:
     """Directions whose safe speed is the lowest by the formula (N, starts, 3), the lowest first, some way apart."""
     formula = _Formula(problem, q)
-    directions = np.stack(cone_directions(own, angle, _foretold_count(angle)), axis=1)
+    directions = np.stack(cone_directions(own, angle, _formula_count(angle)), axis=1)
     at, best = _apart(directions, formula(directions))
     step, turn = _FORMULA_STEP, 0.0
     flat_own = np.repeat(own, at.shape[1], axis=0)
@@ -206,7 +207,7 @@ def _foretold(problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: 
 
 
 class _Formula:
-    """Foretold safe speeds of many directions of poses: rates and torques are linear in the direction."""
+    """Predicted safe speeds of many directions of poses: rates and torques are linear in the direction."""
 
     def __init__(self, problem: CollisionProblem, q: FloatArray) -> None:
         self._problem = problem
@@ -222,8 +223,8 @@ class _Formula:
         with np.errstate(invalid="ignore", over="ignore"):
             gain = stopping_time_per_speed(problem, (directions @ self._rates).reshape(-1, self._rates.shape[2]))
         torque = (directions @ self._jacobian).reshape(len(gain), -1)
-        accepted = problem.scenario.verdict.accepted_probability
-        speed = foretold_speed(problem, torque, gain, allowed_force(problem), accepted)
+        undetected = undetected_force(problem, torque, problem.scenario.verdict.accepted_probability)
+        speed = max_speed(problem, undetected, gain, allowed_force(problem))
         # Where the formula misses the limit itself the directions are told apart by how little they feel.
         unfelt = -1e-9 / np.maximum(_felt(problem, torque), 1e-12)
         return np.asarray(np.nan_to_num(np.where(speed > 0, speed, unfelt), nan=-1.0).reshape(shape))

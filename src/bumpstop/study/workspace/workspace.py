@@ -16,7 +16,7 @@ from bumpstop.study.capsules import max_link_radius, self_collision
 from bumpstop.study.directions import DirectionLaw, draw_directions, spread_directions
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
-from bumpstop.study.workspace import foretold
+from bumpstop.study.workspace import predictors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,13 +44,13 @@ class WorkspaceStudy(Study):
         grid_directions: directions at each pose of the grid.
         directions: law of the directions.
         speed_sd_mm_s: spread of the speed about the scenario's; normal, drawn again where not above 0.
-        joint_limits: ``"respect"``: a limit ends the motion. ``"ignore"``: the arm moves on, as Schroeder's did. Poses
+        joint_limits: ``"respect"``: a limit ends the motion. ``"ignore"``: the arm moves on, as the source's did. Poses
             lie inside the limits either way.
         velocity_limits: ``"respect"``: where a joint would turn faster than it can, all rates are scaled down and the
-            tip gets slower. ``"ignore"``: the tip keeps its speed, as Schroeder's did.
+            tip gets slower. ``"ignore"``: the tip keeps its speed, as the source's did.
         link_radius_mm: of the links as capsules; poses in which two touch are drawn again, or left out of a grid.
             0: self-collision is not looked for.
-        foretell: peak forces foretold from the pose stand beside every law, for its direction and for the worst one.
+        predict: peak forces predicted from the pose stand beside every law, for its direction and for the worst one.
         seed: of what is drawn.
     """
 
@@ -66,7 +66,7 @@ class WorkspaceStudy(Study):
     joint_limits: Literal["respect", "ignore"] = "respect"
     velocity_limits: Literal["respect", "ignore"] = "respect"
     link_radius_mm: float = 0.0
-    foretell: bool = False
+    predict: bool = False
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -88,9 +88,9 @@ class WorkspaceStudy(Study):
             problem = f"{self.speed_sd_mm_s:g} mm/s is more than the speed of {self._speed:g} mm/s"
             raise InputError("--speed-sd", problem, "wanted less, or most speeds would be drawn again")
         if self.drawn > MAX_ROWS:
-            raise InputError("--grid", f"{self.drawn} distributions are too many", f"wanted at most {MAX_ROWS}")
-        if self.foretell:
-            foretold.check(self._problem)
+            raise InputError("--grid", f"{self.drawn} laws are too many", f"wanted at most {MAX_ROWS}")
+        if self.predict:
+            predictors.check(self._problem)
         # Everything a shard would refuse, it refuses here, before any work.
         _ = self._ranges
         if self.scenario.verdict.clamped_limit == "two_phase":
@@ -260,8 +260,8 @@ class WorkspaceStudy(Study):
         columns |= {f"trigger_{j + 1}": laws.trigger_joint_probability[:, j] for j in range(robot.dof)}
         columns["end"] = pl.Series(values=laws.end.tolist(), dtype=pl.String)
         columns |= self._sensitivity(q)
-        if self.foretell:
-            columns |= foretold.foretold_columns(self._problem, q, velocity)
+        if self.predict:
+            columns |= predictors.predicted_columns(self._problem, q, velocity)
         columns["redrawn"] = redrawn
         columns["p_over_edges"] = pl.Series(values=laws.exceedance[:, : self.edges.size]).arr.to_list()
         # A series at a time: half the price of a dictionary of arrays.
@@ -275,8 +275,8 @@ class WorkspaceStudy(Study):
     def _sensitivity(self, q: FloatArray) -> dict[str, FloatArray]:
         """Condition number and smallest singular value at the start, of the joints that move.
 
-        Three rows: of the tip's translation, in one unit. Six rows: with rotation, as Schroeder (2013) has it; they
-        depend on the unit of length.
+        Three rows: of the tip's translation, in one unit. Six rows: with rotation, as the source has it; they depend
+        on the unit of length.
         """
         robot = self._problem.robot
         moving = [j for j, *_ in self._ranges]

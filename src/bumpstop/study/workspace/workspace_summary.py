@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.study.workspace.foretold import predictors, rank_correlation
+from bumpstop.study.workspace.predictors import predictors, rank_correlation
 
 if TYPE_CHECKING:
     import polars as pl
@@ -53,7 +53,7 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
     hits = no_contact <= 0.5
     touching = known.filter(no_contact < _NEVER)
     unsafe = worst_risk(known) > study.scenario.verdict.accepted_probability
-    if study.foretell and limits:
+    if study.predict and limits:
         result["predictors"] = predictors(known, unsafe, min(study.force_limits))
         result["trusted"] = int(known["trusted"].sum())
     return result | {

@@ -1,4 +1,4 @@
-"""Forces foretold at poses of the workspace, in the direction of the motion and in the worst one, as predictors."""
+"""Forces predicted at poses of the workspace, in the direction of the motion and in the worst one, as predictors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from bumpstop.detection.sensitivity import residual_band
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
-from bumpstop.study.workspace.prediction import check_foretold, foretold_scenario
+from bumpstop.study.prediction import check_predictable, predict_poses
 
 if TYPE_CHECKING:
     import polars as pl
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import CollisionProblem
 
-# What a predictor is called in the summary, its column, and whether large values foretell small forces.
+# What a predictor is called in the summary, its column, and whether large values predict small forces.
 _PREDICTORS = {
     "bound": ("bound_N", False),
     "expected_force": ("expected_N", False),
     "bound_in_worst_direction": ("worst_bound_N", False),
     "expected_force_in_worst_direction": ("worst_expected_N", False),
-    "unnoticed_force_in_worst_direction": ("worst_unnoticed_N", False),
+    "undetectable_force_in_worst_direction": ("worst_undetectable_N", False),
     "condition_number": ("condition_number", False),
     "smallest_singular_value": ("smallest_singular_value", True),
     "condition_number_six_rows": ("condition_number_six_rows", False),
@@ -32,13 +32,13 @@ _PREDICTORS = {
 
 
 def check(problem: CollisionProblem) -> None:
-    """Refuse a scenario for which nothing is foretold.
+    """Reject a scenario that cannot be predicted.
 
     Raises:
         InputError: names the key.
     """
     try:
-        check_foretold(problem, quantile_of(problem))
+        check_predictable(problem, quantile_of(problem))
     except InputError as error:
         raise InputError("--predict", f"is not possible here: {error}", "leave it out") from None
 
@@ -48,10 +48,10 @@ def quantile_of(problem: CollisionProblem) -> float:
     return min(max(0.5, 1 - problem.scenario.verdict.accepted_probability), 1 - 1e-9)
 
 
-def foretold_columns(problem: CollisionProblem, q: FloatArray, velocity: FloatArray) -> dict[str, Any]:
-    """Expected peak force and bound of every pose, along its velocity and as fast in the direction that is felt least.
+def predicted_columns(problem: CollisionProblem, q: FloatArray, velocity: FloatArray) -> dict[str, Any]:
+    """Expected peak force and bound of every pose, along its velocity and as fast in the worst direction.
 
-    That direction leads to the farthest vertex of the polytope of unnoticed forces, see
+    That direction leads to the farthest vertex of the polytope of undetectable forces, see
     :func:`bumpstop.detection.undetectable_forces`. Where no joint feels some direction at all, it is one of those.
 
     Args:
@@ -61,22 +61,21 @@ def foretold_columns(problem: CollisionProblem, q: FloatArray, velocity: FloatAr
 
     Returns:
         Columns of N values: ``expected_N``, ``bound_N``, ``trusted``; ``worst_{x,y,z}``, a unit vector in the base
-        frame; ``worst_unnoticed_N``; ``worst_expected_N``, ``worst_bound_N``, ``worst_trusted``.
+        frame; ``worst_undetectable_N``; ``worst_expected_N``, ``worst_bound_N``, ``worst_trusted``.
     """
-    scenario = foretold_scenario(problem, quantile_of(problem))
-    worst, unnoticed = worst_directions(problem, q)
+    worst, undetectable = worst_directions(problem, q)
     speed = np.linalg.norm(velocity, axis=1)[:, None]
-    along = scenario.foretell(np.ascontiguousarray(q), np.ascontiguousarray(velocity))
-    across = scenario.foretell(np.ascontiguousarray(q), np.ascontiguousarray(worst * speed))
-    columns: dict[str, Any] = {"expected_N": along["expected"], "bound_N": along["bound"], "trusted": along["trusted"]}
+    along = predict_poses(problem, q, velocity, quantile_of(problem))
+    across = predict_poses(problem, q, worst * speed, quantile_of(problem))
+    columns: dict[str, Any] = {"expected_N": along.expected, "bound_N": along.bound, "trusted": along.trusted}
     columns |= {f"worst_{axis}": worst[:, i] for i, axis in enumerate("xyz")}
-    columns["worst_unnoticed_N"] = unnoticed
-    return columns | {f"worst_{name}": across[key] for name, key in
-                      (("expected_N", "expected"), ("bound_N", "bound"), ("trusted", "trusted"))}  # fmt: skip
+    columns["worst_undetectable_N"] = undetectable
+    columns |= {"worst_expected_N": across.expected, "worst_bound_N": across.bound, "worst_trusted": across.trusted}
+    return columns
 
 
 def worst_directions(problem: CollisionProblem, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors (N, 3) along which the largest forces go unnoticed, and these forces (N,) [N]; infinite: any."""
+    """Unit vectors (N, 3) along which the largest forces stay undetected, and these forces (N,) [N]; infinite: any."""
     link, point = problem.contact_point
     low, high = residual_band(problem.robot.dof, problem.thresholds, noise_mean=problem.noise_mean)
     jacobian = problem.robot.chain.jacobians(np.ascontiguousarray(q), link, point)[:, :3]
@@ -131,7 +130,7 @@ def _best_cut(value: FloatArray, unsafe: Any) -> float:
     order = np.argsort(value)
     missed = np.cumsum(unsafe[order]) / max(1, unsafe.sum())
     refused = 1 - np.cumsum(~unsafe[order]) / max(1, (~unsafe).sum())
-    # Equal values are on one side of any cut, as where much is foretold without bound.
+    # Equal values are on one side of any cut, as where much is predicted without bound.
     ranked = value[order]
     last = np.append(ranked[1:] != ranked[:-1], True)
     return float(ranked[int(np.argmin(np.where(last, missed + refused, np.inf)))])
