@@ -20,7 +20,7 @@ from bumpstop.collision import BatchResult, CollisionProblem
 from bumpstop.report.studies.study import write_study_report
 from bumpstop.report.studies.workspace import pages_of
 from bumpstop.study import run
-from bumpstop.study.workspace.prediction import predict_batch
+from bumpstop.study.prediction import predict_batch
 from bumpstop.study.workspace.workspace import WorkspaceStudy
 
 REPOSITORY = Path(__file__).resolve().parent.parent

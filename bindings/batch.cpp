@@ -1,7 +1,7 @@
 // Laws of many poses at once, and what runs draw.
 #include "bumpstop/collision/batch.hpp"
 
-#include "bumpstop/collision/sampled_law.hpp"
+#include "bumpstop/collision/monte_carlo.hpp"
 #include "interrupt.hpp"
 #include "setup.hpp"
 
@@ -11,7 +11,7 @@ namespace {
 
 using L = NativeLanes;
 
-nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const ThresholdDetector& detector, double stiffness,
+nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const GaussianThresholds& detector, double stiffness,
                const std::string& offset_kind, double offset_size, Vector probability, Vector limit, int threads) {
     const std::size_t n = q.shape(0), dof = std::size_t(setup.chain.dof);
     const std::size_t probabilities = probability.shape(0), limits = limit.shape(0);

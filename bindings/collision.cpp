@@ -1,7 +1,7 @@
 // Arm and motion of a collision, stopping curves, and what is made of them.
 #include <atomic>
 
-#include "bumpstop/collision/sampled_law.hpp"
+#include "bumpstop/collision/monte_carlo.hpp"
 #include "bumpstop/collision/survival_criterion.hpp"
 #include "bumpstop/collision/tail_without_interpolation.hpp"
 #include "interrupt.hpp"
@@ -61,7 +61,7 @@ struct Curve {
     std::vector<double> q;
     StoppingCurve curve;
 
-    FreePaths free_paths(const FreeBody& body) const {
+    TransientPaths free_paths(const TransientBody& body) const {
         return bumpstop::free_paths<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, curve,
                                        body, q.data());
     }
@@ -94,19 +94,19 @@ nb::dict start_of(const Setup& setup, Vector q, Vector velocity) {
     return out;
 }
 
-Curve trace(const Setup& setup, Vector q, Vector velocity, const ThresholdDetector* detector, double stiffness,
+Curve trace(const Setup& setup, Vector q, Vector velocity, const GaussianThresholds* detector, double stiffness,
             double largest_offset, double body_mass) {
     const Unlocked unlocked;
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
     LinePath& path = result.curve.path;
     if (detector != nullptr && body_mass > 0) {
-        const FreeBody body{stiffness, body_mass};
+        const TransientBody body{stiffness, body_mass};
         for (double half_oscillations = 3;; half_oscillations *= 4) {
             path = trace_line(
                 setup, result.q.data(), velocity,
                 SeparationCriterion<L>(body, setup.timing, setup.motion.step, largest_offset, half_oscillations));
             if (path.end != PathEnd::certain_detection ||
-                all_parted(path, body, setup.timing, setup.motion.step, largest_offset))
+                all_separated(path, body, setup.timing, setup.motion.step, largest_offset))
                 break;
         }
     } else if (detector != nullptr) {
@@ -154,7 +154,7 @@ nb::list reaction_paths(const Curve& self, const std::vector<int>& ticks, const 
     return out;
 }
 
-nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, double stiffness,
+nb::dict sample_runs(const Curve& curve, const GaussianThresholds& detector, double stiffness,
                      const std::string& offset_kind, double offset_size, std::uint64_t seed, std::int64_t first_run,
                      std::int64_t runs, bool with_noise, int threads, std::optional<Matrix> residuals,
                      std::int64_t block_rows, double body_mass) {
@@ -166,18 +166,18 @@ nb::dict sample_runs(const Curve& curve, const ThresholdDetector& detector, doub
     NewArray<double> peak_force({free_runs}), duration({free_runs}), force_at_detection({free_runs});
     {
         const Unlocked unlocked;
-        const FreePaths free = body_mass > 0 ? curve.free_paths({stiffness, body_mass}) : FreePaths{};
+        const TransientPaths free = body_mass > 0 ? curve.free_paths({stiffness, body_mass}) : TransientPaths{};
         ResidualRecord record;
         if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
-        const Sampler<L> sampler(curve.curve, curve.setup.timing, curve.setup.motion, detector, stiffness,
-                                 offset_distribution(offset_kind, offset_size), seed, residuals ? &record : nullptr,
-                                 body_mass > 0 ? &free : nullptr, body_mass);
+        const MonteCarlo<L> sampler(curve.curve, curve.setup.timing, curve.setup.motion, detector, stiffness,
+                                    offset_distribution(offset_kind, offset_size), seed, residuals ? &record : nullptr,
+                                    body_mass > 0 ? &free : nullptr, body_mass);
         // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.
         constexpr std::int64_t block = 1 << 16;
         std::atomic<std::int64_t> next{0};
         work_in_threads(threads, [&] {
             for (std::int64_t begin = block * next++; begin < runs; begin = block * next++) {
-                SampledRuns out{offset.data.get() + begin, tick.data.get() + begin, triggers.data.get() + begin};
+                MonteCarloRuns out{offset.data.get() + begin, tick.data.get() + begin, triggers.data.get() + begin};
                 if (with_noise) {
                     out.noise = noise.data.get() + begin * std::int64_t(dof);
                     out.residual = residual.data.get() + begin * std::int64_t(dof);
@@ -280,11 +280,11 @@ void bind_collision(nb::module_& module) {
         .def("reaction_paths", &reaction_paths, nb::arg("ticks"), nb::arg("return_to"))
         .def(
             "exact_law",
-            [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
+            [](const Curve& self, const GaussianThresholds& detector, double stiffness, const std::string& offset_kind,
                double offset_size, int refinement, double body_mass) {
                 const Unlocked unlocked;
                 QuadratureSettings settings{stiffness, offset_distribution(offset_kind, offset_size), refinement};
-                const FreePaths free = body_mass > 0 ? self.free_paths({stiffness, body_mass}) : FreePaths{};
+                const TransientPaths free = body_mass > 0 ? self.free_paths({stiffness, body_mass}) : TransientPaths{};
                 if (body_mass > 0) {
                     settings.free = &free;
                     settings.body_mass = body_mass;
@@ -297,7 +297,7 @@ void bind_collision(nb::module_& module) {
             "With a body mass [kg] the contact is free; without one the body is clamped.")
         .def(
             "tail_directly",
-            [](const Curve& self, const ThresholdDetector& detector, double stiffness, const std::string& offset_kind,
+            [](const Curve& self, const GaussianThresholds& detector, double stiffness, const std::string& offset_kind,
                double offset_size, double force) {
                 const Unlocked unlocked;
                 const QuadratureSettings settings{stiffness, offset_distribution(offset_kind, offset_size)};

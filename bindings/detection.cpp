@@ -91,7 +91,7 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
     std::vector<EventSpan> spans;
     {
         nb::gil_scoped_release unlocked;
-        Decision decision(settings, int(width));
+        AlarmLogic decision(settings, int(width));
         Rearming rearming(rearm);
         for (std::size_t i = 0; i < rows; ++i) {
             const double dt = i > 0 ? t(i) - t(i - 1) : 0;
@@ -169,15 +169,15 @@ void bind_settings(nb::module_& module) {
         .def_rw("frozen_time", &SampleLimits::frozen_time)
         .def_rw("unwatched", &SampleLimits::unwatched)
         .def_rw("endless", &SampleLimits::endless);
-    nb::class_<ThresholdLaw>(module, "ThresholdLaw", "Thresholds, constant or growing with motion.")
+    nb::class_<ThresholdModel>(module, "ThresholdModel", "Thresholds, constant or growing with motion.")
         .def(nb::init<>())
-        .def_rw("constant", &ThresholdLaw::constant)
-        .def_rw("speed", &ThresholdLaw::speed)
-        .def_rw("acceleration", &ThresholdLaw::acceleration)
-        .def_rw("rest", &ThresholdLaw::rest)
-        .def_rw("rest_speed", &ThresholdLaw::rest_speed)
-        .def_rw("fast", &ThresholdLaw::fast)
-        .def_rw("model_errors", &ThresholdLaw::model_errors);
+        .def_rw("constant", &ThresholdModel::constant)
+        .def_rw("speed", &ThresholdModel::speed)
+        .def_rw("acceleration", &ThresholdModel::acceleration)
+        .def_rw("rest", &ThresholdModel::rest)
+        .def_rw("rest_speed", &ThresholdModel::rest_speed)
+        .def_rw("fast", &ThresholdModel::fast)
+        .def_rw("model_errors", &ThresholdModel::model_errors);
     nb::class_<DecisionSettings>(module, "DecisionSettings", "From residuals to alarms.")
         .def(nb::init<>())
         .def_rw("thresholds", &DecisionSettings::thresholds)

@@ -76,7 +76,7 @@ void bind_exact_law(nb::module_& module) {
         .def(
             "free_nodes",
             [](const Law& self) {
-                const FreeNodes& from = self.law.free;
+                const TransientNodes& from = self.law.free;
                 nb::dict out;
                 out["peak_force"] = self.nodes(from.peak_force, from.undetected_peak_force);
                 out["duration"] = self.nodes(from.duration, from.undetected_duration);
@@ -87,8 +87,8 @@ void bind_exact_law(nb::module_& module) {
         .def(
             "free_alarms",
             [](const Law& self) {
-                const FreeAlarms& a = self.law.free_alarms;
-                const std::size_t n = a.pieces(), cells = FreeAlarms::cells, nodes = FreeAlarms::nodes;
+                const TransientAlarms& a = self.law.free_alarms;
+                const std::size_t n = a.pieces(), cells = TransientAlarms::cells, nodes = TransientAlarms::nodes;
                 nb::dict out;
                 out["mass"] = array_of(a.mass, {n, cells});
                 out["edge_force"] = array_of(a.edge_force, {n, cells + 1});

@@ -1,6 +1,6 @@
 // Elementary functions and random numbers, for the tests of their errors and for those who repeat a sampled
 // run.
-#include "bumpstop/collision/sampled_law.hpp"
+#include "bumpstop/collision/monte_carlo.hpp"
 #include "bumpstop/math/functions.hpp"
 #include "bumpstop/math/philox.hpp"
 #include "common.hpp"

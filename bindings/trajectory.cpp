@@ -45,7 +45,7 @@ nb::dict curve(const ArmTrajectory& self, double begin, Vector normal) {
 }
 
 // The exact laws of single contact times; detections of all of them in a row, `contact` says whose each is.
-nb::dict laws(const ArmTrajectory& self, const ThresholdDetector& detector, double stiffness, Vector begin,
+nb::dict laws(const ArmTrajectory& self, const GaussianThresholds& detector, double stiffness, Vector begin,
               Matrix normal, double body_mass) {
     const std::size_t n = begin.shape(0), dof = std::size_t(self.dof());
     NewArray<double> false_alarm({n}), undetected({n}), no_contact({n}), several({n}), harmless({n}), greatest({n});
@@ -107,7 +107,7 @@ nb::dict laws(const ArmTrajectory& self, const ThresholdDetector& detector, doub
 }
 
 // One collision for each contact time. Runs are numbered from 0; a run's noise depends on its number alone.
-nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& detector, double stiffness, Vector begin,
+nb::dict sample_contacts(const ArmTrajectory& self, const GaussianThresholds& detector, double stiffness, Vector begin,
                          Matrix normal, std::uint64_t seed, int threads, std::optional<Matrix> residuals,
                          std::int64_t block_rows, double body_mass) {
     const std::size_t n = begin.shape(0), dof = std::size_t(self.dof());
@@ -124,19 +124,21 @@ nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& det
         auto one = [&](std::size_t i) {
             const Point3<double> way = point3(normal.data() + 3 * i);
             // Of measured residuals no tick is certain to alarm by what a Gaussian of their spread would do.
-            const ThresholdDetector* certain = residuals && !(body_mass > 0) ? nullptr : &detector;
+            const GaussianThresholds* certain = residuals && !(body_mass > 0) ? nullptr : &detector;
             const StoppingCurve curve = self.curve(begin(i), way, certain, stiffness, body_mass);
             double offset;
-            SampledRuns out{&offset, &tick.data[i], &triggers.data[i], &noise.data[i * dof], &residual.data[i * dof]};
+            MonteCarloRuns out{&offset, &tick.data[i], &triggers.data[i], &noise.data[i * dof],
+                               &residual.data[i * dof]};
             out.peak_force = &peak.data[i];
             out.duration = &duration.data[i];
             out.force_at_detection = &force.data[i];
             const bool free = body_mass > 0;
             // When the body is noticed does not depend on the reactions; of these one is needed.
-            FreePaths paths;
+            TransientPaths paths;
             if (free) paths = self.free_paths(curve, begin(i), way, self.ticks());
-            Sampler<double>(curve, self.timing(), self.settings().motion, detector, stiffness, {OffsetKind::fixed, 0.0},
-                            seed, residuals ? &record : nullptr, free ? &paths : nullptr, body_mass)
+            MonteCarlo<double>(curve, self.timing(), self.settings().motion, detector, stiffness,
+                               {OffsetKind::fixed, 0.0}, seed, residuals ? &record : nullptr, free ? &paths : nullptr,
+                               body_mass)
                 .run(std::int64_t(i), 1, out);
             const int k = tick.data[i];
             farthest.data[i] = k < 0 ? 0 : curve.farthest[std::size_t(k)];
@@ -147,7 +149,7 @@ nb::dict sample_contacts(const ArmTrajectory& self, const ThresholdDetector& det
             greatest.data[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
             if (!free || k < 0) return;
             paths = self.free_paths(curve, begin(i), way, k);
-            const FreeReactions<double> reactions(paths, {stiffness, body_mass});
+            const TransientReactions<double> reactions(paths, {stiffness, body_mass});
             const int since = k - first;
             const auto outcome = FreeCollision<double>(reactions, &first, 0.0).detected(&since);
             peak.data[i] = outcome.peak;

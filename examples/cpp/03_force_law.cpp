@@ -39,7 +39,7 @@ int main(int count, char** arguments) {
     const Timing timing;  // 1 ms steps, feedback every fourth
 
     // The detector: thresholds of five and a half standard deviations.
-    ThresholdDetector detector;
+    GaussianThresholds detector;
     for (int j = 0; j < chain.dof; ++j) {
         const double threshold = j == 1 ? 10 : 20, sd = j == 1 ? 1.818 : 3.636;  // Nm
         detector.noise_sd[j] = sd;

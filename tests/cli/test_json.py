@@ -272,5 +272,5 @@ def test_a_table_without_bounds_still_fits_the_screen(monkeypatch: pytest.Monkey
     ]
     assert rows == [
         ["peak", "force,", "N", *["inf"] * 6, "135", "1.0000"],
-        ["felt", "at", "force,", "N", *["none"] * 6],
+        ["force", "at", "detection,", "N", *["none"] * 6],
     ]

@@ -5,7 +5,7 @@
 
 #include "bumpstop/collision/batch.hpp"
 #include "bumpstop/collision/line_tracer.hpp"
-#include "bumpstop/collision/sampled_law.hpp"
+#include "bumpstop/collision/monte_carlo.hpp"
 #include "bumpstop/collision/survival_criterion.hpp"
 #include "bumpstop/collision/tail_without_interpolation.hpp"
 #include "bumpstop/collision/trajectory.hpp"
@@ -26,7 +26,7 @@ struct Arm {
     MotionSettings motion;
     ContactGeometry contact;
     Timing timing;
-    ThresholdDetector detector;
+    GaussianThresholds detector;
     std::array<double, max_joints> q{};
 };
 
@@ -81,7 +81,7 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetDistribution offset
     std::vector<double> offsets(runs), noise(std::size_t(runs) * arm.chain.dof), residual(noise.size());
     std::vector<std::int32_t> tick(runs);
     std::vector<std::uint32_t> triggers(runs);
-    Sampler<L>(curve, arm.timing, arm.motion, arm.detector, 20000, offset, 42)
+    MonteCarlo<L>(curve, arm.timing, arm.motion, arm.detector, 20000, offset, 42)
         .run(0, runs, {offsets.data(), tick.data(), triggers.data(), noise.data(), residual.data()});
     double over = 0;
     const double end = curve.path.greatest(std::size_t(arm.timing.steps));
@@ -97,7 +97,7 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetDistribution offset
 // Noise that remembers, an observer, and a body that gets away.
 void check_memory_and_free_contact(Arm arm) {
     const OffsetDistribution offset{OffsetKind::uniform, 0.0005};
-    const FreeBody body{20000, 3.0};
+    const TransientBody body{20000, 3.0};
     arm.timing.steps = 60;
     for (const auto& [correlation, filter] : {std::pair{0.0, 0.0}, std::pair{0.6, 0.7}}) {
         arm.detector.correlation = correlation;
@@ -109,8 +109,8 @@ void check_memory_and_free_contact(Arm arm) {
         complete_curves<L>(
             arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, &curve, 1,
             [&](int) { return arm.q.data(); }, [](int) { return OvertravelTolerance{}; });
-        const FreePaths paths = free_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse,
-                                              curve, body, arm.q.data());
+        const TransientPaths paths = free_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing,
+                                                   ReactionKind::reverse, curve, body, arm.q.data());
         QuadratureSettings settings{body.stiffness, offset, 1, true, &paths, body.mass};
         const CollisionDistribution law = integrate<L>(curve, arm.timing, arm.motion, arm.detector, settings);
         // No body is struck harder than by an arm that never reacts.
@@ -122,15 +122,15 @@ void check_memory_and_free_contact(Arm arm) {
         std::vector<double> noise(std::size_t(runs) * arm.chain.dof), residual(noise.size());
         std::vector<std::int32_t> tick(runs);
         std::vector<std::uint32_t> triggers(runs);
-        SampledRuns out{offsets.data(), tick.data(), triggers.data(), noise.data(), residual.data()};
+        MonteCarloRuns out{offsets.data(), tick.data(), triggers.data(), noise.data(), residual.data()};
         out.peak_force = peak.data();
         out.duration = duration.data();
         out.force_at_detection = force.data();
         std::vector<double> rows(std::size_t(40) * arm.chain.dof, 0.5);
         const ResidualRecord record{rows.data(), 40, arm.chain.dof, 7};
         for (const ResidualRecord* noise_of : {static_cast<const ResidualRecord*>(nullptr), &record}) {
-            Sampler<L>(curve, arm.timing, arm.motion, arm.detector, body.stiffness, offset, 42, noise_of, &paths,
-                       body.mass)
+            MonteCarlo<L>(curve, arm.timing, arm.motion, arm.detector, body.stiffness, offset, 42, noise_of, &paths,
+                          body.mass)
                 .run(0, runs, out);
             for (int i = 0; i < runs; ++i) require(peak[i] <= most && peak[i] >= 0, "so are single runs");
         }

@@ -23,7 +23,7 @@ import bumpstop as bs
 from bumpstop import CollisionProblem, Robot, Scenario
 from bumpstop.errors import InputError
 from bumpstop.model import Joint, write_urdf
-from bumpstop.study.workspace.prediction import predict_batch
+from bumpstop.study.prediction import predict_batch
 
 # No scenario here takes a hundredth of that.
 MAX_DURATION_S = 30.0

@@ -17,7 +17,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop import CollisionProblem, Scenario
-from bumpstop.study.workspace.prediction import predict_batch
+from bumpstop.study.prediction import predict_batch
 from cli.support import REPOSITORY
 from collision.cases import control_group, free
 

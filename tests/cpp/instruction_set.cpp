@@ -2,7 +2,7 @@
 // called there. `WHERE` names the function; the file with `main` asks all.
 #include <typeinfo>
 
-#include "bumpstop/joint/joint_bank.hpp"
+#include "bumpstop/joint/joint_torque_batch.hpp"
 
 const char* WHERE();
 const char* WHERE() { return typeid(bumpstop::JointTorqueBank).name(); }

@@ -25,7 +25,7 @@ TEXT = re.sub(
 STRUCTS = {
     "JointTorqueErrors": set(),
     "SampleLimits": set(),
-    "ThresholdLaw": set(),
+    "ThresholdModel": set(),
     "DecisionSettings": set(),
     "Payload": set(),
     "PayloadWatchSettings": set(),

@@ -36,13 +36,13 @@ PROGRAMS = [
     "signal/causal_derivative",
     "signal/chain_derivative",
     "signal/zero_phase",
-    "joint/joint_bank",
+    "joint/joint_torque_batch",
     "joint/joint_torque",
     "collision/motion/arm_integrator",
     "collision/motion/line_tracer",
     "collision/distribution/linear_quantity",
     "detection/detector/detector",
-    "detection/detector/sample_guard",
+    "detection/detector/sample_validator",
 ]
 CASES = [(ROOT / f"tests/{name}.cpp", build) for name in PROGRAMS for build in BUILDS]
 

@@ -223,7 +223,7 @@ def test_a_guide_that_finds_nothing_says_why() -> None:
     guide = run(study)[1]["guide"]
     assert guide["together"] is None
     assert guide["alone"] == {"motion.speed": None}
-    assert "Nothing in these ranges is enough" in guide["reason"]
+    assert "No design in these ranges is enough" in guide["reason"]
 
 
 @pytest.mark.parametrize(
@@ -238,8 +238,8 @@ def test_a_guide_that_finds_nothing_says_why() -> None:
             "twice",
         ),
         (["motion.speed=10:20"], {"pairs": ["motion.speed,contact.area_cm2"]}, "is not varied"),
-        (["motion.speed=10:20"], {"prices": ["motion.speed=-1"]}, "is no price"),
-        (["motion.speed=10:20"], {"prices": ["motion.speed"]}, "is no price"),
+        (["motion.speed=10:20"], {"prices": ["motion.speed=-1"]}, "is no cost"),
+        (["motion.speed=10:20"], {"prices": ["motion.speed"]}, "is no cost"),
         (["motion.speed=10:20"], {"prices": ["motion.speed=1", "motion.speed=2"]}, "names 'motion.speed' twice"),
         (["motion.speed=10:20"], {"prices": ["contact.area_cm2=1"]}, "is not varied"),
     ],

@@ -86,10 +86,15 @@ def test_says_why_no_value_meets_it() -> None:
 
 
 def test_a_small_risk_is_not_said_to_be_that_of_most_collisions() -> None:
-    found = solve_requirement(scenario(), "motion.speed", risk=1e-300)
+    found = solve_requirement(scenario(), "motion.speed", risk=1e-13, low=111.0, high=300.0)
     assert found.value is None
     assert found.risk_at_value < 1e-3
     assert "most collisions" not in found.reason
+
+
+def test_a_risk_that_is_not_followed_is_refused() -> None:
+    with pytest.raises(bs.InputError, match=r"^--risk: 1e-300 is too small"):
+        solve_requirement(scenario(), "motion.speed", risk=1e-300)
 
 
 def test_whole_range_may_meet_it() -> None:
@@ -383,7 +388,7 @@ class Step:
 
     def at(self, value: float) -> Risk:
         met = value <= self._last if self._upward else value >= self._last
-        return Risk(1e-9 if met else 0.5, 0.0, 0.0, "force", met)
+        return Risk(1e-9 if met else 0.5, 0.0, 0.0, "force", 0.0, met)
 
 
 def stepped(vary: str, last: float, ends: tuple[float, float]) -> tuple[RiskSearch, Any]:

@@ -97,7 +97,7 @@ def test_an_interrupted_study_ends_as_an_uninterrupted_one(tmp_path: Path, threa
 class Grouped(Squares):
     """The same, some shards at a time."""
 
-    together: ClassVar[int] = 3
+    batch_size: ClassVar[int] = 3
     count: int = 24
 
 

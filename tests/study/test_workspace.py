@@ -14,11 +14,11 @@ import bumpstop as bs
 from bumpstop.detection import undetectable_force_along
 from bumpstop.kernels import core
 from bumpstop.report.studies.workspace import pages_of
-from bumpstop.study import predictors as predicting
 from bumpstop.study import run
-from bumpstop.study import workspace as workspace_module
 from bumpstop.study.capsules import self_collision
 from bumpstop.study.directions import draw_directions, spread_directions
+from bumpstop.study.workspace import predictors as predicting
+from bumpstop.study.workspace import workspace as workspace_module
 from bumpstop.study.workspace.workspace import WorkspaceStudy
 from collision.cases import control_group, ur10e
 

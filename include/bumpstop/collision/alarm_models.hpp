@@ -32,10 +32,10 @@ class ExactAlarms {
     static constexpr double max_interpolated_survival = 1e-18;
     static constexpr std::array interpolation_nodes{8, 12, 20};
 
-    explicit ExactAlarms(const ThresholdDetector& detector) : detector_(detector) {}
+    explicit ExactAlarms(const GaussianThresholds& detector) : detector_(detector) {}
 
     struct Tick {
-        const ThresholdDetector& detector;
+        const GaussianThresholds& detector;
         const double* torque_per_N;
         const T* force;
 
@@ -46,7 +46,7 @@ class ExactAlarms {
     void skip(const double*, const T*) {}
 
   private:
-    const ThresholdDetector& detector_;
+    const GaussianThresholds& detector_;
 };
 
 /// White noise, from a table: to some 1e-8. For clamped contact.
@@ -64,7 +64,7 @@ class TabulatedAlarms {
     static constexpr double max_uncertain_growth = 1.5;
     static constexpr double max_offset_growth = 0.5;  ///< panel, in standard deviations of the offset
 
-    TabulatedAlarms(const ThresholdDetector& detector, const AlarmTable& table) : detector_(detector), table_(table) {}
+    TabulatedAlarms(const GaussianThresholds& detector, const AlarmTable& table) : detector_(detector), table_(table) {}
 
     struct Tick {
         AlarmTable::Near near;
@@ -84,7 +84,7 @@ class TabulatedAlarms {
     void skip(const double*, const T*) {}
 
   private:
-    const ThresholdDetector& detector_;
+    const GaussianThresholds& detector_;
     const AlarmTable& table_;
 };
 
@@ -99,7 +99,7 @@ class CorrelatedAlarms {
     static constexpr double max_interpolated_survival = ExactAlarms<T>::max_interpolated_survival;
     static constexpr std::array interpolation_nodes = ExactAlarms<T>::interpolation_nodes;
 
-    CorrelatedAlarms(const ThresholdDetector& detector, const PreContactAlarms& before)
+    CorrelatedAlarms(const GaussianThresholds& detector, const PreContactAlarms& before)
         : detector_(detector),
           before_(before),
           residual_(std::size_t(detector.watched * registers)),
@@ -123,8 +123,8 @@ class CorrelatedAlarms {
             for (int r = 0; r < registers; ++r) {
                 residual_[place(w, r)] = 0.0;
                 if (!before_.correlated(w)) continue;
-                const TruncatedDensity<double>& from = before_.density_before(w, tick);
-                TruncatedDensity<T>& to = density_[place(w, r)];
+                const SurvivingNoiseDensity<double>& from = before_.density_before(w, tick);
+                SurvivingNoiseDensity<T>& to = density_[place(w, r)];
                 to.value.assign(from.value.begin(), from.value.end());
                 to.low = from.low;
                 to.high = from.high;
@@ -153,13 +153,13 @@ class CorrelatedAlarms {
         T& own = residual_[place(w, r)];
         own = detector_.filtered(own, torque);
         if (!before_.correlated(w)) return joint_alarm(detector_, w, own);
-        return watch_tick(*before_.memory(w), density_[place(w, r)], own, work_);
+        return propagate_tick(*before_.memory(w), density_[place(w, r)], own, work_);
     }
 
-    const ThresholdDetector& detector_;
+    const GaussianThresholds& detector_;
     const PreContactAlarms& before_;
-    std::vector<T> residual_;                   ///< noiseless [Nm or N]
-    std::vector<TruncatedDensity<T>> density_;  ///< [joint][register]
+    std::vector<T> residual_;                        ///< noiseless [Nm or N]
+    std::vector<SurvivingNoiseDensity<T>> density_;  ///< [joint][register]
     std::vector<T> work_;
 };
 

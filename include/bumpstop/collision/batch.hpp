@@ -30,7 +30,7 @@ struct BatchProblem {
     const ContactGeometry* contact;
     const Timing* timing;
     ReactionKind reaction;
-    const ThresholdDetector* detector;
+    const GaussianThresholds* detector;
     double stiffness;  ///< N/m
     OffsetKind offset_kind;
     double offset_size;  ///< half-normal: sd in seconds of travel; uniform: upper end likewise; fixed: m
@@ -75,7 +75,7 @@ inline std::vector<int> order_of_work(const BatchProblem& problem) {
 
 /// The probability of an alarm at every tick when the body is as near as it can be: no collision's is greater.
 template <class L>
-std::vector<double> most_alarm(const ThresholdDetector& detector, const Timing& timing, const LinePath& path,
+std::vector<double> most_alarm(const GaussianThresholds& detector, const Timing& timing, const LinePath& path,
                                double stiffness) {
     constexpr int lanes = Scalar<L>::lanes;
     std::vector<double> probability(std::size_t(path.ticks), 1.0);

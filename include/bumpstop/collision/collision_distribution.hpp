@@ -22,8 +22,8 @@ struct CollisionDistribution {
     double several = 0;               ///< two or more joints over their threshold at the tick of detection
     double trigger[max_joints] = {};  ///< joint over its threshold at the tick of detection
     bool interpolated = false;        ///< detection probabilities come from a few panels
-    FreeNodes free;                   ///< of free contact, instead of the forces above
-    FreeAlarms free_alarms;           ///< of free contact: detections before it
+    TransientNodes free;              ///< of free contact, instead of the forces above
+    TransientAlarms free_alarms;      ///< of free contact: detections before it
 
     /// Probability of collisions never detected whose force has no bound: they count as over every limit.
     double unbounded() const { return rests ? 0 : undetected; }

@@ -127,7 +127,7 @@ class ClampedContact {
 template <class T, class Alarms>
 class DetectionIntegrator {
   public:
-    DetectionIntegrator(const Timing& timing, const ThresholdDetector& detector, const PreContactAlarms& before,
+    DetectionIntegrator(const Timing& timing, const GaussianThresholds& detector, const PreContactAlarms& before,
                         Alarms alarms, double negligible_survival = Alarms::negligible_survival)
         : timing_(timing),
           detector_(detector),
@@ -266,7 +266,7 @@ class DetectionIntegrator {
     }
 
     const Timing& timing_;
-    const ThresholdDetector& detector_;
+    const GaussianThresholds& detector_;
     const PreContactAlarms& before_;
     Alarms alarms_;
     double negligible_survival_;

@@ -2,20 +2,20 @@
 /// Free contact: what becomes of bodies at the nodes of panels, and of those that false alarms still reach.
 #pragma once
 
-#include "bumpstop/collision/free_collision.hpp"
 #include "bumpstop/collision/interpolated_panels.hpp"
+#include "bumpstop/collision/transient_collision.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Quantities at the Gauss nodes of a density's panels: by slot of detection, and where nothing is detected.
-struct FreeNodes {
+struct TransientNodes {
     std::vector<double> peak_force, duration, force_at_detection;    ///< [slot][node] [N, s, N]
     std::vector<double> undetected_peak_force, undetected_duration;  ///< [panel][node] [N, s]
 };
 
 /// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
 /// quadrature over the same offsets.
-struct FreeAlarms {
+struct TransientAlarms {
     static constexpr int cells = 16, nodes = 12;
     std::vector<int> tick;                          ///< [piece]
     std::vector<double> mass;                       ///< [piece][cell]: probability
@@ -31,7 +31,7 @@ struct FreeAlarms {
 template <class T>
 class FreeContact {
   public:
-    explicit FreeContact(const FreeReactions<T>& reactions) : reactions_(reactions) {}
+    explicit FreeContact(const TransientReactions<T>& reactions) : reactions_(reactions) {}
 
     void begin(const OffsetPanel& panel, const T* offset) {
         int tick[lanes];
@@ -108,7 +108,7 @@ class FreeContact {
   private:
     static constexpr int lanes = Scalar<T>::lanes, registers = block_registers<T>;
 
-    const FreeReactions<T>& reactions_;
+    const TransientReactions<T>& reactions_;
     std::vector<FreeCollision<T>> collision_;  ///< by register
 };
 
@@ -116,7 +116,7 @@ namespace detail {
 
 /// Distances above `low` at which the path after tick k turns back and later goes on: bodies on this side are struck at
 /// first, those beyond when the arm swings forward again.
-inline std::vector<double> turns(const FreePaths& paths, int k, double low) {
+inline std::vector<double> turns(const TransientPaths& paths, int k, double low) {
     constexpr double back = 1e-8;  // [m]: as well as reactions are known
     std::vector<double> found;
     const PathAfter path(paths, k, 0);
@@ -136,9 +136,9 @@ inline std::vector<double> turns(const FreePaths& paths, int k, double low) {
 
 /// Some of the false alarms at tick k, against bodies from `low` to `top`.
 template <class T>
-void add_piece(const FreeReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance, double low,
-               double top, FreeAlarms& out) {
-    constexpr int lanes = Scalar<T>::lanes, cells = FreeAlarms::cells, nodes = FreeAlarms::nodes;
+void add_piece(const TransientReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance,
+               double low, double top, TransientAlarms& out) {
+    constexpr int lanes = Scalar<T>::lanes, cells = TransientAlarms::cells, nodes = TransientAlarms::nodes;
     const bool fixed = offset.kind == OffsetKind::fixed;
     out.tick.push_back(k);
     std::array<double, cells + 1 + nodes> place;
@@ -186,8 +186,8 @@ void add_piece(const FreeReactions<T>& reactions, const OffsetDistribution& offs
 /// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
 /// reaches far has a piece for each swing, and the density of the offset bends little in any.
 template <class T>
-void add_alarms(const FreeReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance, double low,
-                FreeAlarms& out) {
+void add_alarms(const TransientReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance,
+                double low, TransientAlarms& out) {
     constexpr double most_sd = 0.5;  // in a piece
     const double top = std::min(reactions.paths().farthest[std::size_t(k)], offset.largest());
     if (offset.kind == OffsetKind::fixed) {

@@ -2,20 +2,20 @@
 /// Cuts the contact offsets into panels inside which everything is smooth.
 #pragma once
 
-#include "bumpstop/collision/free_cuts.hpp"
 #include "bumpstop/collision/offset_distribution.hpp"
 #include "bumpstop/collision/piecewise_density.hpp"
 #include "bumpstop/collision/pre_contact_alarms.hpp"
+#include "bumpstop/collision/transient_cuts.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct QuadratureSettings {
     double stiffness = 0;  ///< N/m
     OffsetDistribution offset;
-    int refinement = 1;               ///< multiplies the order of the quadrature; 2 shows that 1 is converged
-    bool delays = true;               ///< detection delays are wanted: panels are then cut where the path bends in time
-    const FreePaths* free = nullptr;  ///< of free contact; null: the body is clamped
-    double body_mass = 0;             ///< of free contact [kg]
+    int refinement = 1;  ///< multiplies the order of the quadrature; 2 shows that 1 is converged
+    bool delays = true;  ///< detection delays are wanted: panels are then cut where the path bends in time
+    const TransientPaths* free = nullptr;  ///< of free contact; null: the body is clamped
+    double body_mass = 0;                  ///< of free contact [kg]
 };
 
 /// Offsets low..high [m], whose first tick in contact is `tick`.
@@ -36,7 +36,7 @@ struct PanelWidth {
 /// The object keeps its memory for the next path.
 class OffsetMesh {
   public:
-    OffsetMesh(const Timing& timing, const ThresholdDetector& detector, const PreContactAlarms& alarms)
+    OffsetMesh(const Timing& timing, const GaussianThresholds& detector, const PreContactAlarms& alarms)
         : timing_(timing), detector_(detector), alarms_(alarms) {}
 
     const std::vector<OffsetPanel>& panels() const { return panels_; }
@@ -258,7 +258,7 @@ class OffsetMesh {
     /// How a free body gets away depends on where in a step it is touched, and on the tick at which it is felt no more.
     std::vector<double> abrupt_offsets() const {
         const int ticks = path_->ticks;
-        const FreeBody body{settings_->stiffness, settings_->body_mass};
+        const TransientBody body{settings_->stiffness, settings_->body_mass};
         const bool felt = ticks > 0 && alarms_.no_contact(ticks - 1).alarm > unnoticeable_alarm;
         return FreeCuts(*settings_->free, body, felt || transitions_,
                         transitions_ ? &detector_ : nullptr)(settings_->offset.largest());
@@ -337,7 +337,7 @@ class OffsetMesh {
     static constexpr int max_group = 64, max_parts = 16;
 
     const Timing& timing_;
-    const ThresholdDetector& detector_;
+    const GaussianThresholds& detector_;
     const PreContactAlarms& alarms_;
     const LinePath* path_ = nullptr;
     const QuadratureSettings* settings_ = nullptr;

@@ -14,7 +14,7 @@ template <class T, class Alarms>
 class OffsetQuadrature {
   public:
     /// Those who integrate in turn may share `probabilities`: they then stay in a near cache.
-    OffsetQuadrature(const Timing& timing, const MotionSettings& motion, const ThresholdDetector& detector,
+    OffsetQuadrature(const Timing& timing, const MotionSettings& motion, const GaussianThresholds& detector,
                      const PreContactAlarms& before, const Alarms& alarms, DetectionProbabilities& probabilities)
         : timing_(timing),
           motion_(motion),
@@ -78,7 +78,7 @@ class OffsetQuadrature {
         };
         if constexpr (!Alarms::tabulated) {
             if (free()) {
-                const FreeReactions<T> reactions(*settings_.free, {settings_.stiffness, settings_.body_mass});
+                const TransientReactions<T> reactions(*settings_.free, {settings_.stiffness, settings_.body_mass});
                 return interpolate(FreeContact<T>(reactions));
             }
         }
@@ -363,7 +363,7 @@ class OffsetQuadrature {
     /// What a free body suffers, in the order of the density's panels.
     void keep_free_nodes() {
         const std::size_t step = std::size_t(mesh_.order());
-        FreeNodes& to = result_.free;
+        TransientNodes& to = result_.free;
         const auto keep = [&](const std::vector<double>& from, std::vector<double>& values) {
             values.clear();
             for (std::size_t p = 0; p < result_.density.panel.size(); ++p) {
@@ -387,7 +387,7 @@ class OffsetQuadrature {
 
     /// False alarms whose reaction still reaches a free body.
     void add_free_alarms() {
-        const FreeReactions<T> reactions(*settings_.free, {settings_.stiffness, settings_.body_mass});
+        const TransientReactions<T> reactions(*settings_.free, {settings_.stiffness, settings_.body_mass});
         for (int k = before_.unarmed(); k < path_->ticks; ++k) {
             const double chance = before_.survival_before(k) * before_.no_contact(k).alarm;
             if (chance > 0)
@@ -401,7 +401,7 @@ class OffsetQuadrature {
 
     const Timing& timing_;
     const MotionSettings& motion_;
-    const ThresholdDetector& detector_;
+    const GaussianThresholds& detector_;
     const PreContactAlarms& before_;
     QuadratureSettings settings_;
     OffsetMesh mesh_;
@@ -422,7 +422,7 @@ class OffsetQuadrature {
 /// many share them.
 template <class T>
 CollisionDistribution integrate(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-                                const ThresholdDetector& detector, const QuadratureSettings& settings,
+                                const GaussianThresholds& detector, const QuadratureSettings& settings,
                                 const PreContactAlarms* before = nullptr) {
     std::optional<PreContactAlarms> own;
     if (before == nullptr) before = &own.emplace(detector, timing, motion.step, curve.path.ticks);

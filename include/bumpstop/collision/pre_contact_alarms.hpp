@@ -3,7 +3,7 @@
 #pragma once
 
 #include "bumpstop/collision/stopping_curve.hpp"
-#include "bumpstop/detection/truncated_noise.hpp"
+#include "bumpstop/detection/surviving_noise.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -24,7 +24,7 @@ struct NoContactTick {
 
 class PreContactAlarms {
   public:
-    PreContactAlarms(const ThresholdDetector& detector, const Timing& timing, double step, int ticks)
+    PreContactAlarms(const GaussianThresholds& detector, const Timing& timing, double step, int ticks)
         : detector_(detector), period_(timing.period), step_(step) {
         while (unarmed_ <= ticks && !detector.armed(time(unarmed_))) ++unarmed_;
         for (int w = 0; w < detector.watched; ++w) white_.add(w, joint_alarm(detector, w, 0.0));
@@ -72,8 +72,8 @@ class PreContactAlarms {
     bool correlated(int w) const { return !memory_.empty() && place_[w] >= 0; }
 
     /// The noise of a correlated joint after tick k - 1, nothing having alarmed.
-    const TruncatedDensity<double>& density_before(int w, int k) const {
-        const std::vector<TruncatedDensity<double>>& row = density_[std::size_t(place_[w])];
+    const SurvivingNoiseDensity<double>& density_before(int w, int k) const {
+        const std::vector<SurvivingNoiseDensity<double>>& row = density_[std::size_t(place_[w])];
         return row[std::min(std::size_t(k), row.size() - 1)];
     }
 
@@ -90,7 +90,7 @@ class PreContactAlarms {
             memory_.emplace_back(detector_.threshold[w], detector_.sd[w], detector_.mean[w], detector_.correlation);
         }
         density_.resize(memory_.size());
-        std::vector<TruncatedDensity<double>> now(memory_.size());
+        std::vector<SurvivingNoiseDensity<double>> now(memory_.size());
         for (std::size_t m = 0; m < memory_.size(); ++m) {
             now[m].forget(memory_[m]);
             density_[m].push_back(now[m]);
@@ -105,7 +105,7 @@ class PreContactAlarms {
             } else if (armed(k)) {
                 for (int w = 0; w < detector_.watched; ++w) {
                     const int m = place_[w];
-                    idle.add(w, m < 0 ? joint_alarm(detector_, w, 0.0) : watch_tick(memory_[m], now[m], 0.0, work));
+                    idle.add(w, m < 0 ? joint_alarm(detector_, w, 0.0) : propagate_tick(memory_[m], now[m], 0.0, work));
                 }
                 settled = k > 0 && idle.alarm > 0 &&
                           std::fabs(idle.alarm - idle_[std::size_t(k) - 1].alarm) <= 1e-14 * idle.alarm;
@@ -117,7 +117,7 @@ class PreContactAlarms {
         if (ticks > 0) idle_[std::size_t(ticks)] = idle_[std::size_t(ticks) - 1];
     }
 
-    const ThresholdDetector& detector_;
+    const GaussianThresholds& detector_;
     int period_;
     double step_;
     int unarmed_ = 0;
@@ -126,7 +126,7 @@ class PreContactAlarms {
     std::vector<NoContactTick> idle_;             ///< by tick, where the noise is correlated
     std::array<int, max_joints> place_{};
     std::vector<NoiseMemory> memory_;
-    std::vector<std::vector<TruncatedDensity<double>>> density_;  ///< [correlated joint][tick]
+    std::vector<std::vector<SurvivingNoiseDensity<double>>> density_;  ///< [correlated joint][tick]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "bumpstop/collision/line_path.hpp"
-#include "bumpstop/detection/threshold.hpp"
+#include "bumpstop/detection/gaussian_thresholds.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -15,7 +15,7 @@ class SurvivalCriterion {
     static constexpr double negligible_survival = 1e-20;
 
     /// `stiffness` of the contact [N/m], `step` of the simulation [s]; the farthest body is at `largest_offset` [m].
-    SurvivalCriterion(const ThresholdDetector& detector, const Timing& timing, double step, double stiffness,
+    SurvivalCriterion(const GaussianThresholds& detector, const Timing& timing, double step, double stiffness,
                       double largest_offset)
         : detector_(&detector), stiffness_(stiffness), largest_offset_(largest_offset) {
         while (unarmed_ticks_ <= timing.steps && !detector.armed((double(unarmed_ticks_) * timing.period + 1) * step))
@@ -47,7 +47,7 @@ class SurvivalCriterion {
     }
 
   private:
-    const ThresholdDetector* detector_;
+    const GaussianThresholds* detector_;
     double stiffness_, largest_offset_;
     T force_, no_alarm_, residual_[max_joints];  ///< at the moments observed, without noise [N], [1], [Nm]
     double filtered_[max_joints] = {};           ///< residual after the detector's filter, without noise [Nm]

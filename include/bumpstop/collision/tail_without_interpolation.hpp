@@ -74,7 +74,8 @@ double sum_beyond(const StoppingCurve& curve, const OffsetDistribution& offset, 
 /// are added, so a probability of 1e-30 has as many digits as one of 0.3. For clamped contact.
 template <class T>
 double tail_without_interpolation(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-                                  const ThresholdDetector& detector, const QuadratureSettings& settings, double force) {
+                                  const GaussianThresholds& detector, const QuadratureSettings& settings,
+                                  double force) {
     const LinePath& path = curve.path;
     const PreContactAlarms before(detector, timing, motion.step, path.ticks);
     OffsetMesh mesh(timing, detector, before);

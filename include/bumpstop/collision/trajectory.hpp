@@ -3,8 +3,8 @@
 /// path. Contact may begin at any time on the way.
 #pragma once
 
+#include "bumpstop/collision/monte_carlo.hpp"
 #include "bumpstop/collision/offset_quadrature.hpp"
-#include "bumpstop/collision/sampled_law.hpp"
 #include "bumpstop/collision/survival_criterion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -134,8 +134,8 @@ class ArmTrajectory {
     /// on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
     /// the curve ends where contact has been noticed for certain, or a tick after a body of a mass above zero [kg] has got
     /// away.
-    StoppingCurve curve(double begin, const Point3<double>& normal, const ThresholdDetector* detector, double stiffness,
-                        double body_mass = 0) const {
+    StoppingCurve curve(double begin, const Point3<double>& normal, const GaussianThresholds* detector,
+                        double stiffness, double body_mass = 0) const {
         StoppingCurve curve;
         LinePath& path = curve.path;
         path.dof = chain_.dof;
@@ -143,11 +143,11 @@ class ArmTrajectory {
         const Point3<double> origin = point_at(begin);
         path.start = {origin.x, origin.y, origin.z};
         path.s.reserve(std::size_t(steps_) + 1);
-        ThresholdDetector nobody;
+        GaussianThresholds nobody;
         SurvivalCriterion<double> criterion(detector ? *detector : nobody, timing_, step(), stiffness, 0.0);
         // An arm that speeds up pushes a body for as long as it does so: only the collision itself says when they part.
         const bool free = body_mass > 0;
-        const FreeImpact<double> impact({stiffness, free ? body_mass : 1}, step());
+        const TransientImpact<double> impact({stiffness, free ? body_mass : 1}, step());
         ImpactState<double> body;
         bool away = false;  // at the tick before
         const std::size_t n = std::size_t(chain_.dof);
@@ -194,10 +194,10 @@ class ArmTrajectory {
     }
 
     /// What a body that can get away meets on such a curve: the reactions to all ticks whose path arrives, or to one.
-    FreePaths free_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
-                         int only_tick = -1) const {
+    TransientPaths free_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
+                              int only_tick = -1) const {
         const int end = int(std::min(curve.path.s.size() - 1, std::size_t(steps_)));
-        FreePaths paths{&curve.path, settings_.period, settings_.latency, end, step(), {}, {}, {}};
+        TransientPaths paths{&curve.path, settings_.period, settings_.latency, end, step(), {}, {}, {}};
         paths.reaction.resize(std::size_t(curve.path.ticks));
         for (int k = 0; k < curve.path.ticks; ++k) {
             if (only_tick < 0 ? curve.farthest[std::size_t(k)] > 0 : k == only_tick)
@@ -248,7 +248,7 @@ class ArmTrajectory {
   private:
     /// The greatest distance before contact begins [m]: a path that passes its place earlier does not touch, not even by
     /// rounding.
-    static constexpr double not_yet = -2 * surely_apart;
+    static constexpr double not_yet = -2 * separation_tolerance;
 
     double reaction_time(int tick) const { return (first_step(tick) + settings_.latency) * step(); }
 
@@ -353,11 +353,11 @@ struct ContactLaw {
 /// `before`: the trajectory's ticks without contact. A body of a mass above zero [kg] can get away.
 template <class T>
 ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Point3<double>& normal,
-                       const ThresholdDetector& detector, double stiffness, const PreContactAlarms& before,
+                       const GaussianThresholds& detector, double stiffness, const PreContactAlarms& before,
                        double body_mass = 0) {
     const StoppingCurve curve = trajectory.curve(begin, normal, &detector, stiffness, body_mass);
     QuadratureSettings settings{stiffness, {OffsetKind::fixed, 0.0}};
-    FreePaths free;
+    TransientPaths free;
     if (body_mass > 0) {
         free = trajectory.free_paths(curve, begin, normal);
         settings.free = &free;
@@ -374,7 +374,7 @@ ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Poin
     out.greatest = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
     std::copy(law.trigger, law.trigger + trajectory.dof(), out.trigger);
     const PiecewiseDensity& density = law.density;
-    const FreeNodes& nodes = law.free;
+    const TransientNodes& nodes = law.free;
     const PiecewiseDensity::Panel panel =
         density.panel.empty() ? PiecewiseDensity::Panel{0, 0, curve.path.ticks} : density.panel[0];
     std::vector<PreContactAlarm> alarms(density.alarm.begin() + panel.first_alarm,
@@ -402,11 +402,11 @@ ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Poin
         out.undetected_peak = nodes.undetected_peak_force[0];
         out.undetected_duration = nodes.undetected_duration[0];
     }
-    const FreeAlarms& pieces = law.free_alarms;
+    const TransientAlarms& pieces = law.free_alarms;
     for (std::size_t i = 0; i < pieces.pieces(); ++i) {
         // All cells of a body at one place are alike.
-        const std::size_t edge = i * (FreeAlarms::cells + 1);
-        out.detection.push_back({pieces.tick[i], pieces.mass[i * FreeAlarms::cells] * FreeAlarms::cells,
+        const std::size_t edge = i * (TransientAlarms::cells + 1);
+        out.detection.push_back({pieces.tick[i], pieces.mass[i * TransientAlarms::cells] * TransientAlarms::cells,
                                  curve.farthest[std::size_t(pieces.tick[i])], -1, pieces.edge_force[edge],
                                  pieces.edge_duration[edge], 0});
     }

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "bumpstop/detection/threshold.hpp"
+#include "bumpstop/detection/gaussian_thresholds.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -17,7 +17,7 @@ class AlarmTable {
     /// Residuals for which one polynomial is asked may lie so far apart [standard deviations of the noise].
     static constexpr double widest = 1.75;
 
-    explicit AlarmTable(const ThresholdDetector& detector) {
+    explicit AlarmTable(const GaussianThresholds& detector) {
         for (int w = 0; w < detector.watched; ++w) {
             sharp_ = sharp_ || !(detector.sd[w] > 0) || detector.threshold[w] > 1e3 * detector.sd[w];
             if (sharp_) return;
@@ -90,7 +90,7 @@ class AlarmTable {
 
     /// Of the polynomial that takes the alarms' values at the nodes about `centre` [standard deviations]. Rare alarms share it
     /// with frequent ones, whose roundings they feel: those are the same on every instruction set.
-    static Piece powers(const ThresholdDetector& detector, int w, double centre) {
+    static Piece powers(const GaussianThresholds& detector, int w, double centre) {
         using U = Unfused<Lanes<native_lanes>>;  // all lanes alike
         U d[terms];
         for (int n = 0; n < terms; ++n) {

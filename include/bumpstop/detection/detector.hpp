@@ -4,12 +4,12 @@
 /// Nothing is allocated, nothing throws. Signs: the residual is estimated minus predicted motor torque.
 #pragma once
 
-#include "bumpstop/detection/decision.hpp"
+#include "bumpstop/detection/alarm_logic.hpp"
 #include "bumpstop/detection/event_span.hpp"
 #include "bumpstop/detection/isolation.hpp"
 #include "bumpstop/detection/payload.hpp"
-#include "bumpstop/detection/sample_guard.hpp"
-#include "bumpstop/joint/joint_bank.hpp"
+#include "bumpstop/detection/sample_validator.hpp"
+#include "bumpstop/joint/joint_torque_batch.hpp"
 #include "bumpstop/model/joint_lanes.hpp"
 #include "bumpstop/signal/chain_derivative.hpp"
 
@@ -175,7 +175,7 @@ class Detector {
     /// The last event.
     const DetectorEvent& event() const noexcept { return event_; }
     /// What the residuals of the last seconds say of the payload.
-    const PayloadWatch& payload() const noexcept { return watch_; }
+    const PayloadMonitor& payload() const noexcept { return watch_; }
     /// The alarm stands.
     bool alarmed() const noexcept { return decision_.state() == DetectorState::alarm; }
     const DetectorSettings& settings() const noexcept { return settings_; }
@@ -341,10 +341,10 @@ class Detector {
     Point3<double> free_fall_{};
     JointTorqueBank bank_;
     ChainDerivative<max_joints> derivative_;
-    SampleGuard guard_;
+    SampleValidator guard_;
     MomentumObserver observer_;
-    Decision decision_;
-    PayloadWatch watch_;
+    AlarmLogic decision_;
+    PayloadMonitor watch_;
     LinkPoint payload_point_;
     JointAngles<double> angle_{};
     bool begun_ = false, errors_ = false;

@@ -83,7 +83,7 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     DetectorSettings& s = out.settings;
     SampleLimits& samples = s.samples;
     DecisionSettings& decision = s.decision;
-    ThresholdLaw& law = decision.thresholds;
+    ThresholdModel& law = decision.thresholds;
     PayloadWatchSettings& watch = s.payload_watch;
     constexpr double inf = std::numeric_limits<double>::infinity(), large = std::numeric_limits<double>::max();
     double degree = 0, measured_rates = 0, unknown = 0, unwatched = 0, endless = 0, contact[4] = {}, payload[4] = {};

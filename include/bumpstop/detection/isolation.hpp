@@ -88,7 +88,7 @@ inline int take_out(double (&column)[6][max_joints], int columns, int rows, doub
 }  // namespace detail
 
 /// The part of a joint's dead zone that its friction can hide at a speed: all of it up to rest_speed, nothing from twice
-/// that on, as ThresholdLaw has it [Nm or N].
+/// that on, as ThresholdModel has it [Nm or N].
 inline double hidden_torque(double dead_zone, double qd, double rest_speed) noexcept {
     return dead_zone * std::max(0.0, std::min(1.0, 2 - std::fabs(qd) / rest_speed));
 }

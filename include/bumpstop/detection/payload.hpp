@@ -43,9 +43,9 @@ struct PayloadWatchSettings {
 /// Fits r = g_m(q) m, the torques that one more kilogram at the payload's point asks for, to the residuals of the last
 /// seconds, weighted by `sd`. A mass shows in every pose by another torque; a clamp does not follow the pose. So the
 /// change counts only once the pose has varied.
-class PayloadWatch {
+class PayloadMonitor {
   public:
-    PayloadWatch(const PayloadWatchSettings& settings, int joints) noexcept : settings_(settings), joints_(joints) {}
+    PayloadMonitor(const PayloadWatchSettings& settings, int joints) noexcept : settings_(settings), joints_(joints) {}
 
     /// A look is due at time t [s].
     bool due(double t) const noexcept { return settings_.least_mass > 0 && !(t - looked_ < settings_.interval); }

@@ -35,16 +35,16 @@ def evaluate(
     refinement: int = 1,
     progress: Progress | None = None,
 ) -> CollisionResult:
-    """Work out the whole distribution of a collision.
+    """Compute the whole distribution of a collision.
 
     Args:
         scenario: what happens.
-        samples: None for the exact law; else the number of runs of the sampled law. Measured residuals know no exact
-            law: None then means 100 000 runs. Of more than a million runs only the first million are kept one by one.
-        seed: of the sampled law, 0 to 2^64 - 1. The same seed gives the same runs, whatever the threads.
-        threads: for the sampled law, 1 to 256.
-        refinement: multiplies the order of the exact law's quadrature, 1 to 100. 2 shows that 1 is converged.
-        progress: told the share of the runs of the sampled law that are done.
+        samples: None to integrate; else the number of runs to draw. Measured residuals cannot be integrated: None then
+            means 100 000 runs. Of more than a million runs only the first million are kept one by one.
+        seed: of the runs, 0 to 2^64 - 1. The same seed gives the same runs, whatever the threads.
+        threads: that draw runs, 1 to 256.
+        refinement: multiplies the order of the quadrature, 1 to 100. 2 shows that 1 is converged.
+        progress: told the share of the runs that are done.
 
     Raises:
         InputError: the scenario cannot be computed.
@@ -89,7 +89,9 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
         InputError: the noise is measured residuals, of which there are only samples.
     """
     if problem.residuals is not None:
-        raise InputError("detector.residuals", "measured residuals have no exact law", "draw it: give samples")
+        raise InputError(
+            "detector.residuals", "measured residuals have no integrated distribution", "draw it: give samples"
+        )
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
     law = curve.kernel.exact_law(*question, refinement, problem.moving_mass)
     undetected = min(1.0, max(0.0, law.undetected))

@@ -92,7 +92,7 @@ def undetectable_forces(
     rows, single = as_rows(q, "q", robot.dof)
     low, high = residual_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
     jacobian = robot.jacobian(rows, link, point)[:, :3]
-    found = core.blind_forces(np.ascontiguousarray(jacobian), low, high)
+    found = core.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
     largest, felt, farthest, singular, rank, axes = (value[0] if single else value for value in found)
     return UndetectableForces(largest, felt, farthest, rank, axes, singular)
 
@@ -128,7 +128,7 @@ def undetectable_stretches(
     dead_zone: PerJoint = 0.0,
     rest_speed: PerJoint = REST_SPEED,
 ) -> tuple[UndetectableStretch, ...]:
-    """When an arm is in poses where more than a given force can go unnoticed, as ``BlindPoseWatch`` in C++ warns of it.
+    """When an arm is where more than a given force can go undetected, as ``UndetectablePoseMonitor`` in C++ warns.
 
     A stretch begins at the first row beyond the limit, and ends before the first that is 5 % below it or more. While a
     joint stands still, its threshold is reached only beyond what its friction holds.

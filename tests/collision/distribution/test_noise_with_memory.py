@@ -256,7 +256,7 @@ def test_measured_residuals_are_drawn_by_default_and_have_no_exact_law(tmp_path:
     path = record_file(tmp_path, correlated_rows(2000, 0.0, np.full(7, 2.0), seed=6))
     law = bs.evaluate(with_record(path), seed=1)
     assert (law.kind, law.samples) == ("sampled", 100_000)
-    with pytest.raises(bs.InputError, match="no exact law"):
+    with pytest.raises(bs.InputError, match="no integrated distribution"):
         bs.integrate(law.problem, law.curve)
 
 

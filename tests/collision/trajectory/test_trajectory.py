@@ -376,7 +376,7 @@ def test_many_contact_times_take_turns(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(trajectory_law, "_MAX_DETECTIONS", together.detections.tick.size)
     bs.evaluate(path)
     monkeypatch.setattr(trajectory_law, "_MAX_DETECTIONS", together.detections.tick.size - 1)
-    with pytest.raises(bs.InputError, match="stays undetected for so long") as refused:
+    with pytest.raises(bs.InputError, match="stay undetected for so long") as refused:
         bs.evaluate(path)
     assert refused.value.field == "motion.file"
     assert bs.evaluate(path, samples=10).samples == 10

@@ -16,7 +16,7 @@ DEAF = [6000.0] * 7
 # What is changed, and what is said of it alone.
 SAID: list[tuple[dict[str, Any], str]] = [
     ({"detector__thresholds_Nm": [20.0, 10.0, math.inf, 20.0, 20.0, 20.0, math.inf]}, "Not monitored: joint 3, 7."),
-    ({"detector__arming_delay_s": 0.05}, "The detector is blind for the first 0.05 s."),
+    ({"detector__arming_delay_s": 0.05}, "The detector is not armed for the first 0.05 s."),
     ({"reaction__latency_s": 0.0105}, "Reaction latency rounded up to 11 ms, whole simulation steps."),
     ({"reaction__latency_s": 0.011}, ""),
     (

@@ -55,7 +55,7 @@ struct Arm {
             settings.samples.velocity[j] = 4;
             settings.samples.signal[j] = 1e3;
             settings.noise_sd[j] = 1;
-            ThresholdLaw& law = settings.decision.thresholds;
+            ThresholdModel& law = settings.decision.thresholds;
             law.constant[j] = 10;
             law.fast[j] = j % 2 ? 5 : inf;
             law.rest_speed[j] = 0.01;
@@ -191,7 +191,7 @@ void a_changed_payload_is_recognised() {
     for (bool mass : {true, false}) {
         PayloadWatchSettings settings;
         settings.least_mass = 0.5;
-        PayloadWatch watch(settings, 2);
+        PayloadMonitor watch(settings, 2);
         const double sd[2] = {1, 1};
         bool recognised = false;
         for (int i = 0; i < 500; ++i) {

@@ -58,7 +58,10 @@ def test_singular_poses(dof: int, rank: int) -> None:
 def kernel(columns: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, np.ndarray]:
     """Of cases with bands of their own."""
     names = ("largest", "felt", "farthest", "singular", "rank", "axes")
-    rows = [core.blind_forces(np.ascontiguousarray(c[None]), a, b) for c, a, b in zip(columns, low, high, strict=True)]
+    rows = [
+        core.undetectable_forces(np.ascontiguousarray(c[None]), a, b)
+        for c, a, b in zip(columns, low, high, strict=True)
+    ]
     return {name: np.concatenate([row[k] for row in rows]) for k, name in enumerate(names)}
 
 
@@ -168,7 +171,7 @@ def test_refusals(given: dict[str, object], message: str) -> None:
 
 
 def test_stretches_of_a_motion_in_which_much_goes_unnoticed() -> None:
-    """The elbow is stretched out twice; a stretch ends only 5 % below the limit, as BlindPoseWatch's warnings do."""
+    """The elbow is stretched out twice; a stretch ends only 5 % below the limit, as the C++ monitor warns."""
     robot, t = Robot.load("ur5e"), np.linspace(0, 2, 801)
     q = np.radians([0, -60, 0, -80, 50, 0]) + np.outer(np.cos(2 * np.pi * t), [0, 0, 1.5, 0, 0, 0])
     limits = np.array([20.0, 20, 20, 9, 9, 9])

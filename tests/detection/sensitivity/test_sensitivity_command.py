@@ -30,7 +30,7 @@ def test_sensitivity() -> None:
     straight = run("sensitivity", "iiwa14", "--pose-deg", "0,0,0,0,0,0,0", "--thresholds", "20,20,20,20,20,20,20")
     assert straight.status == 0, straight.err
     assert "along (0, 0, -1): unbounded;" in straight.out
-    assert "not felt at all: along (0, 0, 1)" in straight.out
+    assert "not detectable at all: along (0, 0, 1)" in straight.out
     json.loads(json.dumps(found, allow_nan=False))
 
 

@@ -82,7 +82,7 @@ def test_no_two_mass_verdict_from_placeholders(tmp_path: Path) -> None:
     driven = bs.evaluate(impact(fake, tmp_path, "position_driven"))
     assert driven.impact_bounds is not None
     assert driven.impact_bounds.reduced_mass is None
-    assert any("looks like placeholders, so there is unbounded" in note for note in driven.notes)
+    assert any("looks like placeholders, so the reduced mass gives no upper limit" in note for note in driven.notes)
 
 
 def test_reach_of_a_plane_arm() -> None:

@@ -104,6 +104,7 @@ def _figure(value: float) -> str:
 
 
 def _probability(p: float) -> str:
-    if p == 0 or p >= 0.001:
+    """Four decimals, powers of ten below a thousandth; the quadrature counts what is far less probable as nothing."""
+    if p >= 0.001:
         return f"{p:.4f}"
     return f"{p:.1e}" if p > 1e-12 else "< 1e-12"

@@ -319,7 +319,7 @@ class SensitivityPart(Part):
         return [
             paragraph(
                 f"A force predicted from the pose knows thresholds, noise and braking. The formula holds for "
-                f"{self._trusted} of {self._known.height} poses; elsewhere there is no bound and the pose counts as "
+                f"{self._trusted} of {self._known.height} poses; elsewhere it is unbounded and the pose counts as "
                 "refused. The worst direction is that of the largest force that stays undetected at the pose. The "
                 "bound refuses what it says exceeds a limit; every other predictor is cut where it errs least, with "
                 "all laws known."

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError, near_matches
 from bumpstop.study.requirement.risk_search import RiskSearch
+from bumpstop.study.study import MIN_RISK
 from bumpstop.study.variable import Range, Variable
 
 if TYPE_CHECKING:
@@ -99,6 +100,9 @@ def solve_requirement(
     accepted = scenario.verdict.accepted_probability if risk is None else risk
     if not 0 < accepted < 1:
         raise InputError("--risk", f"{accepted:g} is no probability", "wanted more than 0 and less than 1")
+    if accepted < MIN_RISK:
+        problem = f"{accepted:g} is too small: less probable collisions are not followed"
+        raise InputError("--risk", problem, f"wanted at least {MIN_RISK:g}")
     scenario = scenario.with_values({"verdict.accepted_probability": accepted})
     variable = Variable(vary)
     ends = _range(scenario, variable, low, high)

@@ -41,6 +41,7 @@ class Risk:
         false_alarm: probability of an alarm before contact.
         binding: ``"force"`` or ``"pressure"``, the limit exceeded more often; ``"singularity"`` where the limits are
             met only because the arm gets across one.
+        force: exceeded with the accepted probability [N]; infinite where more than that are unbounded.
         met: the risk is accepted. An arm that passes a singularity on its way may as well stop there, as the last
             digits of its path will have it, so collisions it would detect beyond count as exceeding the limit too.
         follows: the contact point travels equally far in every control cycle.
@@ -50,8 +51,14 @@ class Risk:
     undetected: float
     false_alarm: float
     binding: str
+    force: float
     met: bool
     follows: bool = True
+
+    @property
+    def height(self) -> tuple[float, float]:
+        """By what risks are compared: where no collision is over the limit, by the force that comes next to it."""
+        return self.over, self.force
 
 
 class VariedRisk:
@@ -123,8 +130,8 @@ class VariedRisk:
         curve = stopping_curve(problem)
         law = integrate(problem, curve)
         verdict, accepted = law.verdict, self.scenario.verdict.accepted_probability
-        force, pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
-        over, binding = max(force, pressure), "pressure" if pressure > force else "force"
+        over_force, over_pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
+        over, binding = max(over_force, over_pressure), "pressure" if over_pressure > over_force else "force"
         step = np.diff(curve.tick_distance)
         even = not step.size or bool(np.ptp(step) <= _OFF_LINE * abs(step[0]))
         met = over <= accepted
@@ -133,7 +140,9 @@ class VariedRisk:
             if before > accepted:
                 over, met, binding = before, False, "singularity"
         undetected = 0.0 if problem.body_mass is not None else law.undetected_over(self.force_limit)
-        return Risk(over, undetected, law.false_alarm_probability, binding, met, even or not self._straight())
+        follows = even or not self._straight()
+        force = law.peak_force.quantile(1 - accepted)
+        return Risk(over, undetected, law.false_alarm_probability, binding, force, met, follows)
 
     def _straight(self) -> bool:
         """Whether the point that hits goes straight on at an even speed, where the arm can follow its line."""

@@ -158,8 +158,8 @@ class RiskSearch:
             if not self._met(value):
                 break
             beside = values[max(i - 1, 0)], values[min(i + 1, len(values) - 1)]
-            highest = max(_MIN_RISK, *(self.risk(each).over for each in beside))
-            if self.quantum is None and self.risk(value).over >= highest:
+            highest = max(self.risk(each).height for each in beside)
+            if self.quantum is None and self.risk(value).height >= highest:
                 found.append(self._summit(*beside))
         return sorted(found, reverse=not self.upward)
 
@@ -169,14 +169,14 @@ class RiskSearch:
         width = math.log(high / low)
         inner = [low * math.exp(width * (1 - golden)), low * math.exp(width * golden)]
         while all(self._met(value) for value in inner) and abs(math.log(high / low)) > _SUMMIT:
-            first_is_higher = self.risk(inner[0]).over > self.risk(inner[1]).over
+            first_is_higher = self.risk(inner[0]).height > self.risk(inner[1]).height
             if first_is_higher:
                 high = inner[1]
                 inner = [low * math.exp(math.log(high / low) * (1 - golden)), inner[0]]
             else:
                 low = inner[0]
                 inner = [inner[1], low * math.exp(math.log(high / low) * golden)]
-        return max(inner, key=lambda value: self.risk(value).over)
+        return max(inner, key=lambda value: self.risk(value).height)
 
     def _teeth(self, last: float) -> tuple[float, float]:
         """Where a sawtooth may first pass the limit, and how far apart in the logarithm its points must be."""

@@ -75,7 +75,7 @@ class Atlas(Study):
             if found != wanted:
                 raise InputError(key, f"{found!r} is not available in an atlas", f"wanted {wanted!r}")
         if self._line_problem.residuals is not None:
-            raise InputError("detector.residuals", "have no exact law", "give detector.noise_sd_Nm")
+            raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
 
     @property
     @abstractmethod

@@ -44,7 +44,7 @@ def searched(angle: float) -> str:
     where = "all directions" if angle >= math.pi else f"a cone of {math.degrees(angle):.4g} deg about the motion's own"
     return (
         f"the worst found in {where}: {_formula_count(angle)} by a formula, {_SAMPLED + 1} and the formula's worst "
-        f"{_STARTS} by exact laws, and from the worst of these on to where the force is greatest"
+        f"{_STARTS} by integrated distributions, and from the worst of these on to where the force is greatest"
     )
 
 

@@ -79,7 +79,7 @@ def worst_directions(problem: CollisionProblem, q: FloatArray) -> tuple[FloatArr
     link, point = problem.contact_point
     low, high = residual_band(problem.robot.dof, problem.thresholds, noise_mean=problem.noise_mean)
     jacobian = problem.robot.chain.jacobians(np.ascontiguousarray(q), link, point)[:, :3]
-    largest, _, farthest, _, rank, axes = core.blind_forces(np.ascontiguousarray(jacobian), low, high)
+    largest, _, farthest, _, rank, axes = core.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
     length = np.linalg.norm(farthest, axis=1)
     unfelt = axes[np.arange(len(q)), np.minimum(rank, 2)]
     safe = np.where(length > 0, length, 1.0)[:, None]

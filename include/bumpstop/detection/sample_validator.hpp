@@ -61,9 +61,9 @@ struct BelievedMotion {
 };
 
 /// Checks samples one after the other. Nothing is allocated.
-class SampleGuard {
+class SampleValidator {
   public:
-    SampleGuard(const SampleLimits& limits, int joints) noexcept : limits_(limits), joints_(joints) {
+    SampleValidator(const SampleLimits& limits, int joints) noexcept : limits_(limits), joints_(joints) {
         constexpr double inf = std::numeric_limits<double>::infinity();
         for (int j = 0; j < max_joints; ++j) {
             ours_[j] = j < joints ? 1 : 0;

@@ -2,8 +2,8 @@
 /// Where what becomes of a free body changes abruptly with its place.
 #pragma once
 
-#include "bumpstop/collision/free_paths.hpp"
-#include "bumpstop/detection/threshold.hpp"
+#include "bumpstop/collision/transient_paths.hpp"
+#include "bumpstop/detection/gaussian_thresholds.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -12,7 +12,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// also those about which a joint's residual passes its threshold at a tick, where the noise is narrow.
 class FreeCuts {
   public:
-    FreeCuts(const FreePaths& paths, const FreeBody& body, bool felt, const ThresholdDetector* narrow)
+    FreeCuts(const TransientPaths& paths, const TransientBody& body, bool felt, const GaussianThresholds* narrow)
         : paths_(paths), body_(body), impact_(body, paths.step), felt_(felt), narrow_(narrow) {}
 
     /// In ascending order, up to `largest` [m].
@@ -138,11 +138,11 @@ class FreeCuts {
         return 0.5 * (a + b);
     }
 
-    const FreePaths& paths_;
-    const FreeBody& body_;
-    FreeImpact<double> impact_;
+    const TransientPaths& paths_;
+    const TransientBody& body_;
+    TransientImpact<double> impact_;
     bool felt_;
-    const ThresholdDetector* narrow_;
+    const GaussianThresholds* narrow_;
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,5 +1,5 @@
 // All joints of an arm at once: their torques are those of single joints, their errors the derivatives.
-#include "bumpstop/joint/joint_bank.hpp"
+#include "bumpstop/joint/joint_torque_batch.hpp"
 
 #include <vector>
 

@@ -11,14 +11,14 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 ///   y = s - o - x,  m x'' = K max(0, y),
 /// until they part. Within a step y is a harmonic oscillation, whose highest value is taken and not only those at its
 /// ends.
-struct FreeBody {
+struct TransientBody {
     double stiffness = 0, mass = 0;
 
     double frequency() const { return std::sqrt(stiffness / mass); }  ///< rad/s
 };
 
 /// An arm this far from a body does not touch it, whatever rounding does [m].
-inline constexpr double surely_apart = 1e-12;
+inline constexpr double separation_tolerance = 1e-12;
 
 /// One collision in each lane.
 template <class T>
@@ -41,17 +41,17 @@ struct ImpactState {
     MaskOf<T> together() const { return (touching > T(0.5)) & (parted < T(0.5)); }
     /// Lanes in which a step that ends at `to` changes something: the body is being touched, or is touched then.
     MaskOf<T> meets(T to, T offset) const {
-        return (parted < T(0.5)) & ((touching > T(0.5)) | (to > offset - T(surely_apart)));
+        return (parted < T(0.5)) & ((touching > T(0.5)) | (to > offset - T(separation_tolerance)));
     }
 };
 
 /// Carries collisions with a body on, one simulation step at a time.
 template <class T>
-class FreeImpact {
+class TransientImpact {
   public:
     using State = ImpactState<T>;
 
-    FreeImpact(const FreeBody& body, double step)
+    TransientImpact(const TransientBody& body, double step)
         : frequency_(body.frequency()),
           pieces_(std::max(1, int(std::ceil(body.frequency() * step / 0.5)))),
           step_(step),
@@ -126,11 +126,11 @@ class FreeImpact {
 
 /// Ends a line once even the farthest body has been struck and should have got away: at constant speed that takes
 /// half an oscillation, and three halves leave room for an arm that does not keep its speed. One that speeds up may
-/// push for longer: see `all_parted`.
+/// push for longer: see `all_separated`.
 template <class T>
 class SeparationCriterion {
   public:
-    SeparationCriterion(const FreeBody& body, const Timing& timing, double step, double largest_offset,
+    SeparationCriterion(const TransientBody& body, const Timing& timing, double step, double largest_offset,
                         double half_oscillations = 3)
         : largest_offset_(largest_offset),
           max_ticks_(half_oscillations * std::numbers::pi / body.frequency() / (timing.period * step) + 2) {}
@@ -150,9 +150,9 @@ class SeparationCriterion {
 
 /// Whether every body up to `largest_offset` has got away before the last tick of a path, which touches all of them. A
 /// body struck after every step tells.
-inline bool all_parted(const LinePath& path, const FreeBody& body, const Timing& timing, double step,
-                       double largest_offset) {
-    const FreeImpact<double> impact(body, step);
+inline bool all_separated(const LinePath& path, const TransientBody& body, const Timing& timing, double step,
+                          double largest_offset) {
+    const TransientImpact<double> impact(body, step);
     const std::size_t last = std::size_t(path.ticks - 1) * timing.period + 1;
     double offset = -HUGE_VAL;
     for (std::size_t first = 0; first < last && offset < largest_offset; ++first) {

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <vector>
 
-#include "bumpstop/detection/threshold.hpp"
+#include "bumpstop/detection/gaussian_thresholds.hpp"
 #include "bumpstop/math/quadrature.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -56,7 +56,7 @@ struct NoiseMemory {
 
 /// Density of the residual given no alarm so far.
 template <class T>
-struct TruncatedDensity {
+struct SurvivingNoiseDensity {
     std::vector<T> value;  ///< at the nodes, per Nm; integrates to one
     T low, high;           ///< where the nodes lie [Nm or N]
     T centre;              ///< what the noise is added to: contact torque and noise mean
@@ -106,8 +106,8 @@ void spread_between_thresholds(const NoiseMemory& memory, T shift, T* mass, std:
 /// The next tick: noise moves on, the noiseless residual becomes `torque`, alarms are taken out. `work` holds two values
 /// a node.
 template <class T>
-AlarmProbability<T> watch_tick(const NoiseMemory& memory, TruncatedDensity<T>& density, T torque,
-                               std::vector<T>& work) {
+AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDensity<T>& density, T torque,
+                                   std::vector<T>& work) {
     const int n = memory.size();
     const double s = memory.innovation, root_half = 0.70710678118654752440, per_root = 0.39894228040143267794;
     const T centre = torque + memory.mean;

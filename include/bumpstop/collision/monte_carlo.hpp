@@ -6,15 +6,15 @@
 #include <cstdint>
 #include <optional>
 
-#include "bumpstop/collision/free_collision.hpp"
 #include "bumpstop/collision/offset_distribution.hpp"
-#include "bumpstop/detection/threshold.hpp"
+#include "bumpstop/collision/transient_collision.hpp"
+#include "bumpstop/detection/gaussian_thresholds.hpp"
 #include "bumpstop/math/philox.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// The runs' results, one entry a run; noise and residual (run-major, dof wide) may be null.
-struct SampledRuns {
+struct MonteCarloRuns {
     double* offset;                        ///< [m]
     std::int32_t* tick;                    ///< of detection; -1: never
     std::uint32_t* triggers;               ///< bit j: joint j over its threshold at that tick
@@ -73,13 +73,14 @@ IntOf<T> run_lanes(const std::int64_t* run) {
 }
 
 template <class T>
-class Sampler {
+class MonteCarlo {
   public:
-    Sampler(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-            const ThresholdDetector& detector, double stiffness, const OffsetDistribution& offset, std::uint64_t seed,
-            const ResidualRecord* record = nullptr, const FreePaths* free = nullptr, double body_mass = 0)
+    MonteCarlo(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
+               const GaussianThresholds& detector, double stiffness, const OffsetDistribution& offset,
+               std::uint64_t seed, const ResidualRecord* record = nullptr, const TransientPaths* free = nullptr,
+               double body_mass = 0)
         : curve_(curve), detector_(detector), stiffness_(stiffness), offset_(offset), seed_(seed), record_(record) {
-        if (free != nullptr) reactions_.emplace(*free, FreeBody{stiffness, body_mass});
+        if (free != nullptr) reactions_.emplace(*free, TransientBody{stiffness, body_mass});
         const int ticks = curve.path.ticks;
         s_.resize(ticks);
         for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, timing.period);
@@ -96,7 +97,7 @@ class Sampler {
     }
 
     /// Runs first_run .. first_run + count - 1 into out[0..count).
-    void run(std::int64_t first_run, std::int64_t count, const SampledRuns& out) const {
+    void run(std::int64_t first_run, std::int64_t count, const MonteCarloRuns& out) const {
         constexpr std::int64_t block = 4096;
         std::vector<std::int64_t> order;
         for (std::int64_t begin = 0; begin < count; begin += block) {
@@ -132,7 +133,7 @@ class Sampler {
     static constexpr int many_ticks = 1024;            ///< which take a moment
     static constexpr double beyond_four_sd = 3.17e-5;  ///< a little more than P(Z > 4) = 3.167e-5
 
-    void simulate(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
+    void simulate(std::int64_t first_run, const std::int64_t* index, int used, const MonteCarloRuns& out) const {
         std::int64_t number[lanes];
         T offset;
         bool open[lanes];
@@ -205,7 +206,7 @@ class Sampler {
     /// A lane still open in which some joint has `fired` is detected at tick k, by the joints that are `over`. False where
     /// it is not.
     bool close(int k, int lane, const MaskOf<T>& fired, const MaskOf<T>* over, bool* open, const std::int64_t* index,
-               const SampledRuns& out) const {
+               const MonteCarloRuns& out) const {
         if (!open[lane] || !lane_of(fired, lane)) return false;
         open[lane] = false;
         const std::int64_t i = index[lane];
@@ -224,7 +225,7 @@ class Sampler {
     }
 
     void keep_free(const FreeCollision<T>& collision, const int* touch, const std::int64_t* index, int used,
-                   const SampledRuns& out) const {
+                   const MonteCarloRuns& out) const {
         int since[lanes] = {};
         for (int lane = 0; lane < used; ++lane) {
             const int tick = out.tick[index[lane]];
@@ -244,7 +245,7 @@ class Sampler {
     /// Runs whose noise or noiseless residual depends on the ticks before: every tick is played from the first on.
     /// Free contact comes with its collision and the first tick in contact of every lane.
     void tick_by_tick(const std::int64_t* number, IntOf<T> runs, T offset, bool* open, const std::int64_t* index,
-                      int used, const SampledRuns& out, const int* touch, const FreeCollision<T>* collision) const {
+                      int used, const MonteCarloRuns& out, const int* touch, const FreeCollision<T>* collision) const {
         const int dof = curve_.path.dof;
         const double fresh = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
         T noise[max_joints], contact[max_joints];  // by joint, watched or not
@@ -306,7 +307,7 @@ class Sampler {
     }
 
     /// Noise and residual of all joints at the tick of detection, watched or not.
-    void describe(std::int64_t first_run, const std::int64_t* index, int used, const SampledRuns& out) const {
+    void describe(std::int64_t first_run, const std::int64_t* index, int used, const MonteCarloRuns& out) const {
         const int dof = curve_.path.dof;
         for (int lane = 0; lane < used; ++lane) {
             const std::int64_t i = index[lane];
@@ -327,12 +328,12 @@ class Sampler {
     }
 
     const StoppingCurve& curve_;
-    const ThresholdDetector& detector_;
+    const GaussianThresholds& detector_;
     double stiffness_;
     OffsetDistribution offset_;
     std::uint64_t seed_;
-    const ResidualRecord* record_;               ///< measured noise instead of Gaussian; may be null
-    std::optional<FreeReactions<T>> reactions_;  ///< of free contact
+    const ResidualRecord* record_;                    ///< measured noise instead of Gaussian; may be null
+    std::optional<TransientReactions<T>> reactions_;  ///< of free contact
     std::vector<double> s_;
     int first_armed_ = 0;
     bool quiet_ = true;  ///< every noise mean lies inside its thresholds

@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "bumpstop/detection/observer.hpp"
-#include "bumpstop/detection/threshold_law.hpp"
+#include "bumpstop/detection/threshold_model.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -19,7 +19,7 @@ enum class DetectorState {
 inline constexpr int detector_states = 4;
 
 struct DecisionSettings {
-    ThresholdLaw thresholds;
+    ThresholdModel thresholds;
     double arming_delay = 0;            ///< after a motion begins [s]
     double rest_time = 0.1;             ///< all joints slower than their rest_speed for this long: the arm rests [s]
     double low_hz = 0.5, high_hz = 30;  ///< of the fast channel
@@ -29,17 +29,17 @@ struct DecisionSettings {
 };
 
 /// Judges residuals tick by tick. Nothing is allocated.
-class Decision {
+class AlarmLogic {
   public:
-    Decision(const DecisionSettings& settings, int joints) noexcept
+    AlarmLogic(const DecisionSettings& settings, int joints) noexcept
         : settings_(settings), joints_(joints), band_(settings.low_hz, settings.high_hz) {
-        ThresholdLaw& law = settings_.thresholds;
+        ThresholdModel& law = settings_.thresholds;
         for (int j = 0; j < max_joints; ++j) {
             if (j >= joints) {
-                law.constant[j] = law.fast[j] = law.rest_speed[j] = ThresholdLaw::unwatched;
+                law.constant[j] = law.fast[j] = law.rest_speed[j] = ThresholdModel::unwatched;
                 law.speed[j] = law.acceleration[j] = law.rest[j] = 0;
             }
-            any_fast_ = any_fast_ || law.fast[j] < ThresholdLaw::unwatched;
+            any_fast_ = any_fast_ || law.fast[j] < ThresholdModel::unwatched;
             inverse_rest_speed_[j] = 1 / law.rest_speed[j];
         }
     }
@@ -49,7 +49,7 @@ class Decision {
     /// the alarm, or comes while it stands.
     bool judge(double t, double dt, const double* residual, const double* qd, const double* qdd,
                const double* sd) noexcept {
-        const ThresholdLaw& law = settings_.thresholds;
+        const ThresholdModel& law = settings_.thresholds;
         const BandPass::Shares kept = any_fast_ ? band_.step(dt) : BandPass::Shares{0, 0};
         std::uint32_t above = 0, above_fast = 0;
         MaskOf<L> fast_motion = L(1.0) < L(0.0);

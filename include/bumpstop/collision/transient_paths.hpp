@@ -2,11 +2,11 @@
 /// All that free contact needs of a motion: its path, and the path of every reaction.
 #pragma once
 
-#include "bumpstop/collision/free_impact.hpp"
+#include "bumpstop/collision/transient_impact.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-struct FreePaths {
+struct TransientPaths {
     const LinePath* path = nullptr;
     int period = 0, latency = 0;                ///< as of Timing [simulation steps]
     int end_step = 0;                           ///< in which the undetected motion ends
@@ -52,7 +52,7 @@ class PathAfter {
   public:
     PathAfter() = default;
     /// `first`: steps from the tick to the step that is number 0 here.
-    PathAfter(const FreePaths& paths, int tick, int first)
+    PathAfter(const TransientPaths& paths, int tick, int first)
         : paths_(&paths),
           own_(&paths.reaction[std::size_t(tick)]),
           from_(paths.tick_step(tick) + first),
@@ -74,7 +74,7 @@ class PathAfter {
     bool retreats() const { return retreat_ < 0; }
 
   private:
-    const FreePaths* paths_ = nullptr;
+    const TransientPaths* paths_ = nullptr;
     const std::vector<double>* own_ = nullptr;
     int from_ = 0, lead_ = 0;
     double retreat_ = 0;  // on the last known step [m]
@@ -84,10 +84,10 @@ namespace detail {
 
 /// By tick: an offset below which no body is still touched when the reaction to the tick begins. A body struck at every
 /// tick tells how long contact lasts.
-inline std::vector<double> least_touched(const FreePaths& paths, const FreeBody& body) {
+inline std::vector<double> least_touched(const TransientPaths& paths, const TransientBody& body) {
     const int ticks = paths.path->ticks, last = paths.last_step();
     std::vector<double> least(std::size_t(ticks), HUGE_VAL);
-    const FreeImpact<double> impact(body, paths.step);
+    const TransientImpact<double> impact(body, paths.step);
     double reached = -HUGE_VAL, before = 0;
     for (int j = 0; j < ticks; ++j) {
         const int first = paths.tick_step(j);
@@ -134,7 +134,7 @@ class ReactionFamily {
     }
 
     /// False, and nothing done, where the reactions are not smooth.
-    bool fill(FreePaths& paths) const {
+    bool fill(TransientPaths& paths) const {
         if (node_.empty()) return true;
         std::size_t longest = 0;
         for (int k : node_) longest = std::max(longest, paths.reaction[std::size_t(k)].size());
@@ -177,18 +177,18 @@ class ReactionFamily {
 /// The paths of a line motion. Reactions that reverse are followed until every body that they find in contact has been
 /// left behind.
 template <class T, class Pose>
-FreePaths free_paths(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                     const Timing& timing, ReactionKind kind, const StoppingCurve& curve, const FreeBody& body,
-                     Pose pose) {
+TransientPaths free_paths(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                          const Timing& timing, ReactionKind kind, const StoppingCurve& curve,
+                          const TransientBody& body, Pose pose) {
     const LinePath& path = curve.path;
-    FreePaths paths{&path,
-                    timing.period,
-                    timing.latency,
-                    int(path.brakes() ? path.s.size() + path.braking.size() - 1 : path.end_step(timing)),
-                    motion.step,
-                    {},
-                    {},
-                    {}};
+    TransientPaths paths{&path,
+                         timing.period,
+                         timing.latency,
+                         int(path.brakes() ? path.s.size() + path.braking.size() - 1 : path.end_step(timing)),
+                         motion.step,
+                         {},
+                         {},
+                         {}};
     paths.reaction.resize(std::size_t(path.ticks));
     const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
     const std::vector<double> least =

@@ -13,7 +13,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// theta_j = constant_j + speed_j |qd_j| + acceleration_j |qdd_j| + rest_j f(qd_j) + model_errors sd_j
 ///
 /// with f 1 up to rest_speed_j, falling to 0 at twice that, and sd_j the standard error of the estimated torque.
-struct ThresholdLaw {
+struct ThresholdModel {
     static constexpr double unwatched = std::numeric_limits<double>::infinity();
 
     std::array<double, max_joints> constant{};      ///< Nm or N; infinite: the joint is not watched

@@ -1,5 +1,5 @@
 // The watch for blind poses, as a control loop uses it.
-#include "bumpstop/detection/blind_force.hpp"
+#include "bumpstop/detection/undetectable_force.hpp"
 
 #include <cstdlib>
 #include <limits>
@@ -33,8 +33,8 @@ Chain elbow() {
 void warns_once_when_it_enters() {
     const Chain chain = elbow();
     const LinkPoint tip = link_point(chain, 2, {0.5, 0, 0});
-    const BlindBand band[3] = {{-10, 10}, {-10, 10}, {-10, 10}};
-    BlindPoseWatch watch(chain, tip, band, 200.0);
+    const ResidualBand band[3] = {{-10, 10}, {-10, 10}, {-10, 10}};
+    UndetectablePoseMonitor watch(chain, tip, band, 200.0);
     static_assert(noexcept(watch.update(nullptr)));
     int entered = 0, warned = 0, ticks = 0;
     const long before = allocations;
@@ -55,8 +55,8 @@ void warns_once_when_it_enters() {
 void what_is_not_known_warns() {
     const Chain chain = elbow();
     const LinkPoint tip = link_point(chain, 2, {0.5, 0, 0});
-    const BlindBand band[3] = {{-10, 10}, {-10, 10}, {-10, 10}};
-    BlindPoseWatch watch(chain, tip, band, 1e6);
+    const ResidualBand band[3] = {{-10, 10}, {-10, 10}, {-10, 10}};
+    UndetectablePoseMonitor watch(chain, tip, band, 1e6);
     const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
     const double good[3] = {0.1, 0.4, 1.0};
     CHECK(!watch.update(good).warning);
@@ -71,8 +71,8 @@ void what_is_not_known_warns() {
     const double straight[3] = {0, 0, 0};
     CHECK(watch.update(straight).force == infinity);
     // Nobody watches.
-    const BlindBand none[3];
-    BlindPoseWatch blind(chain, tip, none, 1e6);
+    const ResidualBand none[3];
+    UndetectablePoseMonitor blind(chain, tip, none, 1e6);
     CHECK(blind.update(good).warning);
 }
 
@@ -82,8 +82,8 @@ void known_polytope() {
     const Chain chain = elbow();
     const LinkPoint tip = link_point(chain, 2, {0.5, 0, 0});
     const double q[3] = {0, 0, bend};
-    const BlindBand band[3] = {{-4, 4}, {-3, 3}, {-2, 2}};
-    BlindPoseWatch watch(chain, tip, band, 1e6);
+    const ResidualBand band[3] = {{-4, 4}, {-3, 3}, {-2, 2}};
+    UndetectablePoseMonitor watch(chain, tip, band, 1e6);
     const double x = 0.5 + 0.5 * std::cos(bend), z = -0.5 * std::sin(bend);
     // Columns: joint 1 (0, x, 0); joint 2 (z, 0, -x); joint 3 (z, 0, -0.5 cos bend).
     const double c = 0.5 * std::cos(bend);

@@ -2,25 +2,25 @@
 /// Collisions with a body that can get away, from the undisturbed path to what a reaction makes of them.
 #pragma once
 
-#include "bumpstop/collision/free_paths.hpp"
+#include "bumpstop/collision/transient_paths.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// What reactions make of collisions that are under way, or to come.
 template <class T>
-class FreeReactions {
+class TransientReactions {
   public:
     using State = ImpactState<T>;
     static constexpr int lanes = Scalar<T>::lanes;
 
-    FreeReactions(const FreePaths& paths, const FreeBody& body)
+    TransientReactions(const TransientPaths& paths, const TransientBody& body)
         : paths_(&paths),
           stiffness_(body.stiffness),
           impact_(body, paths.step),
           swing_(int(std::min(std::numbers::pi / body.frequency() / paths.step, 1e9)) + 2) {}
 
-    const FreePaths& paths() const { return *paths_; }
-    const FreeImpact<T>& impact() const { return impact_; }
+    const TransientPaths& paths() const { return *paths_; }
+    const TransientImpact<T>& impact() const { return impact_; }
     T force(T compression) const { return compression * stiffness_; }
 
     struct Outcome {
@@ -34,7 +34,8 @@ class FreeReactions {
         for (int lane = 0; lane < lanes; ++lane) {
             path[lane] = PathAfter(*paths_, tick[lane], first[lane]);
             // An arm that stops short of the body need not be followed.
-            const bool arrives = paths_->farthest[std::size_t(tick[lane])] > lane_of(offset, lane) - surely_apart;
+            const bool arrives =
+                paths_->farthest[std::size_t(tick[lane])] > lane_of(offset, lane) - separation_tolerance;
             if (arrives || lane_of(state.together(), lane)) longest = std::max(longest, path[lane].length());
         }
         if (longest > 0) follow(state, path, longest, offset);
@@ -68,9 +69,9 @@ class FreeReactions {
         }
     }
 
-    const FreePaths* paths_;
+    const TransientPaths* paths_;
     double stiffness_;
-    FreeImpact<T> impact_;
+    TransientImpact<T> impact_;
     int swing_;  // simulation steps of half an oscillation, and two
 };
 
@@ -80,9 +81,9 @@ template <class T>
 class FreeCollision {
   public:
     static constexpr int lanes = Scalar<T>::lanes;
-    using Outcome = typename FreeReactions<T>::Outcome;
+    using Outcome = typename TransientReactions<T>::Outcome;
 
-    FreeCollision(const FreeReactions<T>& reactions, const int* tick, T offset)
+    FreeCollision(const TransientReactions<T>& reactions, const int* tick, T offset)
         : reactions_(&reactions), offset_(offset) {
         // From the tick before the first one in contact: contact begins after it. Only an arm that turns back at once may
         // have touched the body before, between two ticks.
@@ -100,7 +101,7 @@ class FreeCollision {
 
     /// The collision is detected at tick tick[lane] + i[lane] of each lane; i below zero: before contact.
     Outcome detected(const int* i) const {
-        const FreePaths& paths = reactions_->paths();
+        const TransientPaths& paths = reactions_->paths();
         State state;
         int tick[lanes], first[lanes];
         for (int lane = 0; lane < lanes; ++lane) {
@@ -116,15 +117,15 @@ class FreeCollision {
 
     /// Distance in every lane `r` steps after the tick before contact.
     T undisturbed(int r) const {
-        const FreePaths& paths = reactions_->paths();
+        const TransientPaths& paths = reactions_->paths();
         double here[lanes];
         for (int lane = 0; lane < lanes; ++lane) here[lane] = paths.undisturbed(first_[lane] + r);
         return load<T>(here);
     }
 
     void run() {
-        const FreePaths& paths = reactions_->paths();
-        const FreeImpact<T>& impact = reactions_->impact();
+        const TransientPaths& paths = reactions_->paths();
+        const TransientImpact<T>& impact = reactions_->impact();
         State state, end;  // end: when the undetected motion ends
         bool ended[lanes];
         for (int lane = 0; lane < lanes; ++lane) ended[lane] = first_[lane] >= paths.end_step;
@@ -163,7 +164,7 @@ class FreeCollision {
         duration = end.since;
     }
 
-    const FreeReactions<T>* reactions_;
+    const TransientReactions<T>* reactions_;
     T offset_;
     int earlier_ = 0;                 // steps to look back for the first touch
     int tick_[lanes], first_[lanes];  // first_: step of the tick before the first one in contact

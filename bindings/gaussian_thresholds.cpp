@@ -1,17 +1,17 @@
 // Thresholds that residuals are compared with.
-#include "bumpstop/detection/threshold.hpp"
+#include "bumpstop/detection/gaussian_thresholds.hpp"
 
 #include "common.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 void bind_threshold(nb::module_& module) {
-    nb::class_<ThresholdDetector>(module, "Detector", "Thresholds and white noise per joint.")
+    nb::class_<GaussianThresholds>(module, "Detector", "Thresholds and white noise per joint.")
         .def(
             "__init__",
-            [](ThresholdDetector* self, Vector threshold, Vector sd, Vector mean, double arming_delay,
+            [](GaussianThresholds* self, Vector threshold, Vector sd, Vector mean, double arming_delay,
                double correlation, double filter) {
-                new (self) ThresholdDetector();
+                new (self) GaussianThresholds();
                 for (std::size_t j = 0; j < threshold.shape(0); ++j) {
                     self->noise_sd[j] = sd(j);
                     self->noise_mean[j] = mean(j);
@@ -25,7 +25,7 @@ void bind_threshold(nb::module_& module) {
             nb::arg("filter"))
         .def(
             "alarm_probability",
-            [](const ThresholdDetector& self, Vector torque) {
+            [](const GaussianThresholds& self, Vector torque) {
                 const auto chance = any_alarm<double>(self, [&](int w) { return torque(self.joint[w]); });
                 return nb::make_tuple(chance.alarm, chance.silent);
             },

@@ -1,13 +1,14 @@
 // Forces that no threshold notices.
-#include "bumpstop/detection/blind_force.hpp"
+#include "bumpstop/detection/undetectable_force.hpp"
+
 #include "common.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace {
 
-std::vector<BlindBand> make_bands(Vector low, Vector high) {
-    std::vector<BlindBand> band(low.shape(0));
+std::vector<ResidualBand> make_bands(Vector low, Vector high) {
+    std::vector<ResidualBand> band(low.shape(0));
     for (std::size_t j = 0; j < band.size(); ++j) band[j] = {low(j), high(j)};
     return band;
 }
@@ -17,13 +18,13 @@ void load_columns(Tensor jacobian, std::size_t pose, std::size_t joints, Point3<
         column[j] = {jacobian(pose, 0, j), jacobian(pose, 1, j), jacobian(pose, 2, j)};
 }
 
-nb::tuple blind_forces(Tensor jacobian, Vector low, Vector high) {
+nb::tuple undetectable_forces(Tensor jacobian, Vector low, Vector high) {
     const std::size_t n = jacobian.shape(0), joints = jacobian.shape(2);
     NewArray<double> largest({n}), felt({n}), farthest({n, 3}), singular({n, 3}), axes({n, 3, 3});
     NewArray<std::int64_t> rank({n});
     {
         nb::gil_scoped_release unlocked;
-        const std::vector<BlindBand> band = make_bands(low, high);
+        const std::vector<ResidualBand> band = make_bands(low, high);
         for (std::size_t i = 0; i < n; ++i) {
             Point3<double> column[max_joints];
             load_columns(jacobian, i, joints, column);
@@ -47,7 +48,7 @@ NewArray<double>::Array blind_forces_along(Tensor jacobian, Vector low, Vector h
     NewArray<double> out({n});
     {
         nb::gil_scoped_release unlocked;
-        const std::vector<BlindBand> band = make_bands(low, high);
+        const std::vector<ResidualBand> band = make_bands(low, high);
         for (std::size_t i = 0; i < n; ++i) {
             Point3<double> column[max_joints];
             load_columns(jacobian, i, joints, column);
@@ -62,7 +63,7 @@ NewArray<double>::Array blind_forces_along(Tensor jacobian, Vector low, Vector h
 
 void bind_sensitivity(nb::module_& module) {
     module.def(
-        "blind_forces", &blind_forces, nb::arg("jacobian"), nb::arg("low"), nb::arg("high"),
+        "undetectable_forces", &undetectable_forces, nb::arg("jacobian"), nb::arg("low"), nb::arg("high"),
         "Largest force (N,), the same that is felt (N,), its vector (N, 3), singular values (N, 3), rank (N,) and "
         "axes (N, 3, 3) from linear Jacobians (N, 3, dof).");
     module.def("blind_forces_along", &blind_forces_along, nb::arg("jacobian"), nb::arg("low"), nb::arg("high"),

@@ -12,7 +12,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// How far the residual of one joint may go unnoticed: from `low` to `high` [Nm or N], low < 0 < high. Both are infinite
 /// for a joint without a threshold. A force f that the arm exerts adds (J_v' f)_j to the residual, so faces are
 /// low = -(threshold + z sd) - mean and high = threshold + z sd - mean.
-struct BlindBand {
+struct ResidualBand {
     double low = -std::numeric_limits<double>::infinity();
     double high = std::numeric_limits<double>::infinity();
     bool watched() const noexcept { return high < std::numeric_limits<double>::infinity(); }
@@ -138,7 +138,7 @@ struct BlindPolytope {
 /// One pose at a time, as poses differ in rank and in which faces meet.
 ///
 /// @param column of each joint, B [m or 1].
-inline BlindForce blind_force(const Point3<double>* column, const BlindBand* band, int joints) noexcept {
+inline BlindForce blind_force(const Point3<double>* column, const ResidualBand* band, int joints) noexcept {
     constexpr int width = max_joints + 3;
     BlindForce out;
     detail::BlindPolytope polytope;
@@ -201,7 +201,7 @@ inline BlindForce blind_force(const Point3<double>* column, const BlindBand* ban
 /// Largest force F >= 0 along the unit vector n that no threshold notices: the smallest of high_j / (J_v' n)_j, or of
 /// low_j / (J_v' n)_j where that is negative [N]; infinite where no watched joint feels it. A lever below 1e-12 of the
 /// longest is none.
-inline double blind_force_along(const Point3<double>* column, const BlindBand* band, int joints,
+inline double blind_force_along(const Point3<double>* column, const ResidualBand* band, int joints,
                                 const Point3<double>& n) noexcept {
     double force = std::numeric_limits<double>::infinity(), longest = 0;
     for (int j = 0; j < joints; ++j)
@@ -216,7 +216,7 @@ inline double blind_force_along(const Point3<double>* column, const BlindBand* b
     return force;
 }
 
-/// What a BlindPoseWatch says of a pose.
+/// What a UndetectablePoseMonitor says of a pose.
 struct BlindPoseState {
     double force = 0;      ///< largest force that goes unnoticed [N]; infinite or NaN: any, or nobody knows
     bool warning = false;  ///< more than the limit goes unnoticed
@@ -226,9 +226,10 @@ struct BlindPoseState {
 /// Tells, in the loop, when the arm enters a pose where more than a given force at a point can go unnoticed. Fixed
 /// memory. A warning ends when the force is 5 % below the limit, so that a pose at the edge does not warn at every
 /// tick. Joint positions that are not finite warn: nothing is known of such a pose.
-class BlindPoseWatch {
+class UndetectablePoseMonitor {
   public:
-    BlindPoseWatch(const Chain& chain, const LinkPoint& point, std::span<const BlindBand> band, double limit) noexcept
+    UndetectablePoseMonitor(const Chain& chain, const LinkPoint& point, std::span<const ResidualBand> band,
+                            double limit) noexcept
         : chain_(chain), point_(point), limit_(limit) {
         std::copy_n(band.begin(), std::min(band.size(), band_.size()), band_.begin());
     }
@@ -254,7 +255,7 @@ class BlindPoseWatch {
 
     Chain chain_;
     LinkPoint point_;
-    std::array<BlindBand, max_joints> band_{};
+    std::array<ResidualBand, max_joints> band_{};
     double limit_;
     bool warning_ = false;
 };

@@ -9,7 +9,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// A tick alarms when any joint has |residual| > threshold. The residual is estimated minus predicted motor
 /// torque, so a force -n F on the arm raises it by (J_v' n) F.
-struct ThresholdDetector {
+struct GaussianThresholds {
     int watched = 0;  ///< joints with a finite threshold
     std::array<int, max_joints> joint{};
     std::array<double, max_joints> threshold{};               ///< Nm or N, by watched joint
@@ -53,7 +53,7 @@ struct AlarmProbability {
 
 /// P(|r| > threshold) of one watched joint for the noiseless residual `r` (without the noise mean).
 template <class T>
-AlarmProbability<T> joint_alarm(const ThresholdDetector& detector, int w, T r) {
+AlarmProbability<T> joint_alarm(const GaussianThresholds& detector, int w, T r) {
     const double threshold = detector.threshold[w], scale = detector.scale[w];
     const T centre = absolute(r + detector.mean[w]);
     const T distance = threshold - centre;
@@ -70,7 +70,7 @@ AlarmProbability<T> joint_alarm(const ThresholdDetector& detector, int w, T r) {
 /// P(any watched joint alarms): q <- q + (1 - q) q_j has no cancellation, and the complements multiply.
 /// `torque(w)` gives the noiseless residual of watched joint w.
 template <class T, class Torque>
-AlarmProbability<T> any_alarm(const ThresholdDetector& detector, Torque torque) {
+AlarmProbability<T> any_alarm(const GaussianThresholds& detector, Torque torque) {
     AlarmProbability<T> total{T(0.0), T(1.0)};
     for (int w = 0; w < detector.watched; ++w) {
         const AlarmProbability<T> one = joint_alarm(detector, w, T(torque(w)));

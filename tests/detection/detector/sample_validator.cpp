@@ -1,5 +1,5 @@
 // What the detector believes of a sample, up to the limits and beyond them.
-#include "bumpstop/detection/sample_guard.hpp"
+#include "bumpstop/detection/sample_validator.hpp"
 
 #include "math/check.hpp"
 
@@ -21,7 +21,7 @@ static void a_sample_is_believed_up_to_its_limits() {
         limits.signal[j] = 10;
     }
     const auto told = [&](double after, const auto& spoil) {
-        SampleGuard guard(limits, 3);
+        SampleValidator guard(limits, 3);
         DetectorSample sample;
         CHECK(guard.check(sample) == SampleFault::gap);
         sample.t = after;
@@ -61,7 +61,7 @@ static void feedback_that_stands_still_is_frozen() {
         limits.signal[j] = 100;
     }
     const double rest[max_joints] = {};
-    SampleGuard guard(limits, 2);
+    SampleValidator guard(limits, 2);
     DetectorSample sample;
     CHECK(guard.check(sample) == SampleFault::gap);
     for (int i = 1; i < 30; ++i) {
@@ -115,7 +115,7 @@ static void joints_that_do_not_matter_blind_nothing() {
     }
     const double turn = 6.283185307179586, nan = std::nan("");
     const auto told = [&](double q0, double signal0, double signal1) {
-        SampleGuard guard(limits, 2);
+        SampleValidator guard(limits, 2);
         DetectorSample sample;
         sample.q[0] = 3.1;
         CHECK(guard.check(sample) == SampleFault::gap);
