@@ -102,7 +102,7 @@ def _fit(findings: Findings, name: str, *, runs: int) -> None:
     stiffness, latency = fitted(name)
     findings.say(
         f"{name}: Schroeder's peaks at the two slowest speeds are fitted best by {stiffness:.0f} N/m and a reaction "
-        f"{1e3 * latency:.1f} ms after the alarm, within the ranges searched. The other speeds are foretold with them."
+        f"{1e3 * latency:.1f} ms after the alarm, within the ranges searched. The other speeds are predicted with them."
     )
     made = CollisionExperiment(name=name, stiffness=stiffness, latency_s=latency)
     shown = []
@@ -110,7 +110,7 @@ def _fit(findings: Findings, name: str, *, runs: int) -> None:
         if row.peak_N is None or not row.detected:
             continue
         found = float(np.median([made.run(row.speed_mm_s / 1e3, seed).peak for seed in range(runs)]))
-        use = "fitted" if number < 2 else "foretold"
+        use = "fitted" if number < 2 else "predicted"
         shown.append([f"{row.speed_mm_s:g} mm/s, {use}", found, row.peak_N, 100 * (found / row.peak_N - 1)])
     findings.table(
         f"{name}: peaks after the fit, median of {runs} runs",

@@ -294,6 +294,14 @@ def test_two_phases_print_both_limits() -> None:
         assert row[-3:] == [limits, "<", "1e-12"]
 
 
+def test_no_run_over_a_limit_is_no_bound_on_its_probability() -> None:
+    """The quadrature knows how improbable it is; of a thousand runs that none was seen says little."""
+    integrated, drawn = (run("evaluate", EXAMPLE, *options).out for options in ((), ("--sampled", "1000")))
+    assert "never detected < 1e-12" in integrated
+    assert "never detected 0.0000" in drawn
+    assert "< 1e-12" not in drawn
+
+
 def test_a_motion_that_ends_before_contact_says_so_where_the_verdict_is_read() -> None:
     """Half a second at 50 mm/s does not reach a body 500 mm away: no verdict, for nothing is hit."""
     far = ("contact.offset_law=fixed", "contact.offset_mm=500", "motion.duration_s=0.5")

@@ -59,7 +59,7 @@ def print_summary(law: CollisionResult, report: Path | None) -> None:
         # Short, or the table does not fit into 80 columns.
         nothing = "none" if math.isnan(quantity.mean) else "inf"
         cells = [nothing if value is None else _figure(value) for value in figures.values()]
-        table.add_row(name, *cells, limit, "" if over is None else _probability(over))
+        table.add_row(name, *cells, limit, "" if over is None else _probability(over, law))
     # Small figures are long: rather columns that are closer than names in two lines.
     table.collapse_padding = console.measure(table, options=console.options.update(width=1000)).maximum > console.width
     console.print(table)
@@ -74,8 +74,8 @@ def print_summary(law: CollisionResult, report: Path | None) -> None:
     ]
     console.print("triggered by joint " + ", ".join(felt) if felt else "triggered by no joint", end="")
     console.print(
-        f"; false alarm before contact {_probability(law.false_alarm_probability)}; "
-        f"never detected {_probability(law.undetected_probability)}"
+        f"; false alarm before contact {_probability(law.false_alarm_probability, law)}; "
+        f"never detected {_probability(law.undetected_probability, law)}"
     )
     console.print(alarm_rate(law.problem).words)
     # What the figures above are not about; what was assumed otherwise is in the report.
@@ -103,8 +103,11 @@ def _figure(value: float) -> str:
     return "0" if abs(value) < 1e-6 else f"{value:.4g}"
 
 
-def _probability(p: float) -> str:
-    """Four decimals, powers of ten below a thousandth; the quadrature counts what is far less probable as nothing."""
-    if p >= 0.001:
+def _probability(p: float, law: CollisionResult) -> str:
+    """Four decimals, powers of ten below a thousandth.
+
+    The quadrature counts what is far less probable as nothing; of runs, none seen is no bound on the probability.
+    """
+    if p >= 0.001 or (p == 0 and law.kind == "sampled"):
         return f"{p:.4f}"
     return f"{p:.1e}" if p > 1e-12 else "< 1e-12"
