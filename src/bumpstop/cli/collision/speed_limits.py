@@ -63,7 +63,8 @@ def atlas(
     A scenario of a line gives the highest safe speed at random poses instead. Exit status: 0 done, 3 the trajectory is
     too fast as it is, 2 bad input.
     """  # fmt: skip
-    from bumpstop.study.speed.atlas import TrajectorySpeedLimits, WorkspaceSpeedLimits
+    from bumpstop.study.speed.atlas import TrajectorySpeedLimits
+    from bumpstop.study.speed.workspace_speed_limits import WorkspaceSpeedLimits
 
     checked = load(scenario, changes)
     if checked.motion.kind == "line":
