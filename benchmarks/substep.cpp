@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <limits>
 
-#include "bumpstop/collision/line_motion.hpp"
+#include "bumpstop/collision/motion/line_motion.hpp"
 
 using namespace bumpstop;
 

@@ -1,7 +1,7 @@
 // Laws of many poses at once, and what runs draw.
 #include "bumpstop/collision/batch.hpp"
 
-#include "bumpstop/collision/monte_carlo.hpp"
+#include "bumpstop/collision/distribution/monte_carlo.hpp"
 #include "interrupt.hpp"
 #include "setup.hpp"
 

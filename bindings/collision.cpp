@@ -1,9 +1,9 @@
 // Arm and motion of a collision, stopping curves, and what is made of them.
 #include <atomic>
 
-#include "bumpstop/collision/monte_carlo.hpp"
-#include "bumpstop/collision/survival_criterion.hpp"
-#include "bumpstop/collision/tail_without_interpolation.hpp"
+#include "bumpstop/collision/distribution/monte_carlo.hpp"
+#include "bumpstop/collision/distribution/survival_criterion.hpp"
+#include "bumpstop/collision/distribution/tail_without_interpolation.hpp"
 #include "interrupt.hpp"
 #include "law.hpp"
 #include "setup.hpp"

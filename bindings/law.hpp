@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "bumpstop/collision/offset_quadrature.hpp"
+#include "bumpstop/collision/distribution/offset_quadrature.hpp"
 #include "common.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

@@ -1,6 +1,6 @@
 // Elementary functions and random numbers, for the tests of their errors and for those who repeat a sampled
 // run.
-#include "bumpstop/collision/monte_carlo.hpp"
+#include "bumpstop/collision/distribution/monte_carlo.hpp"
 #include "bumpstop/math/functions.hpp"
 #include "bumpstop/math/philox.hpp"
 #include "common.hpp"
@@ -38,7 +38,7 @@ void bind_math(nb::module_& module) {
     module.def(
         "erfc", [](Vector x) { return map(x, [](L v) { return erfc(v); }); }, nb::arg("x"));
     module.def(
-        "log", [](Vector x) { return map(x, [](L v) { return logarithm(v); }); }, nb::arg("x"));
+        "log", [](Vector x) { return map(x, [](L v) { return log(v); }); }, nb::arg("x"));
     module.def(
         "normal_upper_quantile", [](Vector p) { return map(p, [](L v) { return normal_upper_quantile(v); }); },
         nb::arg("p"));

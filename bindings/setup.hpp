@@ -1,9 +1,9 @@
 // What a scenario is to the kernels.
 #pragma once
 
-#include "bumpstop/collision/line_tracer.hpp"
-#include "bumpstop/collision/offset_distribution.hpp"
-#include "bumpstop/collision/reaction.hpp"
+#include "bumpstop/collision/distribution/offset_distribution.hpp"
+#include "bumpstop/collision/motion/line_tracer.hpp"
+#include "bumpstop/collision/motion/reaction.hpp"
 #include "common.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

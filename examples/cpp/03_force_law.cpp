@@ -3,9 +3,9 @@
 #include <fstream>
 #include <numbers>
 
-#include "bumpstop/collision/line_tracer.hpp"
-#include "bumpstop/collision/offset_quadrature.hpp"
-#include "bumpstop/collision/survival_criterion.hpp"
+#include "bumpstop/collision/distribution/offset_quadrature.hpp"
+#include "bumpstop/collision/distribution/survival_criterion.hpp"
+#include "bumpstop/collision/motion/line_tracer.hpp"
 #include "bumpstop/model/robot_description.hpp"
 
 using namespace bumpstop;

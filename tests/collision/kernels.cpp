@@ -4,10 +4,10 @@
 #include <cstdlib>
 
 #include "bumpstop/collision/batch.hpp"
-#include "bumpstop/collision/line_tracer.hpp"
-#include "bumpstop/collision/monte_carlo.hpp"
-#include "bumpstop/collision/survival_criterion.hpp"
-#include "bumpstop/collision/tail_without_interpolation.hpp"
+#include "bumpstop/collision/distribution/monte_carlo.hpp"
+#include "bumpstop/collision/distribution/survival_criterion.hpp"
+#include "bumpstop/collision/distribution/tail_without_interpolation.hpp"
+#include "bumpstop/collision/motion/line_tracer.hpp"
 #include "bumpstop/collision/trajectory.hpp"
 
 using namespace bumpstop;

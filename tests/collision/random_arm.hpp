@@ -3,7 +3,7 @@
 
 #include <limits>
 
-#include "bumpstop/collision/line_motion.hpp"
+#include "bumpstop/collision/motion/line_motion.hpp"
 #include "model/random_chain.hpp"
 
 namespace random_arm {

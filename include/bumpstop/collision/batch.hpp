@@ -4,9 +4,9 @@
 
 #include <atomic>
 
-#include "bumpstop/collision/line_tracer.hpp"
-#include "bumpstop/collision/offset_quadrature.hpp"
-#include "bumpstop/collision/survival_criterion.hpp"
+#include "bumpstop/collision/distribution/offset_quadrature.hpp"
+#include "bumpstop/collision/distribution/survival_criterion.hpp"
+#include "bumpstop/collision/motion/line_tracer.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

@@ -3,9 +3,9 @@
 /// path. Contact may begin at any time on the way.
 #pragma once
 
-#include "bumpstop/collision/monte_carlo.hpp"
-#include "bumpstop/collision/offset_quadrature.hpp"
-#include "bumpstop/collision/survival_criterion.hpp"
+#include "bumpstop/collision/distribution/monte_carlo.hpp"
+#include "bumpstop/collision/distribution/offset_quadrature.hpp"
+#include "bumpstop/collision/distribution/survival_criterion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

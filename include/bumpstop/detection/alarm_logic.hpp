@@ -54,21 +54,21 @@ class AlarmLogic {
         std::uint32_t above = 0, above_fast = 0;
         MaskOf<L> fast_motion = L(1.0) < L(0.0);
         for (int first = 0; first < joints_; first += native_lanes) {
-            const L speed = absolute(load<L>(qd + first)), rest_speed = load<L>(&law.rest_speed[first]);
+            const L speed = abs(load<L>(qd + first)), rest_speed = load<L>(&law.rest_speed[first]);
             fast_motion = fast_motion | (speed > rest_speed);
-            const L resting = maximum(L(0.0), minimum(L(1.0), 2.0 - speed * load<L>(&inverse_rest_speed_[first])));
+            const L resting = max(L(0.0), min(L(1.0), 2.0 - speed * load<L>(&inverse_rest_speed_[first])));
             L extra = load<L>(&law.speed[first]) * speed + load<L>(&law.rest[first]) * resting +
-                      load<L>(&law.acceleration[first]) * absolute(load<L>(qdd + first));
+                      load<L>(&law.acceleration[first]) * abs(load<L>(qdd + first));
             if (sd != nullptr) extra += law.model_errors * load<L>(sd + first);
             const L threshold = load<L>(&law.constant[first]) + extra;
             store(threshold, &threshold_[first]);
             const L now = load<L>(residual + first);
-            above |= set_bits(absolute(now) > threshold) << first;
+            above |= set_bits(abs(now) > threshold) << first;
             // Whatever makes the model less sure widens both channels as much.
             if (any_fast_) {
                 const L fast = band_.pass(kept, first, now);
                 store(fast, &fast_[first]);
-                above_fast |= set_bits(absolute(fast) > load<L>(&law.fast[first]) + extra) << first;
+                above_fast |= set_bits(abs(fast) > load<L>(&law.fast[first]) + extra) << first;
             }
         }
         over_ = above;

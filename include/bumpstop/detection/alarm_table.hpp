@@ -76,7 +76,7 @@ class AlarmTable {
         for (int w = 0; w < watched; w += Scalar<T>::lanes) {
             const T torque = load<T>(torque_per_N + w) * load<T>(per_sd_ + w), mean = load<T>(mean_ + w);
             const T at = torque * force + mean, sign = select(at < T(0.0), T(-1.0), T(1.0));
-            const T index = minimum(whole_part(absolute(at) * pieces_per_sd + 0.5), load<T>(last_ + w));
+            const T index = min(floor(abs(at) * pieces_per_sd + 0.5), load<T>(last_ + w));
             store(index, near.index_ + w);
             store(sign * torque * (1 / reach), near.slope_ + w);
             store((sign * mean - index * (1 / pieces_per_sd)) * (1 / reach), near.shift_ + w);

@@ -193,7 +193,7 @@ class Detector {
     MaskOf<L> taken(int first, L residual, const double* qdd) noexcept {
         const L known = select(load<L>(&known_[first]) > L(0.5), residual, L(0.0));
         store(known, &out_.residual[first]);
-        const L size = absolute(known) + absolute(only(ours_, qdd, first));
+        const L size = abs(known) + abs(only(ours_, qdd, first));
         return size <= L(std::numeric_limits<double>::max());
     }
     [[gnu::noinline, gnu::cold]] void forget() noexcept {

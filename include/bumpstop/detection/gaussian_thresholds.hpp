@@ -55,9 +55,9 @@ struct AlarmProbability {
 template <class T>
 AlarmProbability<T> joint_alarm(const GaussianThresholds& detector, int w, T r) {
     const double threshold = detector.threshold[w], scale = detector.scale[w];
-    const T centre = absolute(r + detector.mean[w]);
+    const T centre = abs(r + detector.mean[w]);
     const T distance = threshold - centre;
-    const T near = 0.5 * erfc(absolute(distance) * scale);
+    const T near = 0.5 * erfc(abs(distance) * scale);
     // The far tail is exp(-4 threshold centre scale^2) of the near one or less: below e^-40 it cannot be
     // seen.
     T far = 0.0;

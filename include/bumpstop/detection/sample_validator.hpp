@@ -100,21 +100,21 @@ class SampleValidator {
             const MaskOf<L> ours = load<L>(&ours_[first]) > L(0.5), needed = load<L>(&needed_[first]) > L(0.5);
             const L q = select(ours, load<L>(&sample.q[first]), L(0.0));
             const L given = select(ours, load<L>(&sample.signal[first]), L(0.0));
-            const MaskOf<L> number = absolute(given) <= L(largest);
+            const MaskOf<L> number = abs(given) <= L(largest);
             const L signal = select(needed | number, given, L(0.0));
             const L speed = load<L>(&limits_.velocity[first]);
-            finite = finite & (absolute(q) <= L(largest)) & (absolute(signal) <= L(largest));
+            finite = finite & (abs(q) <= L(largest)) & (abs(signal) <= L(largest));
             inside = inside & (q >= load<L>(&limits_.lower[first])) & (q <= load<L>(&limits_.upper[first]));
-            possible = possible & ((absolute(signal) <= load<L>(&limits_.signal[first])) | !needed);
+            possible = possible & ((abs(signal) <= load<L>(&limits_.signal[first])) | !needed);
             // A sample may have been taken up to a period before its time says.
             const L believed = load<L>(&position_[first]);
             L now = q;
             if (limits_.endless != 0 && !fresh)
                 now = select(load<L>(&endless_[first]) > L(0.5), q - whole_turns(q - believed), q);
-            reachable = reachable & (absolute(now - believed) <= speed * reach + limits_.resolution);
+            reachable = reachable & (abs(now - believed) <= speed * reach + limits_.resolution);
             same = same & (q == load<L>(&told_[first])) & (signal == load<L>(&signal_[first]));
             if (limits_.measured_rates) {
-                const L qd = select(ours, load<L>(&sample.qd[first]), L(0.0)), rate = absolute(qd);
+                const L qd = select(ours, load<L>(&sample.qd[first]), L(0.0)), rate = abs(qd);
                 finite = finite & (rate <= L(largest));
                 slow = slow & (rate <= speed);
                 same = same & (qd == load<L>(&rate_[first]));
@@ -147,7 +147,7 @@ class SampleValidator {
         before_ = sample.t;
         for (int first = 0; first < joints_; first += native_lanes) {
             const MaskOf<L> ours = load<L>(&ours_[first]) > L(0.5);
-            const L now = load<L>(position + first), change = absolute(now - load<L>(&position_[first]));
+            const L now = load<L>(position + first), change = abs(now - load<L>(&position_[first]));
             const L step = load<L>(&step_[first]);
             if (!fresh) store(select((change > L(0.0)) & (change < step), change, step), &step_[first]);
             store(now, &position_[first]);
@@ -188,7 +188,7 @@ class SampleValidator {
 
     static L whole_turns(L angle) noexcept {
         constexpr double turn = 6.283185307179586;
-        return turn * whole_part(angle * (1 / turn) + 0.5);
+        return turn * floor(angle * (1 / turn) + 0.5);
     }
     /// Positions and signals have not changed for `held` seconds, but they should have: for too long while the arm may
     /// rest, or while it moved by more than its encoders' smallest step.

@@ -76,7 +76,7 @@ namespace detail {
 /// exp(x), x of either sign and within `NoiseMemory::most_shifted` of zero.
 template <class T>
 T exp_either(T x) {
-    const T below = exp_negative(absolute(x), T(0.0));
+    const T below = exp_minus(abs(x), T(0.0));
     return select(x > T(0.0), 1.0 / below, below);
 }
 
@@ -116,11 +116,10 @@ AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDens
     const double least = 1e-3 * std::min(memory.sd, memory.threshold);
     // There are nodes enough for all that lies between the thresholds, until the centre is well beyond one of them.
     const double all_within = memory.threshold <= furthest ? memory.threshold + 2 * s : -1.0;
-    const auto whole = absolute(centre) <= T(all_within);
+    const auto whole = abs(centre) <= T(all_within);
     const T low = select(whole, T(-memory.threshold),
-                         minimum(maximum(T(-memory.threshold), centre - furthest), T(memory.threshold - least)));
-    const T high =
-        select(whole, T(memory.threshold), maximum(minimum(T(memory.threshold), centre + furthest), low + least));
+                         min(max(T(-memory.threshold), centre - furthest), T(memory.threshold - least)));
+    const T high = select(whole, T(memory.threshold), max(min(T(memory.threshold), centre + furthest), low + least));
     const T middle = 0.5 * (low + high), half = 0.5 * (high - low);
     const auto known = density.known > T(0.5);
 
@@ -147,7 +146,7 @@ AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDens
     const T limit = memory.threshold;
     const bool between = any_known && !memory.spread.empty() &&
                          all((low == -limit) & (high == limit) & (density.low == -limit) & (density.high == limit) &
-                             (absolute(shift) * (memory.widest() + absolute(shift)) < T(NoiseMemory::most_shifted)));
+                             (abs(shift) * (memory.widest() + abs(shift)) < T(NoiseMemory::most_shifted)));
     if (between) detail::spread_between_thresholds(memory, shift, mass, value);
     for (int i = 0; i < n; ++i) {
         const T x = middle + half * memory.node[i];
@@ -159,25 +158,25 @@ AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDens
                 const T z = (x - arrival[l]) * (1 / s);
                 const T exponent = 0.5 * z * z;
                 if (!any(exponent < T(40.0))) continue;
-                sum += mass[l] * exp_negative(minimum(exponent, T(700.0)), T(0.0));
+                sum += mass[l] * exp_minus(min(exponent, T(700.0)), T(0.0));
             }
             sum *= per_root / s;
         }
         if (!all_known) {
             const T z = (x - centre) * (1 / memory.sd);
-            const T fresh = exp_negative(minimum(T(0.5 * z * z), T(700.0)), T(0.0)) * (per_root / memory.sd);
+            const T fresh = exp_minus(min(T(0.5 * z * z), T(700.0)), T(0.0)) * (per_root / memory.sd);
             sum = select(known, sum, fresh);
         }
         value[i] = sum;
         silent += half * memory.weight[i] * sum;
     }
-    const T scale = 1.0 / maximum(silent, T(1e-290));
+    const T scale = 1.0 / max(silent, T(1e-290));
     for (int i = 0; i < n; ++i) value[i] *= scale;
     density.low = low;
     density.high = high;
     density.centre = centre;
     density.known = 1.0;
-    return {minimum(alarm, T(1.0)), minimum(silent, T(1.0))};
+    return {min(alarm, T(1.0)), min(silent, T(1.0))};
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -57,28 +57,27 @@ struct JointTorqueState {
 /// Friction current at the rate qd under the measured current: positive against motion along +q.
 template <class T>
 T friction_current(const JointTorqueParameters& p, T current, T qd) noexcept {
-    const T speed = absolute(qd);
-    const T sign = maximum(T(-1.0), minimum(T(1.0), qd * (1.0 / p.rest_speed)));
+    const T speed = abs(qd);
+    const T sign = max(T(-1.0), min(T(1.0), qd * (1.0 / p.rest_speed)));
     T magnitude;
     if (p.friction == FrictionLaw::power) {
         // D |qd|^F as D top^F exp(-F ln(top / |qd|)), whose exponent is of one sign. No joint turns as fast as `top`.
         constexpr double top = 1e4;
-        const T ratio = minimum(T(1.0), maximum(speed, T(p.rest_speed)) * (1 / top));
-        magnitude = exp_negative(-(logarithm(ratio) * p.F), T(0.0)) * (p.D * std::pow(top, p.F));
+        const T ratio = min(T(1.0), max(speed, T(p.rest_speed)) * (1 / top));
+        magnitude = exp_minus(-(log(ratio) * p.F), T(0.0)) * (p.D * std::pow(top, p.F));
     } else {
-        const T u = minimum(T(26.0), speed * (1.0 / p.stribeck_speed));
-        magnitude = exp_negative(u * u, T(0.0)) * p.stribeck + p.coulomb;
+        const T u = min(T(26.0), speed * (1.0 / p.stribeck_speed));
+        magnitude = exp_minus(u * u, T(0.0)) * p.stribeck + p.coulomb;
     }
-    return sign * (magnitude + absolute(current) * p.load) + qd * p.viscous;
+    return sign * (magnitude + abs(current) * p.load) + qd * p.viscous;
 }
 
 /// The map's torque for the current i_j that friction leaves over.
 template <class T>
 T mapped_torque(const JointTorqueParameters& p, T joint_current, T qd) noexcept {
-    const T inside = maximum(T(p.current_low), minimum(T(p.current_high), joint_current));
-    const T bend = p.map == CurrentMap::odd
-                       ? absolute(inside) * p.A
-                       : -(maximum(T(-1.0), minimum(T(1.0), qd * (1.0 / p.rest_speed))) * inside * p.A);
+    const T inside = max(T(p.current_low), min(T(p.current_high), joint_current));
+    const T bend = p.map == CurrentMap::odd ? abs(inside) * p.A
+                                            : -(max(T(-1.0), min(T(1.0), qd * (1.0 / p.rest_speed))) * inside * p.A);
     return inside * (bend + p.B) + (joint_current - inside) * (2.0 * bend + p.B);
 }
 
@@ -88,10 +87,10 @@ T mapped_torque(const JointTorqueParameters& p, T joint_current, T qd) noexcept 
 /// noted only beyond, where it no longer counts: the torque is continuous in time whatever the joint does.
 template <class T>
 T joint_torque(const JointTorqueParameters& p, T current, T qd, T qdd, JointTorqueState<T>& state) noexcept {
-    const T speed = absolute(qd);
+    const T speed = abs(qd);
     const T joint_current = current - friction_current(p, current, qd);
     const T torque = mapped_torque(p, joint_current, qd);
-    const T rest = maximum(T(0.0), minimum(T(1.0), 2.0 - speed * (1.0 / p.rest_speed)));
+    const T rest = max(T(0.0), min(T(1.0), 2.0 - speed * (1.0 / p.rest_speed)));
     state.direction = select(rest > T(0.0), state.direction, select(qd > T(0.0), T(1.0), T(-1.0)));
     state.outside_current +=
         select((joint_current < T(p.current_low)) | (joint_current > T(p.current_high)), T(1.0), T(0.0));

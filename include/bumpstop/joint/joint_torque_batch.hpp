@@ -20,10 +20,10 @@ struct JointTorqueErrors {
 /// Torque that friction can hide at standstill, each way [Nm or N]: what the motor need not answer while the joint
 /// sticks. Friction at rest_speed under `current`, through the map's slope there, and hysteresis.
 inline double dead_zone(const JointTorqueParameters& p, double current) noexcept {
-    const double friction = absolute(friction_current(p, current, p.rest_speed));
-    const double inside = maximum(p.current_low, minimum(p.current_high, current));
-    const double slope = p.map == CurrentMap::odd ? p.B + 2 * p.A * absolute(inside) : p.B;
-    return slope * friction + absolute(p.hysteresis);
+    const double friction = abs(friction_current(p, current, p.rest_speed));
+    const double inside = max(p.current_low, min(p.current_high, current));
+    const double slope = p.map == CurrentMap::odd ? p.B + 2 * p.A * abs(inside) : p.B;
+    return slope * friction + abs(p.hysteresis);
 }
 
 /// Nothing is allocated. The state of hysteresis is inside.
@@ -88,18 +88,18 @@ class JointTorqueBank {
     [[gnu::flatten]] void take_logarithms(const double* qd) noexcept {
         if (!any_power_) return;
         for (int k = 0; k * native_lanes < joints_; ++k) {
-            const L speed = maximum(absolute(load<L>(qd + k * native_lanes)), group_[k].rest);
-            log_speed_[k] = logarithm(minimum(L(1.0), speed * (1 / top)));
+            const L speed = max(abs(load<L>(qd + k * native_lanes)), group_[k].rest);
+            log_speed_[k] = log(min(L(1.0), speed * (1 / top)));
         }
     }
     [[gnu::flatten]] void take_powers(const double* qd) noexcept {
         if (any_power_)
             for (int k = 0; k * native_lanes < joints_; ++k)
-                shape_[k] = exp_negative(-(log_speed_[k] * group_[k].F), L(0.0));
+                shape_[k] = exp_minus(-(log_speed_[k] * group_[k].F), L(0.0));
         if (any_stribeck_)
             for (int k = 0; k * native_lanes < joints_; ++k) {
                 const L u = reduced_speed(group_[k], load<L>(qd + k * native_lanes));
-                bell_[k] = exp_negative(u * u, L(0.0));
+                bell_[k] = exp_minus(u * u, L(0.0));
             }
     }
     [[gnu::flatten]] void map(const double* current, const double* qd, const double* qdd, double* tau,
@@ -150,30 +150,28 @@ class JointTorqueBank {
         L current, qd, qdd, log_speed, shape, bell;
     };
 
-    static L reduced_speed(const Group& g, L qd) noexcept {
-        return minimum(L(26.0), absolute(qd) * g.inverse_stribeck_speed);
-    }
+    static L reduced_speed(const Group& g, L qd) noexcept { return min(L(26.0), abs(qd) * g.inverse_stribeck_speed); }
 
     template <bool WithErrors>
     void one(Group& g, const Motion& motion, double* tau, double* sd) const noexcept {
         const L zero = 0.0, unit = 1.0, current = motion.current, qd = motion.qd, qdd = motion.qdd;
-        const L speed = absolute(qd), amount = absolute(current);
-        const L sign = maximum(-unit, minimum(unit, qd * g.inverse_rest));
+        const L speed = abs(qd), amount = abs(current);
+        const L sign = max(-unit, min(unit, qd * g.inverse_rest));
         const L power = motion.shape * g.scale, stribeck = motion.bell * g.stribeck + g.coulomb;
         const L magnitude = select(g.power > zero, power, stribeck);
         const L friction = sign * (magnitude + amount * g.load) + qd * g.viscous;
         const L joint_current = current - friction;
-        const L inside = maximum(g.low, minimum(g.high, joint_current));
-        const L bend = select(g.odd > zero, absolute(inside) * g.A, -(sign * inside * g.A));
+        const L inside = max(g.low, min(g.high, joint_current));
+        const L bend = select(g.odd > zero, abs(inside) * g.A, -(sign * inside * g.A));
         const L torque = inside * (bend + g.B) + (joint_current - inside) * (2.0 * bend + g.B);
-        const L rest = maximum(zero, minimum(unit, 2.0 - speed * g.inverse_rest));
+        const L rest = max(zero, min(unit, 2.0 - speed * g.inverse_rest));
         g.direction = select(rest > zero, g.direction, select(qd > zero, unit, -unit));
         store(torque - qdd * g.inertia - g.direction * rest * g.hysteresis, tau);
         if constexpr (WithErrors) {
             const Errors& e = g.errors;
             const L slope = 2.0 * bend + g.B, through = slope * sign;
             // With the load-dependent map A comes with -sgn(qd).
-            const L by_A = select(g.odd > zero, absolute(inside), -(sign * inside)) * (2.0 * joint_current - inside);
+            const L by_A = select(g.odd > zero, abs(inside), -(sign * inside)) * (2.0 * joint_current - inside);
             const L unit_power = motion.shape * g.unit_scale;
             const L log_speed = motion.log_speed + 9.210340371976183;  // ln |qd|
             L variance = square(by_A * e.A) + square(joint_current * e.B) + square(slope * e.friction) +
@@ -189,7 +187,7 @@ class JointTorqueBank {
                 variance += square(through * e.coulomb) + square(through * bell * e.stribeck) +
                             square(by_width * e.stribeck_speed);
             }
-            store(square_root(variance), sd);
+            store(sqrt(variance), sd);
         }
     }
     static L square(L x) { return x * x; }

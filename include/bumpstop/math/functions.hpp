@@ -14,7 +14,7 @@ inline constexpr double rounding_shift = 6755399441055744.0;
 
 /// The whole number not above x, |x| < 2^51.
 template <class T>
-T whole_part(T x) {
+T floor(T x) {
     const T near = (x + rounding_shift) - rounding_shift;
     return select(near > x, near - 1.0, near);
 }
@@ -68,7 +68,7 @@ SinCos<T> sincos(T x) {
 /// exp(-(a + b)) for a + b in [0, 745]; zero beyond 708. The rounding of `a` is the error of the exponent:
 /// erfc passes a square of few bits, which is exact, and a small remainder.
 template <class T>
-T exp_negative(T a, T b) {
+T exp_minus(T a, T b) {
     constexpr double ln2_high = 0x1.62e42fefap-1, ln2_low = 0x1.cf79abc9e3b3ap-40;
     const T total = a + b;
     const T shifted = rounding_shift - total * 1.4426950408889634074;
@@ -86,19 +86,19 @@ T exp_negative(T a, T b) {
 /// exp(-x^2) (1 + 2x)^-1 p(t): see tools/erfc_coefficients.py for the polynomial.
 template <class T>
 T erfc(T x) {
-    const T magnitude = minimum(absolute(x), T(30.0));
+    const T magnitude = min(abs(x), T(30.0));
     const T inverse = 1.0 / ((magnitude + erfc_polynomial::shift) * (1.0 + 2.0 * magnitude));
     const T t = (magnitude - erfc_polynomial::shift) * (1.0 + 2.0 * magnitude) * inverse;
     const T scaled = polynomial(erfc_polynomial::coefficients, t) * (magnitude + erfc_polynomial::shift) * inverse;
     // x^2 = short^2 + (x - short)(x + short) with `short` a multiple of 1/16: short^2 is exact.
     const T brief = (magnitude + 0x1.8p+48) - 0x1.8p+48;
-    const T upper = exp_negative(brief * brief, (magnitude - brief) * (magnitude + brief)) * scaled;
+    const T upper = exp_minus(brief * brief, (magnitude - brief) * (magnitude + brief)) * scaled;
     return select(x < T(0.0), 2.0 - upper, upper);
 }
 
 /// Natural logarithm of a normal positive x, relative error below 1e-15.
 template <class T>
-T logarithm(T x) {
+T log(T x) {
     // Subtracting the bits of sqrt(1/2) before splitting puts the mantissa into [sqrt(1/2), sqrt(2)).
     constexpr std::int64_t root_half = 0x3FE6A09E667F3BCD;
     constexpr std::int64_t exponent_mask = std::int64_t(0xFFF) << 52;
@@ -154,7 +154,7 @@ T normal_upper_quantile(T p) {
                             1.51986665636164571966e-2,
                             5.47593808499534494600e-4,
                             1.05075007164441684324e-9};
-    const T r = square_root(-logarithm(p));
+    const T r = sqrt(-log(p));
     T outer = polynomial(c, r - 1.6) / polynomial(d, r - 1.6);
     const auto far = r > T(5.0);
     if (any(far)) {

@@ -164,10 +164,10 @@ Lanes<N, fuses> select(Mask<N> m, Lanes<N, fuses> a, Lanes<N, fuses> b) {
     return Lanes<N, fuses>::of(m.choose(a.v, b.v));
 }
 
-inline double minimum(double a, double b) { return a < b ? a : b; }
-inline double maximum(double a, double b) { return a > b ? a : b; }
+inline double min(double a, double b) { return a < b ? a : b; }
+inline double max(double a, double b) { return a > b ? a : b; }
 template <int N, bool fuses>
-Lanes<N, fuses> minimum(Lanes<N, fuses> a, Lanes<N, fuses> b) {
+Lanes<N, fuses> min(Lanes<N, fuses> a, Lanes<N, fuses> b) {
     // The second of the two where one is NaN, as below.
 #if defined(__AVX512F__)
     if constexpr (N == 8) return Lanes<N, fuses>::of(_mm512_maskz_min_pd(all_lanes, a.v, b.v));
@@ -178,7 +178,7 @@ Lanes<N, fuses> minimum(Lanes<N, fuses> a, Lanes<N, fuses> b) {
     return Lanes<N, fuses>::of(a.v < b.v ? a.v : b.v);
 }
 template <int N, bool fuses>
-Lanes<N, fuses> maximum(Lanes<N, fuses> a, Lanes<N, fuses> b) {
+Lanes<N, fuses> max(Lanes<N, fuses> a, Lanes<N, fuses> b) {
     // The second of the two where one is NaN, as below.
 #if defined(__AVX512F__)
     if constexpr (N == 8) return Lanes<N, fuses>::of(_mm512_maskz_max_pd(all_lanes, a.v, b.v));
@@ -243,15 +243,15 @@ void transpose(Lanes<N, fuses>* row) {
 }
 
 inline constexpr std::int64_t sign_bit = std::int64_t(1) << 63;
-inline double absolute(double x) { return std::fabs(x); }
+inline double abs(double x) { return std::fabs(x); }
 template <int N, bool fuses>
-Lanes<N, fuses> absolute(Lanes<N, fuses> x) {
+Lanes<N, fuses> abs(Lanes<N, fuses> x) {
     return Lanes<N, fuses>::of(real_of(bits_of(x) & IntLanes<N>(~sign_bit)).v);
 }
 
-inline double square_root(double x) { return std::sqrt(x); }
+inline double sqrt(double x) { return std::sqrt(x); }
 template <int N, bool fuses>
-Lanes<N, fuses> square_root(Lanes<N, fuses> x) {
+Lanes<N, fuses> sqrt(Lanes<N, fuses> x) {
 #if defined(__AVX512F__)
     if constexpr (N == 8) return Lanes<N, fuses>::of(_mm512_maskz_sqrt_pd(all_lanes, x.v));
 #endif

@@ -182,7 +182,7 @@ class Interpolation {
         for (int m = 0; m < size(); ++m) {
             // At a node its own weight outgrows all others by more than a double can tell.
             const T away = place - double(node_[m]);
-            weight[m] = barycentric_[m] / select(absolute(away) < T(1e-100), T(1e-100), away);
+            weight[m] = barycentric_[m] / select(abs(away) < T(1e-100), T(1e-100), away);
             sum += weight[m];
         }
         for (int m = 0; m < size(); ++m) weight[m] = weight[m] / sum;

@@ -309,7 +309,7 @@ MaskOf<T> cholesky(T (*m)[max_joints], int n) noexcept {
         T pivot = m[j][j];
         for (int k = 0; k < j; ++k) pivot -= m[j][k] * m[j][k];
         definite = definite & (pivot > m[j][j] * (n * 0x1p-52));
-        m[j][j] = square_root(pivot);
+        m[j][j] = sqrt(pivot);
         const T inverse = 1.0 / m[j][j];
         for (int i = j + 1; i < n; ++i) {
             T sum = m[i][j];

@@ -73,7 +73,7 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, co
     first = before[0];
     if (least_length != nullptr) {
         BUMPSTOP_UNROLL
-        for (int c = 0; c < Rows; ++c) before[c] = maximum(before[c], least_length[c]);
+        for (int c = 0; c < Rows; ++c) before[c] = max(before[c], least_length[c]);
     }
     T singular_margin = 1.0, least = 1.0, least_before = 1.0;
     BUMPSTOP_UNROLL
@@ -81,8 +81,8 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, co
         const T* u = row[c];
         // A row that vanishes would divide by zero; its rate then stays finite and the caller sees the sine.
         const T square = c == 0 ? first : Row::dot(u, u, columns);
-        inverse[c] = 1.0 / maximum(square, T(1e-200));
-        singular_margin = minimum(singular_margin, square - singular_sine * singular_sine * before[c]);
+        inverse[c] = 1.0 / max(square, T(1e-200));
+        singular_margin = min(singular_margin, square - singular_sine * singular_sine * before[c]);
         const MaskOf<T> lesser = square * least_before < least * before[c];
         least = select(lesser, square, least);
         least_before = select(lesser, before[c], least_before);

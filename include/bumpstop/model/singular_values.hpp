@@ -25,13 +25,13 @@ void make_rows_orthogonal(T (*row)[Width], int columns, int carried = 0) noexcep
         for (int a = 0; a < Rows; ++a) {
             for (int b = a + 1; b < Rows; ++b) {
                 const T aa = product(a, a), bb = product(b, b), ab = product(a, b);
-                const MaskOf<T> oblique = (ab * ab > aa * bb * 1e-30) & (minimum(aa, bb) > rounding);
+                const MaskOf<T> oblique = (ab * ab > aa * bb * 1e-30) & (min(aa, bb) > rounding);
                 turned = turned | oblique;
                 // The smaller of the two angles that make them orthogonal.
                 const T cotangent = (bb - aa) / select(oblique, 2.0 * ab, T(1.0));
                 const T sign = select(cotangent < T(0.0), T(-1.0), T(1.0));
-                const T tangent = sign / (absolute(cotangent) + square_root(cotangent * cotangent + 1.0));
-                const T c = select(oblique, 1.0 / square_root(tangent * tangent + 1.0), T(1.0));
+                const T tangent = sign / (abs(cotangent) + sqrt(cotangent * cotangent + 1.0));
+                const T c = select(oblique, 1.0 / sqrt(tangent * tangent + 1.0), T(1.0));
                 const T s = select(oblique, c * tangent, T(0.0));
                 for (int j = 0; j < columns + carried; ++j) {
                     const T x = row[a][j], y = row[b][j];
@@ -52,9 +52,9 @@ void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
     for (int a = 0; a < Rows; ++a) {
         T square = 0.0;
         for (int j = 0; j < columns; ++j) square += row[a][j] * row[a][j];
-        values[a] = square_root(square);
+        values[a] = sqrt(square);
         for (int b = a; b > 0; --b) {
-            const T high = maximum(values[b - 1], values[b]), low = minimum(values[b - 1], values[b]);
+            const T high = max(values[b - 1], values[b]), low = min(values[b - 1], values[b]);
             values[b - 1] = high;
             values[b] = low;
         }

@@ -32,7 +32,7 @@ class CausalDerivative {
     /// nothing: it is dropped, as if lost, and the last estimate given again.
     CausalEstimate<T> update(double time, T position) noexcept {
         constexpr double largest = std::numeric_limits<double>::max();
-        if (!(time > newest_ && time <= largest && all(absolute(position) <= T(largest)))) return estimate_;
+        if (!(time > newest_ && time <= largest && all(abs(position) <= T(largest)))) return estimate_;
         newest_ = time;
         time_[slot_] = time;
         position_[slot_] = position;

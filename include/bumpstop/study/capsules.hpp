@@ -17,7 +17,7 @@ Point3<T> between(const Point3<T>& from, const Point3<T>& to) {
 template <class T>
 T point_to_segment(const Point3<T>& point, const Point3<T>& begin, const Point3<T>& along) {
     const Point3<T> w = between(begin, point);
-    const T share = minimum(maximum(dot(w, along) / dot(along, along), T(0.0)), T(1.0));
+    const T share = min(max(dot(w, along) / dot(along, along), T(0.0)), T(1.0));
     const Point3<T> apart{w.x - share * along.x, w.y - share * along.y, w.z - share * along.z};
     return dot(apart, apart);
 }
@@ -29,17 +29,17 @@ T point_to_segment(const Point3<T>& point, const Point3<T>& begin, const Point3<
 template <class T>
 T segment_distance(const Point3<T>& p, const Point3<T>& p_end, const Point3<T>& r, const Point3<T>& r_end) {
     const Point3<T> u = detail::between(p, p_end), v = detail::between(r, r_end), w = detail::between(r, p);
-    T least = minimum(minimum(detail::point_to_segment(p, r, v), detail::point_to_segment(p_end, r, v)),
-                      minimum(detail::point_to_segment(r, p, u), detail::point_to_segment(r_end, p, u)));
+    T least = min(min(detail::point_to_segment(p, r, v), detail::point_to_segment(p_end, r, v)),
+                  min(detail::point_to_segment(r, p, u), detail::point_to_segment(r_end, p, u)));
     const T uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), uw = dot(u, w), vw = dot(v, w);
     const T determinant = uu * vv - uv * uv;
     const MaskOf<T> crossing = determinant > 1e-12 * uu * vv;
     const T inverse = 1.0 / select(crossing, determinant, T(1.0));
     const T s = (uv * vw - vv * uw) * inverse, t = (uu * vw - uv * uw) * inverse;
-    const MaskOf<T> in_first = absolute(s - 0.5) <= T(0.5), in_second = absolute(t - 0.5) <= T(0.5);
+    const MaskOf<T> in_first = abs(s - 0.5) <= T(0.5), in_second = abs(t - 0.5) <= T(0.5);
     const Point3<T> apart{w.x + s * u.x - t * v.x, w.y + s * u.y - t * v.y, w.z + s * u.z - t * v.z};
-    least = select(crossing & in_first & in_second, minimum(least, dot(apart, apart)), least);
-    return square_root(least);
+    least = select(crossing & in_first & in_second, min(least, dot(apart, apart)), least);
+    return sqrt(least);
 }
 
 /// Lines shorter than this are no links [m].
@@ -57,7 +57,7 @@ MaskOf<T> self_collision(const Chain& chain, const Posture<T>& posture, const Li
     T length[max_joints + 1];
     for (int i = 0; i < links; ++i) {
         const Point3<T> along = detail::between(place[i], place[i + 1]);
-        length[i] = square_root(dot(along, along));
+        length[i] = sqrt(dot(along, along));
     }
     const T apart(2 * radius), shortest(shortest_link);
     MaskOf<T> hit = T(1.0) < T(0.0);

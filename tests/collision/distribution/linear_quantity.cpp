@@ -1,5 +1,5 @@
 // Moments, tails and quantiles of a force on panels of offsets against the integrals they stand for.
-#include "bumpstop/collision/linear_quantity.hpp"
+#include "bumpstop/collision/distribution/linear_quantity.hpp"
 
 #include <array>
 

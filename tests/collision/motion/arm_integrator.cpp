@@ -1,5 +1,5 @@
 // Arms in lanes: what becomes of one does not depend on the others, and one that is put back goes the same way again.
-#include "bumpstop/collision/arm_integrator.hpp"
+#include "bumpstop/collision/motion/arm_integrator.hpp"
 
 #include "collision/random_arm.hpp"
 

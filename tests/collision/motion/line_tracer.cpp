@@ -1,5 +1,5 @@
 // Paths along lines against the controller's sub-steps as docs/collision.md writes them down.
-#include "bumpstop/collision/line_tracer.hpp"
+#include "bumpstop/collision/motion/line_tracer.hpp"
 
 #include "collision/random_arm.hpp"
 

@@ -4,8 +4,8 @@
 
 #include <numeric>
 
-#include "bumpstop/collision/arm_integrator.hpp"
-#include "bumpstop/collision/line_end.hpp"
+#include "bumpstop/collision/motion/arm_integrator.hpp"
+#include "bumpstop/collision/motion/line_end.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

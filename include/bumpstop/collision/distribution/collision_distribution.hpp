@@ -2,8 +2,8 @@
 /// The distribution of a collision over contact offset and sensor noise.
 #pragma once
 
-#include "bumpstop/collision/free_contact.hpp"
-#include "bumpstop/collision/linear_quantity.hpp"
+#include "bumpstop/collision/contact/free_contact.hpp"
+#include "bumpstop/collision/distribution/linear_quantity.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

@@ -4,7 +4,7 @@
 
 #include <numeric>
 
-#include "bumpstop/collision/detection_probabilities.hpp"
+#include "bumpstop/collision/distribution/detection_probabilities.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -125,7 +125,7 @@ class InterpolatedPanels {
             T off = -load<T>(&out_.trigger[out_.panel[p].row * count + i]);
             for (int m = 0; m < from_.nodes; ++m)
                 off += weight_[m] * load<T>(&out_.trigger[out_.panel[from_.panel[m]].row * count + i]);
-            if (any(absolute(off) > T(10 * tolerance))) return false;
+            if (any(abs(off) > T(10 * tolerance))) return false;
         }
         return true;
     }
@@ -142,7 +142,7 @@ class InterpolatedPanels {
                 if (slot < from.slots)
                     off += weight_[m] * load<T>(&values[(from.first_slot + std::size_t(slot)) * order_ + g]);
             }
-            if (any(absolute(off) > allowed(at + g))) return false;
+            if (any(abs(off) > allowed(at + g))) return false;
         }
         return true;
     }
@@ -152,7 +152,7 @@ class InterpolatedPanels {
             T off = -load<T>(&values[out_.panel[p].row * order_ + g]);
             for (int m = 0; m < from_.nodes; ++m)
                 off += weight_[m] * load<T>(&values[out_.panel[from_.panel[m]].row * order_ + g]);
-            if (any(absolute(off) > allowed)) return false;
+            if (any(abs(off) > allowed)) return false;
         }
         return true;
     }

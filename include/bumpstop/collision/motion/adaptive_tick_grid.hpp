@@ -2,8 +2,8 @@
 /// The overtravels of a range of ticks, from reactions on a grid that is halved where it must be.
 #pragma once
 
-#include "bumpstop/collision/overtravel_tolerance.hpp"
-#include "bumpstop/collision/peak_fit.hpp"
+#include "bumpstop/collision/motion/overtravel_tolerance.hpp"
+#include "bumpstop/collision/motion/peak_fit.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

@@ -2,7 +2,7 @@
 /// How probable it is that a joint alarms at a tick: by the error function, from a table, or with correlated noise.
 #pragma once
 
-#include "bumpstop/collision/pre_contact_alarms.hpp"
+#include "bumpstop/collision/distribution/pre_contact_alarms.hpp"
 #include "bumpstop/detection/alarm_table.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "bumpstop/collision/arm_integrator.hpp"
+#include "bumpstop/collision/motion/arm_integrator.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

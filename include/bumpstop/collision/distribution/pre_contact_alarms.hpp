@@ -2,7 +2,7 @@
 /// The ticks before contact: the probability that none alarms, and the density of the noise by then.
 #pragma once
 
-#include "bumpstop/collision/stopping_curve.hpp"
+#include "bumpstop/collision/motion/stopping_curve.hpp"
 #include "bumpstop/detection/surviving_noise.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

@@ -2,7 +2,7 @@
 /// How far a path must be traced: until no body that may be there can have gone undetected.
 #pragma once
 
-#include "bumpstop/collision/line_path.hpp"
+#include "bumpstop/collision/motion/line_path.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -24,7 +24,7 @@ class SurvivalCriterion {
 
     /// Some moments of the line, one in each lane: distances [m] and contact torques by joint [Nm/N or 1].
     void observe(const T& s, const T* torque_per_N) {
-        force_ = maximum(s - largest_offset_, T(0.0)) * stiffness_;
+        force_ = max(s - largest_offset_, T(0.0)) * stiffness_;
         for (int w = 0; w < detector_->watched; ++w) residual_[w] = torque_per_N[detector_->joint[w]] * force_;
         no_alarm_ = 1.0;
         if (detector_->filter == 0 && any(force_ > T(0.0)))
@@ -41,7 +41,7 @@ class SurvivalCriterion {
         }
         if (tick_++ >= unarmed_ticks_ && touched) {
             // Ticks with common noise do not multiply, but no silence is more probable than that of its loudest tick.
-            survival_ = detector_->correlation != 0 ? minimum(survival_, no_alarm) : survival_ * no_alarm;
+            survival_ = detector_->correlation != 0 ? min(survival_, no_alarm) : survival_ * no_alarm;
         }
         return survival_ < negligible_survival;
     }

@@ -2,7 +2,7 @@
 /// All that free contact needs of a motion: its path, and the path of every reaction.
 #pragma once
 
-#include "bumpstop/collision/transient_impact.hpp"
+#include "bumpstop/collision/contact/transient_impact.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

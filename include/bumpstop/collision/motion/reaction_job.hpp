@@ -5,8 +5,8 @@
 #include <limits>
 #include <vector>
 
-#include "bumpstop/collision/arm_integrator.hpp"
-#include "bumpstop/collision/line_path.hpp"
+#include "bumpstop/collision/motion/arm_integrator.hpp"
+#include "bumpstop/collision/motion/line_path.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

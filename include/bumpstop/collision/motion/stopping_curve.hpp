@@ -3,7 +3,7 @@
 /// the reaction begins there.
 #pragma once
 
-#include "bumpstop/collision/adaptive_tick_grid.hpp"
+#include "bumpstop/collision/motion/adaptive_tick_grid.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

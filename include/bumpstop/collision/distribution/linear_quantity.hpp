@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "bumpstop/collision/piecewise_density.hpp"
+#include "bumpstop/collision/distribution/piecewise_density.hpp"
 #include "bumpstop/math/functions.hpp"
 #include "bumpstop/math/interruption.hpp"
 #include "bumpstop/math/quadrature.hpp"
@@ -112,7 +112,7 @@ class CutPanels {
         for (int r = 0; r < registers; ++r) {
             const T factor = load<T>(factor_ + r * lanes);
             // The polynomial may dip below zero where there is next to nothing.
-            probability_ += factor * maximum(below[r], T(0.0));
+            probability_ += factor * max(below[r], T(0.0));
             density_ += factor * load<T>(inverse_half_ + r * lanes) * slope[r];
         }
     }

@@ -2,7 +2,7 @@
 /// Collisions with a body that can get away, from the undisturbed path to what a reaction makes of them.
 #pragma once
 
-#include "bumpstop/collision/transient_paths.hpp"
+#include "bumpstop/collision/contact/transient_paths.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

@@ -4,7 +4,7 @@
 
 #include <optional>
 
-#include "bumpstop/collision/collision_distribution.hpp"
+#include "bumpstop/collision/distribution/collision_distribution.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -177,7 +177,7 @@ class OffsetQuadrature {
             for (int slot = 0; slot < panel.slots; ++slot, from += step) {
                 // Interpolation leaves a little of either sign where there is nothing.
                 for (int g = 0; g < order; g += lanes)
-                    store(load<T>(weight.value + g) * maximum(load<T>(from + g), T(0.0)), row.value + g);
+                    store(load<T>(weight.value + g) * max(load<T>(from + g), T(0.0)), row.value + g);
                 double* to = &density.series[(panel.first_slot + std::size_t(slot)) * step];
                 find_series(row, to);
                 const double mass = 2 * to[0];

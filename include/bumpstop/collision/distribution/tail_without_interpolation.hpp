@@ -2,7 +2,7 @@
 /// Far tails of the peak force, by a second route.
 #pragma once
 
-#include "bumpstop/collision/offset_quadrature.hpp"
+#include "bumpstop/collision/distribution/offset_quadrature.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

@@ -2,8 +2,8 @@
 /// Free contact: what becomes of bodies at the nodes of panels, and of those that false alarms still reach.
 #pragma once
 
-#include "bumpstop/collision/interpolated_panels.hpp"
-#include "bumpstop/collision/transient_collision.hpp"
+#include "bumpstop/collision/contact/transient_collision.hpp"
+#include "bumpstop/collision/distribution/interpolated_panels.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -94,7 +94,7 @@ class FreeContact {
                 tolerance[q] * std::max(panels.greatest(values), *std::max_element(never.begin(), never.end()));
             for (int slot = 0; slot < known.panel[p].slots; ++slot) {
                 if (!panels.slot_agrees(values, p, slot, [&](std::size_t at) {
-                        return allowed / maximum(load<T>(&known.detected[at]), T(1e-300));
+                        return allowed / max(load<T>(&known.detected[at]), T(1e-300));
                     }))
                     return false;
             }

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "bumpstop/collision/reaction.hpp"
+#include "bumpstop/collision/motion/reaction.hpp"
 #include "bumpstop/math/functions.hpp"
 #include "bumpstop/math/quadrature.hpp"
 
@@ -26,8 +26,8 @@ struct PeakFitOf {
 
     /// The greatest value at a whole step.
     T at_steps() const {
-        const T below = maximum(T(0.0), whole_part(time));
-        return maximum(T(0.0), maximum(at(below - time), at(below + 1.0 - time)));
+        const T below = max(T(0.0), floor(time));
+        return max(T(0.0), max(at(below - time), at(below + 1.0 - time)));
     }
 
   private:
@@ -62,7 +62,7 @@ inline PeakFit peak_fit(const ReactionJob& job) {
     for (int i = 0; i < 20; ++i) {
         const R step = (c1 + x * (2.0 * c2 + 3.0 * c3 * x)) / (2.0 * c2 + 6.0 * c3 * x);
         x -= step;
-        if (all(absolute(step) < R(1e-14))) break;
+        if (all(abs(step) < R(1e-14))) break;
     }
     const R value = y[0] + x * (c1 + x * (c2 + x * c3)), second = 2.0 * c2 + 6.0 * c3 * x;
     return {job.step[first] + lane_of(x, 0), lane_of(value, 0), lane_of(second, 0), lane_of(6.0 * c3, 0)};

@@ -2,8 +2,8 @@
 /// When collisions are detected, offset by offset: survival from tick to tick.
 #pragma once
 
-#include "bumpstop/collision/alarm_models.hpp"
-#include "bumpstop/collision/offset_mesh.hpp"
+#include "bumpstop/collision/distribution/alarm_models.hpp"
+#include "bumpstop/collision/distribution/offset_mesh.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -108,7 +108,7 @@ class ClampedContact {
 
     void begin(const OffsetPanel&, const T* offset) { std::copy_n(offset, block_registers<T>, offset_); }
     /// At the i-th tick in contact, where the arm is at s.
-    T force(double s, int, int r) const { return maximum(T(s - offset_[r]), T(0.0)) * stiffness_; }
+    T force(double s, int, int r) const { return max(T(s - offset_[r]), T(0.0)) * stiffness_; }
     void finish(const DetectionProbabilities::Panel&, std::size_t, std::size_t, DetectionProbabilities&) const {}
     template <class Interpolated>
     bool agrees(const Interpolated&, std::size_t, const DetectionProbabilities&) const {
@@ -145,7 +145,7 @@ class DetectionIntegrator {
             for (int w = 0; w < detector_.watched; ++w)
                 own[w] = path.torque_per_N[std::size_t(k * path.dof + detector_.joint[std::size_t(w)])];
             for (int w = 0; w < detector_.watched; w += native_lanes)
-                store(maximum(load<Native>(most + w), absolute(load<Native>(own + w))), most + w);
+                store(max(load<Native>(most + w), abs(load<Native>(own + w))), most + w);
         }
         touched_count_ = 0;
         untouched_ = {};
@@ -229,7 +229,7 @@ class DetectionIntegrator {
                 }
             }
             for (int r = 0; r < registers; ++r) {
-                several[r] += weight[r] * maximum(alarm[r] - one[r], T(0.0));
+                several[r] += weight[r] * max(alarm[r] - one[r], T(0.0));
                 store(weight[r] * alarm[r], detected + r * lanes);
                 T left = survival[r] * no_alarm[r];
                 if constexpr (Contact::parts) {
@@ -240,7 +240,7 @@ class DetectionIntegrator {
                 } else {
                     survival[r] = left;
                 }
-                most = maximum(most, left);
+                most = max(most, left);
             }
             if (!all(most < T(negligible_survival_))) continue;
             // The next ticks detect what is left. Undetected it is not: that would let the arm press on without an end.

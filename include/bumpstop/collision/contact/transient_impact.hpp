@@ -2,7 +2,7 @@
 /// A body that can get away: struck by the arm's path, it answers as a spring with its mass behind it.
 #pragma once
 
-#include "bumpstop/collision/stopping_curve.hpp"
+#include "bumpstop/collision/motion/stopping_curve.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -88,28 +88,28 @@ class TransientImpact {
             // A body not yet touched waits at its place.
             const T gap = offset - begin;
             moves = live & (inside | ((speed * piece_ > gap) & (speed > T(0.0))));
-            const T wait = maximum(gap, T(0.0)) / maximum(speed, T(1e-300));
-            left = select(inside, T(piece_), minimum(maximum(piece_ - wait, T(0.0)), T(piece_)));
+            const T wait = max(gap, T(0.0)) / max(speed, T(1e-300));
+            left = select(inside, T(piece_), min(max(piece_ - wait, T(0.0)), T(piece_)));
             const SinCos<T> turned = sincos(T(left * w));
             c = select(inside, T(cos_), turned.cos);
             s = select(inside, T(sin_), turned.sin);
-            y0 = select(inside, y0, maximum(-gap, T(0.0)));
+            y0 = select(inside, y0, max(-gap, T(0.0)));
         }
         const T v0 = speed - at.body_speed;
         const T y1 = y0 * c + v0 * (1 / w) * s;
         const T v1 = v0 * c - y0 * w * s;
-        T highest = maximum(y0, y1);
+        T highest = max(y0, y1);
         const auto turns = (v0 > T(0.0)) & (v1 < T(0.0));
-        if (any(turns)) highest = select(turns, square_root(y0 * y0 + v0 * v0 * (1 / (w * w))), highest);
+        if (any(turns)) highest = select(turns, sqrt(y0 * y0 + v0 * v0 * (1 / (w * w))), highest);
         // A body first touched where a piece ends has no time in it to be pressed: it is still being approached.
         const auto parts = moves & (y1 <= T(0.0)) & (v1 <= T(0.0));
-        at.compression = select(moves, maximum(y1, T(0.0)), at.compression);
+        at.compression = select(moves, max(y1, T(0.0)), at.compression);
         at.body_speed = select(moves, speed - v1, at.body_speed);
-        at.peak = select(moves, maximum(at.peak, highest), at.peak);
+        at.peak = select(moves, max(at.peak, highest), at.peak);
         at.touching = select(moves, T(1.0), at.touching);
         if (any(parts)) {
             // Where y passes zero: the chord's guess, mended by one step of Newton's.
-            const T guess = left * (y0 / maximum(y0 - y1, T(1e-300)));
+            const T guess = left * (y0 / max(y0 - y1, T(1e-300)));
             const SinCos<T> there = sincos(T(guess * w));
             const T value = y0 * there.cos + v0 * (1 / w) * there.sin, slope = v0 * there.cos - y0 * w * there.sin;
             left = select(parts, guess - value / select(slope < T(0.0), slope, T(-1.0)), left);

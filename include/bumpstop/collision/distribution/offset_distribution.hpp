@@ -28,7 +28,7 @@ struct OffsetDistribution {
         if (kind == OffsetKind::uniform) return 1 / size;
         const T z = o * (1 / size);
         const double normalised = 0.79788456080286535588 / (size * within_reach);
-        return exp_negative(T(0.5 * z * z), T(0.0)) * normalised;
+        return exp_minus(T(0.5 * z * z), T(0.0)) * normalised;
     }
     template <class T>
     T probability_beyond(T o) const {

@@ -2,8 +2,8 @@
 /// Where an arm cannot follow its line any more, at a joint limit or a singularity: it brakes.
 #pragma once
 
-#include "bumpstop/collision/line_path.hpp"
-#include "bumpstop/collision/reaction_job.hpp"
+#include "bumpstop/collision/motion/line_path.hpp"
+#include "bumpstop/collision/motion/reaction_job.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

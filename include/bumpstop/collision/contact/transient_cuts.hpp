@@ -2,7 +2,7 @@
 /// Where what becomes of a free body changes abruptly with its place.
 #pragma once
 
-#include "bumpstop/collision/transient_paths.hpp"
+#include "bumpstop/collision/contact/transient_paths.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

@@ -144,8 +144,8 @@ class AdamsHistory {
         const T after = value_after(product, last), newest = 1.0 / product[0];
         weights.predict[0] = after * newest;
         set(product, 0, last, newest, weights.sum[0], weights.sum_of_sums[0], weights.last[0]);
-        set(product, 1, last, 1.0 / maximum(absolute(n * after), T(1e-300)), weights.correct_sum,
-            weights.correct_sum_of_sums, weights.correct_last);
+        set(product, 1, last, 1.0 / max(abs(n * after), T(1e-300)), weights.correct_sum, weights.correct_sum_of_sums,
+            weights.correct_last);
         BUMPSTOP_UNROLL
         for (int j = 1; j <= last; ++j) {
             T rest[last], divisor = -age_[j];

@@ -3,7 +3,7 @@
 /// farther.
 #pragma once
 
-#include "bumpstop/collision/reaction_job.hpp"
+#include "bumpstop/collision/motion/reaction_job.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -100,17 +100,17 @@ class ReactionBatch {
         if (rules_.only_peak) {
             const T far = double(max_reaction_leap);
             // The last step that ends a whole step before the top.
-            const T landing = (whole_steps(whole_part(taken_ + minimum(top_, 2.0 * far))) - 1.0) * substeps() - taken_;
-            const T forward = select(top_ < 2.0 * far, maximum(landing, to_step), far);
+            const T landing = (whole_steps(floor(taken_ + min(top_, 2.0 * far))) - 1.0) * substeps() - taken_;
+            const T forward = select(top_ < 2.0 * far, max(landing, to_step), far);
             const T backward = select(retreating_ >= steps_past_peak * substeps(), far, to_step);
             longest = select(speed_ > T(0.0), forward, select(speed_ < T(0.0), backward, to_step));
             longest = select(relaxed_, T(double(max_retreat_leap)), longest);
             longest = select(over_ | (speed_ == T(0.0)), to_step, longest);
         }
         // One that never turns back is where its last step ends.
-        longest = minimum(longest, longest_ - taken_);
+        longest = min(longest, longest_ - taken_);
         // The time of an arm that has turned ends with a sample.
-        longest = select(reversed_ & (taken_ < min_time_), minimum(longest, min_time_ - taken_), longest);
+        longest = select(reversed_ & (taken_ < min_time_), min(longest, min_time_ - taken_), longest);
         return select(busy_, longest, T(0.0));
     }
 
@@ -127,24 +127,24 @@ class ReactionBatch {
     /// First looks tell whether arms follow their lines; any other one is written into its job.
     ReactionEvents<T> update(const ReactionSample<T>& sample) {
         const MaskOf<T> moves = busy_ & started_ & (sample.gone > T(0.0)), first = busy_ & !started_;
-        const MaskOf<T> off = absolute(sample.speed - approach_) > following_share * approach_;
+        const MaskOf<T> off = abs(sample.speed - approach_) > following_share * approach_;
         off_path_ = off_path_ | (first & (sample.near_singular | off) & !accept_first_peak_);
         started_ = started_ | first;
         const T went = speed_ * sample.gone * rules_.substep;
         move(moves, sample);
         speed_ = select(first, sample.speed, speed_);
 
-        lowest_ = minimum(lowest_, here_);
+        lowest_ = min(lowest_, here_);
         // Between two looks the point may have been farther than at either, by what it went at its speed before.
         const MaskOf<T> nears_peak =
-            here_ + maximum(went, T(0.0)) > peak_ - maximum(rebound_share * (peak_ - lowest_), T(rebound_distance));
+            here_ + max(went, T(0.0)) > peak_ - max(rebound_share * (peak_ - lowest_), T(rebound_distance));
         ReactionEvents<T> events;
         events.restart = moves & relaxed_ & nears_peak;
         const MaskOf<T> goes = moves & !events.restart, whole = goes & (into_step_ == T(0.0));
         MaskOf<T> leaves = none();
         if (!rules_.only_peak && !rules_.stopping)
             leaves = whole & reversed_ & (here_ > peak_) & ((!off_path_) | (taken_ > min_time_));
-        peak_ = maximum(peak_, here_);
+        peak_ = max(peak_, here_);
         write(whole & !(relaxed_ | leaves));
         off_path_ = off_path_ | (goes & sample.near_singular & !accept_first_peak_);
         note_singularities(busy_ & sample.near_singular & !accept_first_peak_);
@@ -178,7 +178,7 @@ class ReactionBatch {
     static MaskOf<T> none() { return T(0.0) > T(1.0); }
     T substeps() const { return double(rules_.substeps); }
     /// In so many sub-steps, a whole number.
-    T whole_steps(const T& count) const { return whole_part((count + 0.5) * (1.0 / rules_.substeps)); }
+    T whole_steps(const T& count) const { return floor((count + 0.5) * (1.0 / rules_.substeps)); }
 
     void move(const MaskOf<T>& moves, const ReactionSample<T>& sample) {
         const T gone = select(moves, sample.gone, T(0.0)), into = into_step_ + gone, whole = whole_steps(into);

@@ -59,12 +59,12 @@ void slow_to_velocity_limits(const MotionSettings& motion, Rates<T>& rates) {
     T over = 0.0;
     for (int f = 0; f < motion.free_count; ++f) {
         const double limit = motion.velocity_limit[motion.free_joint[f]];
-        if (std::isfinite(limit)) over = maximum(over, absolute(rates.free[f]) * (1.0 / limit));
+        if (std::isfinite(limit)) over = max(over, abs(rates.free[f]) * (1.0 / limit));
     }
     rates.velocity_saturation = over;
     rates.velocity_limited = over > T(1.0);
     if (any(rates.velocity_limited)) {
-        const T scale = 1.0 / maximum(over, T(1.0));
+        const T scale = 1.0 / max(over, T(1.0));
         for (int f = 0; f < motion.free_count; ++f) rates.free[f] *= scale;
     }
 }
@@ -127,12 +127,12 @@ MaskOf<T> limited_change(const MotionSettings& motion, const InverseMaxRateChang
     T over = 0.0;
     for (int f = 0; f < n; ++f) {
         change[f] = wanted[f] - state.qd[motion.free_joint[f]];
-        saturation[f] = absolute(change[f]) * full.of[f];
-        over = maximum(over, saturation[f]);
+        saturation[f] = abs(change[f]) * full.of[f];
+        over = max(over, saturation[f]);
     }
     const auto reached = over <= T(1.0);
     if (!all(reached)) {
-        const T ratio = 1.0 / maximum(over, T(1.0));
+        const T ratio = 1.0 / max(over, T(1.0));
         for (int f = 0; f < n; ++f) change[f] *= ratio;
     }
     return reached;

@@ -2,8 +2,8 @@
 /// Arms that brake or follow a line, one in each lane, each with leaps of its own length.
 #pragma once
 
-#include "bumpstop/collision/adams_history.hpp"
-#include "bumpstop/collision/line_motion.hpp"
+#include "bumpstop/collision/motion/adams_history.hpp"
+#include "bumpstop/collision/motion/line_motion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -137,7 +137,7 @@ class ArmIntegrator {
         const bool follows = kind_ != Kind::brake;
         const MaskOf<T> begun = known_ > T(0.0);
         const T known = known_, next_step = follows ? next_step_ : select(reaches_, T(1.0), next_step_);
-        const T count = select(begun, minimum(next_step, max_step), T(0.0));
+        const T count = select(begun, min(next_step, max_step), T(0.0));
         const AdamsWeights<T, order> weights =
             follows ? history_.template weights<true>(count) : history_.template weights<false>(count);
         // Where the values known are the rates themselves, which the arm has.
@@ -166,18 +166,18 @@ class ArmIntegrator {
         for (int f = 0; f < n; ++f) {
             if (follows) {
                 change[f] = select(reaches, wanted.free[f], change[f]);
-                largest_rate = maximum(largest_rate, absolute(wanted.free[f]));
+                largest_rate = max(largest_rate, abs(wanted.free[f]));
             }
             correction[f] = change[f] - history_.combine(weights.predict, f);
-            off = maximum(off, absolute(correction[f]));
-            largest = maximum(largest, absolute(change[f]));
+            off = max(off, abs(correction[f]));
+            largest = max(largest, abs(change[f]));
         }
         const T allowed =
             follows ? select(reaches, largest_rate * rate_tolerance_, largest * tolerance_) : largest * tolerance_;
-        const T error = off / maximum(allowed * tolerance_scale_, T(1e-300));
+        const T error = off / max(allowed * tolerance_scale_, T(1e-300));
         look();
         // Where nothing was gone there is nothing to learn about the length of leaps.
-        const T roughness = error / maximum(history_.error_growth(count, known), T(1e-300));
+        const T roughness = error / max(history_.error_growth(count, known), T(1e-300));
         const MaskOf<T> goes = count > T(0.0), leaps = count > T(1.0), single = !leaps,
                         limited = wanted.velocity_limited;
         // Where one regime ends and another begins is found by single sub-steps.
@@ -198,8 +198,8 @@ class ArmIntegrator {
         const MaskOf<T> jumps = single & (error > T(1.0)) & (error > switch_jump * error_);
         const MaskOf<T> switches = moved & (follows ? changes | jumps : (!changes) & jumps);
         error_ = select(moved, select(switches, T(std::numeric_limits<double>::infinity()), error), error_);
-        known_ = select(moved, minimum(select(switches, T(0.0), known_) + 1.0, T(double(order))),
-                        select(first, T(1.0), known_));
+        known_ =
+            select(moved, min(select(switches, T(0.0), known_) + 1.0, T(double(order))), select(first, T(1.0), known_));
         // The angles stay those found before: what the corrections move it by is less than it need be known to.
         const T to_position = select(has_rates, weights.correct_sum, weights.correct_sum_of_sums) * motion_.substep();
         const T to_rate = follows ? select(has_rates, weights.correct_last, weights.correct_sum) : weights.correct_sum;
@@ -232,16 +232,16 @@ class ArmIntegrator {
         // It is where a switching point lies on its very end, too, or beyond, as roundings may have it: what is undone
         // must be shorter next time, down to a single sub-step, which always stands.
         const T shorter = select(changes, 0.5 * count, count - 1.0);
-        next = select(accepted, minimum(next, switching_point - count),
-                      minimum(select(switching_point < count, minimum(switching_point, 0.5 * count), next), shorter));
+        next = select(accepted, min(next, switching_point - count),
+                      min(select(switching_point < count, min(switching_point, 0.5 * count), next), shorter));
         for (int f = 0; f < n; ++f) saturation_[f] = select(accepted, saturation[f], saturation_[f]);
         velocity_saturation_ = select(accepted, wanted.velocity_saturation, velocity_saturation_);
         // A point that goes round with the joints may pass a top and a bottom inside one leap, which its ends do not
         // tell.
         T turning = 0.0;
-        for (int f = 0; f < n; ++f) turning += absolute(state.qd[motion_.free_joint[f]]);
-        next = minimum(next, (max_turn / motion_.substep()) / maximum(turning, T(1e-200)));
-        const T longer = select(known_ < T(3.0), T(1.0), maximum(whole_part(next), T(1.0)));
+        for (int f = 0; f < n; ++f) turning += abs(state.qd[motion_.free_joint[f]]);
+        next = min(next, (max_turn / motion_.substep()) / max(turning, T(1e-200)));
+        const T longer = select(known_ < T(3.0), T(1.0), max(floor(next), T(1.0)));
         next_step_ = select(goes, longer, next_step_);
         return select(moved, count, T(0.0));
     }
@@ -284,13 +284,13 @@ class ArmIntegrator {
             const auto greater = saturation_[f] > max_step;
             max_step = select(greater, saturation_[f], max_step);
             later = select(greater, saturation[f], later);
-            most_later = maximum(most_later, saturation[f]);
+            most_later = max(most_later, saturation[f]);
         }
         T share = never;
         auto cross = [&](const T& before, const T& after) {
             // Of a difference that falls to zero.
             const T fall = before - after;
-            share = minimum(share, select(fall > T(0.0), before / maximum(fall, T(1e-300)), never));
+            share = min(share, select(fall > T(0.0), before / max(fall, T(1e-300)), never));
         };
         for (int f = 0; f < motion_.free_count; ++f) cross(max_step - saturation_[f], later - saturation[f]);
         const auto lags = max_step > T(1.0);
@@ -300,8 +300,8 @@ class ArmIntegrator {
         cross(way * (velocity_saturation_ - 1.0), way * (velocity_saturation - 1.0));
         // Rates asked for that grow past all bounds point the other way beyond the singularity ahead, and those that
         // were slowed to a velocity limit show it only there: a leap over two of them in a row would not be noticed.
-        cross(1.0 / maximum(max_step, T(1.0)), 1.0 / maximum(most_later, T(1.0)));
-        cross(1.0 / maximum(velocity_saturation_, T(1.0)), 1.0 / maximum(velocity_saturation, T(1.0)));
+        cross(1.0 / max(max_step, T(1.0)), 1.0 / max(most_later, T(1.0)));
+        cross(1.0 / max(velocity_saturation_, T(1.0)), 1.0 / max(velocity_saturation, T(1.0)));
         return share;
     }
 

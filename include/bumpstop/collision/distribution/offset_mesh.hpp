@@ -2,10 +2,10 @@
 /// Cuts the contact offsets into panels inside which everything is smooth.
 #pragma once
 
-#include "bumpstop/collision/offset_distribution.hpp"
-#include "bumpstop/collision/piecewise_density.hpp"
-#include "bumpstop/collision/pre_contact_alarms.hpp"
-#include "bumpstop/collision/transient_cuts.hpp"
+#include "bumpstop/collision/contact/transient_cuts.hpp"
+#include "bumpstop/collision/distribution/offset_distribution.hpp"
+#include "bumpstop/collision/distribution/piecewise_density.hpp"
+#include "bumpstop/collision/distribution/pre_contact_alarms.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -123,7 +123,7 @@ class OffsetMesh {
             alignas(64) double here[max_joints] = {};
             for (int w = 0; w < detector_.watched; ++w) here[w] = own[detector_.joint[std::size_t(w)]];
             for (int w = 0; w < detector_.watched; w += native_lanes)
-                store(maximum(load<L>(torque + w), absolute(load<L>(here + w))), torque + w);
+                store(max(load<L>(torque + w), abs(load<L>(here + w))), torque + w);
         }
         gain_ = 0;
         for (int w = 0; w < detector_.watched; ++w)

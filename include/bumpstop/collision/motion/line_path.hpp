@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "bumpstop/collision/line_motion.hpp"
+#include "bumpstop/collision/motion/line_motion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -113,7 +113,7 @@ LineStart<T> begin_line(const Chain& chain, const MotionSettings& motion, const 
     }
     line.normal = {T(contact.normal[0]), T(contact.normal[1]), T(contact.normal[2])};
     if (contact.along_motion) {
-        const T inverse = 1.0 / maximum(square_root(dot(drift, drift)), T(1e-200));
+        const T inverse = 1.0 / max(sqrt(dot(drift, drift)), T(1e-200));
         line.normal = {drift.x * inverse, drift.y * inverse, drift.z * inverse};
     }
     if (!timing.from_rest) {
@@ -152,7 +152,7 @@ T min_limit_margin(const MotionSettings& motion, const T* q) {
     T margin = 1.0;
     for (int f = 0; f < motion.free_count; ++f) {
         const int j = motion.free_joint[f];
-        margin = minimum(margin, minimum(q[j] - motion.lower[j], motion.upper[j] - q[j]));
+        margin = min(margin, min(q[j] - motion.lower[j], motion.upper[j] - q[j]));
     }
     return margin;
 }

@@ -2,7 +2,7 @@
 /// The path the contact point still travels once the arm reacts.
 #pragma once
 
-#include "bumpstop/collision/reaction_batch.hpp"
+#include "bumpstop/collision/motion/reaction_batch.hpp"
 #include "bumpstop/model/point_motion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <optional>
 
-#include "bumpstop/collision/offset_distribution.hpp"
-#include "bumpstop/collision/transient_collision.hpp"
+#include "bumpstop/collision/contact/transient_collision.hpp"
+#include "bumpstop/collision/distribution/offset_distribution.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 #include "bumpstop/math/philox.hpp"
 
@@ -56,7 +56,7 @@ T draw_offset(const OffsetDistribution& law, std::uint64_t seed, IntOf<T> run) {
     if (law.kind == OffsetKind::fixed) return law.size;
     // The half-normal is cut where the exact law cuts it; draws are doubles of 2^-54, so none lies beyond but
     // by 1e-12.
-    if (law.kind == OffsetKind::half_normal) return minimum(normal_upper_quantile(draw.p) * law.size, T(law.largest()));
+    if (law.kind == OffsetKind::half_normal) return min(normal_upper_quantile(draw.p) * law.size, T(law.largest()));
     return 2.0 * draw.p * law.size;
 }
 
@@ -162,7 +162,7 @@ class MonteCarlo {
         const int dof = curve_.path.dof;
         for (int k = first_armed_; k < curve_.path.ticks && remaining > 0; ++k) {
             if (k % many_ticks == 0) allow_interruption();
-            const T force = maximum(s_[k] - offset, T(0.0)) * stiffness_;
+            const T force = max(s_[k] - offset, T(0.0)) * stiffness_;
             const bool contact = any(force > T(0.0));
             auto fired = T(0.0) > T(1.0);
             MaskOf<T> over[max_joints];
@@ -180,14 +180,14 @@ class MonteCarlo {
                     // Four standard deviations below the threshold, only draws beyond four can alarm: most joints are
                     // far from theirs at most ticks, and their quantiles need not be known.
                     const auto far =
-                        absolute(a * force + detector_.mean[w]) < T(detector_.threshold[w] - 4 * detector_.sd[w]);
+                        abs(a * force + detector_.mean[w]) < T(detector_.threshold[w] - 4 * detector_.sd[w]);
                     if (all(far & (draw.p > T(beyond_four_sd)))) {
                         over[w] = T(0.0) > T(1.0);
                         continue;
                     }
                     noise[w] = draw.normal() * detector_.sd[w] + detector_.mean[w];
                     residual[w] = noise[w] + a * force;
-                    over[w] = absolute(residual[w]) > T(detector_.threshold[w]);
+                    over[w] = abs(residual[w]) > T(detector_.threshold[w]);
                 } else {
                     // Without contact the quantile itself is not needed, only on which side of it the draw
                     // lies.
@@ -253,7 +253,7 @@ class MonteCarlo {
         int remaining = used;
         for (int k = 0; k < curve_.path.ticks && remaining > 0; ++k) {
             if (k % many_ticks == 0) allow_interruption();
-            T force = maximum(s_[k] - offset, T(0.0)) * stiffness_;
+            T force = max(s_[k] - offset, T(0.0)) * stiffness_;
             for (int lane = 0; collision != nullptr && lane < lanes; ++lane) {
                 const int i = k - touch[lane];
                 const bool known = i >= 0 && std::size_t(i) < collision->force.size();
@@ -286,7 +286,7 @@ class MonteCarlo {
             MaskOf<T> fired = T(0.0) > T(1.0), over[max_joints];
             for (int w = 0; w < detector_.watched; ++w) {
                 const int j = detector_.joint[w];
-                over[w] = absolute(noise[j] + contact[j]) > T(detector_.threshold[w]);
+                over[w] = abs(noise[j] + contact[j]) > T(detector_.threshold[w]);
                 fired = fired | over[w];
             }
             if (!any(fired)) continue;
