@@ -1,4 +1,4 @@
-"""Speed: each figure beside its target and beside the slow twin compiled with the same flags, in one run on a core."""
+"""Speed: each figure beside its target and the reference simulator with the same flags, in one run on a core."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests"))
 
 import bumpstop as bs  # noqa: E402
-import twin  # noqa: E402
-import twin.library as twin_library  # noqa: E402
+import reference  # noqa: E402
+import reference.library as reference_library  # noqa: E402
 from benchmarks import studies  # noqa: E402
 from benchmarks.million_rows import million_rows  # noqa: E402
 from bumpstop import kernels  # noqa: E402
 from bumpstop.model import inverse_dynamics  # noqa: E402
 from bumpstop.plant import line  # noqa: E402
-from collision.cases import control_group, free, twin_of  # noqa: E402
+from collision.cases import control_group, free, reference_settings  # noqa: E402
 from model.dynamics_cases import general_arm, pinocchio_model  # noqa: E402
 from plant.cases import STANDARD, source_plant  # noqa: E402
 
@@ -36,7 +36,7 @@ FLAGS = {
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma", "-mprefer-vector-width=512"],
 }
 COMMON = ["-std=c++20", "-O3", "-ffp-contract=fast"]
-TWIN_RUNS = 1000  # what Schroeder (2013) drew for one distribution
+REFERENCE_RUNS = 1000  # what Schroeder (2013) drew for one distribution
 BATCH = 4000
 # Half of random poses come near a singularity, and arms are followed there as finely as a law needs: these take longer
 # than the others, and set the mean. Measured on AVX-512: 740 and 170 us of processor time.
@@ -69,11 +69,11 @@ def whole_law(problem: bs.CollisionProblem) -> object:
     return figures, law.trigger_joint_probability
 
 
-def twin_seconds_per_run(scenario: bs.Scenario, runs: int = 12) -> float:
-    """Time of one run of the twin with noise of its own [s]."""
-    settings = twin_of(scenario, noise_sd_Nm=bs.CollisionProblem.from_scenario(scenario).noise_sd)
+def reference_seconds_per_run(scenario: bs.Scenario, runs: int = 12) -> float:
+    """Time of one run of the reference simulator with noise of its own [s]."""
+    settings = reference_settings(scenario, noise_sd_Nm=bs.CollisionProblem.from_scenario(scenario).noise_sd)
     offsets = np.abs(np.random.default_rng(1).normal(size=runs)) * 0.1 * np.linalg.norm(settings.velocity_m_s)
-    return seconds(lambda: twin.simulate_seeded(settings, offsets, 1), 3) / runs
+    return seconds(lambda: reference.simulate_seeded(settings, offsets, 1), 3) / runs
 
 
 def random_poses(robot: bs.Robot, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -203,16 +203,18 @@ def study_rows() -> None:
 
 def main() -> None:
     """Print the table."""
-    twin_library.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[kernels.target])
-    print(f"kernels: {kernels.target}; one core; the twin needs {TWIN_RUNS} runs for a distribution like Schroeder's\n")
-    row("", "measured", "target", None, "twin / ours")
+    reference_library.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[kernels.target])
+    needed = f"the reference simulator needs {REFERENCE_RUNS} runs for a distribution like Schroeder's"
+    print(f"kernels: {kernels.target}; one core; {needed}\n")
+    row("", "measured", "target", None, "reference / ours")
     for path in sorted((REPOSITORY / "examples").glob("*.toml")):
         scenario = bs.load_scenario(path)
-        if scenario.motion.kind == "trajectory":  # a mixture of hundreds of laws, which the twin does not know
+        # A mixture of hundreds of distributions, which the reference simulator does not know.
+        if scenario.motion.kind == "trajectory":
             continue
         problem = bs.CollisionProblem.from_scenario(scenario)
         ours = seconds(lambda p=problem: whole_law(p), 30)  # type: ignore[misc]
-        theirs = twin_seconds_per_run(scenario) * TWIN_RUNS
+        theirs = reference_seconds_per_run(scenario) * REFERENCE_RUNS
         row(f"complete law, {path.stem}", f"{ours * 1e3:.2f} ms", "<= 1 ms", ours <= 1e-3, f"{theirs / ours:.0f}")
 
     for what, scenario in (
@@ -228,7 +230,7 @@ def main() -> None:
     begin = time.perf_counter()
     laws = bs.evaluate_batch(scenario, q, velocity, limits_N=[135.0])
     each = (time.perf_counter() - begin) / BATCH
-    theirs = twin_seconds_per_run(scenario) * TWIN_RUNS
+    theirs = reference_seconds_per_run(scenario) * REFERENCE_RUNS
     row(
         f"law in a batch of {BATCH} random poses",
         f"{each * 1e6:.0f} us",
@@ -255,13 +257,13 @@ def main() -> None:
     runs = 500_000
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
     ours = seconds(lambda: curve.kernel.sample(*question, 1, 0, runs, False, 1), 3) / runs
-    theirs = twin_seconds_per_run(scenario)
+    theirs = reference_seconds_per_run(scenario)
     row("sampled runs per second, one curve", f"{1 / ours:.3g}", ">= 1e6", ours <= 1e-6, f"{theirs / ours:.0f}")
 
     lanes, six, seven, rail, scalar = substep()
-    settings = twin_of(scenario)
+    settings = reference_settings(scenario)
     begin = time.perf_counter()
-    path = twin.trace(twin_of(scenario, duration_s=0.4), float("inf"))
+    path = reference.trace(reference_settings(scenario, duration_s=0.4), float("inf"))
     literal = (time.perf_counter() - begin) / (len(path.time_s) * settings.substeps) * 1e9
     wide = kernels.target == "avx512"
     what = f"controller sub-step per lane, {lanes} lanes"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-# The slow twin and the scenarios to compare live with the tests.
+# The reference simulator and the scenarios to compare live with the tests.
 if str(REPOSITORY / "tests") not in sys.path:
     sys.path.insert(0, str(REPOSITORY / "tests"))
 
@@ -22,7 +22,6 @@ import numpy as np  # noqa: E402
 import bumpstop as bs  # noqa: E402
 from bumpstop import kernels  # noqa: E402
 from validation import (  # noqa: E402
-    against_twin,
     batches,
     blind_force,
     chapter5,
@@ -40,6 +39,7 @@ from validation import (  # noqa: E402
     prediction,
     protocol,
     reference,
+    reference_simulator,
     requirement,
     rich_gears,
     sample_paths,
@@ -63,7 +63,7 @@ class Comparison(Protocol):
 COMPARISONS = {
     "reference": reference,
     "two_laws": two_laws,
-    "twin": against_twin,
+    "reference_simulator": reference_simulator,
     "batches": batches,
     "convergence": convergence,
     "chapter6": chapter6,

@@ -14,8 +14,8 @@ from bumpstop.report.picture import INK, LAW, LIMIT, Picture, axes
 from bumpstop.study import run
 from bumpstop.study.directions import DirectionLaw
 from bumpstop.study.workspace.workspace import WorkspaceStudy
-from collision.cases import control_group, twin_of
-from twin import simulate_seeded
+from collision.cases import control_group, reference_settings
+from reference import simulate_seeded
 from validation.facts import load
 from validation.findings import Cell, Findings
 
@@ -34,9 +34,11 @@ MOST_COMMON_N = (30.0, 50.0)
 BEYOND_CHANCE = 2.0
 EDGES_N = np.arange(0.0, 300.0 + BIN_N, BIN_N)
 SEED = 623
-# Single collisions of the slow twin: so many sampling errors may lie between it and the sum of our probabilities.
+# Single collisions of the reference simulator: so many sampling errors may lie between it and the sum of our
+# probabilities.
 AGREES = 3.0
-# Undamped, the twin goes on where our motions end at a singularity: collisions that we count as undetected.
+# Undamped, the reference simulator goes on where our motions end at a singularity: collisions that we count as
+# undetected.
 UNDETECTED_SHARE = 0.02
 Limits = Literal["respect", "ignore"]
 
@@ -94,7 +96,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
                     cases.append(case)
                     findings.progress(f"{name}: {100 * case.summary['p_over_force']['mean']:.1f} % over {LIMIT_N:g} N")
     _report(findings, cases, study)
-    _against_the_twin(findings, study, quick=quick)
+    _against_the_reference_simulator(findings, study, quick=quick)
 
 
 def _limits(findings: Findings, robot: bs.Robot, study: dict[str, Any], pose_facts: dict[str, Any]) -> None:
@@ -148,51 +150,53 @@ def _study(
     )
 
 
-def _against_the_twin(findings: Findings, facts: dict[str, Any], *, quick: bool) -> None:
-    """Run one collision of every pose in the slow twin, as Schroeder (2013) did, and count those over the limit."""
+def _against_the_reference_simulator(findings: Findings, facts: dict[str, Any], *, quick: bool) -> None:
+    """Run one collision of every pose in the reference simulator, as Schroeder (2013) did; count those over."""
     rows: list[list[Cell]] = []
     walls: list[list[Cell]] = []
     for acceleration in ACCELERATIONS_RAD_S2:
         for damping, velocity_limits in ((DAMPING, "respect"), (0.0, "ignore"), (0.0, "respect")):
             literal = not damping and velocity_limits == "ignore"
             count = 4 if quick else 2000 if damping else 800 if literal else 500
-            # The twin knows no joint limits.
+            # The reference simulator knows no joint limits.
             study = replace(
                 _study("polar", acceleration, damping, "ignore", count, facts), velocity_limits=velocity_limits
             )
             found = run(study, threads=2)[0]
             found = found.filter(found["end"] != "singular_start")
             p = found["p_over_force"].to_numpy()
-            passes = np.array([_twin_passes(study, row, i) for i, row in enumerate(found.iter_rows(named=True))])
+            passes = np.array([_reference_exceeds(study, row, i) for i, row in enumerate(found.iter_rows(named=True))])
             over = int(passes.sum())
             errors = float((over - p.sum()) / max(np.sqrt((p * (1 - p)).sum()), 0.5))
             name = f"{acceleration:g} rad/s2, " + (f"damping {damping:g}" if damping else "undamped")
             name += ", no velocity limits" if velocity_limits == "ignore" else ""
             rows.append([name, len(p), over / len(p), float(p.mean()), errors])
-            findings.progress(f"{name}: the twin {100 * over / len(p):.1f} %, ours {100 * p.mean():.1f} %")
+            findings.progress(
+                f"{name}: the reference simulator {100 * over / len(p):.1f} %, ours {100 * p.mean():.1f} %"
+            )
             if literal:
                 by_walls = np.array(
-                    [_twin_passes(study, row, i, walls=True) for i, row in enumerate(found.iter_rows(named=True))]
+                    [_reference_exceeds(study, row, i, walls=True) for i, row in enumerate(found.iter_rows(named=True))]
                 )
                 share = f"{acceleration:g} rad/s2"
                 apart = int((np.abs(passes - p) > 0.5).sum())
                 walls.append([share, len(p), float(p.mean()), over / len(p), apart, float(by_walls.mean())])
-                findings.progress(f"{share}, three walls: the twin {100 * by_walls.mean():.1f} %")
+                findings.progress(f"{share}, three walls: the reference simulator {100 * by_walls.mean():.1f} %")
                 findings.check(
-                    f"{name}: collisions of the slow twin over {LIMIT_N:g} N within {AGREES:g} sampling errors and "
-                    f"{UNDETECTED_SHARE:.0%} of the poses",
+                    f"{name}: collisions of the reference simulator over {LIMIT_N:g} N within {AGREES:g} sampling "
+                    f"errors and {UNDETECTED_SHARE:.0%} of the poses",
                     abs(over - p.sum()) < AGREES * np.sqrt((p * (1 - p)).sum()) + UNDETECTED_SHARE * len(p),
                     f"{over} of {len(p)}, we expect {p.sum():.1f}",
                 )
             if damping:
                 findings.check(
-                    f"{name}: collisions of the slow twin over {LIMIT_N:g} N within {AGREES:g} sampling errors",
+                    f"{name}: reference collisions over {LIMIT_N:g} N within {AGREES:g} sampling errors",
                     abs(errors) < AGREES,
                     f"{over} of {len(p)}, we expect {p.sum():.1f}, {errors:+.2f} errors",
                 )
     findings.table(
-        f"One collision of the slow twin for every pose, polar angle even, no joint limits: share over {LIMIT_N:g} N",
-        ["Acceleration", "Poses", "The twin", "Ours", "Sampling errors between them"],
+        f"One reference collision for every pose, polar angle even, no joint limits: share over {LIMIT_N:g} N",
+        ["Acceleration", "Poses", "The reference simulator", "Ours", "Sampling errors between them"],
         ["", "d", ".4f", ".4f", "+.2f"],
         rows,
     )
@@ -203,9 +207,9 @@ def _against_the_twin(findings: Findings, facts: dict[str, Any], *, quick: bool)
             "Acceleration",
             "Poses",
             "Ours, one plane",
-            "The twin, one plane",
+            "The reference simulator, one plane",
             "Poses on which these two differ",
-            "The twin, three walls",
+            "The reference simulator, three walls",
         ],
         ["", "d", ".4f", ".4f", "d", ".4f"],
         walls,
@@ -217,13 +221,13 @@ def _against_the_twin(findings: Findings, facts: dict[str, Any], *, quick: bool)
     )
     findings.say(
         "A sampling error is that of one draw from each pose's own probability, which is small: most poses are over "
-        "the limit or not whatever chance does. Undamped arms are not tested: at a singularity the twin's inverse "
-        "drops a direction and goes on, and ours ends the motion."
+        "the limit or not whatever chance does. Undamped arms are not tested: at a singularity the reference "
+        "simulator's inverse drops a direction and goes on, and ours ends the motion."
     )
 
 
-def _twin_passes(study: WorkspaceStudy, row: dict[str, Any], number: int, *, walls: bool = False) -> bool:
-    """Whether one collision of the twin at the pose of a row passes the limit; one never detected does.
+def _reference_exceeds(study: WorkspaceStudy, row: dict[str, Any], number: int, *, walls: bool = False) -> bool:
+    """Whether one collision of the reference simulator at the pose of a row passes the limit; one never detected does.
 
     ``walls``: against three walls, and with an inverse that drops what is smaller by 1e-7, as Schroeder (2013) had it.
     """
@@ -231,7 +235,7 @@ def _twin_passes(study: WorkspaceStudy, row: dict[str, Any], number: int, *, wal
     velocity = np.array([row[f"velocity_{axis}_m_s"] for axis in "xyz"])
     speed = float(np.linalg.norm(velocity))
     contact: dict[str, Any] = {"per_axis_walls": True, "singular_tolerance": 1e-7} if walls else {}
-    settings = twin_of(
+    settings = reference_settings(
         scenario,
         start_position=[row[f"q_{j + 1}"] for j in range(7)],
         velocity_m_s=velocity,

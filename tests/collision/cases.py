@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bumpstop import CollisionProblem, Robot, Scenario
-from twin import Joint, TwinSettings, TwinTrace, tick_count, trace
+from reference import Joint, ReferenceSettings, ReferenceTrace, tick_count, trace
 
 SIA5D_POSE = [0, 30, 0, -20, 0, -40, 0]
 UR10E_POSE = [10, -80, 110, -120, -90, 20]
@@ -220,15 +220,19 @@ def swinging_forward(offset_mm: float, tick: int, **changes: Any) -> Scenario:
     )
 
 
-def twin_run(scenario: Scenario, **changes: Any) -> TwinTrace:
-    """The slow twin's one run of a scenario with a fixed offset, its noise the mean, until arm and body have parted."""
-    problem, settings = CollisionProblem.from_scenario(scenario), twin_of(scenario, run_until_free=True, **changes)
+def reference_trace(scenario: Scenario, **changes: Any) -> ReferenceTrace:
+    """The reference simulator's one run of a scenario with a fixed offset, its noise the mean, until arm and body have
+    parted."""
+    problem, settings = (
+        CollisionProblem.from_scenario(scenario),
+        reference_settings(scenario, run_until_free=True, **changes),
+    )
     noise = np.tile(problem.noise_mean, (tick_count(settings), 1))
     return trace(settings, problem.offset_size, noise)
 
 
-def twin_of(scenario: Scenario, **changes: Any) -> TwinSettings:
-    """The slow twin's settings for a scenario."""
+def reference_settings(scenario: Scenario, **changes: Any) -> ReferenceSettings:
+    """The reference simulator's settings for a scenario."""
     problem = CollisionProblem.from_scenario(scenario)
     robot, motion, contact = problem.robot, scenario.motion, scenario.contact
     link, point = robot.frame(contact.link, contact.point_m)
@@ -260,11 +264,11 @@ def twin_of(scenario: Scenario, **changes: Any) -> TwinSettings:
         # Damped rates do not quite go where they were asked to, and the normal is where they go.
         normal = np.array(contact.normal or problem.start["point_velocity"])
         settings["normal"] = normal / np.linalg.norm(normal)
-    return TwinSettings(**settings | changes)
+    return ReferenceSettings(**settings | changes)
 
 
 def joints_of(robot: Robot) -> tuple[Joint, ...]:
-    """The robot's joints as the twin takes them."""
+    """The robot's joints as the reference simulator takes them."""
     return tuple(
         Joint(kind=joint.kind, origin_m=joint.origin, axis=joint.axis, origin_rotation=joint.rotation)
         for joint in robot.joints

@@ -1,4 +1,4 @@
-"""The two sides of the seam: every enum and struct of the detector's headers has its twin in Python."""
+"""The two sides of the seam: every enum and struct of the detector's headers has its counterpart in Python."""
 
 from __future__ import annotations
 

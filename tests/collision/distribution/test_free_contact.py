@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import bumpstop as bs
 from bumpstop import Scenario
 from bumpstop.collision.tables import result_table
-from collision.cases import FREE, OUTLASTING, control_group, free, swinging_forward, twin_run
+from collision.cases import FREE, OUTLASTING, control_group, free, reference_trace, swinging_forward
 from collision.distribution.test_two_laws import compare
 
 NEVER = {"detector__thresholds_Nm": [math.inf] * 7}
@@ -161,9 +161,9 @@ def test_exact_and_sampled_agree_where_contact_outlasts_the_reaction(name: str) 
 def test_an_arm_that_swings_forward_after_a_false_alarm_strikes_the_body(tick: int) -> None:
     """Beside a singularity the arm goes back before contact, and then farther than ever."""
     scenario = swinging_forward(2.0, tick, contact__kind="free", contact__body_mass_kg=5.0)
-    law, twin = bs.evaluate(scenario), twin_run(scenario)
+    law, reference = bs.evaluate(scenario), reference_trace(scenario)
     assert law.false_alarm_probability == 1.0
-    path = np.append(0.0, twin.travel_m)
+    path = np.append(0.0, reference.travel_m)
     touch = int(np.argmax(path > 2e-3))
     assert path[4 * tick + 1 : touch].min() < 0 < path[4 * tick + 1]
     peak, duration = integrated(path, 2e-3, law.problem.stiffness, 5.0, float(path[-1] - path[-2]))
@@ -182,8 +182,8 @@ def test_an_arm_that_speeds_up_keeps_pushing_a_heavy_body(offset_mm: float) -> N
         contact__offset_law="fixed", contact__offset_mm=offset_mm, detector__thresholds_Nm=[1e6] * 7,
         reaction__joint_acceleration_rad_s2=0.5,
     )  # fmt: skip
-    law, drawn, twin = bs.evaluate(scenario), bs.evaluate(scenario, samples=10, seed=1), twin_run(scenario)
-    peak, duration = integrated(np.append(0.0, twin.travel_m), offset_mm / 1e3, 5000.0, 75.0, 0.0)
+    law, drawn, reference = bs.evaluate(scenario), bs.evaluate(scenario, samples=10, seed=1), reference_trace(scenario)
+    peak, duration = integrated(np.append(0.0, reference.travel_m), offset_mm / 1e3, 5000.0, 75.0, 0.0)
     assert duration > 5 * math.pi * math.sqrt(75.0 / 5000.0), "half oscillations"
     assert law.undetected_probability == pytest.approx(1)
     for each in (law, drawn):

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from collision.cases import control_group, twin_of
-from twin import simulate, tick_count
+from collision.cases import control_group, reference_settings
+from reference import simulate, tick_count
 
 # Joint 2 is 10 ms from its limit at 250 mm/s.
 NEAR_LIMIT: dict[str, Any] = {
@@ -55,18 +55,18 @@ def test_more_latency_makes_no_collision_milder_at_a_joint_limit(kind: str) -> N
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.012])
-def test_an_arm_that_brakes_goes_as_far_as_the_twin(latency: float) -> None:
+def test_an_arm_that_brakes_goes_as_far_as_the_reference_simulator(latency: float) -> None:
     scenario = control_group(**NEAR_LIMIT, reaction__latency_s=latency)
     law = bs.evaluate(scenario)
     curve = law.curve
     robot = law.problem.robot
-    settings = replace(twin_of(scenario), min_position=robot.lower, max_position=robot.upper, duration_s=0.4)
+    settings = replace(reference_settings(scenario), min_position=robot.lower, max_position=robot.upper, duration_s=0.4)
     noise = np.zeros((curve.ticks, tick_count(settings), robot.dof))
     noise[np.arange(curve.ticks), np.arange(curve.ticks)] = 1e9
     runs = simulate(settings, np.full(curve.ticks, math.inf), noise)
     np.testing.assert_array_equal(runs.detection_tick, np.arange(curve.ticks))
     np.testing.assert_allclose(curve.farthest, runs.max_travel_m, atol=1e-9)
-    # Undetected it comes to rest where the twin does.
+    # Undetected it comes to rest where the reference simulator does.
     undetected = replace(settings, thresholds_Nm=math.inf)
     body = simulate(undetected, np.zeros(1), None)
     assert body.force_at_end_N[0] == pytest.approx(law.problem.stiffness * curve.kernel.braking[-1], rel=1e-9)

@@ -11,9 +11,9 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
-from collision.cases import control_group, twin_of
+from collision.cases import control_group, reference_settings
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, write_csv
-from twin import trace
+from reference import trace
 
 # Joint 2 has 0.3 degrees left: the line ends after 1.6 mm.
 AT_A_LIMIT: dict[str, Any] = {
@@ -94,7 +94,7 @@ def test_no_milder_than_a_simulator_that_follows_the_line() -> None:
     case = at_a_limit(contact__offset_law="fixed", contact__offset_mm=0.4)
     law = bs.evaluate(case)
     after = float(law.end_notes()[0].split("after ")[1].split(" s")[0])
-    followed = trace(twin_of(case, duration_s=after), law.problem.offset_size)
+    followed = trace(reference_settings(case, duration_s=after), law.problem.offset_size)
     assert law.undetected_probability == pytest.approx(1, abs=1e-9)
     assert law.peak_force.quantile(0.5) >= followed.force_N.max() - 1e-9 * law.problem.stiffness
 

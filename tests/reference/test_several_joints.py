@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin import (
+from reference import (
     Joint,
-    TwinSettings,
+    ReferenceSettings,
     forward_kinematics,
     half_normal_offsets,
     jacobian,
@@ -19,12 +19,12 @@ from twin import (
     tick_count,
     trace,
 )
-from twin.cases import SPEED, THRESHOLDS_NM, assert_same_runs, sia5d
+from reference.cases import SPEED, THRESHOLDS_NM, assert_same_runs, sia5d
 
 
-def gantry(velocity_m_s, **changes) -> TwinSettings:
+def gantry(velocity_m_s, **changes) -> ReferenceSettings:
     """Three slides along x, y, z."""
-    settings = TwinSettings(
+    settings = ReferenceSettings(
         joints=[Joint("prismatic", (0, 0, 0), axis) for axis in np.eye(3)],
         start_position=(0, 0, 0),
         velocity_m_s=velocity_m_s,

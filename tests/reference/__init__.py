@@ -1,9 +1,9 @@
-"""The slow twin: a literal, step-by-step simulator of collisions, to test the fast library against."""
+"""The reference simulator: a literal, step-by-step simulator of collisions, to test the fast library against."""
 
 from .library import MAX_JOINTS, build
-from .results import TwinRuns, TwinTrace
-from .settings import Joint, TwinSettings
-from .twin import (
+from .results import ReferenceRuns, ReferenceTrace
+from .settings import Joint, ReferenceSettings
+from .simulator import (
     forward_kinematics,
     half_normal_offsets,
     jacobian,
@@ -17,9 +17,9 @@ from .twin import (
 __all__ = [
     "MAX_JOINTS",
     "Joint",
-    "TwinRuns",
-    "TwinSettings",
-    "TwinTrace",
+    "ReferenceRuns",
+    "ReferenceSettings",
+    "ReferenceTrace",
     "build",
     "forward_kinematics",
     "half_normal_offsets",

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin import half_normal_offsets, simulate, simulate_seeded, tick_count, trace
-from twin.cases import ACCELERATION, SPEED, SUBSTEP, assert_same_runs, sia5d, slide, travel_after_reaction
+from reference import half_normal_offsets, simulate, simulate_seeded, tick_count, trace
+from reference.cases import ACCELERATION, SPEED, SUBSTEP, assert_same_runs, sia5d, slide, travel_after_reaction
 
 # The surface is met at 10.35 mm and the threshold is 1 N, so s must pass 11.35 mm. At tick k the slide has
 # made 4k + 1 steps of 0.1 mm: tick 28 sees s = 11.3 mm, too little; tick 29 sees s = 11.7 mm and 1.35 N.

@@ -1,4 +1,4 @@
-"""The twin against the figures of another transcription of Schroeder's simulator."""
+"""The reference simulator against the figures of another transcription of Schroeder's simulator."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from twin import half_normal_offsets, simulate_seeded
-from twin.cases import sia5d
+from reference import half_normal_offsets, simulate_seeded
+from reference.cases import sia5d
 
 # Straight down, 10 000 runs a row of another transcription of Schroeder's simulator. Speed (mm/s); peak
 # force (N): mean, sd, median, 95 %, 99 %; mean force at detection (N); shares of runs over the three limits.

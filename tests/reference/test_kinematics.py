@@ -1,4 +1,4 @@
-"""The twin's kinematics and pseudo-inverse against drawings, differences and numpy."""
+"""The reference simulator's kinematics and pseudo-inverse against drawings, differences and numpy."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from twin import forward_kinematics, jacobian, pseudo_inverse
-from twin.cases import EPS, random_chain, sia5d
+from reference import forward_kinematics, jacobian, pseudo_inverse
+from reference.cases import EPS, random_chain, sia5d
 
 
 def homogeneous(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

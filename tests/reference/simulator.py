@@ -1,4 +1,4 @@
-"""Calling the slow twin: nothing here imports the library under test.
+"""Calling the reference simulator: nothing here imports the library under test.
 
 Units are SI (m, rad, s, N, Nm); for a prismatic joint read m for rad and N for Nm. Joints and links are
 counted from zero, and link j is the one that joint j moves.
@@ -16,11 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .library import MAX_JOINTS, RUN, TRACE_FIELDS, Int, Problem, Real, library
-from .results import Floats, TwinRuns, TwinTrace
-from .settings import TwinSettings
+from .results import Floats, ReferenceRuns, ReferenceTrace
+from .settings import ReferenceSettings
 
 
-def simulate(settings: TwinSettings, offsets: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> TwinRuns:
+def simulate(settings: ReferenceSettings, offsets: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> ReferenceRuns:
     """Simulate one run per offset, with the detector noise given.
 
     Args:
@@ -42,7 +42,7 @@ def simulate(settings: TwinSettings, offsets: npt.ArrayLike, noise: npt.ArrayLik
     if drawn.shape[1] < ticks:
         raise ValueError(f"noise has {drawn.shape[1]} ticks, the run {ticks}")
     results = np.zeros(len(rows), dtype=RUN)
-    status = library().twin_simulate(
+    status = library().reference_simulate(
         ctypes.byref(problem),
         ctypes.c_int64(len(rows)),
         _pointer(rows),
@@ -54,7 +54,7 @@ def simulate(settings: TwinSettings, offsets: npt.ArrayLike, noise: npt.ArrayLik
     return _runs(results, joints)
 
 
-def simulate_seeded(settings: TwinSettings, offsets: npt.ArrayLike, seed: int) -> TwinRuns:
+def simulate_seeded(settings: ReferenceSettings, offsets: npt.ArrayLike, seed: int) -> ReferenceRuns:
     """As `simulate`, with independent Gaussian noise from a generator of each run's own.
 
     Mean and standard deviation are those of the settings. Run r depends on (seed, r) and its offset only.
@@ -62,7 +62,7 @@ def simulate_seeded(settings: TwinSettings, offsets: npt.ArrayLike, seed: int) -
     problem = _problem(settings)
     rows = _offset_rows(settings, offsets)
     results = np.zeros(len(rows), dtype=RUN)
-    status = library().twin_simulate_seeded(
+    status = library().reference_simulate_seeded(
         ctypes.byref(problem),
         ctypes.c_int64(len(rows)),
         _pointer(rows),
@@ -73,7 +73,7 @@ def simulate_seeded(settings: TwinSettings, offsets: npt.ArrayLike, seed: int) -
     return _runs(results, len(settings.joints))
 
 
-def trace(settings: TwinSettings, offset: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> TwinTrace:
+def trace(settings: ReferenceSettings, offset: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> ReferenceTrace:
     """One run, step by step.
 
     Args:
@@ -101,7 +101,7 @@ def trace(settings: TwinSettings, offset: npt.ArrayLike, noise: npt.ArrayLike | 
         arrays = {name: np.zeros((capacity, *widths.get(name, ()))) for name in TRACE_FIELDS}
         pointers = (ctypes.c_void_p * len(TRACE_FIELDS))(*(a.ctypes.data for a in arrays.values()))
         steps = ctypes.c_int64()
-        status = library().twin_trace(
+        status = library().reference_trace(
             ctypes.byref(problem),
             _pointer(row),
             _pointer(drawn),
@@ -118,15 +118,15 @@ def trace(settings: TwinSettings, offset: npt.ArrayLike, noise: npt.ArrayLike | 
             break
         capacity = steps.value
     recorded = {name: array[: steps.value].copy() for name, array in arrays.items()}
-    return TwinTrace(**recorded, start_point_m=start_point, normal=normal, run=_runs(result, joints))
+    return ReferenceTrace(**recorded, start_point_m=start_point, normal=normal, run=_runs(result, joints))
 
 
-def tick_count(settings: TwinSettings) -> int:
+def tick_count(settings: ReferenceSettings) -> int:
     """Number of feedback ticks in a run without detection."""
-    return int(library().twin_tick_count(ctypes.byref(_problem(settings))))
+    return int(library().reference_tick_count(ctypes.byref(_problem(settings))))
 
 
-def half_normal_offsets(settings: TwinSettings, runs: int, rng: np.random.Generator, sd_s: float = 0.1) -> Floats:
+def half_normal_offsets(settings: ReferenceSettings, runs: int, rng: np.random.Generator, sd_s: float = 0.1) -> Floats:
     """Offsets as Schroeder (2013) draws them: |N(0, sd_s x speed)|; for per-axis walls each axis's own speed."""
     velocity = np.asarray(settings.velocity_m_s, dtype=np.float64)
     if settings.per_axis_walls:
@@ -135,7 +135,7 @@ def half_normal_offsets(settings: TwinSettings, runs: int, rng: np.random.Genera
 
 
 def forward_kinematics(
-    settings: TwinSettings,
+    settings: ReferenceSettings,
     position: npt.ArrayLike,
     link: int | None = None,
     point_m: Sequence[float] = (0.0, 0.0, 0.0),
@@ -143,14 +143,14 @@ def forward_kinematics(
     """Rotation (3, 3) of a link and place (3,) of a point given in its frame; by default of the tip."""
     problem, q, link, point = _kinematics_arguments(settings, position, link, point_m)
     rotation, place = np.zeros((3, 3)), np.zeros(3)
-    library().twin_forward_kinematics(
+    library().reference_forward_kinematics(
         ctypes.byref(problem), _pointer(q), Int(link), _pointer(point), _pointer(rotation), _pointer(place)
     )
     return rotation, place
 
 
 def jacobian(
-    settings: TwinSettings,
+    settings: ReferenceSettings,
     position: npt.ArrayLike,
     link: int | None = None,
     point_m: Sequence[float] = (0.0, 0.0, 0.0),
@@ -158,7 +158,7 @@ def jacobian(
     """Geometric Jacobian (6, joints), linear rows first, of a point in a link's frame; default: the tip."""
     problem, q, link, point = _kinematics_arguments(settings, position, link, point_m)
     result = np.zeros((6, len(settings.joints)))
-    library().twin_jacobian(ctypes.byref(problem), _pointer(q), Int(link), _pointer(point), _pointer(result))
+    library().reference_jacobian(ctypes.byref(problem), _pointer(q), Int(link), _pointer(point), _pointer(result))
     return result
 
 
@@ -168,7 +168,7 @@ def pseudo_inverse(matrix: npt.ArrayLike, tolerance: float = 1e-7, damping: floa
     if a.ndim != 2 or max(a.shape) > MAX_JOINTS:
         raise ValueError(f"matrix has shape {a.shape}, should have two dimensions of at most {MAX_JOINTS}")
     result = np.zeros(a.shape[::-1])
-    library().twin_pseudo_inverse(
+    library().reference_pseudo_inverse(
         _pointer(a), Int(a.shape[0]), Int(a.shape[1]), Real(tolerance), Real(damping), _pointer(result)
     )
     return result
@@ -177,7 +177,7 @@ def pseudo_inverse(matrix: npt.ArrayLike, tolerance: float = 1e-7, damping: floa
 # --- Helpers ------------------------------------------------------------------------------------------------
 
 
-def _problem(settings: TwinSettings) -> Problem:
+def _problem(settings: ReferenceSettings) -> Problem:
     """The settings as C++ wants them; refuses what would make it read past its arrays or make no sense."""
     s = settings
     joints = len(s.joints)
@@ -244,7 +244,7 @@ def _problem(settings: TwinSettings) -> Problem:
     return p
 
 
-def _contact_place(settings: TwinSettings, link: int | None, point_m: Sequence[float]) -> tuple[int, list[float]]:
+def _contact_place(settings: ReferenceSettings, link: int | None, point_m: Sequence[float]) -> tuple[int, list[float]]:
     """Link and point in its frame; without a link the tip's."""
     joints = len(settings.joints)
     if link is None:
@@ -255,7 +255,7 @@ def _contact_place(settings: TwinSettings, link: int | None, point_m: Sequence[f
 
 
 def _kinematics_arguments(
-    settings: TwinSettings, position: npt.ArrayLike, link: int | None, point_m: Sequence[float]
+    settings: ReferenceSettings, position: npt.ArrayLike, link: int | None, point_m: Sequence[float]
 ) -> tuple[Problem, Floats, int, Floats]:
     q = np.array(_values("position", position, len(settings.joints)))
     link, point = _contact_place(settings, link, point_m)
@@ -281,7 +281,7 @@ def _unit(name: str, values: npt.ArrayLike) -> list[float]:
     return [float(v) for v in vector / length]
 
 
-def _offset_rows(settings: TwinSettings, offsets: npt.ArrayLike) -> Floats:
+def _offset_rows(settings: ReferenceSettings, offsets: npt.ArrayLike) -> Floats:
     """Offsets as (runs, 3): C++ reads one or three of each row."""
     array = np.asarray(offsets, dtype=np.float64)
     if array.ndim == 1 and not settings.per_axis_walls:
@@ -301,13 +301,13 @@ def _check(status: int) -> None:
         raise ValueError("the contact point does not move at the start: give a normal")
 
 
-def _runs(results: npt.NDArray[np.void], joints: int) -> TwinRuns:
+def _runs(results: npt.NDArray[np.void], joints: int) -> ReferenceRuns:
     columns: dict[str, npt.NDArray[Any]] = {}
-    for field in fields(TwinRuns):
+    for field in fields(ReferenceRuns):
         column = results[field.name]
         if field.name in ("detected", "false_alarm"):
             column = column.astype(bool)
         elif field.name.endswith("_at_detection_Nm"):
             column = column[:, :joints]
         columns[field.name] = np.ascontiguousarray(column)
-    return TwinRuns(**columns)
+    return ReferenceRuns(**columns)

@@ -1,4 +1,4 @@
-"""Arms that the twin is tried on."""
+"""Arms that the reference simulator is tried on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin import Joint, TwinRuns, TwinSettings
+from reference import Joint, ReferenceRuns, ReferenceSettings
 
 EPS = np.finfo(np.float64).eps
 
@@ -26,9 +26,9 @@ SIA5D = tuple(
 THRESHOLDS_NM = np.array([20.0, 10, 20, 20, 20, 20, 20])
 
 
-def sia5d(velocity_m_s, **changes) -> TwinSettings:
+def sia5d(velocity_m_s, **changes) -> ReferenceSettings:
     """The tool points straight down, joint 7 does not move."""
-    settings = TwinSettings(
+    settings = ReferenceSettings(
         joints=SIA5D,
         tip_m=(0.011, 0, 0),
         held_joints=(6,),
@@ -47,8 +47,8 @@ ACCELERATION = 2.0
 SUBSTEP = 0.001 / 5
 
 
-def slide(**changes) -> TwinSettings:
-    settings = TwinSettings(
+def slide(**changes) -> ReferenceSettings:
+    settings = ReferenceSettings(
         joints=(Joint("prismatic", (0, 0, 0), (1, 0, 0)),),
         start_position=(0.3,),
         velocity_m_s=(SPEED, 0, 0),
@@ -68,14 +68,14 @@ def travel_after_reaction(substeps: int) -> float:
     return SUBSTEP * (SPEED * m - ACCELERATION * SUBSTEP * m * (m + 1) / 2 - SPEED * (substeps - m))
 
 
-def random_chain(rng: np.random.Generator, joints: int) -> TwinSettings:
+def random_chain(rng: np.random.Generator, joints: int) -> ReferenceSettings:
     """A serial chain with both kinds of joint and rotated origins."""
 
     def rotation() -> np.ndarray:
         q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         return q * np.sign(np.linalg.det(q))
 
-    return TwinSettings(
+    return ReferenceSettings(
         joints=[
             Joint(
                 "prismatic" if rng.random() < 0.3 else "revolute",
@@ -93,6 +93,6 @@ def random_chain(rng: np.random.Generator, joints: int) -> TwinSettings:
     )
 
 
-def assert_same_runs(found: TwinRuns, expected: TwinRuns, tolerance: float = 0.0) -> None:
+def assert_same_runs(found: ReferenceRuns, expected: ReferenceRuns, tolerance: float = 0.0) -> None:
     for name, values in vars(expected).items():
         np.testing.assert_allclose(getattr(found, name), values, rtol=0, atol=tolerance, err_msg=name)

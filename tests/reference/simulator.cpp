@@ -1,4 +1,4 @@
-// The slow twin: a literal, step-by-step simulation of a robot arm that runs into a spring.
+// The reference simulator: a literal, step-by-step simulation of a robot arm that runs into a spring.
 //
 // It exists to be compared with the fast library, so it shares nothing with it: no headers, no shortcuts, no
 // vectors, nothing precomputed. Everything is worked out again at every controller sub-step, in the order in
@@ -21,7 +21,7 @@
 #include "contact.hpp"
 #include "controller.hpp"
 
-namespace twin {
+namespace reference {
 namespace {
 
 // How much longer the appendix simulates after a detection: 50 ms and one and a half times what the fastest
@@ -233,9 +233,9 @@ auto given_noise(const Problem& problem, const double* noise, std::int64_t ticks
 }
 
 }  // namespace
-}  // namespace twin
+}  // namespace reference
 
-using namespace twin;
+using namespace reference;
 
 // ---------------------------------------------------------------------------------------------------------
 // What Python calls. Arrays are C-contiguous; sizes were checked there.
@@ -243,18 +243,18 @@ using namespace twin;
 
 extern "C" {
 
-std::int64_t twin_problem_size() { return sizeof(Problem); }
-std::int64_t twin_run_size() { return sizeof(Run); }
+std::int64_t reference_problem_size() { return sizeof(Problem); }
+std::int64_t reference_run_size() { return sizeof(Run); }
 
 // Number of feedback ticks of a run without detection.
-std::int64_t twin_tick_count(const Problem* problem) {
+std::int64_t reference_tick_count(const Problem* problem) {
     const std::int64_t steps = steps_without_detection(*problem);
     return (steps + problem->period_steps - 1) / problem->period_steps;
 }
 
 // offsets: (runs, 3), of which a plane uses the first. noise: (runs, ticks, joints).
-std::int32_t twin_simulate(const Problem* problem, std::int64_t runs, const double* offsets, const double* noise,
-                           std::int64_t ticks, Run* out) {
+std::int32_t reference_simulate(const Problem* problem, std::int64_t runs, const double* offsets, const double* noise,
+                                std::int64_t ticks, Run* out) {
     Start start;
     if (const Status status = prepare(*problem, start); status != kOk) return status;
     for (std::int64_t r = 0; r < runs; ++r) {
@@ -266,8 +266,8 @@ std::int32_t twin_simulate(const Problem* problem, std::int64_t runs, const doub
 
 // The same with Gaussian noise from a generator of each run's own, so that a run does not depend on the
 // others.
-std::int32_t twin_simulate_seeded(const Problem* problem, std::int64_t runs, const double* offsets, std::uint64_t seed,
-                                  Run* out) {
+std::int32_t reference_simulate_seeded(const Problem* problem, std::int64_t runs, const double* offsets,
+                                       std::uint64_t seed, Run* out) {
     Start start;
     if (const Status status = prepare(*problem, start); status != kOk) return status;
     for (std::int64_t r = 0; r < runs; ++r) {
@@ -288,9 +288,9 @@ std::int32_t twin_simulate_seeded(const Problem* problem, std::int64_t runs, con
 
 // One run, recorded. offset: 3 values; noise: (ticks, joints). `steps` receives the length of the run, of
 // which the first `capacity` rows are filled; start_point and normal: 3 values each.
-std::int32_t twin_trace(const Problem* problem, const double* offset, const double* noise, std::int64_t ticks,
-                        std::int64_t capacity, const TraceArrays* arrays, Run* run, std::int64_t* steps,
-                        double* start_point, double* normal) {
+std::int32_t reference_trace(const Problem* problem, const double* offset, const double* noise, std::int64_t ticks,
+                             std::int64_t capacity, const TraceArrays* arrays, Run* run, std::int64_t* steps,
+                             double* start_point, double* normal) {
     Start start;
     if (const Status status = prepare(*problem, start); status != kOk) return status;
     std::copy_n(start.point.begin(), 3, start_point);
@@ -300,8 +300,8 @@ std::int32_t twin_trace(const Problem* problem, const double* offset, const doub
 }
 
 // Rotation (9 values) of a link and the position (3 values) of a point given in its frame.
-void twin_forward_kinematics(const Problem* problem, const double* position, std::int32_t link, const double* point,
-                             double* rotation, double* where) {
+void reference_forward_kinematics(const Problem* problem, const double* position, std::int32_t link,
+                                  const double* point, double* rotation, double* where) {
     PerJoint q{};
     std::copy_n(position, problem->joint_count, q.begin());
     Frames frames;
@@ -311,8 +311,8 @@ void twin_forward_kinematics(const Problem* problem, const double* position, std
 }
 
 // Geometric Jacobian (6, joints) of a point given in a link's frame: linear rows above angular ones.
-void twin_jacobian(const Problem* problem, const double* position, std::int32_t link, const double* point,
-                   double* jacobian) {
+void reference_jacobian(const Problem* problem, const double* position, std::int32_t link, const double* point,
+                        double* jacobian) {
     PerJoint q{};
     std::copy_n(position, problem->joint_count, q.begin());
     Frames frames;
@@ -328,8 +328,8 @@ void twin_jacobian(const Problem* problem, const double* position, std::int32_t 
 }
 
 // matrix: (rows, columns), neither above 16. inverse: (columns, rows).
-void twin_pseudo_inverse(const double* matrix, std::int32_t rows, std::int32_t columns, double tolerance,
-                         double damping, double* inverse) {
+void reference_pseudo_inverse(const double* matrix, std::int32_t rows, std::int32_t columns, double tolerance,
+                              double damping, double* inverse) {
     Matrix a;
     a.rows = rows;
     a.columns = columns;

@@ -5,7 +5,7 @@
 
 #include "problem.hpp"
 
-namespace twin {
+namespace reference {
 
 inline Vec3 vec3(const double* p) { return {p[0], p[1], p[2]}; }
 inline Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
@@ -91,4 +91,4 @@ inline JacobianColumn jacobian_column(const Problem& problem, const Frames& fram
     return {cross(axis, point - frames.joint_origin[joint]), axis};
 }
 
-}  // namespace twin
+}  // namespace reference

@@ -6,7 +6,7 @@
 
 #include "problem.hpp"
 
-namespace twin {
+namespace reference {
 
 struct Matrix {
     int rows = 0;
@@ -98,4 +98,4 @@ inline void pseudo_inverse(const Matrix& matrix, double relative_tolerance, doub
     }
 }
 
-}  // namespace twin
+}  // namespace reference

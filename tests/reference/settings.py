@@ -1,4 +1,4 @@
-"""What the twin is asked: an arm, its motion, the contact, the detector and the reaction.
+"""What the reference simulator is asked: an arm, its motion, the contact, the detector and the reaction.
 
 Units are SI (m, rad, s, N, Nm); for a prismatic joint read m for rad and N for Nm. Joints and links are
 counted from zero, and link j is the one that joint j moves.
@@ -27,7 +27,7 @@ class Joint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwinSettings:
+class ReferenceSettings:
     """Arm, motion, contact, detector and reaction of a simulated collision.
 
     A value that belongs to each joint may be one number for all of them.

@@ -5,7 +5,7 @@
 
 #include "kinematics.hpp"
 
-namespace twin {
+namespace reference {
 
 struct Contact {
     Vec3 force{};          // that the arm exerts on the spring
@@ -53,4 +53,4 @@ inline Contact walls_contact(const Problem& problem, const Vec3& normal, const V
     return contact;
 }
 
-}  // namespace twin
+}  // namespace reference

@@ -1,4 +1,4 @@
-"""twin.cpp, compiled on first use, and the layouts it shares with Python."""
+"""simulator.cpp, compiled on first use, and the layouts it shares with Python."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 MAX_JOINTS = 16
-SOURCE = Path(__file__).with_name("twin.cpp")
+SOURCE = Path(__file__).with_name("simulator.cpp")
 
 # No fused multiply-adds: where the compiler may contract a * b + c, results differ from machine to machine.
 DEFAULT_FLAGS = (
@@ -105,7 +105,7 @@ RUN = np.dtype(
     align=True,
 )
 
-# The fields of TwinTrace that C++ fills, in the order of `TraceArrays` in problem.hpp.
+# The fields of ReferenceTrace that C++ fills, in the order of `TraceArrays` in problem.hpp.
 TRACE_FIELDS = (
     "time_s",
     "position",
@@ -119,7 +119,7 @@ TRACE_FIELDS = (
 
 
 def build(compiler: str | None = None, flags: Sequence[str] | None = None, cache_dir: str | Path | None = None) -> Path:
-    """Compile twin.cpp, unless this was done before, and return the path of the shared object.
+    """Compile simulator.cpp, unless this was done before, and return the path of the shared object.
 
     Args:
         compiler: a command, default `$CXX` or else `c++`.
@@ -129,10 +129,10 @@ def build(compiler: str | None = None, flags: Sequence[str] | None = None, cache
     """
     command = shlex.split(compiler or os.environ.get("CXX") or "c++")
     options = list(DEFAULT_FLAGS if flags is None else flags)
-    folder = Path(cache_dir or Path(tempfile.gettempdir()) / f"bumpstop-twin-{os.getuid()}")
+    folder = Path(cache_dir or Path(tempfile.gettempdir()) / f"bumpstop-reference-{os.getuid()}")
     sources = b"".join(path.read_bytes() for path in (SOURCE, *sorted(SOURCE.parent.glob("*.hpp"))))
     digest = hashlib.sha256(sources + "\0".join([*command, *options]).encode()).hexdigest()
-    shared = folder / f"twin-{digest[:16]}.so"
+    shared = folder / f"reference-{digest[:16]}.so"
     if shared.exists():
         return shared
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -155,12 +155,12 @@ def build(compiler: str | None = None, flags: Sequence[str] | None = None, cache
 def library() -> ctypes.CDLL:
     """The shared object, with the types of what it returns; its layouts are those given here."""
     shared = ctypes.CDLL(str(build()))
-    for function in ("twin_problem_size", "twin_run_size", "twin_tick_count"):
+    for function in ("reference_problem_size", "reference_run_size", "reference_tick_count"):
         getattr(shared, function).restype = ctypes.c_int64
-    for function in ("twin_simulate", "twin_simulate_seeded", "twin_trace"):
+    for function in ("reference_simulate", "reference_simulate_seeded", "reference_trace"):
         getattr(shared, function).restype = ctypes.c_int32
-    for function in ("twin_forward_kinematics", "twin_jacobian", "twin_pseudo_inverse"):
+    for function in ("reference_forward_kinematics", "reference_jacobian", "reference_pseudo_inverse"):
         getattr(shared, function).restype = None
-    if shared.twin_problem_size() != ctypes.sizeof(Problem) or shared.twin_run_size() != RUN.itemsize:
+    if shared.reference_problem_size() != ctypes.sizeof(Problem) or shared.reference_run_size() != RUN.itemsize:
         raise RuntimeError("library.py and problem.hpp disagree about the layout of Problem or Run")
     return shared

@@ -1,12 +1,12 @@
 // What the caller hands over and gets back. The Python wrapper repeats these two layouts field by field; the
-// functions twin_problem_size and twin_run_size let it notice when they have drifted apart.
+// functions reference_problem_size and reference_run_size let it notice when they have drifted apart.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <limits>
 
-namespace twin {
+namespace reference {
 
 constexpr int kMaxJoints = 16;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -104,4 +104,4 @@ struct TraceArrays {
     double* residual;        // joint_count values a row; NaN between ticks and where the noise has ended
 };
 
-}  // namespace twin
+}  // namespace reference

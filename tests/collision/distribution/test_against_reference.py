@@ -1,4 +1,4 @@
-"""Both laws against the slow twin, which simulates every collision step by step with code of its own."""
+"""Both laws against the reference simulator, which simulates every collision step by step with code of its own."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.kernels import core
-from collision.cases import VARIED, control_group, twin_of
-from twin import half_normal_offsets, simulate, simulate_seeded, tick_count, trace
+from collision.cases import VARIED, control_group, reference_settings
+from reference import half_normal_offsets, simulate, simulate_seeded, tick_count, trace
 
-# The twin takes a fraction of a second a hundred runs; what needs 10^6 runs is in the validation.
+# The reference simulator takes a fraction of a second a hundred runs; what needs 10^6 runs is in the validation.
 RUNS = 40
 
 
@@ -22,11 +22,12 @@ def test_run_by_run(name: str) -> None:
     """With the same offsets and the same noise every single collision comes out the same."""
     scenario = VARIED[name]
     problem = bs.CollisionProblem.from_scenario(scenario)
-    settings = twin_of(scenario)
+    settings = reference_settings(scenario)
     law = bs.evaluate(scenario, samples=RUNS, seed=5)
     assert law.runs is not None
     offset, tick = law.runs["offset"], law.runs["tick"]
-    # Enough for the slowest detection; the twin's horizon is cut to it, to spare the noise of ticks nobody reaches.
+    # Enough for the slowest detection; the reference simulator's horizon is cut to it, to spare the noise of ticks
+    # nobody reaches.
     ticks = int(tick.max()) + 2
     settings = replace(settings, duration_s=ticks * settings.period_steps * settings.step_s)
     noise = core.standard_noise(5, 0, RUNS, ticks, problem.robot.dof) * problem.noise_sd + problem.noise_mean
@@ -63,8 +64,8 @@ def test_leaps_keep_acceleration_limits(latency_s: float) -> None:
 
 
 def test_reactions_come_forward_again_beside_a_singularity() -> None:
-    """The point swings back behind where it was and then farther forward than it ever came, in the time that the twin
-    follows it."""
+    """The point swings back behind where it was and then farther forward than it ever came, in the time that the
+    reference simulator follows it."""
     scenario = bs.Scenario.from_dict(
         {
             "robot": "panda",
@@ -77,7 +78,7 @@ def test_reactions_come_forward_again_beside_a_singularity() -> None:
         }
     )
     curve = bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario), whole=True)
-    settings = twin_of(scenario)
+    settings = reference_settings(scenario)
     ticks = range(50, 80)
     noise = np.zeros((len(ticks), tick_count(settings), 7))
     noise[np.arange(len(ticks)), ticks] = 1e9
@@ -89,20 +90,22 @@ def test_reactions_come_forward_again_beside_a_singularity() -> None:
 
 def assert_same_path(scenario: bs.Scenario) -> None:
     curve = bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario))
-    settings = twin_of(scenario, thresholds_Nm=np.full(len(twin_of(scenario).thresholds_Nm), math.inf))
+    settings = reference_settings(
+        scenario, thresholds_Nm=np.full(len(reference_settings(scenario).thresholds_Nm), math.inf)
+    )
     steps = curve.distance.size - 1
     path = trace(replace(settings, duration_s=steps * settings.step_s), math.inf)
-    # The twin's first entry is the end of its first step or the start: align by length.
+    # The reference simulator's first entry is the end of its first step or the start: align by length.
     travel = np.asarray(path.travel_m)
     ours = curve.distance[1:] if travel.size == steps else curve.distance[: travel.size]
     np.testing.assert_allclose(ours, travel, atol=1e-9)
     np.testing.assert_allclose(curve.normal, path.normal, atol=1e-12)
 
 
-def test_statistics_of_noise_drawn_by_the_twin_itself() -> None:
+def test_statistics_of_noise_drawn_by_the_reference_simulator_itself() -> None:
     scenario = control_group(motion__velocity_mm_s=[0, 0, -75])
     rng = np.random.default_rng(8)
-    settings = twin_of(scenario, noise_sd_Nm=bs.CollisionProblem.from_scenario(scenario).noise_sd)
+    settings = reference_settings(scenario, noise_sd_Nm=bs.CollisionProblem.from_scenario(scenario).noise_sd)
     runs = simulate_seeded(settings, half_normal_offsets(settings, 400, rng), seed=3)
     law = bs.evaluate(scenario)
     assert runs.max_force_N.mean() == pytest.approx(law.peak_force.mean, abs=4 * law.peak_force.sd / math.sqrt(400))
@@ -112,7 +115,7 @@ def test_one_plane_is_the_walls_where_the_motion_is_along_an_axis_and_differs_wh
     """Schroeder's three walls bend the force of an oblique motion; one plane is the physical model."""
     for velocity, same in (([0, 0, -50], True), ([40, 0, -50], False)):
         scenario = control_group(motion__velocity_mm_s=velocity, detector__noise_sd_Nm=0.0)
-        settings = twin_of(scenario)
+        settings = reference_settings(scenario)
         plane = simulate(settings, np.array([2e-3]), None)
         direction = np.abs(np.array(velocity)) / np.linalg.norm(velocity)
         # A wall across every axis, where the plane's contact point lies; none across an axis without motion.

@@ -6,7 +6,7 @@
 #include "kinematics.hpp"
 #include "pseudo_inverse.hpp"
 
-namespace twin {
+namespace reference {
 
 struct State {
     PerJoint position{};
@@ -74,4 +74,4 @@ inline void controller_substep(const Problem& problem, const Vec3& tip_velocity,
     }
 }
 
-}  // namespace twin
+}  // namespace reference

@@ -1,4 +1,4 @@
-"""Both laws against the slow twin, which simulates every collision step by step with code of its own."""
+"""Both laws against the reference simulator, which simulates every collision step by step with code of its own."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import bumpstop as bs
 from bumpstop import kernels
 from bumpstop.collision.distribution.contact_duration import monte_carlo_contact_duration
 from bumpstop.collision.distribution.distribution import SampledDistribution
-from collision.cases import VARIED, twin_of
-from twin import TwinRuns, half_normal_offsets, simulate, simulate_seeded
+from collision.cases import VARIED, reference_settings
+from reference import ReferenceRuns, half_normal_offsets, simulate, simulate_seeded
 from validation.findings import Cell, Findings
 from validation.scores import Score, bonferroni, distribution_scores, probability_score, trigger_scores, worst
 
-TITLE = "Run by run against the slow twin"
+TITLE = "Run by run against the reference simulator"
 # How far a stopping curve may be from the literal path [m]; times the stiffness it is a force.
 CURVE_ALLOWED = 1e-9
 # Contact begins and ends where a path passes the surface; at the slowest release, a hundredth of the speed, that is
@@ -29,11 +29,11 @@ OWN_NOISE = ("lower arm at 75", "lateral, two joints feel it")
 
 @dataclass(frozen=True)
 class Differences:
-    """Largest differences between the sampled law and the twin over the same runs.
+    """Largest differences between the sampled law and the reference simulator over the same runs.
 
     Attributes:
         runs, undetected: how many; of the latter only the absence of a detection is compared.
-        ticks, triggers, missed: runs whose tick or whose joints differ, or that only the twin noticed.
+        ticks, triggers, missed: runs whose tick or whose joints differ, or that only the reference simulator noticed.
         peak, at_detection: of forces [N].
         residual: [Nm].
         contact_duration: [s]; NaN where the arm stops in contact.
@@ -55,10 +55,10 @@ def compare(findings: Findings, *, quick: bool) -> None:
     runs = 20 if quick else 500
     names = list(VARIED)[:3] if quick else list(VARIED)
     findings.say(
-        "The twin works out everything again at every controller sub-step and shares no code with the library. Given "
-        f"the same offsets and the same noise, each of {runs} collisions a scenario must come out the same: the tick, "
-        f"the joints over their thresholds, and the forces within {CURVE_ALLOWED:g} m of the stopping curve, which is "
-        "that length times the body's stiffness in newtons."
+        "The reference simulator computes everything again at every controller sub-step and shares no code with the "
+        f"library. Given the same offsets and the same noise, each of {runs} collisions a scenario must come out the "
+        f"same: the tick, the joints over their thresholds, and the forces within {CURVE_ALLOWED:g} m of the stopping "
+        "curve, which is that length times the body's stiffness in newtons."
     )
     rows: list[list[Cell]] = []
     for name in names:
@@ -90,7 +90,7 @@ def _same_noise(findings: Findings, name: str, runs: int) -> list[Cell]:
     findings.check(
         f"{name}: {found.runs} runs have the same tick and joints",
         found.ticks == found.triggers == found.missed == 0,
-        f"{found.ticks} other ticks, {found.triggers} other joints, {found.missed} noticed by the twin alone",
+        f"{found.ticks} other ticks, {found.triggers} other joints, {found.missed} detected by the reference alone",
     )
     findings.check(
         f"{name}: forces within {allowed:.1e} N",
@@ -117,20 +117,20 @@ def _same_noise(findings: Findings, name: str, runs: int) -> list[Cell]:
 
 
 def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences:
-    """Simulate the runs of a sampled law again with the twin, with the law's offsets and noise."""
+    """Simulate the runs of a sampled law again with the reference simulator, with the law's offsets and noise."""
     problem = bs.CollisionProblem.from_scenario(scenario)
     law = bs.evaluate(scenario, samples=runs, seed=seed)
     assert law.runs is not None
     offset, tick = law.runs["offset"], law.runs["tick"]
     ticks = _ticks_to_simulate(law)
     settings = replace(
-        twin_of(scenario),
+        reference_settings(scenario),
         duration_s=ticks * problem.period_steps * scenario.simulation.step_s,
         run_until_free=scenario.reaction.kind == "reverse",
     )
     # In portions, because noise is drawn for every tick that a run might reach.
     size = max(1, 2_000_000 // (ticks * problem.robot.dof))
-    theirs: list[TwinRuns] = []
+    theirs: list[ReferenceRuns] = []
     for begin in range(0, runs, size):
         count = min(size, runs - begin)
         noise = kernels.core.standard_noise(seed, begin, count, ticks, problem.robot.dof)
@@ -167,9 +167,9 @@ def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences
 
 
 def _ticks_to_simulate(law: bs.CollisionResult) -> int:
-    """How long the twin runs: to the curve's end, and beyond it where the curve claims that nothing is left to detect.
+    """How long the reference simulator runs: to the curve's end, and beyond where the curve leaves nothing to detect.
 
-    The twin knows neither joint limits nor singularities: where the motion ends at one of them, the twin is told to.
+    It knows neither joint limits nor singularities: where the motion ends at one of them, it is told to.
     """
     ticks = law.curve.ticks
     if law.curve.end != "certain_detection":
@@ -181,19 +181,19 @@ def _ticks_to_simulate(law: bs.CollisionResult) -> int:
 
 
 def _own_noise(findings: Findings, runs: int, *, quick: bool) -> None:
-    """The exact law against runs with the twin's own offsets and noise: nothing is shared but the model."""
+    """Integrated results against runs with the simulator's own offsets and noise: nothing but the model is shared."""
     findings.say(
-        "With offsets and noise of its own, from another generator, the twin shares nothing with the library but the "
-        f"model: {runs} runs of two scenarios against the exact law."
+        "With offsets and noise of its own, from another generator, the reference simulator shares nothing with the "
+        f"library but the model: {runs} runs of two scenarios against the exact law."
     )
     rows: list[list[Cell]] = []
     for number, name in enumerate(OWN_NOISE[:1] if quick else OWN_NOISE):
         scenario = VARIED[name]
         law = bs.evaluate(scenario)
-        settings = twin_of(scenario, noise_sd_Nm=law.problem.noise_sd, noise_mean_Nm=law.problem.noise_mean)
+        settings = reference_settings(scenario, noise_sd_Nm=law.problem.noise_sd, noise_mean_Nm=law.problem.noise_mean)
         offsets = half_normal_offsets(settings, runs, np.random.default_rng(80 + number), scenario.contact.offset_sd_s)
         found = simulate_seeded(settings, offsets, seed=3 + number)
-        scores = _twin_scores(law, found)
+        scores = _reference_scores(law, found)
         far, bound = worst(scores), bonferroni(len(scores))
         findings.check(
             f"{name}: {len(scores)} figures of {runs} runs within {bound:.1f} standard errors",
@@ -202,14 +202,14 @@ def _own_noise(findings: Findings, runs: int, *, quick: bool) -> None:
         )
         rows += [[name, score.what, score.known, score.sampled, score.score] for score in scores]
     findings.table(
-        "Exact law against the twin with its own noise",
-        ["Scenario", "Figure", "Exact", "Twin", "Difference [standard errors]"],
+        "Exact law against the reference simulator with its own noise",
+        ["Scenario", "Figure", "Exact", "Reference simulator", "Difference [standard errors]"],
         ["", "", ".6g", ".6g", "+.2f"],
         rows,
     )
 
 
-def _twin_scores(law: bs.CollisionResult, found: TwinRuns) -> list[Score]:
+def _reference_scores(law: bs.CollisionResult, found: ReferenceRuns) -> list[Score]:
     """Compare forces, triggers and false alarms; every run is detected."""
     felt = found.detected & ~found.false_alarm
     scores = [

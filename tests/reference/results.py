@@ -1,4 +1,5 @@
-"""What the twin answers: runs, or one run step by step. Units and numbering are those of the settings."""
+"""What the reference simulator answers: runs, or one run step by step. Units and numbering are those of the
+settings."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class TwinRuns:
+class ReferenceRuns:
     """What came out of each run. Maxima are taken from the step of detection on, as in Schroeder (2013).
 
     Values that do not exist (a detection time without detection) are NaN, the tick is -1.
@@ -50,7 +51,7 @@ class TwinRuns:
 
 
 @dataclass(frozen=True)
-class TwinTrace:
+class ReferenceTrace:
     """One run, one row per simulation step. `run` is what `simulate` would have said about it."""
 
     time_s: Floats
@@ -63,4 +64,4 @@ class TwinTrace:
     residual_Nm: Floats  # (steps, joints), NaN between ticks and where the noise given has ended
     start_point_m: Floats
     normal: Floats
-    run: TwinRuns
+    run: ReferenceRuns

@@ -1,12 +1,12 @@
-"""Compiling the twin, and what it refuses."""
+"""Compiling the reference simulator, and what it refuses."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from twin import build, simulate, tick_count
-from twin.cases import sia5d
+from reference import build, simulate, tick_count
+from reference.cases import sia5d
 
 
 def test_build_is_done_once_for_the_same_source_and_flags(tmp_path):
