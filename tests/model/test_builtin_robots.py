@@ -169,3 +169,31 @@ def test_inertia_is_complete_and_can_be(name: str) -> None:
         # No centre lies outside the arm, and no link turns more reluctantly than a ring of its reach.
         assert np.linalg.norm(joint.inertia.center) < 0.5
         assert np.linalg.eigvalsh(np.array(joint.inertia.tensor))[2] < joint.inertia.mass * 0.5**2
+
+
+# Joint torque limits [Nm]: the makers' "max. joint torques" (UR), brochure LBR iiwa p. 30, interface limits (Panda).
+TORQUE_LIMITS = {
+    "iiwa14": [320, 320, 176, 176, 110, 40, 40],
+    "panda": [87, 87, 87, 87, 12, 12, 12],
+    "ur10": [330, 330, 150, 56, 56, 56],
+    "ur10e": [330, 330, 150, 56, 56, 56],
+    "ur3e": [56, 56, 28, 12, 12, 12],
+    "ur5e": [150, 150, 150, 28, 28, 28],
+}
+
+
+@pytest.mark.parametrize("name", robots())
+def test_drive_trains(name: str) -> None:
+    drive_train = Robot.load(name).drive_train
+    published = {quantity for quantity, status in drive_train.status.items() if status == "published"}
+    assert published == ({"torque_limit"} if name in TORQUE_LIMITS else set())
+    np.testing.assert_array_equal(drive_train.torque_limit, TORQUE_LIMITS.get(name, [math.inf] * 7))
+    assert all(drive_train.source.values())
+
+
+def test_the_rotors_of_the_panda_are_those_of_its_successor() -> None:
+    drive_train = Robot.load("panda").drive_train
+    # Franka's reflected inertia of the FR3 [kg m2], as the Drake project has it.
+    np.testing.assert_array_equal(drive_train.rotor_inertia, [0.605721456] * 2 + [0.462474144] * 2 + [0.205544064] * 3)
+    assert drive_train.status["rotor_inertia"] == "assumed"
+    assert "FR3" in drive_train.source["rotor_inertia"]

@@ -1,6 +1,8 @@
 """Robots, their kinematics and their dynamics."""
 
 from bumpstop.model.description import describe
+from bumpstop.model.drive_train.drive_train import DriveTrain, DriveTrainEntry
+from bumpstop.model.drive_train.drive_train_file import load_drive_train
 from bumpstop.model.dynamics import (
     coriolis_torque,
     effective_mass,
@@ -17,6 +19,8 @@ from bumpstop.model.units import unit_of
 from bumpstop.model.urdf_writer import write_urdf
 
 __all__ = [
+    "DriveTrain",
+    "DriveTrainEntry",
     "Frame",
     "Joint",
     "LinkInertia",
@@ -26,6 +30,7 @@ __all__ = [
     "effective_mass",
     "gravity_torque",
     "inverse_dynamics",
+    "load_drive_train",
     "manipulability",
     "mass_matrix",
     "robot_from_dict",

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_float_array, as_name, as_number, as_rows
 from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
+from bumpstop.model.drive_train.drive_train import DriveTrain, DriveTrainEntry, check_entries, drive_train_of
 from bumpstop.model.inertia import LinkInertia, Matrix3, Vector3
 
 JointKind = Literal["revolute", "prismatic"]
@@ -128,6 +129,7 @@ class Robot:
         inertia_status: ``"published"``, ``"unverified"`` (as a URDF has it), ``"assumed"`` (say so wherever it is used)
             or ``"unknown"`` (of some link).
         inertia_source: where the inertia comes from.
+        drive_train_entries: what is known of its rotors, gears and servos; see :attr:`drive_train`.
     """
 
     name: str
@@ -143,6 +145,7 @@ class Robot:
     payload_kg: float | None = None
     inertia_status: InertiaStatus = "unknown"
     inertia_source: str = ""
+    drive_train_entries: tuple[DriveTrainEntry, ...] = ()
 
     def __post_init__(self) -> None:
         _check_name(self.name, "name")
@@ -172,6 +175,7 @@ class Robot:
                 if joint.inertia is None:
                     problem = f'is missing, and inertia_status is "{self.inertia_status}"'
                     raise InputError(f"joint {joint.name!r} inertia", problem, 'give it, or inertia_status = "unknown"')
+        check_entries(self)
 
     def __repr__(self) -> str:
         """Its name and its joints': their figures would fill a screen."""
@@ -257,6 +261,15 @@ class Robot:
         from bumpstop.model.inertia_doubts import inertia_doubts
 
         return () if self.inertia_status == "published" else inertia_doubts(self)
+
+    @cached_property
+    def drive_train(self) -> DriveTrain:
+        """Its rotors, gears and servos: what is known of them, and a class of arms for the rest.
+
+        Every quantity says by its status whether it is published, identified, unverified or assumed. A joint's
+        own ``rotor_inertia`` counts. The class: :func:`bumpstop.model.drive_train.assumed.assumed_drive_train`.
+        """
+        return drive_train_of(self)
 
     @property
     def lower(self) -> FloatArray:

@@ -8,11 +8,13 @@ from typing import Any
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
+from bumpstop.model.drive_train.drive_train import DriveTrainEntry
+from bumpstop.model.drive_train.drive_train_file import entries_from_table
 from bumpstop.model.inertia import LinkInertia, matrix3, vector3
 from bumpstop.model.robot import Joint, Robot, rotation_from_rpy
 
 _TEXTS = ("title", "source", "note", "inertia_status", "inertia_source")
-_ROBOT_KEYS = ("name", *_TEXTS, "payload_kg", "tip", "joint")
+_ROBOT_KEYS = ("name", *_TEXTS, "payload_kg", "tip", "joint", "drive_train")
 _LIMITS = {
     "revolute": ("lower_deg", "upper_deg", "velocity_deg_s"),
     "prismatic": ("lower_m", "upper_m", "velocity_m_s"),
@@ -45,8 +47,19 @@ def robot_from_dict(data: Mapping[str, Any]) -> Robot:
         tip_name=_text(tip, "name", "tip."),
         tip_origin=vector3(_numbers(tip, "origin_m", "tip.", 3)),
         joints=tuple(_joint(joint, f"joint[{number}].") for number, joint in enumerate(joints, start=1)),
+        drive_train_entries=_drive_train(data, joints),
         **texts,
     )
+
+
+def _drive_train(data: Mapping[str, Any], joints: list[Any]) -> tuple[DriveTrainEntry, ...]:
+    entries = entries_from_table(data["drive_train"], len(joints)) if "drive_train" in data else ()
+    if any(entry.quantity == "rotor_inertia" for entry in entries):
+        for joint in joints:
+            if any(key in joint for key in _ROTOR.values()):
+                problem = f"is given beside the rotor inertia of joint {joint.get('name')!r}"
+                raise InputError("drive_train.rotor_inertia", problem, "give it once")
+    return entries
 
 
 def _joint(data: Any, where: str) -> Joint:

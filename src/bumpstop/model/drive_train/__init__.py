@@ -1,0 +1,6 @@
+"""What stands between the motors of an arm and its links, what is assumed where nobody tells, and its files."""
+
+from bumpstop.model.drive_train.drive_train import DriveTrain, DriveTrainEntry, DriveTrainStatus
+from bumpstop.model.drive_train.drive_train_file import load_drive_train
+
+__all__ = ["DriveTrain", "DriveTrainEntry", "DriveTrainStatus", "load_drive_train"]

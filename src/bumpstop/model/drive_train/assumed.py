@@ -1,0 +1,106 @@
+"""The drive train that is assumed of an arm of which none is known."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.arrays import FloatArray
+from bumpstop.model.drive_train.drive_train import DriveTrain
+
+if TYPE_CHECKING:
+    from bumpstop.model.robot import Robot
+
+# Figures of the class; each is a round number about the middle of what is published, see docs/model.md.
+ROTOR_INERTIA_PER_TORQUE = 0.01  # [kg m2 per Nm]
+TWIST_AT_TORQUE = 0.01  # of the gear at the joint's torque [rad]
+GEAR_DAMPING = 0.05
+SERVO_BANDWIDTH = 100.0  # [rad/s]
+SERVO_POSITION_GAIN = 25.0  # [1/s]: a quarter of the bandwidth, where a rigid joint is critically damped
+ACCELERATION_FEEDFORWARD = 1.0
+# Of a joint that slides: what screws and belts yield under the load that they carry [m], and a motor that is as heavy
+# as what it moves.
+_YIELD_AT_FORCE = 2e-4
+# Of an arm whose masses are unknown or placeholders [kg/m2], spread evenly over its links; and the payload of one that
+# names none, as a share of what moves.
+_KG_PER_M2 = 20.0
+_PAYLOAD_SHARE = 0.3
+_GRAVITY = 9.80665
+# Wrists hold their payload off the flange [m].
+_PAYLOAD_OFFSET = 0.3
+# Of the smallest joints [Nm or N].
+_MIN_TORQUE = 2.0
+
+
+def assumed_drive_train(robot: Robot) -> DriveTrain:
+    """What is assumed of a robot's drive train, from its masses and lengths and its torque limits where known.
+
+    Rated torque T of each joint is its torque limit, else the :func:`holding_torque`. Rotors: 0.01 kg m2 per Nm of T.
+    Gears: twisted by 0.01 rad under T; damped by 5 % of critical. Servo: 100 rad/s, with a position gain of 25 1/s,
+    and the whole acceleration fed forward. Of joints that slide, rotors weigh what they move, and gears yield by
+    0.2 mm under T. The torque limit of the class itself is infinite: unknown.
+
+    Returns:
+        The drive train; the status of every quantity is ``"assumed"``.
+    """
+    known = {entry.quantity: np.asarray(entry.values) for entry in robot.drive_train_entries}
+    limit = known.get("torque_limit", np.full(robot.dof, math.inf))
+    torque = np.where(np.isfinite(limit), limit, holding_torque(robot))
+    turns = np.array([joint.kind == "revolute" for joint in robot.joints])
+    how = "a class of arms, by the rated torque of each joint"
+    fixed = "a class of arms, the same for every joint"
+    return DriveTrain(
+        rotor_inertia=np.where(turns, ROTOR_INERTIA_PER_TORQUE * torque, torque / _GRAVITY),
+        gear_stiffness=np.where(turns, torque / TWIST_AT_TORQUE, torque / _YIELD_AT_FORCE),
+        gear_damping=np.full(robot.dof, GEAR_DAMPING),
+        servo_bandwidth=np.full(robot.dof, SERVO_BANDWIDTH),
+        servo_position_gain=np.full(robot.dof, SERVO_POSITION_GAIN),
+        torque_limit=np.full(robot.dof, math.inf),
+        acceleration_feedforward=np.full(robot.dof, ACCELERATION_FEEDFORWARD),
+        source={
+            "rotor_inertia": how,
+            "gear_stiffness": how,
+            "gear_damping": fixed,
+            "servo_bandwidth": fixed,
+            "servo_position_gain": fixed,
+            "torque_limit": "unknown",
+            "acceleration_feedforward": fixed,
+        },
+    )
+
+
+def holding_torque(robot: Robot) -> FloatArray:
+    """Torque that would hold the arm, stretched out as far as its links are long, with its rated payload (dof,).
+
+    It does not depend on the pose: every mass is as far from a joint as the offsets in between are long together, and
+    the payload at least 0.3 m. Torque limits that makers publish are 0.8 to 2.5 times as much (docs/model.md).
+
+    Returns:
+        [Nm], of joints that slide the weight they carry [N]; at least 2.
+    """
+    masses, centers = _masses(robot)
+    payload = _PAYLOAD_SHARE * float(masses.sum()) if robot.payload_kg is None else robot.payload_kg
+    offsets = np.array([float(np.linalg.norm(joint.origin)) for joint in robot.joints])
+    tip = float(np.linalg.norm(robot.tip_origin))
+    torque = np.zeros(robot.dof)
+    for j, joint in enumerate(robot.joints):
+        # How far the frame of each later link may be from joint j.
+        away = np.concatenate([[0.0], np.cumsum(offsets[j + 1 :])])
+        if joint.kind == "prismatic":
+            torque[j] = _GRAVITY * (masses[j:].sum() + payload)
+        else:
+            torque[j] = _GRAVITY * (masses[j:] @ (away + centers[j:]) + payload * max(away[-1] + tip, _PAYLOAD_OFFSET))
+    return np.maximum(torque, _MIN_TORQUE)
+
+
+def _masses(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Mass of each link [kg] and how far its centre is from its frame [m], assumed where unknown or not believed."""
+    links = [joint.inertia for joint in robot.joints if joint.inertia is not None]
+    if len(links) == robot.dof and not robot.inertia_doubts:
+        return np.array([link.mass for link in links]), np.array([float(np.linalg.norm(link.center)) for link in links])
+    reach = robot.reach if math.isfinite(robot.reach) else 1.0
+    offsets = [joint.origin for joint in robot.joints[1:]] + [robot.tip_origin]
+    halves = np.array([float(np.linalg.norm(offset)) / 2 for offset in offsets])
+    return np.full(robot.dof, _KG_PER_M2 * reach**2 / robot.dof), halves
