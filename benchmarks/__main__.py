@@ -186,7 +186,7 @@ def detector() -> None:
 
 
 def study_rows() -> None:
-    """Schroeder's workspace, what it takes besides laws, and the atlas of a trajectory."""
+    """Schroeder's workspace, what it takes besides laws, and the speed limits of a trajectory."""
     row("", "measured", "target", None)
     rows, page = studies.workspace_command()
     source = f"study workspace, {studies.SOURCE_POSES} poses"
@@ -196,8 +196,8 @@ def study_rows() -> None:
     row(f"{source}, all but laws", f"{took:.2f} s", "<= 3 s", took <= 3)
     each = studies.predicted_case()
     row("  predicted force of a pose, processor time", f"{each * 1e6:.0f} us", "", None)
-    wall, processor = studies.atlas_command()
-    row(f"study atlas --out, {studies.WAYPOINTS} waypoints, whole command", f"{wall:.2f} s", "<= 2 s", wall <= 2)
+    wall, processor = studies.speed_limits_command()
+    row(f"study speed-limits --out, {studies.WAYPOINTS} waypoints, whole command", f"{wall:.2f} s", "<= 2 s", wall <= 2)
     row("  its processor time", f"{processor:.2f} s", "", None)
 
 

@@ -1,4 +1,4 @@
-"""Speed of the studies: what a workspace study does besides laws, predicted forces, and the atlas of a trajectory."""
+"""Speed of the studies: a workspace study besides its distributions, predicted forces, speed limits of a trajectory."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def predicted_case(poses: int = 4000) -> float:
     return min(times) / poses
 
 
-def atlas_command() -> tuple[float, float]:
+def speed_limits_command() -> tuple[float, float]:
     """The whole command on a trajectory of 1000 waypoints, start of Python and page included: wall and processor time.
 
     Each the best of three [s].
@@ -111,7 +111,7 @@ def atlas_command() -> tuple[float, float]:
         np.savetxt(home / "06_pick_and_place.csv", rows, delimiter=",", header=header, comments="", fmt="%.12g")
         for number in range(3):
             before, begin = _children_s(), time.perf_counter()
-            arguments = ["atlas", str(home / "scenario.toml"), "--out", str(home / f"out{number}")]
+            arguments = ["speed-limits", str(home / "scenario.toml"), "--out", str(home / f"out{number}")]
             done = subprocess.run([*COMMAND, *arguments], capture_output=True, check=False, env=_environment())
             if done.returncode not in (0, 3):
                 raise RuntimeError(done.stderr.decode())

@@ -27,7 +27,10 @@ def check_refusal(result: Result, *words: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("study", "atlas", EXAMPLE, "--cap", "fast"), "--cap: 'fast' cannot be used; wanted a number"),
+        (
+            ("study", "speed-limits", EXAMPLE, "--max-speed", "fast"),
+            "--max-speed: 'fast' cannot be used; wanted a number",
+        ),
         (
             ("study", "effectiveness", EXAMPLE, "--speed", "9", "--speed", "1,5"),
             "--speed: '1,5' cannot be used;",

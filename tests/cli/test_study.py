@@ -55,9 +55,9 @@ def test_words_for_people(name: str) -> None:
     assert "rows in" in result.out
 
 
-def test_an_atlas_without_a_safe_speed_says_that_nothing_is_retimed(tmp_path: Path) -> None:
+def test_speed_limits_without_a_safe_speed_says_that_nothing_is_retimed(tmp_path: Path) -> None:
     path = EXAMPLE.parent / "06_pick_and_place_trajectory.toml"
-    result = run("study", "atlas", path, "--out", tmp_path, "--set", "contact.area_cm2=0.0001")
+    result = run("study", "speed-limits", path, "--out", tmp_path, "--set", "contact.area_cm2=0.0001")
     assert result.status == 3
     assert "76 of 76 waypoints are passed faster than is safe" in result.out
     assert re.search(r"at (\d+) of \1 places no speed is safe", result.out)
@@ -65,9 +65,9 @@ def test_an_atlas_without_a_safe_speed_says_that_nothing_is_retimed(tmp_path: Pa
     assert not (tmp_path / "retimed.csv").exists()
 
 
-def test_an_atlas_tells_durations_verdicts_and_files_everywhere(tmp_path: Path) -> None:
+def test_speed_limits_tells_durations_verdicts_and_files_everywhere(tmp_path: Path) -> None:
     path = EXAMPLE.parent / "06_pick_and_place_trajectory.toml"
-    result = run("study", "atlas", path, "--out", tmp_path)
+    result = run("study", "speed-limits", path, "--out", tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
     before, after = summary["duration_s"], summary["retimed_duration_s"]
     assert before == 3.0 < after < 6
@@ -86,7 +86,7 @@ def test_an_atlas_tells_durations_verdicts_and_files_everywhere(tmp_path: Path) 
         assert json.loads(judged.out)["verdict"]["acceptable"] == summary[key]["acceptable"]
 
 
-def test_singular_waypoints_do_not_end_an_atlas(tmp_path: Path) -> None:
+def test_singular_waypoints_do_not_end_speed_limits(tmp_path: Path) -> None:
     """A UR that starts with a straight wrist and turns about its base: keys that nobody wrote are not blamed."""
     rows = [f"{t},{0.1 * t**2},-1.5,1.2,0,0,0" for t in (0, 0.5, 1, 1.5, 2)]
     (tmp_path / "t.csv").write_text("\n".join(["t,q_1,q_2,q_3,q_4,q_5,q_6", *rows]) + "\n")
@@ -95,13 +95,13 @@ def test_singular_waypoints_do_not_end_an_atlas(tmp_path: Path) -> None:
         "detector.noise_sd_Nm": 2.0,
     }  # fmt: skip
     options = [part for key, value in changes.items() for part in ("--set", f"{key}={value}")]
-    result = run("study", "atlas", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", *options)
+    result = run("study", "speed-limits", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", *options)
     assert result.status in (0, 3)
     assert "no straight line can be followed" in result.out
 
 
 def test_a_seed_is_refused_where_nothing_is_drawn() -> None:
-    result = run("study", "atlas", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", "--seed", 3)
+    result = run("study", "speed-limits", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", "--seed", 3)
     assert (result.status, result.out) == (2, "")
     assert result.err.startswith("error: --seed: has no meaning with a trajectory")
 

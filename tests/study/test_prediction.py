@@ -14,9 +14,9 @@ from bumpstop.study.prediction import (
     delays,
     detection_bound,
     detection_force,
-    max_speed,
     predict,
     predict_batch,
+    predicted_speed_limit,
     undetected_force,
 )
 from study.prediction_cases import draw
@@ -192,7 +192,7 @@ def test_the_speed_of_a_force_is_the_one_whose_force_it_is() -> None:
     scenario, _, _ = draw(np.random.default_rng(9), 1, 1)
     problem = CollisionProblem.from_scenario(scenario.with_values({"reaction.latency_s": 0.01}))
     undetected, gain = np.array([20.0, 60.0, 160.0]), np.array([0.0, 2.0, 2.0])
-    speed = max_speed(problem, undetected, gain, 150.0)
+    speed = predicted_speed_limit(problem, undetected, gain, 150.0)
     force = undetected + problem.stiffness * speed * (sum(delays(problem)) + speed * gain / 2)
     assert force[:2] == pytest.approx([150.0, 150.0])
     assert speed[2] == 0.0  # more than the limit goes undetected

@@ -384,7 +384,7 @@ class Step:
 
     def __init__(self, search: RiskSearch, last: float) -> None:
         self.evaluations, self._last, self._upward = 0, last, search.upward
-        self.problem, self.force_limit, self.unnoticed = search.risks.problem, 1.0, 0.0
+        self.problem, self.force_limit, self.undetected = search.risks.problem, 1.0, 0.0
 
     def at(self, value: float) -> Risk:
         met = value <= self._last if self._upward else value >= self._last

@@ -30,7 +30,7 @@ app = typer.Typer(
 app.command("evaluate")(evaluate.command)
 app.add_typer(robots.app, name="robots")
 app.add_typer(recording.app, name="recording")
-study.app.command("atlas")(speed_limits.atlas)
+study.app.command("speed-limits")(speed_limits.speed_limits)
 app.add_typer(study.app, name="study")
 app.add_typer(plant.app, name="plant")
 app.command("require")(require.require)

@@ -22,16 +22,16 @@ _POSE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """Joint positions with the smallest unnoticed force that a self-motion of the arm reaches.
+    """Joint positions with the smallest undetectable force that a self-motion of the arm reaches.
 
     Attributes:
         q: (N, dof) [rad or m]; the given ones where none is better.
-        unnoticed: there (N,) [N].
-        gain: unnoticed force as given, over that (N,), at least 1.
+        undetectable: there (N,) [N].
+        gain: undetectable force as given, over that (N,), at least 1.
     """
 
     q: FloatArray
-    unnoticed: FloatArray
+    undetectable: FloatArray
     gain: FloatArray
 
 
@@ -62,7 +62,7 @@ def improve_detectability(problem: CollisionProblem, q: FloatArray, direction: F
     check_redundant(problem)
     robot = problem.robot
     free = [j for j in range(robot.dof) if j not in problem.held]
-    best_q, best = q.copy(), _unnoticed(problem, q, direction)
+    best_q, best = q.copy(), _undetectable(problem, q, direction)
     given = best.copy()
     goal = robot.pose(q)
     for way in (1.0, -1.0):
@@ -84,7 +84,7 @@ def improve_detectability(problem: CollisionProblem, q: FloatArray, direction: F
             if not alive.any():
                 break
             here = np.where(alive[:, None], trial, here)
-            force = _unnoticed(problem, here, direction)
+            force = _undetectable(problem, here, direction)
             better = alive & (force < best)
             best[better], best_q[better] = force[better], here[better]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -92,7 +92,7 @@ def improve_detectability(problem: CollisionProblem, q: FloatArray, direction: F
     return Suggestion(best_q, best, gain)
 
 
-def _unnoticed(problem: CollisionProblem, q: FloatArray, direction: FloatArray) -> FloatArray:
+def _undetectable(problem: CollisionProblem, q: FloatArray, direction: FloatArray) -> FloatArray:
     torque = np.einsum("nij,ni->nj", problem.robot.jacobian(q)[:, :3], direction)
     with np.errstate(divide="ignore"):
         return np.asarray((problem.thresholds / np.abs(torque)).min(axis=1))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Arms:
+class PoseBatch:
     """Many poses and velocities of one scenario's arm.
 
     Attributes:

@@ -6,7 +6,7 @@ latency, and the stopping distance at the joints' acceleration limits.
     F = F_detect + K v (T + t_latency + t_stop / 2)
 
 Workspace studies ask for the force of a speed, :func:`predict_batch`; speed maps for the speed of a force,
-:func:`max_speed`.
+:func:`predicted_speed_limit`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.collision import CollisionProblem
 from bumpstop.errors import InputError
-from bumpstop.study.pose_batch import Arms
+from bumpstop.study.pose_batch import PoseBatch
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -211,7 +211,7 @@ class _Posture:
     def of(
         cls, problem: CollisionProblem, q: FloatArray, velocity: FloatArray, normal: FloatArray | None = None
     ) -> _Posture:
-        arms = Arms(problem, q, velocity)
+        arms = PoseBatch(problem, q, velocity)
         rates, jacobian = arms.joint_rates(q), arms.linear_jacobian(q)
         # All rates of an arm too slow for its line are lowered in one proportion.
         slower = (problem.robot.velocity / np.maximum(abs(rates), 1e-300)).min(axis=1)
@@ -341,7 +341,9 @@ def stopping_time_per_speed(problem: CollisionProblem, rates: FloatArray) -> Flo
     return np.asarray((np.abs(rates) / problem.joint_acceleration).max(axis=1))
 
 
-def max_speed(problem: CollisionProblem, undetected: FloatArray, gain: FloatArray, limit: float) -> FloatArray:
+def predicted_speed_limit(
+    problem: CollisionProblem, undetected: FloatArray, gain: FloatArray, limit: float
+) -> FloatArray:
     """Speed (N,) [m/s] whose predicted force reaches the limit: F + K v (T + t_latency) + K v^2 g / 2 = limit.
 
     Args:

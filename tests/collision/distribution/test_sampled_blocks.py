@@ -14,7 +14,7 @@ from bumpstop.collision.distribution import monte_carlo_blocks as sampled_blocks
 from bumpstop.collision.distribution.distribution import SampledDistribution
 from bumpstop.collision.distribution.monte_carlo_blocks import Counter
 from collision.cases import control_group
-from study.atlas_cases import PICK
+from study.speed_limit_cases import PICK
 
 LINE = control_group(reaction__kind="stop")
 

@@ -1,4 +1,4 @@
-"""``bumpstop study atlas``: how fast the arm may move, along a trajectory or all over its workspace."""
+"""``bumpstop study speed-limits``: how fast the arm may move, along a trajectory or all over its workspace."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from bumpstop.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.study.speed.atlas import TrajectorySpeedLimits
     from bumpstop.study.speed.retiming import Retimed
+    from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
 
 _MAX_POSES = 10_000_000
 _NOTES = (
@@ -26,7 +26,7 @@ _NOTES = (
 )
 
 
-def atlas(
+def speed_limits(
     scenario: ScenarioFile,
     poses: Annotated[
         int | None,
@@ -45,7 +45,7 @@ def atlas(
             show_default=False,
         ),
     ] = None,
-    cap: Annotated[float, typer.Option(metavar="MM_S", help="No speed above it is looked at.")] = 1000.0,
+    max_speed: Annotated[float, typer.Option(metavar="MM_S", help="No speed above it is looked at.")] = 1000.0,
     null_space: Annotated[
         bool,
         typer.Option(
@@ -63,7 +63,7 @@ def atlas(
     A scenario of a line gives the highest safe speed at random poses instead. Exit status: 0 done, 3 the trajectory is
     too fast as it is, 2 bad input.
     """  # fmt: skip
-    from bumpstop.study.speed.atlas import TrajectorySpeedLimits
+    from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
     from bumpstop.study.speed.workspace_speed_limits import WorkspaceSpeedLimits
 
     checked = load(scenario, changes)
@@ -72,16 +72,16 @@ def atlas(
             raise InputError("--null-space", "has no meaning without a trajectory", "leave it out")
         study = WorkspaceSpeedLimits(
             checked,
-            cap_mm_s=cap,
+            max_speed_mm_s=max_speed,
             cone_deg=180.0 if cone is None else cone,
             poses=200 if poses is None else poses,
             seed=seed,
         )
 
         def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
-            from bumpstop.report.studies.speed_limits import WorkspaceAtlasPart
+            from bumpstop.report.studies.speed_limits import WorkspaceSpeedLimitsPart
 
-            return "Safe speed over the workspace", [WorkspaceAtlasPart(rows, summary)], _NOTES
+            return "Safe speed over the workspace", [WorkspaceSpeedLimitsPart(rows, summary)], _NOTES
 
         execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_workspace_lines)
         return 0
@@ -89,7 +89,13 @@ def atlas(
         raise InputError("--poses", "has no meaning with a trajectory", "leave it out")
     if seed:
         raise InputError("--seed", "has no meaning with a trajectory, where nothing is drawn", "leave it out")
-    return _along(TrajectorySpeedLimits(checked, cap_mm_s=cap, cone_deg=cone or 0.0), null_space, out, as_json, threads)
+    return _along(
+        TrajectorySpeedLimits(checked, max_speed_mm_s=max_speed, cone_deg=cone or 0.0),
+        null_space,
+        out,
+        as_json,
+        threads,
+    )
 
 
 def _along(study: TrajectorySpeedLimits, null_space: bool, out: Path | None, as_json: bool, threads: int) -> int:
@@ -103,7 +109,7 @@ def _along(study: TrajectorySpeedLimits, null_space: bool, out: Path | None, as_
     files: list[str] = []
 
     def report(rows: pl.DataFrame, summary: dict[str, Any]) -> Any:
-        from bumpstop.report.studies.speed_limits import SuggestionPart, TrajectoryAtlasPart
+        from bumpstop.report.studies.speed_limits import SuggestionPart, TrajectorySpeedLimitsPart
 
         assert out is not None
         retimed = study.slowed(rows).retimed
@@ -119,7 +125,7 @@ def _along(study: TrajectorySpeedLimits, null_space: bool, out: Path | None, as_
                 (out / name).unlink(missing_ok=True)
         rows.select("waypoint", "t_s", "limit_mm_s").write_csv(out / "speed_limit.csv")
         files.append("speed_limit.csv")
-        parts: list[Any] = [TrajectoryAtlasPart(rows, summary, _speeds(study, retimed, rows))]
+        parts: list[Any] = [TrajectorySpeedLimitsPart(rows, summary, _speeds(study, retimed, rows))]
         if null_space:
             waypoints = rows.filter(~rows["between"])
             suggestions = _suggest(study, waypoints)
@@ -192,7 +198,9 @@ def _suggest(study: TrajectorySpeedLimits, rows: pl.DataFrame) -> pl.DataFrame:
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
     found = improve_detectability(study.problem, study.given.position, direction)
     columns = {f"q_{j + 1}": found.q[:, j] for j in range(found.q.shape[1])}
-    return pl.DataFrame({"waypoint": rows["waypoint"], **columns, "unnoticed_N": found.unnoticed, "gain": found.gain})
+    return pl.DataFrame(
+        {"waypoint": rows["waypoint"], **columns, "undetectable_N": found.undetectable, "gain": found.gain}
+    )
 
 
 def _workspace_lines(summary: dict[str, Any]) -> list[str]:

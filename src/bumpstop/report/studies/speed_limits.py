@@ -1,4 +1,4 @@
-"""The part of a page that shows an atlas: safe speeds along a trajectory, or over the workspace."""
+"""The part of a page that shows speed limits: safe speeds along a trajectory, or over the workspace."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 # Quarters of the poses, slowest first: colour and marker.
 _GROUPS = ((LIMIT, "v"), ("#E69F00", "s"), (AREA, "D"), (LAW, "o"))
 _COUNTED = {
-    "law": "the integrated distribution",
-    "turning": "joints that turn more than on a straight line",
-    "cap": "the highest speed looked at",
-    "none": "no speed is safe",
+    "risk": "the integrated distribution",
+    "joint_rates": "joints that turn more than on a straight line",
+    "max_speed": "the highest speed looked at",
+    "nothing_safe": "no speed is safe",
     "singularity": "the trajectory's own force distribution near a singularity, where no straight line can be followed",
 }
 
 
-class TrajectoryAtlasPart(Part):
+class TrajectorySpeedLimitsPart(Part):
     """Speed and its limit over the waypoints, before and after slowing down."""
 
     title = "Safe speed along the trajectory"
@@ -46,7 +46,9 @@ class TrajectoryAtlasPart(Part):
             f"({found['lowest_at_s']:.4g} s)."
         )
         counts = [
-            (what, str((rows["by"] == name).sum())) for name, what in _COUNTED.items() if (rows["by"] == name).any()
+            (what, str((rows["limited_by"] == name).sum()))
+            for name, what in _COUNTED.items()
+            if (rows["limited_by"] == name).any()
         ]
         return [
             table(("motion", "duration", "verdict", "because"), _judged(found), caption="Verdicts of evaluate"),
@@ -59,7 +61,7 @@ class TrajectoryAtlasPart(Part):
         """Speed and limit over time."""
         return [
             Picture(
-                "atlas_speed",
+                "speed_limits",
                 "Speed of the tip and its safe limit over the time of the trajectory.",
                 "Speed of the tip as programmed, the highest safe speed, and the speed after slowing down, at the "
                 "waypoints and moments between them that were looked at.",
@@ -114,7 +116,7 @@ class SuggestionPart(Part):
 
     def __init__(self, rows: pl.DataFrame, suggestions: pl.DataFrame) -> None:
         self._t = rows["t_s"].to_numpy()
-        self._unnoticed, self._gain = (suggestions[name].to_numpy() for name in ("unnoticed_N", "gain"))
+        self._undetectable, self._gain = (suggestions[name].to_numpy() for name in ("undetectable_N", "gain"))
 
     def content(self) -> list[Html]:
         """How much is to be gained, and where."""
@@ -127,8 +129,8 @@ class SuggestionPart(Part):
         if worth:
             at = int(np.argmax(self._gain))
             text += (
-                f"The largest gain is at waypoint {at + 1}: {self._unnoticed[at]:.4g} N instead of "
-                f"{self._gain[at] * self._unnoticed[at]:.4g} N."
+                f"The largest gain is at waypoint {at + 1}: {self._undetectable[at]:.4g} N instead of "
+                f"{self._gain[at] * self._undetectable[at]:.4g} N."
             )
         return [paragraph(text), paragraph("The joint positions are in suggestions.parquet, a row for each waypoint.")]
 
@@ -145,9 +147,9 @@ class SuggestionPart(Part):
 
     def _draw(self, figure: Figure) -> None:
         plot = axes(figure)
-        before = self._gain * self._unnoticed
+        before = self._gain * self._undetectable
         plot.plot(self._t, before, color=LAW, label="as programmed")
-        plot.plot(self._t, self._unnoticed, color=EVENT, linestyle=":", linewidth=2.4, label="as suggested")
+        plot.plot(self._t, self._undetectable, color=EVENT, linestyle=":", linewidth=2.4, label="as suggested")
         finite = before[np.isfinite(before)]
         top = float(finite.max()) if finite.size else 1.0
         plot.set(
@@ -159,7 +161,7 @@ class SuggestionPart(Part):
         plot.legend(loc="upper right", ncols=2, fontsize=8, frameon=True, facecolor="white", edgecolor="none")
 
 
-class WorkspaceAtlasPart(Part):
+class WorkspaceSpeedLimitsPart(Part):
     """Safe speeds of random poses over their place."""
 
     title = "Safe speed over the workspace"
@@ -181,7 +183,7 @@ class WorkspaceAtlasPart(Part):
         """Seen from the side: distance from the axis of the first joint, and height."""
         return [
             Picture(
-                "atlas_workspace",
+                "speed_map",
                 "Safe speed of random poses over distance from the base axis and height.",
                 "Highest safe speed, by the place of the tip: distance from the vertical axis through the base, and "
                 "height. Every colour is a quarter of the poses that have one.",

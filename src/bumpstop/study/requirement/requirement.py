@@ -212,7 +212,7 @@ class _Answer:
             reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
             return self._result(None, binding, at, reason, ill_conditioned)
         why = f"{mildest} limits are exceeded with a probability of {at.over:.2g}"
-        deaf = self.search.risks.unnoticed
+        deaf = self.search.risks.undetected
         limit = self.search.risks.force_limit
         if at.undetected > 0.5 * at.over:
             why += ", mostly by collisions that are never detected"

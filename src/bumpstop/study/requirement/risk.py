@@ -9,7 +9,7 @@ import numpy as np
 
 from bumpstop.collision import CollisionProblem, integrate, stopping_curve
 from bumpstop.errors import InputError
-from bumpstop.study.pose_batch import Arms
+from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.speed.motion_duration import duration_s
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class VariedRisk:
         problem = self.problem
         if problem.trajectory is not None:
             raise InputError(
-                "motion.kind", "'trajectory' has no single speed", "wanted 'line'; see bumpstop study atlas"
+                "motion.kind", "'trajectory' has no single speed", "wanted 'line'; see bumpstop study speed-limits"
             )
         limits = problem.limits
         if limits is None:
@@ -112,7 +112,7 @@ class VariedRisk:
         return allowed_force(self.problem)
 
     @property
-    def unnoticed(self) -> float:
+    def undetected(self) -> float:
         """The largest force along the normal that no threshold notices at the start, min_j theta_j / |a_j| [N]."""
         problem = self.problem
         contact = problem.scenario.contact
@@ -217,7 +217,7 @@ def _first_cycle_beyond_singularity(problem: CollisionProblem, curve: StoppingCu
         return None
     along = np.tile(problem.q, (len(states) + 1, 1))
     along[1:, free] = states
-    passed = Arms(problem, along, np.zeros((len(along), 3))).passes_singularity(along)
+    passed = PoseBatch(problem, along, np.zeros((len(along), 3))).passes_singularity(along)
     return int(passed.argmax()) if passed.any() else None
 
 

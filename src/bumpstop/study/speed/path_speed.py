@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.study.directions import STANDS
-from bumpstop.study.pose_batch import Arms
-from bumpstop.study.prediction import max_speed, stopping_time_per_speed, undetected_force
+from bumpstop.study.pose_batch import PoseBatch
+from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.speed_limit import CLOSE
 
@@ -37,37 +37,37 @@ def max_path_speed(
 
     An arm that feels little at one row and speeds up right behind it hits as hard as one that is too fast there. So
     a limit holds for the way on which the force may grow to what is allowed. Where joints turn more than a straight
-    line asks for, the force that goes unnoticed does, with the rates that the joints have on that way.
+    line asks for, the undetectable force does, with the rates that the joints have on that way.
 
     The pace stays below every limit by as much as the search leaves open, and for some way on both sides of its row. It
     stays below what lies between two rows, whose own limits were not looked for, as far as the rows beside them tell.
     An arm that stands, or is slower than all these limits anyway, keeps its own time: a pause is no longer than before.
 
     Args:
-        problem: of the atlas's straight lines.
+        problem: of the straight lines that speed limits are of.
         trajectory: with a waypoint for every row.
         travelled: way of the contact point to every row (rows,) [m].
         direction: of the tip, unit vectors (rows, 3).
-        rows: of the atlas.
+        rows: of the speed limits.
     """
     speed = np.maximum(rows["speed_mm_s"].to_numpy() / 1e3, STANDS)
     limit = rows["limit_mm_s"].to_numpy() / 1e3
     share = _least_beside(min_between(trajectory.time, np.minimum(1.0, limit / speed)))
     # Limits in themselves, not shares of a speed that may be next to none: they hold for faster rows behind.
     limit = np.where(share < 1, np.minimum(limit, _least_beside(min_between(trajectory.time, limit))), limit)
-    turning = rows["by"].is_in(["turning", "singularity"]).to_numpy()
+    turning = rows["limited_by"].is_in(["joint_rates", "singularity"]).to_numpy()
     here = np.arange(rows.height)
     first = (np.searchsorted(travelled, travelled - deepest(problem), side="right") - 1).clip(min=0)
     lowest = sliding_min(np.where(turning, np.inf, limit), first, here)
     torque = np.einsum(
-        "nij,ni->nj", Arms(problem, trajectory.position, direction).linear_jacobian(trajectory.position), direction
+        "nij,ni->nj", PoseBatch(problem, trajectory.position, direction).linear_jacobian(trajectory.position), direction
     )
-    unnoticed = np.where(
+    undetectable = np.where(
         turning, undetected_force(problem, torque, problem.scenario.verdict.accepted_probability), -1.0
     )
-    most = -sliding_min(-unnoticed, first, here)
+    most = -sliding_min(-undetectable, first, here)
     gain = stopping_time_per_speed(problem, trajectory.at(trajectory.time, 1)) / speed
-    turned = np.where(most < 0, np.inf, max_speed(problem, most, gain, allowed_force(problem)))
+    turned = np.where(most < 0, np.inf, predicted_speed_limit(problem, most, gain, allowed_force(problem)))
     allowed = (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned)
     own = np.minimum(np.where(share < 1, (1 - CLOSE) * share, 1.0), allowed / speed)
     turned_yet = np.append(0.0, np.cumsum(np.abs(np.diff(trajectory.position, axis=0)).max(axis=1)))

@@ -102,7 +102,7 @@ def slow_down(problem: CollisionProblem, trajectory: Trajectory, pace: FloatArra
             return slowing
         first = first or slowing
         if over > _HELPS * least:
-            break  # what goes unnoticed however slow the arm is
+            break  # what stays undetected however slow the arm is
         least, factor = over, factor * _EASE
     return first or Slowing(None, "nothing was tried")
 

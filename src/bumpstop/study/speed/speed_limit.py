@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.collision import CollisionProblem, evaluate_batch
-from bumpstop.study.pose_batch import Arms
-from bumpstop.study.prediction import max_speed, stopping_time_per_speed, undetected_force
+from bumpstop.study.pose_batch import PoseBatch
+from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple
 
@@ -34,48 +34,53 @@ class SpeedLimits:
     Attributes:
         speed: of the tip (N,) [m/s].
         risk: probability of passing a limit at that speed, by the exact law; NaN where ``speed`` is 0.
-        by: (N,) what holds it down: ``"law"``, ``"turning"`` (joints that turn faster than a straight line asks for),
-            ``"cap"``, ``"none"`` (no speed is safe) or ``"singularity"`` (no straight line can be followed there; the
-            law of the trajectory itself).
+        limited_by: (N,) what holds it down: ``"risk"``, ``"joint_rates"`` (joints that turn faster than a straight line
+            asks for), ``"max_speed"``, ``"nothing_safe"`` (no speed is safe) or ``"singularity"`` (no straight line can
+            be followed there; the law of the trajectory itself).
         laws: exact laws worked out.
     """
 
     speed: FloatArray
     risk: FloatArray
-    by: npt.NDArray[np.str_]
+    limited_by: npt.NDArray[np.str_]
     laws: int
 
 
 def speed_limits(
-    scenario: Scenario | CollisionProblem, q: FloatArray, direction: FloatArray, cap: FloatArray, *, threads: int = 1
+    scenario: Scenario | CollisionProblem,
+    q: FloatArray,
+    direction: FloatArray,
+    max_speed: FloatArray,
+    *,
+    threads: int = 1,
 ) -> SpeedLimits:
     """Find the highest safe speeds along straight lines through poses.
 
     A formula gives the first guess, exact laws decide: every speed returned has been worked out and meets
-    verdict.accepted_probability, and one at most 1 % higher does not, unless the cap or the formula for turning
+    verdict.accepted_probability, and one at most 1 % higher does not, unless the max_speed or the formula for turning
     joints is lower. Where the risk is a sawtooth over speed no slower one is left that fails.
 
     Args:
         scenario: a straight line of the tip, checked or not; its pose and velocity are replaced.
         q: poses (N, dof) [rad or m].
         direction: unit vectors, base frame (N, 3).
-        cap: no speed above it is looked at (N,) [m/s].
+        max_speed: no speed above it is looked at (N,) [m/s].
         threads: for the exact laws.
     """
     problem = scenario if isinstance(scenario, CollisionProblem) else CollisionProblem.from_scenario(scenario)
     limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
-    arms = Arms(problem, q, direction)
+    arms = PoseBatch(problem, q, direction)
     torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
     with np.errstate(invalid="ignore", over="ignore"):
         gain = stopping_time_per_speed(problem, arms.joint_rates(q))
     silent = undetected_force(problem, torque, accepted)
-    guess = np.nan_to_num(max_speed(problem, silent, gain, limit))
+    guess = np.nan_to_num(predicted_speed_limit(problem, silent, gain, limit))
     count = len(q)
     met, fails = np.zeros(count), np.full(count, np.inf)
     risk = np.full(count, np.nan)
     force_met, force_fails = np.zeros(count), np.full(count, np.inf)
-    trial = np.clip(guess, np.minimum(_FIRST, cap), cap)
-    open_ = np.flatnonzero(cap >= MIN_SPEED)
+    trial = np.clip(guess, np.minimum(_FIRST, max_speed), max_speed)
+    open_ = np.flatnonzero(max_speed >= MIN_SPEED)
     laws = 0
     for number in range(_ROUNDS):
         if not open_.size:
@@ -94,18 +99,18 @@ def speed_limits(
         ):
             at[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
         risk[open_[good]] = over[good]
-        done = (met >= cap * (1 - 1e-12)) | (fails <= met * (1 + CLOSE)) | (fails <= MIN_SPEED * (1 + 1e-9))
+        done = (met >= max_speed * (1 - 1e-12)) | (fails <= met * (1 + CLOSE)) | (fails <= MIN_SPEED * (1 + 1e-9))
         open_ = open_[~done[open_]]
         trial[open_] = _next(
-            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_], cap[open_],
-            number,
+            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_],
+            max_speed[open_], number,
         )  # fmt: skip
-    by = np.where(met >= cap * (1 - 1e-12), "cap", np.where(met > 0, "law", "none"))
+    limited_by = np.where(met >= max_speed * (1 - 1e-12), "max_speed", np.where(met > 0, "risk", "nothing_safe"))
     if has_ripple(problem.scenario):
         slower, more = _below_all_teeth(problem, q, direction, met, risk, gain, threads)
-        by = np.where(slower < met, np.where(slower > 0, "law", "none"), by)
+        limited_by = np.where(slower < met, np.where(slower > 0, "risk", "nothing_safe"), limited_by)
         met, laws = slower, laws + more
-    return SpeedLimits(met, np.where(met > 0, risk, np.nan), by, laws)
+    return SpeedLimits(met, np.where(met > 0, risk, np.nan), limited_by, laws)
 
 
 def _below_all_teeth(
@@ -180,7 +185,7 @@ def _next(
     high: FloatArray,
     limit: float,
     silent: FloatArray,
-    cap: FloatArray,
+    max_speed: FloatArray,
     number: int,
 ) -> FloatArray:
     """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet.
@@ -192,7 +197,7 @@ def _next(
         high: force at the latter (N,) [N].
         limit: force to reach [N].
         silent: force that even a slow arm reaches, about (N,) [N].
-        cap: no speed above it (N,) [m/s].
+        max_speed: no speed above it (N,) [m/s].
         number: of the round, from 0.
     """
     # Where even what is missed passes the limit, nothing tells how far it is up: steps of 1 % would never arrive.
@@ -207,4 +212,4 @@ def _next(
         up = met * np.clip(np.where(left > 0, left**0.8, 3.0), least, 3.0)
         down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6), MIN_SPEED)
     trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), down)
-    return np.asarray(np.minimum(trial, cap))
+    return np.asarray(np.minimum(trial, max_speed))

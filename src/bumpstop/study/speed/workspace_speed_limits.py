@@ -12,7 +12,7 @@ import numpy as np
 from bumpstop.collision import Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.joint_ranges import joint_ranges
-from bumpstop.study.speed.atlas import SHARD_ROWS, Atlas
+from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
 from bumpstop.study.speed.worst_direction import worst_directions
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ MAX_POSES = 10_000_000
 
 
 @dataclass(frozen=True)
-class WorkspaceSpeedLimits(Atlas):
+class WorkspaceSpeedLimits(SpeedMap):
     """A row for every random pose: the highest speed that is safe in all directions of a cone, or in every direction.
 
     Attributes:
@@ -65,8 +65,8 @@ class WorkspaceSpeedLimits(Atlas):
             low[j], high[j] = ends
         q = rng.uniform(low, high, (SHARD_ROWS, problem.robot.dof))[begin : begin + count]
         own = np.tile(problem.velocity / np.linalg.norm(problem.velocity), (count, 1))
-        cap = np.full(count, self.cap_mm_s / 1e3)
-        worst = worst_directions(problem, q, own, math.radians(self.cone_deg), cap)
+        max_speed = np.full(count, self.max_speed_mm_s / 1e3)
+        worst = worst_directions(problem, q, own, math.radians(self.cone_deg), max_speed)
         direction, found = worst.direction, worst.found
         return pl.DataFrame({"pose": np.arange(first, first + count) + 1, **self._columns(q, direction, found)})
 
@@ -76,7 +76,7 @@ class WorkspaceSpeedLimits(Atlas):
             "study": self.name,
             "poses": rows.height,
             "none_safe": int((limit == 0).sum()),
-            "at_cap": int((rows["by"] == "cap").sum()),
+            "at_max_speed": int((rows["limited_by"] == "max_speed").sum()),
             "directions": self._searched,
             **{f"limit_p{int(100 * p):02d}_mm_s": limit.quantile(p, "linear") for p in (0.05, 0.25, 0.5, 0.75, 0.95)},
             "law": "exact",

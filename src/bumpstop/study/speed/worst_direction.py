@@ -12,8 +12,8 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import evaluate_batch
 from bumpstop.study.directions import cone_directions, tilted
-from bumpstop.study.pose_batch import Arms
-from bumpstop.study.prediction import max_speed, stopping_time_per_speed, undetected_force
+from bumpstop.study.pose_batch import PoseBatch
+from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.speed_limit import CLOSE, SpeedLimits, speed_limits
 
@@ -66,7 +66,7 @@ class WorstDirections:
 
 
 def worst_directions(
-    problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float, cap: FloatArray
+    problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float, max_speed: FloatArray
 ) -> WorstDirections:
     """Search the cones of directions about ``own`` for the worst one, and the highest safe speeds there.
 
@@ -79,17 +79,17 @@ def worst_directions(
         q: poses (N, dof) [rad or m].
         own: axes of the cones, unit vectors (N, 3).
         angle: half angle of the cones [rad].
-        cap: no speed above it is looked at (N,) [m/s].
+        max_speed: no speed above it is looked at (N,) [m/s].
     """
     if angle <= 0:
-        return WorstDirections(own, speed_limits(problem, q, own, cap))
+        return WorstDirections(own, speed_limits(problem, q, own, max_speed))
     places = [
         _formula_worst(problem, q[rows], own[rows], angle)
         for rows in np.array_split(np.arange(len(q)), math.ceil(len(q) / _AT_ONCE))
     ]
     predicted = np.concatenate(places)  # (N, starts, 3), the worst first
     direction = predicted[:, 0].copy()
-    found = speed_limits(problem, q, direction, cap)
+    found = speed_limits(problem, q, direction, max_speed)
     candidates = np.concatenate([np.stack(cone_directions(own, angle, _SAMPLED), axis=1), predicted], axis=1)
     search = _Search(problem, q, direction, found)
     force = search.settle(candidates)
@@ -165,7 +165,7 @@ class _Search:
         # A little slower in any case, so that rounding at the very limit cannot go on for ever.
         slower = speed_limits(self.problem, self.q[rows], direction, (1 - 0.1 * CLOSE) * found.speed[rows])
         found.speed[rows], found.risk[rows] = slower.speed, slower.risk
-        found.by[rows] = np.where(slower.speed > 0, "law", "none")
+        found.limited_by[rows] = np.where(slower.speed > 0, "risk", "nothing_safe")
         self.found = replace(found, laws=found.laws + slower.laws)
 
     def _laws(self, rows: Rows, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -213,9 +213,9 @@ class _Formula:
         self._problem = problem
         along = [np.tile(axis, (len(q), 1)) for axis in np.eye(3)]
         with np.errstate(invalid="ignore", over="ignore"):
-            rates = [Arms(problem, q, axis).joint_rates(q) for axis in along]
+            rates = [PoseBatch(problem, q, axis).joint_rates(q) for axis in along]
         self._rates = np.stack(rates, axis=1)  # (N, 3, dof)
-        self._jacobian = Arms(problem, q, along[0]).linear_jacobian(q)
+        self._jacobian = PoseBatch(problem, q, along[0]).linear_jacobian(q)
 
     def __call__(self, directions: FloatArray) -> FloatArray:
         """Speeds (N, M) [m/s] in directions (N, M, 3)."""
@@ -224,7 +224,7 @@ class _Formula:
             gain = stopping_time_per_speed(problem, (directions @ self._rates).reshape(-1, self._rates.shape[2]))
         torque = (directions @ self._jacobian).reshape(len(gain), -1)
         undetected = undetected_force(problem, torque, problem.scenario.verdict.accepted_probability)
-        speed = max_speed(problem, undetected, gain, allowed_force(problem))
+        speed = predicted_speed_limit(problem, undetected, gain, allowed_force(problem))
         # Where the formula misses the limit itself the directions are told apart by how little they feel.
         unfelt = -1e-9 / np.maximum(_felt(problem, torque), 1e-12)
         return np.asarray(np.nan_to_num(np.where(speed > 0, speed, unfelt), nan=-1.0).reshape(shape))

@@ -14,12 +14,12 @@ import bumpstop as bs
 from bumpstop.collision import evaluate_batch
 from bumpstop.study import run
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.atlas import TrajectorySpeedLimits
 from bumpstop.study.speed.path_speed import min_between, sliding_min
 from bumpstop.study.speed.retiming import retime
 from bumpstop.study.speed.speed_limit import speed_limits
+from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
 from bumpstop.study.speed.trajectory_writing import write_csv
-from study.atlas_cases import begin, few_rows
+from study.speed_limit_cases import begin, few_rows
 
 
 def waves(seed: int, folder: Path) -> bs.Scenario:
@@ -64,7 +64,7 @@ def worst_risk(scenario: bs.Scenario, moments: Any) -> float:
 
 def telling(rows: pl.DataFrame) -> Any:
     """Rows at which least is detected, and every twentieth: the first fault of this kind showed at the former."""
-    least_felt = np.argsort(rows["unnoticed_N"].to_numpy())[-40:]
+    least_felt = np.argsort(rows["undetectable_N"].to_numpy())[-40:]
     chosen = np.union1d(least_felt, np.arange(1, len(rows), 20))
     return chosen[(chosen > 0) & (chosen < len(rows) - 1)]
 
@@ -100,7 +100,7 @@ def test_least_of_ranges_is_that_of_slices(count: int) -> None:
 
 
 def wander(seed: int, path: Path) -> tuple[TrajectorySpeedLimits, Any]:
-    """The atlas along a few random waypoints, and the cubics through them."""
+    """The speed limits along a few random waypoints, and the cubics through them."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 8))
     t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.3, 1, count - 1))])
@@ -111,8 +111,8 @@ def wander(seed: int, path: Path) -> tuple[TrajectorySpeedLimits, Any]:
     return few_rows(path, t, q, qd if seed % 3 else None), given
 
 
-def slowed_atlas(study: TrajectorySpeedLimits, rows: Any, path: Path) -> tuple[Any, TrajectorySpeedLimits]:
-    """The slowed trajectory, and the atlas along what was written of it."""
+def speed_limits_of_slowed(study: TrajectorySpeedLimits, rows: Any, path: Path) -> tuple[Any, TrajectorySpeedLimits]:
+    """The slowed trajectory, and the speed limits along what was written of it."""
     slow = retime(study.trajectory, study.pace(rows), study.problem.robot.velocity, study.problem.joint_acceleration)
     write_csv(path, slow)
     return slow, TrajectorySpeedLimits(study.scenario.with_values({"motion.file": str(path)}))
@@ -123,7 +123,7 @@ def test_slowed_between_few_waypoints_too(seed: int, tmp_path: Path) -> None:
     study, given = wander(seed, tmp_path / "few.csv")
     rows, _ = run(study)
     assert not (rows["limit_mm_s"] == 0).any()
-    slow, again = slowed_atlas(study, rows, tmp_path / "slow.csv")
+    slow, again = speed_limits_of_slowed(study, rows, tmp_path / "slow.csv")
     # The waypoints of the file are among the rows, bit for bit, and all rows lie on the file's own path.
     assert all((slow.position == each).all(axis=1).any() for each in study.given.position)
     assert np.abs(slow.position - given(slow.path_time)).max() < 1e-12
@@ -137,7 +137,7 @@ def test_slowed_between_few_waypoints_too(seed: int, tmp_path: Path) -> None:
 def test_slowed_where_the_limit_has_a_corner_between_two_rows(seed: int, tmp_path: Path) -> None:
     """Exact laws of straight lines at 3000 moments, most of which no row was near."""
     study, _ = wander(seed, tmp_path / "few.csv")
-    _, again = slowed_atlas(study, run(study)[0], tmp_path / "slow.csv")
+    _, again = speed_limits_of_slowed(study, run(study)[0], tmp_path / "slow.csv")
     times = np.linspace(0, again.given.duration, 3001)[1:-1]
     velocity = again._tip(times)
     moves = np.linalg.norm(velocity, axis=1) > 2e-3
@@ -173,7 +173,7 @@ def test_a_trajectory_that_passes_a_singularity_goes_by_its_own_law_there(
     q[:, 0] += [0, 0.1]
     study = joint_motion(robot, [0.0, 2.0], q, np.zeros_like(q), tmp_path / "t.csv")
     found, summary = run(study)
-    singular = np.flatnonzero(found["by"] == "singularity")
+    singular = np.flatnonzero(found["limited_by"] == "singularity")
     angle = found[f"q_{joint + 1}"].to_numpy()
     last_before = int((angle < 0).sum()) - 1
     assert singular.tolist() == ([last_before, last_before + 1] if passes else [])
@@ -184,7 +184,7 @@ def test_a_trajectory_that_passes_a_singularity_goes_by_its_own_law_there(
 
 
 def joint_motion(robot: str, t: Any, q: Any, qd: Any, path: Path, **changes: Any) -> TrajectorySpeedLimits:
-    """The atlas of a motion of an arm's joints against a finger."""
+    """The speed limits of a motion of an arm's joints against a finger."""
     dof = q.shape[1]
     rows = np.column_stack([t, q] if qd is None else [t, q, qd])
     names = ["t", *(f"{kind}_{j + 1}" for kind in ("q", "qd")[: 1 if qd is None else 2] for j in range(dof))]
@@ -209,7 +209,7 @@ def test_an_arm_that_is_singular_all_the_way_has_limits_that_say_so(tmp_path: Pa
     changes = {"detector.thresholds_Nm": [15.0] * 6, "contact.body": "lower_arm_wrist"}
     study = joint_motion("ur10e", t, q, None, tmp_path / "t.csv", **changes)
     rows = pl.concat([study.shard(number) for number in range(study.shards)])
-    assert set(rows["by"]) == {"singularity"}
+    assert set(rows["limited_by"]) == {"singularity"}
     assert (rows["limit_mm_s"] > 0).all()
     scenario, moments = slowed(study, study.pace(rows), tmp_path)
     assert 2 < moments[-1] < 10

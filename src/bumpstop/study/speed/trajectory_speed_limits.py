@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,97 +14,29 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision import CollisionProblem, Scenario
 from bumpstop.errors import InputError
 from bumpstop.study.directions import STANDS, directions_of, nearest_moving
-from bumpstop.study.pose_batch import Arms
-from bumpstop.study.prediction import max_speed, stopping_time_per_speed, undetected_force
+from bumpstop.study.pose_batch import PoseBatch
+from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.own_motion import own_speeds
 from bumpstop.study.speed.path_speed import deepest, max_path_speed, sliding_min
 from bumpstop.study.speed.slowing import Judged, Slowing, judge_motion, slow_down
 from bumpstop.study.speed.speed_limit import MIN_SPEED, SpeedLimits
+from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
 from bumpstop.study.speed.waypoint_refinement import refine_at_peaks, refine_by_joint_motion
-from bumpstop.study.speed.worst_direction import searched, worst_directions
-from bumpstop.study.study import Study, check_risk
+from bumpstop.study.speed.worst_direction import worst_directions
 
 if TYPE_CHECKING:
     import polars as pl
 
     from bumpstop.collision.trajectory.trajectory import Trajectory
 
-SHARD_ROWS = 250
 # The trajectory turns its joints more than a straight line would, if by this much; and so much less that no straight
 # line says anything about it, as near a singularity.
 _TURNS_MORE, _FOLLOWS_NO_LINE = 1.02, 0.2
 
 
 @dataclass(frozen=True)
-class Atlas(Study):
-    """What both atlases share.
-
-    Attributes:
-        cap_mm_s: no tip speed above it is looked at.
-        cone_deg: half angle of a cone of directions about the motion's own; the worst direction counts.
-    """
-
-    name: ClassVar[str] = "atlas"
-    title: ClassVar[str] = "atlas"
-
-    cap_mm_s: float = 1000.0
-    cone_deg: float = 0.0
-
-    def _check(self) -> None:
-        if not 1 <= self.cap_mm_s <= 1e4:
-            raise InputError("--cap", f"{self.cap_mm_s:g} mm/s cannot be used", "wanted 1 to 10000")
-        if not 0 <= self.cone_deg <= 180:
-            raise InputError("--cone", f"{self.cone_deg:g} deg cannot be used", "wanted 0 to 180")
-        check_risk(self.scenario)
-        limits = self._line_problem.limits
-        if limits is None:
-            raise InputError("contact.body", "is missing", "a safe speed needs limits: name a body region")
-        if not limits.permitted:
-            raise InputError("contact.body", f"no speed is safe: {limits.reason}", "name another body region")
-        scenario = self.scenario
-        for key, found, wanted in (
-            ("contact.kind", scenario.contact.kind, "clamped"),
-            ("verdict.clamped_limit", scenario.verdict.clamped_limit, "quasi_static"),
-        ):
-            if found != wanted:
-                raise InputError(key, f"{found!r} is not available in an atlas", f"wanted {wanted!r}")
-        if self._line_problem.residuals is not None:
-            raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
-
-    @property
-    @abstractmethod
-    def _line(self) -> Scenario:
-        """The scenario of a straight line that all rows share; its pose and velocity are replaced."""
-
-    @cached_property
-    def _line_problem(self) -> CollisionProblem:
-        return CollisionProblem.from_scenario(self._line)
-
-    @property
-    def _searched(self) -> str:
-        """In which directions a limit holds."""
-        return searched(math.radians(self.cone_deg))
-
-    def _columns(self, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> dict[str, Any]:
-        problem = self._line_problem
-        torque = np.einsum("nij,ni->nj", Arms(problem, q, direction).linear_jacobian(q), direction)
-        with np.errstate(divide="ignore"):
-            unnoticed = (problem.thresholds / np.abs(torque)).min(axis=1)
-        tip = problem.robot.pose(q)[:, :3, 3]
-        return {
-            **{f"q_{j + 1}": q[:, j] for j in range(q.shape[1])},
-            **{f"tip_{axis}_m": tip[:, i] for i, axis in enumerate("xyz")},
-            **{f"direction_{axis}": direction[:, i] for i, axis in enumerate("xyz")},
-            "limit_mm_s": 1e3 * found.speed,
-            "risk": found.risk,
-            "by": found.by,
-            "unnoticed_N": unnoticed,
-        }
-
-
-@dataclass(frozen=True)
-class TrajectorySpeedLimits(Atlas):
+class TrajectorySpeedLimits(SpeedMap):
     """A row for every waypoint: the tool moves on a straight line through it, in the direction it moves there.
 
     Where waypoints are far apart there are rows for moments between them too. Rows at which the tip stands still take
@@ -121,7 +52,7 @@ class TrajectorySpeedLimits(Atlas):
             raise InputError("motion.kind", "'line' has no waypoints", "wanted 'trajectory', or --poses")
         if self.problem.robot.dof < 3:
             problem = f"{self.problem.robot.name} has {self.problem.robot.dof} joints, which follow no straight line"
-            raise InputError("robot", problem, "an atlas needs an arm of 3 or more")
+            raise InputError("robot", problem, "speed limits need an arm of 3 or more")
         self._check()
 
     @cached_property
@@ -193,14 +124,14 @@ class TrajectorySpeedLimits(Atlas):
         speed = np.linalg.norm(velocity, axis=1)
         # Where the tip stands any direction will do: it is at no limit.
         own = np.where(speed[:, None] > STANDS, velocity / np.maximum(speed, STANDS)[:, None], [1.0, 0.0, 0.0])
-        arms = Arms(problem, q, own)
+        arms = PoseBatch(problem, q, own)
         torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), own)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             straight = stopping_time_per_speed(problem, arms.joint_rates(q))
             gain = np.fmax(straight, stopping_time_per_speed(problem, self.given.at(t, 1)) / speed)
         gain = np.nan_to_num(gain, posinf=1e9)
         undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
-        allowed = max_speed(problem, undetected, gain, allowed_force(problem))
+        allowed = predicted_speed_limit(problem, undetected, gain, allowed_force(problem))
         return np.asarray(speed / np.maximum(allowed, MIN_SPEED))
 
     @cached_property
@@ -229,7 +160,7 @@ class TrajectorySpeedLimits(Atlas):
     def _at_singularity(self) -> npt.NDArray[np.bool_]:
         """Rows (rows,) beside a singularity that the trajectory passes: no straight line through it can be followed."""
         position = self.trajectory.position
-        passes = Arms(self._line_problem, position, self.direction).passes_singularity(position)
+        passes = PoseBatch(self._line_problem, position, self.direction).passes_singularity(position)
         return np.asarray(np.append(passes, False) | np.append(False, passes))
 
     @property
@@ -241,13 +172,13 @@ class TrajectorySpeedLimits(Atlas):
 
         rows = np.arange(number * SHARD_ROWS, min((number + 1) * SHARD_ROWS, len(self.trajectory.time)))
         q, own = self.trajectory.position[rows], self.direction[rows]
-        cap = np.full(len(rows), self.cap_mm_s / 1e3)
-        worst = worst_directions(self._line_problem, q, own, math.radians(self.cone_deg), cap)
+        max_speed = np.full(len(rows), self.max_speed_mm_s / 1e3)
+        worst = worst_directions(self._line_problem, q, own, math.radians(self.cone_deg), max_speed)
         direction, found = worst.direction, worst.found
         found = self._by_itself(rows, own, self._turning(rows, own, found))
         speed = self._speed[rows]
         fastest = np.where(
-            np.isin(found.by, ("turning", "singularity")) | (speed <= STANDS), speed, self._fastest[rows]
+            np.isin(found.limited_by, ("joint_rates", "singularity")) | (speed <= STANDS), speed, self._fastest[rows]
         )
         return pl.DataFrame(
             {
@@ -266,16 +197,16 @@ class TrajectorySpeedLimits(Atlas):
         speed = np.linalg.norm(self.tip_velocity[rows], axis=1)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             gain = stopping_time_per_speed(problem, self.trajectory.at(self.trajectory.time[rows], 1)) / speed
-            straight = stopping_time_per_speed(problem, Arms(problem, q, own).joint_rates(q))
-        torque = np.einsum("nij,ni->nj", Arms(problem, q, own).linear_jacobian(q), own)
+            straight = stopping_time_per_speed(problem, PoseBatch(problem, q, own).joint_rates(q))
+        torque = np.einsum("nij,ni->nj", PoseBatch(problem, q, own).linear_jacobian(q), own)
         more = (speed > STANDS) & ~(gain <= _TURNS_MORE * straight)
         undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
-        allowed = max_speed(problem, undetected, np.where(more, gain, 0.0), allowed_force(problem))
+        allowed = predicted_speed_limit(problem, undetected, np.where(more, gain, 0.0), allowed_force(problem))
         lower = more & (allowed < found.speed)
         return SpeedLimits(
             np.where(lower, allowed, found.speed),
             np.where(lower, np.nan, found.risk),
-            np.where(lower, "turning", found.by),
+            np.where(lower, "joint_rates", found.limited_by),
             found.laws,
         )
 
@@ -289,24 +220,26 @@ class TrajectorySpeedLimits(Atlas):
         moving = nearest_moving(self.tip_velocity)[rows]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             gain = stopping_time_per_speed(problem, self.trajectory.at(time[moving], 1)) / self._speed[moving]
-            straight = stopping_time_per_speed(problem, Arms(problem, q, own).joint_rates(q))
-        turning = found.by == "turning"
+            straight = stopping_time_per_speed(problem, PoseBatch(problem, q, own).joint_rates(q))
+        turning = found.limited_by == "joint_rates"
         apart = self._at_singularity[rows] | (~(gain >= _FOLLOWS_NO_LINE * straight) & (found.speed == 0))
         # Where the formula leaves no speed, the law may.
         at = np.flatnonzero(apart | (turning & (found.speed == 0)))
         if not at.size:
             return found
-        torque = np.einsum("nij,ni->nj", Arms(problem, q[at], own[at]).linear_jacobian(q[at]), own[at])
+        torque = np.einsum("nij,ni->nj", PoseBatch(problem, q[at], own[at]).linear_jacobian(q[at]), own[at])
         undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
-        guess = np.minimum(max_speed(problem, undetected, gain[at], allowed_force(problem)), self.cap_mm_s / 1e3)
+        guess = np.minimum(
+            predicted_speed_limit(problem, undetected, gain[at], allowed_force(problem)), self.max_speed_mm_s / 1e3
+        )
         speed, risk = own_speeds(self.problem, time[moving[at]], self._speed[moving[at]], guess)
         # A straight line that is safe faster is no worse a bound.
         better = self._at_singularity[rows][at] | (speed > found.speed[at])
         at, speed, risk = at[better], speed[better], risk[better]
         found.speed[at], found.risk[at] = speed, risk
-        by = found.by.astype(object)
-        by[at] = np.where(turning[at] & ~apart[at], "turning", "singularity")
-        return replace(found, by=by.astype(str))
+        limited_by = found.limited_by.astype(object)
+        limited_by[at] = np.where(turning[at] & ~apart[at], "joint_rates", "singularity")
+        return replace(found, limited_by=limited_by.astype(str))
 
     def pace(self, rows: pl.DataFrame) -> FloatArray:
         """Greatest pace at every row, 0 to 1, with which the whole trajectory keeps to the limits of its rows.
@@ -348,7 +281,7 @@ class TrajectorySpeedLimits(Atlas):
             "moments_between": int(rows["between"].sum()),
             "over_between": int((rows["over"] & rows["between"]).sum()),
             "none_safe": int((rows["limit_mm_s"] == 0).sum()),
-            "singular": int((rows["by"] == "singularity").sum()),
+            "singular": int((rows["limited_by"] == "singularity").sum()),
             "lowest_limit_mm_s": rows["limit_mm_s"][least],
             "lowest_at_waypoint": rows["waypoint"][least],
             "lowest_at_s": rows["t_s"][least],

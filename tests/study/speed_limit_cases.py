@@ -1,4 +1,4 @@
-"""Atlases along trajectories of a few waypoints."""
+"""Speed limits along trajectories of a few waypoints."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from bumpstop.collision import load_scenario
-from bumpstop.study.speed.atlas import TrajectorySpeedLimits
+from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
 
 PICK = Path(__file__).resolve().parents[2] / "examples/06_pick_and_place_trajectory.toml"
 
 
 def few_rows(path: Path, t: Any, q: Any, qd: Any = None) -> TrajectorySpeedLimits:
-    """The atlas of the pick's arm along a few rows."""
+    """Speed limits of the pick's arm along a few rows."""
     names = ["t", *(f"{kind}_{j + 1}" for kind in ("q", "qd")[: 1 if qd is None else 2] for j in range(7))]
     rows = np.column_stack([t, q] if qd is None else [t, q, qd])
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")

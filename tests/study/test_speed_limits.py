@@ -20,13 +20,13 @@ from bumpstop.errors import InputError
 from bumpstop.study import run
 from bumpstop.study.null_space import improve_detectability
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.atlas import TrajectorySpeedLimits
 from bumpstop.study.speed.retiming import retime
 from bumpstop.study.speed.speed_limit import speed_limits
+from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
 from bumpstop.study.speed.trajectory_writing import write_csv, write_ros
 from bumpstop.study.speed.workspace_speed_limits import WorkspaceSpeedLimits
 from bumpstop.study.speed.worst_direction import worst_directions
-from study.atlas_cases import PICK, begin, few_rows
+from study.speed_limit_cases import PICK, begin, few_rows
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 HAND = REPOSITORY / "examples/01_hand_downward.toml"
@@ -44,7 +44,7 @@ def found(pick: TrajectorySpeedLimits) -> Any:
 
 
 def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectorySpeedLimits, found: Any) -> None:
-    rows = found.filter(found["by"] == "law").gather_every(7)
+    rows = found.filter(found["limited_by"] == "risk").gather_every(7)
     q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
     limit = rows["limit_mm_s"].to_numpy() / 1e3
@@ -58,12 +58,12 @@ def test_limits_are_tight_where_the_formula_expects_none() -> None:
     """Directions in which the formula misses the limit itself: laws are met there all the same, far above its guess."""
     study = WorkspaceSpeedLimits(load_scenario(HAND), poses=40, seed=0, cone_deg=20.0)
     rows = run(study)[0]
-    rows = rows.filter(rows["by"] == "law")
+    rows = rows.filter(rows["limited_by"] == "risk")
     q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
     speed = rows["limit_mm_s"].to_numpy() / 1e3
     limit = allowed_force(study._line_problem)
-    assert rows.filter(rows["unnoticed_N"] > 0.7 * limit).height >= 5
+    assert rows.filter(rows["undetectable_N"] > 0.7 * limit).height >= 5
     # Where the risk jumps from none to some with a speed, the limit may stay two hundredths below the highest safe one.
     for factor, safe in ((1.0, True), (1.0201, False)):
         laws = evaluate_batch(study.scenario, q, direction * (factor * speed)[:, None], limits_N=[limit])
@@ -155,7 +155,7 @@ def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
     assert rows.height > 1.9 * found.height
     assert (summary["over"], summary["over_between"]) == (0, 0)
     assert (again.pace(rows) == 1).all()
-    # One function judges atlas and evaluate.
+    # One function judges speed limits and evaluate.
     verdict = bs.evaluate(again.scenario).verdict
     assert (summary["acceptable"], summary["verdict"]) == (verdict.acceptable, verdict.to_json())
 
@@ -232,13 +232,13 @@ def test_the_risk_accepted_is_accepted_to_the_last_digit() -> None:
     # By halves to a probability near the usual one.
     low, high = 0.01, 1.0
     for _ in range(40):
-        cap = math.sqrt(low * high)
-        over = float(evaluate_batch(case, q, cap * direction, limits_N=[limit]).exceedance[0, 0])
-        low, high = (cap, high) if over < 1e-3 else (low, cap)
+        max_speed = math.sqrt(low * high)
+        over = float(evaluate_batch(case, q, max_speed * direction, limits_N=[limit]).exceedance[0, 0])
+        low, high = (max_speed, high) if over < 1e-3 else (low, max_speed)
     for share, met in ((1 + 1e-9, True), (1 / (1 + 1e-9), False), (1 / 1.04, False)):
         asked = case.with_values({"verdict.accepted_probability": over * share})
-        found = speed_limits(asked, q, direction, np.array([cap]))
-        assert (found.by[0] == "cap") is met
+        found = speed_limits(asked, q, direction, np.array([max_speed]))
+        assert (found.limited_by[0] == "max_speed") is met
         assert found.risk[0] <= over * share
 
 
@@ -267,8 +267,8 @@ def test_files_read_back(pick: TrajectorySpeedLimits, found: Any, tmp_path: Path
 
 def test_a_wider_cone_is_never_faster(pick: TrajectorySpeedLimits, found: Any) -> None:
     rows = np.arange(0, found.height, 25)
-    q, own, cap = pick.trajectory.position[rows], pick.direction[rows], np.ones(len(rows))
-    wide = worst_directions(pick._line_problem, q, own, math.radians(40), cap).found.speed
+    q, own, max_speed = pick.trajectory.position[rows], pick.direction[rows], np.ones(len(rows))
+    wide = worst_directions(pick._line_problem, q, own, math.radians(40), max_speed).found.speed
     narrow = found["limit_mm_s"].to_numpy()[rows] / 1e3
     assert (wide <= narrow * 1.0101).all()
     assert (wide < narrow * 0.9).any()
@@ -288,7 +288,7 @@ def test_self_motion_keeps_the_tool_and_feels_no_worse() -> None:
     assert np.abs(robot.pose(found.q) - robot.pose(q)).max() < 2e-6
     assert ((found.q >= robot.lower) & (found.q <= robot.upper)).all()
     torque = np.einsum("nij,ni->nj", robot.jacobian(found.q)[:, :3], direction)
-    assert np.allclose(found.unnoticed, (problem.thresholds / np.abs(torque)).min(axis=1))
+    assert np.allclose(found.undetectable, (problem.thresholds / np.abs(torque)).min(axis=1))
     assert (found.gain >= 1).all()
     assert found.gain.max() > 1.1
 
@@ -310,7 +310,7 @@ def test_an_arm_that_follows_no_line_is_told_so(tmp_path: Path) -> None:
     (tmp_path / "path.csv").write_text("t,q_1,q_2\n0,5,5\n1,6,6\n2,7,6\n")
     changes = {"robot": str(tmp_path / "gantry.urdf"), "motion.file": str(tmp_path / "path.csv")}
     changes |= {"detector.thresholds_Nm": [50, 50], "detector.noise_sd_Nm": 5.0}
-    with pytest.raises(InputError, match=r"^robot: gantry has 2 joints, which follow no straight line; an atlas "):
+    with pytest.raises(InputError, match=r"^robot: gantry has 2 joints, which follow no straight line; speed limits "):
         TrajectorySpeedLimits(load_scenario(PICK, changes))
 
 
@@ -361,9 +361,9 @@ def test_a_long_trajectory_takes_the_direction_of_the_nearest_waypoint_that_move
     ("path", "changes", "settings", "field"),
     [
         (PICK, {"contact.body": None, "contact.stiffness_N_m": 1e4}, {}, "contact.body"),
-        (PICK, {}, {"cap_mm_s": 0.0}, "--cap"),
+        (PICK, {}, {"max_speed_mm_s": 0.0}, "--max-speed"),
         (PICK, {"verdict.accepted_probability": 1e-300}, {}, "verdict.accepted_probability"),
-        (PICK, {}, {"cap_mm_s": math.nan}, "--cap"),
+        (PICK, {}, {"max_speed_mm_s": math.nan}, "--max-speed"),
         (PICK, {}, {"cone_deg": -1.0}, "--cone"),
         (LINE, {"contact.kind": "free"}, {}, "contact.kind"),
         (LINE, {"contact.kind": "free", "contact.body": "skull_forehead"}, {}, "contact.body"),
@@ -399,7 +399,7 @@ def test_every_slower_speed_is_safe_where_the_body_is_at_a_fixed_distance() -> N
     problem = CollisionProblem.from_scenario(case)
     direction = problem.velocity / np.linalg.norm(problem.velocity)
     found = speed_limits(case, problem.q[None], direction[None], np.array([1.0]))
-    assert found.by[0] == "law"
+    assert found.limited_by[0] == "risk"
     slower = found.speed[0] * np.geomspace(0.5, 1.0, 80)
     poses, limit = np.tile(problem.q, (80, 1)), allowed_force(problem)
     laws = evaluate_batch(case, poses, slower[:, None] * direction, limits_N=[limit])

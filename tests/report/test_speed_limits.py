@@ -18,7 +18,7 @@ ROWS = pl.DataFrame({"t_s": [0.0, 0.5, 1.0]})
     ],
 )
 def test_the_gain_of_suggestions_is_told(gain: list[float], said: list[str], unsaid: list[str]) -> None:
-    part = SuggestionPart(ROWS, pl.DataFrame({"unnoticed_N": [10.0, 12.0, 20.0], "gain": gain}))
+    part = SuggestionPart(ROWS, pl.DataFrame({"undetectable_N": [10.0, 12.0, 20.0], "gain": gain}))
     text = " ".join(part.content())
     assert all(each in text for each in said)
     assert not any(each in text for each in unsaid)
