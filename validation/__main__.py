@@ -24,33 +24,35 @@ from bumpstop import kernels  # noqa: E402
 from validation import (  # noqa: E402
     batches,
     blind_force,
-    chapter5,
-    chapter6,
     convergence,
     drives,
     endings,
-    experiments,
-    false_alarms,
     gain_intervals,
     gains,
     instruction_sets,
     page,
     plant,
     prediction,
-    protocol,
-    reference,
     reference_simulator,
     requirement,
-    rich_gears,
     sample_paths,
     tuning,
     two_laws,
     tx40,
     urdf,
-    workspace,
 )
 from validation.facts import MissingFacts  # noqa: E402
 from validation.findings import Findings  # noqa: E402
+from validation.schroeder2013 import (  # noqa: E402
+    chapter5,
+    chapter6,
+    experiments,
+    false_alarms,
+    protocol,
+    reference_runs,
+    rich_gears,
+    workspace,
+)
 
 
 class Comparison(Protocol):
@@ -61,7 +63,7 @@ class Comparison(Protocol):
 
 
 COMPARISONS = {
-    "reference": reference,
+    "reference": reference_runs,
     "two_laws": two_laws,
     "reference_simulator": reference_simulator,
     "batches": batches,
