@@ -1,0 +1,76 @@
+"""``bumpstop stopping``: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from bumpstop.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+TM5_700 = str(ROOT / "examples" / "07_stopping_distances_tm5_700.toml")
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["stopping", *arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def test_a_folder_gets_page_pictures_and_reaction(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "out"
+    assert run(TM5_700, "-o", str(folder)) == 0
+    printed = capsys.readouterr().out
+    written = tomllib.loads((folder / "reaction.toml").read_text(encoding="utf-8"))
+    assert written["reaction"]["deceleration"] == "constant_time"
+    assert f"stopping_time_s = {written['reaction']['stopping_time_s']}" in printed
+    for joint in (1, 2, 3):
+        assert (folder / f"stopping_{joint}.png").read_bytes().startswith(b"\x89PNG")
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert all(f"stopping_{joint}-" in page for joint in (1, 2, 3))
+    assert page.count("<tr>") > 18
+
+
+def test_a_file_gets_the_reaction_alone(tmp_path: Path) -> None:
+    file = tmp_path / "reaction.toml"
+    assert run(TM5_700, "-o", str(file), "--deceleration", "constant") == 0
+    assert tomllib.loads(file.read_text(encoding="utf-8"))["reaction"]["deceleration"] == "constant"
+    assert [path.name for path in tmp_path.iterdir()] == ["reaction.toml"]
+
+
+def test_json_says_what_the_terminal_says(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(TM5_700, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["law"] == "constant_time"
+    assert found["rows"] == 18
+    assert set(found["exponent"]) == {"joint 1", "joint 2", "joint 3"}
+    assert found["fits"]["constant_time"]["worst_error"] < 0.15
+
+
+def test_the_full_speed_of_the_command_counts(capsys: pytest.CaptureFixture[str]) -> None:
+    """Twice as fast over the same distance is half the time."""
+    times = []
+    for speed in ("180", "360,360,360"):
+        assert run(TM5_700, "--json", "--full-speed-deg-s", speed) == 0
+        times.append(json.loads(capsys.readouterr().out)["reaction"]["stopping_time_s"])
+    assert times[1] == pytest.approx(times[0] / 2, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([TM5_700, "--full-speed-deg-s", "0"], "--full-speed-deg-s: '0' cannot be used"),
+        ([TM5_700, "--full-speed-deg-s", "1,2"], "full_speed_deg_s: [1.0, 2.0] cannot be used"),
+        ([TM5_700, "--deceleration", "linear"], "--deceleration: 'linear' is no law"),
+        (["nowhere.csv"], "nowhere.csv: cannot be read"),
+        (["table.png"], "table.png: has the extension '.png'"),
+        ([TM5_700, "-o", "nowhere/reaction.toml"], "--out: 'nowhere/reaction.toml' cannot be written"),
+    ],
+)
+def test_refusals(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*arguments) == 2
+    assert message in capsys.readouterr().err

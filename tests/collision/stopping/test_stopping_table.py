@@ -1,0 +1,177 @@
+"""Files of stopping distances: every layout says the same, and bad ones are refused or mended by name."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.collision.stopping import StoppingTable, load_stopping_table
+
+ROOT = Path(__file__).resolve().parents[3]
+TM5_700 = ROOT / "examples" / "07_stopping_distances_tm5_700.toml"
+DEG = math.pi / 180
+
+# Two joints, two payloads, speeds in percent of 200 deg/s.
+PLAIN = """# full_speed_deg_s = 200
+payload_percent,extension_percent,speed_percent,distance_1_deg,distance_2_deg
+50,100,33,2.0,1.0
+50,100,66,8.0,4.0
+50,100,100,18.0,9.0
+100,100,33,3.0,1.5
+100,100,66,12.0,6.0
+100,100,100,27.0,13.5
+"""
+
+
+def load(tmp_path: Path, text: str, name: str = "table.csv", **options: object) -> StoppingTable:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return load_stopping_table(path, **options)  # type: ignore[arg-type]
+
+
+def same(one: StoppingTable, other: StoppingTable) -> None:
+    for name in ("payload", "extension", "speed", "distance"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-12, err_msg=name)
+    assert one.joints == other.joints
+
+
+def test_units_are_those_of_the_names(tmp_path: Path) -> None:
+    table = load(tmp_path, PLAIN)
+    assert table.joints == (1, 2)
+    assert table.speed[0, 0] == pytest.approx(0.33 * 200 * DEG)
+    assert table.distance[2].tolist() == pytest.approx([18 * DEG, 9 * DEG])
+    assert table.payload.tolist() == [0.5] * 3 + [1.0] * 3
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        # Columns in another order, by other names, in other units, with semicolons and decimal commas.
+        """Arm extension [%];J2 stopping distance [rad];Axis 1 angle (°);Speed [°/s];Load (%)
+100;0,017453292519943295;2,0;66;50
+100;0,06981317007977318;8,0;132;50
+100;0,15707963267948966;18,0;200;50
+100;0,02617993877991494;3,0;66;100
+100;0,10471975511965977;12,0;132;100
+100;0,23561944901923448;27,0;200;100
+""",
+        # One row for each joint.
+        "# full_speed_deg_s: 200\njoint,payload_percent,extension_percent,speed_percent,distance_deg,time_ms\n"
+        + "".join(
+            f"{j},{p},100,{v},{d / j},100\n"
+            for p, v, d in (
+                (50, 33, 2),
+                (50, 66, 8),
+                (50, 100, 18),
+                (100, 33, 3),
+                (100, 66, 12),
+                (100, 100, 27),
+            )
+            for j in (2, 1)
+        ),
+    ],
+)
+def test_other_layouts_say_the_same(tmp_path: Path, text: str) -> None:
+    same(load(tmp_path, text), load(tmp_path / "", PLAIN, "plain.csv"))
+
+
+def test_toml_by_columns_and_by_rows(tmp_path: Path) -> None:
+    lines = [line for line in PLAIN.splitlines() if not line.startswith("#")]
+    names = lines[0].split(",")
+    columns = (
+        f"full_speed_deg_s = [200, 200]\ncolumns = {names}\nrows = [{', '.join(f'[{row}]' for row in lines[1:])}]\n"
+    )
+    tables = "full_speed_deg_s = 200\n" + "".join(
+        "[[row]]\n" + "".join(f"{name} = {cell}\n" for name, cell in zip(names, row.split(","), strict=True))
+        for row in lines[1:]
+    )
+    plain = load(tmp_path, PLAIN)
+    same(load(tmp_path, columns, "columns.toml"), plain)
+    same(load(tmp_path, "[arm]\n" + columns, "nested.toml"), plain)
+    same(load(tmp_path, tables, "tables.toml"), plain)
+
+
+def test_unsorted_and_repeated_rows_are_mended_and_told(tmp_path: Path) -> None:
+    head, rows = PLAIN.splitlines()[:2], PLAIN.splitlines()[2:]
+    table = load(tmp_path, "\n".join([*head, *reversed(rows), rows[0]]) + "\n")
+    same(table, load(tmp_path, PLAIN, "plain.csv"))
+    assert any("sorted" in note for note in table.notes)
+    assert any("repeats row" in note for note in table.notes)
+
+
+def test_holes_are_left_out_and_told(tmp_path: Path) -> None:
+    table = load(tmp_path, PLAIN.replace("8.0,4.0", ",4.0"))
+    assert np.isnan(table.distance[1, 0])
+    assert table.notes == ("No distance of joint 1 in row 2: left out.",)
+
+
+def test_a_path_of_the_tcp_becomes_an_angle_by_reach_and_extension(tmp_path: Path) -> None:
+    text = "speed_deg_s,extension_percent,distance_tcp_mm\n50,50,20\n100,50,80\n"
+    assert load(tmp_path, text.replace("deg_s", "mm_s")).linear
+    table = load(tmp_path, text, reach_mm=1000.0)
+    assert not table.linear
+    np.testing.assert_allclose(table.distance[:, 0], [0.02 / 0.5, 0.08 / 0.5])
+    with pytest.raises(bs.InputError, match="distances as lengths and speeds as angles"):
+        load(tmp_path, text)
+
+
+def test_shares_are_told_from_percent(tmp_path: Path) -> None:
+    text = PLAIN.replace(",33,", ",0.33,").replace(",66,", ",0.66,").replace(",100,100,", ",100,1.0,")
+    text = text.replace("50,100,100,18", "50,100,1.0,18").replace("100,100,1.0,27", "100,100,1.0,27")
+    table = load(tmp_path, text)
+    same(table, load(tmp_path, PLAIN, "plain.csv"))
+    assert any("read as shares" in note for note in table.notes)
+
+
+def test_of_several_stop_categories_one_must_be_chosen(tmp_path: Path) -> None:
+    text = "speed_deg_s,category,distance_1_deg\n50,0,1\n100,0,4\n50,1,2\n100,1,4\n"
+    with pytest.raises(bs.InputError, match="stop categories 0, 1"):
+        load(tmp_path, text)
+    np.testing.assert_allclose(load(tmp_path, text, category=1).distance[:, 0], [2 * DEG, 4 * DEG])
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "problem"),
+    [
+        (PLAIN.replace("8.0,4.0", "-8.0,4.0"), "row 2, column 'distance_1_deg'", "-8 cannot be used"),
+        (PLAIN.replace("8.0,4.0", "oops,4.0"), "row 2, column 'distance_1_deg'", "is not a number"),
+        (PLAIN.replace("50,100,66", "50,100,"), "row 2, column 'speed_percent'", "is empty"),
+        (PLAIN.replace("50,100,66", "50,100,166"), "row 2, column 'speed_percent'", "166 cannot be used"),
+        (PLAIN.replace("8.0,4.0", "0.1396,4.0"), "row 2", "one unit for all rows"),
+        (PLAIN.replace(",8.0,4.0", ",8.0"), "row 2", "has 4 values"),
+        (PLAIN.replace("distance_2_deg", "distance_2_mm"), "table.csv", "is a length and"),
+        (PLAIN.replace("distance_2_deg", "distance_2"), "column 'distance_2'", "says no unit"),
+        (PLAIN.replace("distance_2_deg", "distance_1_deg"), "table.csv", "twice"),
+        (PLAIN.replace("# full_speed_deg_s = 200\n", ""), "full_speed_deg_s", "is missing"),
+        ("\n".join(PLAIN.splitlines()[:3]) + "\n", "table.csv", "has one distance of joint 1"),
+        ("\n".join(PLAIN.splitlines()[:2]) + "\n", "table.csv", "has no rows"),
+        (PLAIN + "50,100,66,8.5,4.0\n", "table.csv", "rows 2 and 7 say different distances"),
+        ("speed_deg_s,payload_kg,distance_1_deg\n50,1,2\n50,2,3\n", "table.csv", "one speed of joint 1"),
+        ("payload_kg,distance_1_deg\n1,2\n2,3\n", "table.csv", "has no speeds"),
+        ("speed_deg_s,payload_kg\n50,1\n60,2\n", "table.csv", "has no distances"),
+        ("", "table.csv", "is empty"),
+    ],
+)
+def test_bad_tables_are_refused_by_name(tmp_path: Path, text: str, field: str, problem: str) -> None:
+    with pytest.raises(bs.InputError) as refused:
+        load(tmp_path, text)
+    assert field in refused.value.field
+    assert problem in str(refused.value)
+
+
+def test_a_faster_row_that_stops_sooner_is_told(tmp_path: Path) -> None:
+    table = load(tmp_path, PLAIN.replace("18.0,9.0", "7.0,9.0"))
+    assert any("row 3 is shorter than in the slower row 2" in note for note in table.notes)
+
+
+def test_the_example_is_the_maker_s_table() -> None:
+    table = load_stopping_table(TM5_700)
+    assert table.distance.shape == (18, 3)
+    # Typed again: rows 6 and 14 of table 16.
+    np.testing.assert_allclose(table.distance[5] / DEG, [26.34, 27.72, 23.41])
+    np.testing.assert_allclose(table.distance[13] / DEG, [17.92, 18.26, 18.26])
+    np.testing.assert_allclose(table.time[5], [0.610, 0.528, 0.457])
