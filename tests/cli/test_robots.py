@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from bumpstop.model import robots
+from bumpstop.model import Robot, effective_mass, robots
 from cli.support import run, strict_json
 from model.urdf_cases import ARM
 
@@ -32,6 +33,28 @@ def test_show(name: str) -> None:
     assert (result.status, result.err) == (0, "")
     for said in ("tip: ", "geometry: ", "inertia: ", "note: ", "rated payload: "):
         assert f"\n{said}" in result.out
+
+
+def test_effective_masses_and_drive_train() -> None:
+    out = run("robots", "show", "ur5e", "--pose-deg", "0,-90,90,-90,-90,0").out
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    begin = lines.index("effective mass [kg] of the tip at 0 -90 90 -90 -90 0 deg, along the axes of the base frame:")
+    robot, q = Robot.load("ur5e"), np.deg2rad([0, -90, 90, -90, -90, 0])
+    for row, definition, words in (
+        (2, "links", "moving links, joints free"),
+        (3, "links_and_rotors", "links and rotors, joints free"),
+        (4, "composite_rigid_body", "one composite rigid body"),
+    ):
+        masses = [f"{float(effective_mass(robot, q, n, definition=definition)):.4g}" for n in np.eye(3)]  # type: ignore[arg-type]
+        assert lines[begin + row] == " ".join([words, *masses])
+    assert lines[begin + 5] == "ISO/TS 15066, M/2 8.85 8.85 8.85"
+    assert lines[begin + 6] == "ISO/TS 15066, M/2 and the rated payload 13.85 13.85 13.85"
+    assert "rotor inertia: 1.5 1.5 1.5 0.28 0.28 0.28 kg m2; ASSUMED: a class of arms, " in out
+    assert "torque limit: 150 150 150 28 28 28 Nm; published: max. joint torques of the maker" in out
+    assert "torque limit: unknown" in run("robots", "show", "sia5d").out
+    bad = run("robots", "show", "ur5e", "--pose-deg", "0,0,0")
+    assert (bad.status, bad.out) == (2, "")
+    assert "--pose-deg: " in bad.err
 
 
 def test_settings_find_the_file_from_elsewhere(arm: Path) -> None:
@@ -73,6 +96,7 @@ def test_show_a_file(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "tip: tool, at 0 0 100 mm of the last link, rpy 89.9544 0 11.4592 deg" in lines
     assert "fixed to links: camera (on slide)" in lines
     assert "inertia: unknown" in lines
+    assert "effective mass: not told. The inertia of arm is not known: no mass of 'wrist'." in lines
     assert "warning: arm.urdf has no inertia for 'wrist'." in lines
 
 

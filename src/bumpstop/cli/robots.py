@@ -16,6 +16,7 @@ from bumpstop.text_files import is_path
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bumpstop.arrays import FloatArray
     from bumpstop.model import Joint, Robot
     from bumpstop.model.inertia import Matrix3
 
@@ -58,16 +59,23 @@ def show(
     strict_inertia: Annotated[
         bool, typer.Option("--strict-inertia", help="Refuse an inertia that no body can have, instead of warning.")
     ] = False,
+    pose_deg: Annotated[
+        str | None,
+        typer.Option("--pose-deg", metavar="LIST", help="Joint positions of the effective masses [deg, or m]: 0,30,0."),
+    ] = None,
     picture: Annotated[Path | None, typer.Option(help="Draw the chain into this file, .png or .svg.")] = None,
 ) -> None:
-    """Print a robot's chain, limits and inertia, and draw it."""
+    """Print a robot's chain, limits, inertia, effective masses and drive train, and draw it."""
     from rich.console import Console
+
+    from bumpstop.cli.robot_tables import pose_from_text
 
     check_picture(picture, "arm.svg")
     found = load_robot(robot, base, tip, strict_inertia=strict_inertia)
+    pose = pose_from_text(found, pose_deg)
     if picture is not None:
         _draw(found, picture)
-    _print(found, Console(highlight=False, markup=False, soft_wrap=True))
+    _print(found, pose, Console(highlight=False, markup=False, soft_wrap=True))
     if picture is not None:
         typer.echo(f"picture: {picture}")
 
@@ -103,8 +111,10 @@ def load_robot(name: str, base: str | None = None, tip: str | None = None, *, st
     return Robot.load(name)
 
 
-def _print(robot: Robot, console: Console) -> None:
+def _print(robot: Robot, pose: FloatArray, console: Console) -> None:
     from rich.table import Table
+
+    from bumpstop.cli.robot_tables import print_drive_train, print_effective_masses
 
     table = Table(box=None, pad_edge=False)
     for heading in ("", "joint", "link", "origin, mm", "rpy, deg", "axis", "limits, deg", "deg/s", "kg"):
@@ -135,6 +145,8 @@ def _print(robot: Robot, console: Console) -> None:
     console.print(f"geometry: {robot.source or 'source not stated'}")
     where = f"; {robot.inertia_source}" if robot.inertia_source else ""
     console.print(f"inertia: {_INERTIA[robot.inertia_status]}{where}")
+    print_effective_masses(robot, pose, console)
+    print_drive_train(robot, console)
     if robot.note:
         console.print(f"note: {robot.note}")
     for warning in robot.warnings:

@@ -29,7 +29,7 @@ def arm_mass_at(robot: Robot, contact: ContactTable, q: FloatArray, normal: Floa
         q: joint positions (dof,) [rad or m].
         normal: direction (3,), base frame, of any length.
     """
-    if any(joint.inertia is None for joint in robot.joints) or robot.inertia_doubts:
+    if robot.inertia_objection:
         return None
     try:
         mass = effective_mass(robot, q, normal / np.linalg.norm(normal), contact.link, contact.point_m)

@@ -13,6 +13,7 @@ from bumpstop.model.dynamics import (
     singular_values,
 )
 from bumpstop.model.inertia import LinkInertia
+from bumpstop.model.mass_definitions import EffectiveMassDefinition, with_rotors
 from bumpstop.model.robot import Frame, Joint, Robot, robots, rotation_from_rpy
 from bumpstop.model.robot_file import robot_from_dict
 from bumpstop.model.units import unit_of
@@ -21,6 +22,7 @@ from bumpstop.model.urdf_writer import write_urdf
 __all__ = [
     "DriveTrain",
     "DriveTrainEntry",
+    "EffectiveMassDefinition",
     "Frame",
     "Joint",
     "LinkInertia",
@@ -38,5 +40,6 @@ __all__ = [
     "rotation_from_rpy",
     "singular_values",
     "unit_of",
+    "with_rotors",
     "write_urdf",
 ]

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bumpstop.arrays import FloatArray
+    from bumpstop.model.mass_definitions import EffectiveMassDefinition
     from bumpstop.model.robot import Robot
 
     Vector = Sequence[float] | npt.ArrayLike
@@ -126,8 +127,21 @@ def effective_mass(
     direction: npt.ArrayLike,
     link: str | None = None,
     point: Vector = (0.0, 0.0, 0.0),
+    *,
+    definition: EffectiveMassDefinition = "mass_matrix",
+    payload_kg: float = 0.0,
 ) -> FloatArray:
-    """Mass the robot, free in its joints, opposes to a push at a point of a link: 1 / (n' J M^-1 J' n).
+    """Mass the robot opposes to a push at a point of a link, by one of the definitions of the field.
+
+    =========================  =======================================================================================
+    ``"mass_matrix"``          1 / (n' J M^-1 J' n) with :func:`mass_matrix`: free joints, with the rotors that
+                               joints have (Khatib 1987, operational space)
+    ``"links"``                the same without rotors: what meets a body in the first moment, while gears give
+    ``"links_and_rotors"``     the same with the rotors of :attr:`Robot.drive_train`, M + B: while gears are stiff
+    ``"composite_rigid_body"`` joints locked, base free: all moving links as one rigid body in that pose (Wang, Dehio
+                               and Kheddar 2022)
+    ``"ts15066"``              half of the moving links and the payload (ISO/TS 15066:2016, A.3): no pose, no direction
+    =========================  =======================================================================================
 
     Args:
         robot: with inertia.
@@ -135,20 +149,21 @@ def effective_mass(
         direction: unit vector n in B. (3,), or (N, 3) with a row for each of ``q``.
         link: name of a link; default: the tip.
         point: in the link's frame [m].
+        definition: one of the table.
+        payload_kg: of ``"ts15066"``, with tool and workpiece. The others take it as part of the last link.
 
     Returns:
         () or (N,) [kg]; infinite where no joint moves the point along n.
 
     Raises:
-        InputError: a direction that is no unit vector, or a motion that moves no mass.
+        InputError: a direction that is no unit vector, a motion that moves no mass, or a definition that is none.
     """
+    if definition != "mass_matrix" or payload_kg != 0:
+        from bumpstop.model.mass_definitions import mass_by_definition
+
+        return mass_by_definition(robot, q, direction, link, point, definition, payload_kg)
     rows, single = as_rows(q, "q", robot.dof)
-    along = _for_each(direction, "direction", 3, len(rows), single)
-    lengths = np.linalg.norm(along, axis=1)
-    if (np.abs(lengths - 1) > 1e-9).any():
-        wrong = int(np.argmax(np.abs(lengths - 1) > 1e-9))
-        where = f"direction[{wrong}]" if np.ndim(direction) == 2 else "direction"
-        raise InputError(where, f"has length {lengths[wrong]:.6g}", "wanted a unit vector")
+    along = unit_directions(direction, len(rows), single)
     number, offset = robot.frame(link, point)
     mass: FloatArray = robot.dynamics.effective_mass(rows, along, number, np.ascontiguousarray(offset))
     if np.isnan(mass).any():
@@ -230,6 +245,21 @@ def _for_each(value: npt.ArrayLike, field: str, width: int, count: int, single: 
         wanted = f"({width},)" if single else f"({width},) or ({count}, {width})"
         raise InputError(field, f"has shape {rows.shape}", f"wanted {wanted}")
     return rows
+
+
+def unit_directions(direction: npt.ArrayLike, count: int, single: bool) -> FloatArray:
+    """Unit vectors, one for each row of q (count, 3).
+
+    Raises:
+        InputError: another shape or length.
+    """
+    along = _for_each(direction, "direction", 3, count, single)
+    lengths = np.linalg.norm(along, axis=1)
+    if (np.abs(lengths - 1) > 1e-9).any():
+        wrong = int(np.argmax(np.abs(lengths - 1) > 1e-9))
+        where = f"direction[{wrong}]" if np.ndim(direction) == 2 else "direction"
+        raise InputError(where, f"has length {lengths[wrong]:.6g}", "wanted a unit vector")
+    return along
 
 
 def _one_or_all(result: FloatArray, single: bool) -> FloatArray:

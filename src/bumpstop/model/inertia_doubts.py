@@ -28,16 +28,18 @@ def inertia_doubts(robot: Robot) -> tuple[str, ...]:
     Returns:
         One sentence that names what was found: equal masses or moments of inertia in three or more links (in all, of
         two), masses of 0, 1 or 2 kg in half of the links or more, no mass at all in a link, or a sum below 4 kg per
-        square metre of reach. Empty: none of that.
+        square metre of reach, or a link that turns as if its mass lay farther away than the arm reaches. Masses and
+        moments that agree to four digits are equal. Empty: none of that.
     """
     links = [(joint.link, joint.inertia) for joint in robot.joints if joint.inertia is not None]
     if not links:
         return ()
     masses = [inertia.mass for _, inertia in links]
-    tensors = [tuple(np.round(np.linalg.eigvalsh(np.asarray(inertia.tensor)), 9)) for _, inertia in links]
+    moments_of = [np.linalg.eigvalsh(np.asarray(inertia.tensor)) for _, inertia in links]
+    tensors = [tuple(_rounded(value, float(principal[2])) for value in principal) for principal in moments_of]
     found = []
     many = max(2, min(_MIN_EQUAL, len(links)))
-    mass, count = Counter(masses).most_common(1)[0]
+    mass, count = Counter(_rounded(mass, mass) for mass in masses).most_common(1)[0]
     if count >= many:
         found.append(f"{count} of {len(links)} links have the same mass, {mass:g} kg")
     moments, count = Counter(tensors).most_common(1)[0]
@@ -56,6 +58,36 @@ def inertia_doubts(robot: Robot) -> tuple[str, ...]:
             f"all links together weigh {total:.3g} kg, less than any known arm that reaches {reach:.3g} m "
             f"({_MIN_KG_PER_M2 * reach**2:.3g} kg)"
         )
+    for (name, inertia), principal in zip(links, moments_of, strict=True):
+        away = math.sqrt(max(float(principal[2]), 0.0) / inertia.mass) if inertia.mass > 0 else 0.0
+        if away > reach:
+            found.append(f"link {name!r} turns as if its {inertia.mass:.3g} kg were {away:.3g} m off its centre")
+            break
     if not found:
         return ()
     return (f"The inertia of {robot.name} looks like placeholders, not like an arm's: {'; '.join(found)}.",)
+
+
+def inertia_objection(robot: Robot) -> str:
+    """Why no figure that rests on the masses of a robot can be believed.
+
+    Args:
+        robot: any.
+
+    Returns:
+        A sentence: a link without inertia, or what :func:`inertia_doubts` finds. Empty: nothing is against it, which
+        does not say that it was measured (:attr:`bumpstop.model.Robot.inertia_status`).
+    """
+    without = [joint.link for joint in robot.joints if joint.inertia is None]
+    if without:
+        names = ", ".join(repr(name) for name in without[:5])
+        return f"The inertia of {robot.name} is not known: no mass of {names}."
+    return " ".join(robot.inertia_doubts)
+
+
+def _rounded(value: float, scale: float) -> float:
+    """To four digits of the scale, so that figures that were written twice with other roundings are equal."""
+    if scale == 0:
+        return 0.0
+    digits = 3 - math.floor(math.log10(abs(scale)))
+    return round(float(value), digits) + 0.0

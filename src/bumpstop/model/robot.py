@@ -262,6 +262,16 @@ class Robot:
 
         return () if self.inertia_status == "published" else inertia_doubts(self)
 
+    @property
+    def inertia_objection(self) -> str:
+        """Why no verdict may rest on its masses, in a sentence; empty: nothing is against it.
+
+        See :func:`bumpstop.model.inertia_doubts.inertia_objection`.
+        """
+        from bumpstop.model.inertia_doubts import inertia_objection
+
+        return inertia_objection(self)
+
     @cached_property
     def drive_train(self) -> DriveTrain:
         """Its rotors, gears and servos: what is known of them, and a class of arms for the rest.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
-from bumpstop.model import Robot, inverse_dynamics, mass_matrix
+from bumpstop.model import Robot, inverse_dynamics, mass_matrix, with_rotors
 from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction
 from bumpstop.plant.drive import Drives, Gears
 from bumpstop.plant.mjcf import mjcf
@@ -76,13 +76,7 @@ class Plant:
         self.gravity = tuple(float(x) for x in as_float_array(gravity, "gravity", (3,)))
         self.drives = Drives(robot, joint_model, self.gears)
         self._channels = Channels(self.sensors, robot.dof)
-        self._geared = replace(
-            robot,
-            joints=tuple(
-                replace(joint, rotor_inertia=float(rotor))
-                for joint, rotor in zip(robot.joints, self.drives.inertia, strict=True)
-            ),
-        )
+        self._geared = with_rotors(robot, self.drives.inertia)
         self._check_gears()
         rotor = self.drives.inertia
         self.xml = mjcf(

@@ -41,6 +41,17 @@ def test_built_in_arms_are_believed(name: str) -> None:
         ([9.1, 7.7, 5.5, 3.3, 2.2, 1.1], [0.01] * 6, "6 of 6 links have the same moments of inertia, 0.01, 0.01, 0.01"),
         ([9.1, 7.7, 5.5, 3.3, 2.2, 0.0], None, "link 'wrist_3_link' has no mass"),
         ([9.1, 7.7, 1.0, 2.0, 1.0, 1.5], None, "3 of 6 links weigh exactly 0, 1 or 2 kg"),
+        ([2.0, 2.00004, 1.99997, 9.1, 5.5, 4.4], None, "3 of 6 links have the same mass, 2 kg"),
+        (
+            [9.1, 7.7, 5.5, 3.3, 2.2, 1.1],
+            [0.01, 0.0100002, 0.0099999, 0.3, 0.2, 0.1],
+            "3 of 6 links have the same moments of inertia, 0.01, 0.01, 0.01",
+        ),
+        (
+            [9.1, 7.7, 5.5, 3.3, 2.2, 0.5],
+            [0.5, 0.4, 0.3, 0.2, 0.1, 1.0],
+            "link 'wrist_3_link' turns as if its 0.5 kg were 1.41 m off its centre",
+        ),
         ([1.1, 1.2, 0.5, 0.3, 0.2, 0.1], None, "all links together weigh 3.4 kg, less than any known arm"),
     ],
 )
@@ -48,6 +59,32 @@ def test_placeholders_are_named(mass: list[float], scale: list[float] | None, sa
     (doubt,) = with_inertia(Robot.load("ur10e"), mass, scale).inertia_doubts
     assert doubt.startswith("The inertia of ur10e looks like placeholders, not like an arm's: ")
     assert said in doubt
+
+
+def test_one_mass_and_tensor_in_many_links_of_any_arm() -> None:
+    """Whatever the placeholder, and whichever two links of the seven were measured."""
+    rng = np.random.default_rng(8)
+    for name in robots():
+        robot = Robot.load(name)
+        for _ in range(20):
+            mass, scale = float(10 ** rng.uniform(-2, 2)), float(10 ** rng.uniform(-6, 1))
+            masses, scales = [mass] * robot.dof, [scale] * robot.dof
+            for measured in rng.choice(robot.dof, 2, replace=False):
+                masses[measured], scales[measured] = 3.3 + measured, 0.033 + measured / 1000
+            (doubt,) = with_inertia(robot, masses, scales).inertia_doubts
+            assert f"links have the same mass, {mass:.3g}"[:-1] in doubt
+            assert "links have the same moments of inertia" in doubt
+
+
+def test_objection() -> None:
+    robot = Robot.load("ur10e")
+    assert robot.inertia_objection == ""
+    assert Robot.load("sia5d").inertia_objection == "", "assumed, and an arm's"
+    assert with_inertia(robot, [2.0] * 6).inertia_objection == with_inertia(robot, [2.0] * 6).inertia_doubts[0]
+    unknown = replace(
+        robot, joints=(replace(robot.joints[0], inertia=None), *robot.joints[1:]), inertia_status="unknown"
+    )
+    assert unknown.inertia_objection == "The inertia of ur10e is not known: no mass of 'shoulder_link'."
 
 
 def test_two_equal_links_are_no_placeholders() -> None:

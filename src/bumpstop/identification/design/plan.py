@@ -15,8 +15,7 @@ from bumpstop.identification.design.clearance import Clearance, usable_joint_ran
 from bumpstop.identification.design.gravity_pose import GravityPose, Unseen, find_gravity_pose
 from bumpstop.identification.design.timed_path import PathBuilder, TimedPath, top_speed
 from bumpstop.identification.payload.payload import with_payload
-from bumpstop.identification.segments.drive_samples import without_rotors
-from bumpstop.model import gravity_torque
+from bumpstop.model import gravity_torque, with_rotors
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -255,7 +254,7 @@ def plan_identification(robot: Robot, settings: ProtocolSettings | None = None) 
 
 def loaded_robot(robot: Robot, load_kg: float, load_m: tuple[float, float, float]) -> Robot:
     """The arm with a point mass at its tip and without rotors."""
-    arm = without_rotors(robot)
+    arm = with_rotors(robot, 0.0)
     return with_payload(arm, load_kg, load_m) if load_kg > 0 else arm
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.model import inverse_dynamics
+from bumpstop.model import inverse_dynamics, with_rotors
 from bumpstop.recording import Recording
 
 if TYPE_CHECKING:
@@ -78,8 +78,7 @@ def simulated_recording(
     t = t + np.clip(rng.normal(size=t.size) * noise.jitter, -0.45, 0.45) / rate_hz
     t = t[rng.random(t.size) >= noise.lost]
     q, qd, qdd = path.at(np.clip(t, 0.0, path.duration))
-    bare = replace(robot, joints=tuple(replace(joint, rotor_inertia=0.0) for joint in robot.joints))
-    current = currents(model, inverse_dynamics(bare, q, qd, qdd, gravity=gravity), qd, qdd)
+    current = currents(model, inverse_dynamics(with_rotors(robot, 0.0), q, qd, qdd, gravity=gravity), qd, qdd)
     current += noise.current_sd * rng.normal(size=current.shape)
     current += noise.friction_sd * np.sign(qd) * _slow(rng, t, robot.dof, noise.friction_memory_s)
     q = q + noise.position_sd * rng.normal(size=q.shape)

@@ -12,7 +12,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.regressor import link_regressor
 from bumpstop.identification.payload.tip_parameters import tip_to_link
-from bumpstop.identification.segments.drive_samples import split_at_gaps, without_rotors
+from bumpstop.identification.segments.drive_samples import split_at_gaps
 from bumpstop.identification.segments.motion import MIN_ROWS, UniformMotion, interpolate_to, lowpass, resample
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def _torques(
     recording: Recording, source: PayloadSource, motion: UniformMotion
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
     """Torque (N, n) by the recording, that of the arm without payload, and the joints whose torque is known."""
-    from bumpstop.model import inverse_dynamics
+    from bumpstop.model import inverse_dynamics, with_rotors
 
     robot, model, dynamics = source.robot, source.model, source.dynamics
     if dynamics is not None:
@@ -209,5 +209,5 @@ def _torques(
     if not known.any():
         raise InputError("model", "knows the gain of no joint", "wanted at least one")
     torque = model.torque(interpolate_to(motion.t, recording.t, recording.current), motion.qd, motion.qdd)
-    own = inverse_dynamics(without_rotors(robot), motion.q, motion.qd, motion.qdd, gravity=motion.gravity)
+    own = inverse_dynamics(with_rotors(robot, 0.0), motion.q, motion.qd, motion.qdd, gravity=motion.gravity)
     return np.where(known, torque, 0.0), own, known

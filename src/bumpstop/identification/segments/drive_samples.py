@@ -130,11 +130,6 @@ class DriveSamples:
         return JointMotion(self.torque[:, j], qd, self.qdd[:, j], held)
 
 
-def without_rotors(robot: Robot) -> Robot:
-    """The robot with the inertia of its rotors left to the joint model."""
-    return replace(robot, joints=tuple(replace(joint, rotor_inertia=0.0) for joint in robot.joints))
-
-
 def drive_samples(
     recordings: Sequence[Recording],
     robots: Sequence[Robot],
@@ -163,7 +158,7 @@ def drive_samples(
     Raises:
         InputError: no currents, another number of joints, too few rows.
     """
-    from bumpstop.model import inverse_dynamics
+    from bumpstop.model import inverse_dynamics, with_rotors
 
     parts: list[tuple[FloatArray, ...]] = []
     rates: list[float] = []
@@ -172,7 +167,7 @@ def drive_samples(
     numbers: list[int] = []
     for number, (recording, robot) in enumerate(zip(recordings, robots, strict=True)):
         _check(recording, robot)
-        bare = without_rotors(robot)
+        bare = with_rotors(robot, 0.0)
         for rows in split_at_gaps(recording.t):
             span = float(recording.t[rows.stop - 1] - recording.t[rows.start])
             if rows.stop - rows.start < MIN_ROWS or span < _MIN_TRIMS * trim:
