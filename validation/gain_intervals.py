@@ -8,8 +8,7 @@ import numpy as np
 
 import bumpstop as bs
 from bumpstop.identification import identify_joint_model
-from bumpstop.identification.segments.drive_samples import without_rotors
-from bumpstop.model import inverse_dynamics
+from bumpstop.model import inverse_dynamics, with_rotors
 from identification.drives import Motion, driven, drives, fourier
 from validation.findings import Findings
 
@@ -57,7 +56,7 @@ def _held(scores: list[tuple[float, float]]) -> tuple[float, float]:
 def gain_scores(robot: bs.Robot, motion: Motion, kind: str, off: float, seed: int) -> list[tuple[float, float]]:
     """Errors of the gains that are seen, in standard errors and in those by noise alone."""
     moved = disturbed(robot, off, seed)
-    truth = drives(moved, inverse_dynamics(without_rotors(moved), *motion[1:]), kind=kind)
+    truth = drives(moved, inverse_dynamics(with_rotors(moved, 0.0), *motion[1:]), kind=kind)
     fit = identify_joint_model(driven(moved, motion, truth, seed), robot, inertia_uncertainty=off)
     scores = []
     for found, planted in zip(fit.joints, truth.joints, strict=True):

@@ -8,9 +8,8 @@ import numpy as np
 
 import bumpstop as bs
 from bumpstop.identification import JointMotion, motor_current, stiction_share
-from bumpstop.identification.segments.drive_samples import without_rotors
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
-from bumpstop.model import inverse_dynamics
+from bumpstop.model import inverse_dynamics, with_rotors
 from bumpstop.recording import Recording
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -89,7 +88,7 @@ def driven(
 
     t, q, qd, qdd = motion
     rng = np.random.default_rng(seed)
-    torque = inverse_dynamics(without_rotors(robot), q, qd, qdd)
+    torque = inverse_dynamics(with_rotors(robot, 0.0), q, qd, qdd)
     current = np.empty_like(torque)
     for j, joint in enumerate(model.joints):
         held = stiction_share(qd[:, j], joint.rest_speed)
@@ -102,7 +101,7 @@ def driven(
 
 def planted(robot: bs.Robot, motion: Motion, seed: int, **options: object) -> tuple[JointTorqueModel, Recording]:
     """A model made for a motion, and what the arm records of it."""
-    model = drives(robot, inverse_dynamics(without_rotors(robot), *motion[1:]))
+    model = drives(robot, inverse_dynamics(with_rotors(robot, 0.0), *motion[1:]))
     return model, driven(robot, motion, model, seed, **options)  # type: ignore[arg-type]
 
 

@@ -10,8 +10,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.identification import compare_currents, identify_joint_model
 from bumpstop.identification.drive.error_sources import GainByModel, error_of_choice, weights_of
-from bumpstop.identification.segments.drive_samples import without_rotors
-from bumpstop.model import inverse_dynamics
+from bumpstop.model import inverse_dynamics, with_rotors
 from identification.drives import driven, drives, fourier
 
 ROBOT = bs.Robot.load("ur5e")
@@ -43,7 +42,7 @@ def test_weights_are_likelihoods_and_the_choice_adds_what_lies_between() -> None
 
 def test_a_heavier_link_moves_gains_as_foreseen() -> None:
     """Fits with one link heavier than published, link by link, make the error that the inertia is said to make."""
-    truth = drives(ROBOT, inverse_dynamics(without_rotors(ROBOT), *MOTION[1:]), kind="linear")
+    truth = drives(ROBOT, inverse_dynamics(with_rotors(ROBOT, 0.0), *MOTION[1:]), kind="linear")
     log = driven(ROBOT, MOTION, truth, 1, noise=0.01)
     small = 0.002
     fit = identify_joint_model(log, ROBOT, inertia_uncertainty=small, **OPTIONS)  # type: ignore[arg-type]
@@ -73,7 +72,7 @@ def test_intervals_hold_where_the_inertia_is_not_the_published_one() -> None:
         for link, off in enumerate(0.05 * np.random.default_rng(seed).normal(size=ROBOT.dof)):
             joint = heavier(link, float(off)).joints[link]
             moved = replace(moved, joints=(*moved.joints[:link], joint, *moved.joints[link + 1 :]))
-        truth = drives(moved, inverse_dynamics(without_rotors(moved), *MOTION[1:]), kind="linear")
+        truth = drives(moved, inverse_dynamics(with_rotors(moved, 0.0), *MOTION[1:]), kind="linear")
         fit = identify_joint_model(driven(moved, MOTION, truth, seed), ROBOT, **OPTIONS)  # type: ignore[arg-type]
         for found, planted in zip(fit.joints[1:5], truth.joints[1:5], strict=True):
             gain = found.parameters.parameters["B"]
@@ -89,7 +88,7 @@ def test_intervals_hold_where_the_inertia_is_not_the_published_one() -> None:
 
 def test_a_joint_of_unknown_gain_is_scored_up_to_a_free_gain() -> None:
     """Its current is predicted as well as with the gain, whatever the gain is; a wrong motion is told all the same."""
-    truth = drives(ROBOT, inverse_dynamics(without_rotors(ROBOT), *MOTION[1:]), kind="linear")
+    truth = drives(ROBOT, inverse_dynamics(with_rotors(ROBOT, 0.0), *MOTION[1:]), kind="linear")
     log = driven(ROBOT, MOTION, truth, 1)
     elbow = truth.joints[2]
     unknown = replace(elbow, parameters={**elbow.parameters, "B": None, "inertia": None, "hysteresis": None})

@@ -17,9 +17,9 @@ from bumpstop.identification import (
     with_payload,
 )
 from bumpstop.identification.drive.drive_model import DriveModel
-from bumpstop.identification.segments.drive_samples import DriveSamples, without_rotors
+from bumpstop.identification.segments.drive_samples import DriveSamples
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
-from bumpstop.model import inverse_dynamics
+from bumpstop.model import inverse_dynamics, with_rotors
 from bumpstop.recording import Recording
 from identification.drives import Motion, driven, drives, fourier, planted, z_scores
 from identification.recorded import FILES, SHARED, arm_and_motion, there
@@ -78,7 +78,7 @@ def test_derivatives_are_those_of_the_current(kind: str, law: str) -> None:
 def test_planted_kinds_are_chosen_and_predict_another_motion(name: str, kind: str, law: str) -> None:
     robot = bs.Robot.load(name)
     motion = fourier(robot, 40.0, 100.0, 1)
-    torque = inverse_dynamics(without_rotors(robot), *motion[1:])
+    torque = inverse_dynamics(with_rotors(robot, 0.0), *motion[1:])
     truth = drives(robot, torque, kind=kind, friction=LAWS[law], law=law)
     fit = identify_joint_model(driven(robot, motion, truth, 1), robot, cutoff_hz=10.0)
     # Where a torque is that of a light wrist alone its bend may hide; of the others all must be found.
@@ -104,7 +104,7 @@ def test_the_friction_law_is_chosen_again_with_the_map() -> None:
     robot = bs.Robot.load("ur10e")
     for seed, elbow in ((5, 2), (0, 3)):
         motion = fourier(robot, 40.0, 100.0, seed)
-        truth = drives(robot, inverse_dynamics(without_rotors(robot), *motion[1:]))
+        truth = drives(robot, inverse_dynamics(with_rotors(robot, 0.0), *motion[1:]))
         bent = [{**joint.parameters, "A": Parameter(0.2 * joint.value("B"))} for joint in truth.joints]
         truth = replace(
             truth,
@@ -147,7 +147,7 @@ def test_planted_drives_on_the_positions_of_real_arms(name: str) -> None:
 def test_hysteresis_is_found_where_the_arm_rests() -> None:
     robot = bs.Robot.load("ur5e")
     motion = fourier(robot, 60.0, 100.0, 3, rests=24)
-    truth = drives(robot, inverse_dynamics(without_rotors(robot), *motion[1:]), hysteresis=0.3)
+    truth = drives(robot, inverse_dynamics(with_rotors(robot, 0.0), *motion[1:]), hysteresis=0.3)
     fit = identify_joint_model(driven(robot, motion, truth, 3, noise=0.02), robot, cutoff_hz=10.0, rest_speed=0.01)
     for joint, own in zip(fit.joints, truth.joints, strict=True):
         found = joint.parameters.parameters["hysteresis"]
@@ -170,7 +170,7 @@ def ramps(robot: bs.Robot, j: int, speed: float) -> Motion:
 def test_what_a_motion_cannot_show_is_named_and_not_made_up() -> None:
     robot = bs.Robot.load("ur10e")
     motion = ramps(robot, 1, 0.5)
-    torque = inverse_dynamics(without_rotors(robot), *motion[1:])
+    torque = inverse_dynamics(with_rotors(robot, 0.0), *motion[1:])
     log = driven(robot, motion, drives(robot, torque + 1.0, kind="linear"), 5)
     fit = identify_joint_model(log, robot, cutoff_hz=10.0)
     lift, pan = fit.joints[1], fit.joints[0]
@@ -200,7 +200,7 @@ def test_a_joint_at_rest_whose_map_does_not_rise_is_named(kind: str) -> None:
         others = [j for j in range(robot.dof) if j != 1]
         for still, x in zip((moves[0][0, others], 0.0, 0.0), moves, strict=True):
             x[:, others] = still
-    model = drives(robot, inverse_dynamics(without_rotors(robot), *fourier(robot, 15.0, 100.0, 1)[1:]))
+    model = drives(robot, inverse_dynamics(with_rotors(robot, 0.0), *fourier(robot, 15.0, 100.0, 1)[1:]))
     log = driven(robot, (t, *moves), model, 1, encoder=0.0)
     if kind == "odd":
         assert log.current is not None
@@ -321,7 +321,7 @@ def test_a_load_that_nobody_declared_is_suspected() -> None:
     robot = bs.Robot.load("ur5e")
     loaded = with_payload(robot, 2.0, (0.0, 0.0, 0.08))
     motions = [fourier(robot, 15.0, 94.0, seed) for seed in (11, 12)]
-    model = drives(robot, inverse_dynamics(without_rotors(robot), *motions[0][1:]), kind="linear")
+    model = drives(robot, inverse_dynamics(with_rotors(robot, 0.0), *motions[0][1:]), kind="linear")
     logs = [driven(arm, motion, model, 1) for arm, motion in zip((robot, loaded), motions, strict=True)]
     options = {"cutoff_hz": 8.0, "rest_speed": 0.01, "maps": ["linear"], "frictions": ["power"]}
     silent = identify_joint_model(logs, robot, **options)  # type: ignore[arg-type]

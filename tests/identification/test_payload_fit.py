@@ -11,9 +11,8 @@ import pytest
 import bumpstop as bs
 from bumpstop.identification import identify_payload, inertial_regressor, with_payload
 from bumpstop.identification.payload.tip_parameters import parameters_of, pseudo_inertia
-from bumpstop.identification.segments.drive_samples import without_rotors
 from bumpstop.identification.statistics.robust_fit import visible_share
-from bumpstop.model import LinkInertia, inverse_dynamics
+from bumpstop.model import LinkInertia, inverse_dynamics, with_rotors
 from bumpstop.recording import Recording
 from identification.drives import driven, drives, fourier
 
@@ -29,7 +28,7 @@ def test_from_currents_with_a_joint_model() -> None:
     robot = bs.Robot.load("ur5e")
     carrying = with_payload(robot, MASS, CENTER)
     motion = fourier(robot, 30.0, 100.0, 1)
-    model = drives(robot, inverse_dynamics(without_rotors(carrying), *motion[1:]))
+    model = drives(robot, inverse_dynamics(with_rotors(carrying, 0.0), *motion[1:]))
     inside = []
     for seed in range(4):
         fit = identify_payload(driven(carrying, motion, model, seed), robot, model=model)
@@ -87,7 +86,7 @@ def test_a_pose_that_stands_still_does_not_show_every_moment() -> None:
     t = np.arange(0, 10, 0.01)
     q = np.tile(np.array([0.2, -1.0, 1.2, -0.4, 0.5, 0.1]), (t.size, 1)) + 1e-4 * np.sin(t)[:, None]
     still = np.zeros_like(q)
-    model = drives(robot, inverse_dynamics(without_rotors(carrying), q, still, still) + 1.0)
+    model = drives(robot, inverse_dynamics(with_rotors(carrying, 0.0), q, still, still) + 1.0)
     fit = identify_payload(driven(carrying, (t, q, still, still), model, 1), robot, model=model)
     # Along gravity a shift of the centre changes no torque.
     assert fit.unseen
