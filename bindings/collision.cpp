@@ -1,6 +1,7 @@
 // Arm and motion of a collision, stopping curves, and what is made of them.
 #include <atomic>
 
+#include "bumpstop/collision/contact/separation_criterion.hpp"
 #include "bumpstop/collision/distribution/monte_carlo.hpp"
 #include "bumpstop/collision/distribution/survival_criterion.hpp"
 #include "bumpstop/collision/distribution/tail_without_interpolation.hpp"
@@ -61,9 +62,13 @@ struct Curve {
     std::vector<double> q;
     StoppingCurve curve;
 
-    TransientPaths free_paths(const TransientBody& body) const {
-        return bumpstop::free_paths<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, curve,
-                                       body, q.data());
+    ContactPaths contact_paths(const ContactPropagator& by) const {
+        return bumpstop::contact_paths<L>(setup.chain, setup.motion, setup.contact, setup.timing, setup.reaction, curve,
+                                          by, curve.path.ticks, q.data());
+    }
+    std::optional<ContactPropagator> propagator(double stiffness, double body_mass) const {
+        if (!(body_mass > 0)) return std::nullopt;
+        return ContactPropagator(ContactSystem(ElasticArm{}, {stiffness, 0, body_mass, 0}), setup.motion.step);
     }
 };
 
@@ -100,14 +105,11 @@ Curve trace(const Setup& setup, Vector q, Vector velocity, const GaussianThresho
     Curve result{setup, std::vector<double>(q.data(), q.data() + q.shape(0)), {}};
     LinePath& path = result.curve.path;
     if (detector != nullptr && body_mass > 0) {
-        const TransientBody body{stiffness, body_mass};
+        const ContactPropagator by(ContactSystem(ElasticArm{}, {stiffness, 0, body_mass, 0}), setup.motion.step);
         for (double half_oscillations = 3;; half_oscillations *= 4) {
-            path = trace_line(
-                setup, result.q.data(), velocity,
-                SeparationCriterion<L>(body, setup.timing, setup.motion.step, largest_offset, half_oscillations));
-            if (path.end != PathEnd::certain_detection ||
-                all_separated(path, body, setup.timing, setup.motion.step, largest_offset))
-                break;
+            path = trace_line(setup, result.q.data(), velocity,
+                              SeparationCriterion<L>(by, setup.timing, largest_offset, half_oscillations));
+            if (path.end != PathEnd::certain_detection || all_separated(path, by, setup.timing, largest_offset)) break;
         }
     } else if (detector != nullptr) {
         path = trace_line(setup, result.q.data(), velocity,
@@ -166,12 +168,13 @@ nb::dict sample_runs(const Curve& curve, const GaussianThresholds& detector, dou
     NewArray<double> peak_force({free_runs}), duration({free_runs}), force_at_detection({free_runs});
     {
         const Unlocked unlocked;
-        const TransientPaths free = body_mass > 0 ? curve.free_paths({stiffness, body_mass}) : TransientPaths{};
+        const std::optional<ContactPropagator> by = curve.propagator(stiffness, body_mass);
+        const ContactPaths paths = by ? curve.contact_paths(*by) : ContactPaths{};
         ResidualRecord record;
         if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
         const MonteCarlo<L> sampler(curve.curve, curve.setup.timing, curve.setup.motion, detector, stiffness,
                                     offset_distribution(offset_kind, offset_size), seed, residuals ? &record : nullptr,
-                                    body_mass > 0 ? &free : nullptr, body_mass);
+                                    by ? &paths : nullptr, by ? &*by : nullptr);
         // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.
         constexpr std::int64_t block = 1 << 16;
         std::atomic<std::int64_t> next{0};
@@ -284,10 +287,11 @@ void bind_collision(nb::module_& module) {
                double offset_size, int refinement, double body_mass) {
                 const Unlocked unlocked;
                 QuadratureSettings settings{stiffness, offset_distribution(offset_kind, offset_size), refinement};
-                const TransientPaths free = body_mass > 0 ? self.free_paths({stiffness, body_mass}) : TransientPaths{};
-                if (body_mass > 0) {
-                    settings.free = &free;
-                    settings.body_mass = body_mass;
+                const std::optional<ContactPropagator> by = self.propagator(stiffness, body_mass);
+                const ContactPaths paths = by ? self.contact_paths(*by) : ContactPaths{};
+                if (by) {
+                    settings.paths = &paths;
+                    settings.propagator = &*by;
                 }
                 return Law{integrate<L>(self.curve, self.setup.timing, self.setup.motion, detector, settings),
                            self.setup.chain.dof};

@@ -76,7 +76,7 @@ void bind_exact_law(nb::module_& module) {
         .def(
             "free_nodes",
             [](const Law& self) {
-                const TransientNodes& from = self.law.free;
+                const ContactNodes& from = self.law.nodes;
                 nb::dict out;
                 out["peak_force"] = self.nodes(from.peak_force, from.undetected_peak_force);
                 out["duration"] = self.nodes(from.duration, from.undetected_duration);
@@ -87,8 +87,8 @@ void bind_exact_law(nb::module_& module) {
         .def(
             "free_alarms",
             [](const Law& self) {
-                const TransientAlarms& a = self.law.free_alarms;
-                const std::size_t n = a.pieces(), cells = TransientAlarms::cells, nodes = TransientAlarms::nodes;
+                const EarlyReactions& a = self.law.early_reactions;
+                const std::size_t n = a.pieces(), cells = EarlyReactions::cells, nodes = EarlyReactions::nodes;
                 nb::dict out;
                 out["mass"] = array_of(a.mass, {n, cells});
                 out["edge_force"] = array_of(a.edge_force, {n, cells + 1});

@@ -45,6 +45,11 @@ nb::dict curve(const ArmTrajectory& self, double begin, Vector normal) {
 }
 
 // The exact laws of single contact times; detections of all of them in a row, `contact` says whose each is.
+std::optional<ContactPropagator> propagator(const ArmTrajectory& self, double stiffness, double body_mass) {
+    if (!(body_mass > 0)) return std::nullopt;
+    return ContactPropagator(ContactSystem(ElasticArm{}, {stiffness, 0, body_mass, 0}), self.step());
+}
+
 nb::dict laws(const ArmTrajectory& self, const GaussianThresholds& detector, double stiffness, Vector begin,
               Matrix normal, double body_mass) {
     const std::size_t n = begin.shape(0), dof = std::size_t(self.dof());
@@ -56,9 +61,10 @@ nb::dict laws(const ArmTrajectory& self, const GaussianThresholds& detector, dou
     {
         const Unlocked unlocked;
         const PreContactAlarms before(detector, self.timing(), self.step(), self.ticks());
+        const std::optional<ContactPropagator> by = propagator(self, stiffness, body_mass);
         for (std::size_t i = 0; i < n; ++i) {
-            const ContactLaw law =
-                contact_law<L>(self, begin(i), point3(normal.data() + 3 * i), detector, stiffness, before, body_mass);
+            const ContactLaw law = contact_law<L>(self, begin(i), point3(normal.data() + 3 * i), detector, stiffness,
+                                                  before, by ? &*by : nullptr);
             undetected_peak.data[i] = law.undetected_peak;
             undetected_duration.data[i] = law.undetected_duration;
             false_alarm.data[i] = law.false_alarm;
@@ -121,11 +127,12 @@ nb::dict sample_contacts(const ArmTrajectory& self, const GaussianThresholds& de
         std::atomic<std::size_t> next{0};
         ResidualRecord record;
         if (residuals) record = {residuals->data(), std::int64_t(residuals->shape(0)), int(dof), block_rows};
+        const std::optional<ContactPropagator> by = propagator(self, stiffness, body_mass);
         auto one = [&](std::size_t i) {
             const Point3<double> way = point3(normal.data() + 3 * i);
             // Of measured residuals no tick is certain to alarm by what a Gaussian of their spread would do.
             const GaussianThresholds* certain = residuals && !(body_mass > 0) ? nullptr : &detector;
-            const StoppingCurve curve = self.curve(begin(i), way, certain, stiffness, body_mass);
+            const StoppingCurve curve = self.curve(begin(i), way, certain, stiffness, by ? &*by : nullptr);
             double offset;
             MonteCarloRuns out{&offset, &tick.data[i], &triggers.data[i], &noise.data[i * dof],
                                &residual.data[i * dof]};
@@ -134,11 +141,11 @@ nb::dict sample_contacts(const ArmTrajectory& self, const GaussianThresholds& de
             out.force_at_detection = &force.data[i];
             const bool free = body_mass > 0;
             // When the body is noticed does not depend on the reactions; of these one is needed.
-            TransientPaths paths;
-            if (free) paths = self.free_paths(curve, begin(i), way, self.ticks());
+            ContactPaths paths;
+            if (free) paths = self.contact_paths(curve, begin(i), way, self.ticks());
             MonteCarlo<double>(curve, self.timing(), self.settings().motion, detector, stiffness,
                                {OffsetKind::fixed, 0.0}, seed, residuals ? &record : nullptr, free ? &paths : nullptr,
-                               body_mass)
+                               free ? &*by : nullptr)
                 .run(std::int64_t(i), 1, out);
             const int k = tick.data[i];
             farthest.data[i] = k < 0 ? 0 : curve.farthest[std::size_t(k)];
@@ -148,10 +155,10 @@ nb::dict sample_contacts(const ArmTrajectory& self, const GaussianThresholds& de
             distance.data[i] = k < 0 ? -1 : compression_at(curve.path, k, period, first);
             greatest.data[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
             if (!free || k < 0) return;
-            paths = self.free_paths(curve, begin(i), way, k);
-            const TransientReactions<double> reactions(paths, {stiffness, body_mass});
+            paths = self.contact_paths(curve, begin(i), way, k);
+            const ContactReactions<double> reactions(paths, *by);
             const int since = k - first;
-            const auto outcome = FreeCollision<double>(reactions, &first, 0.0).detected(&since);
+            const auto outcome = ContactCollision<double>(reactions, &first, 0.0).detected(&since);
             peak.data[i] = outcome.peak;
             duration.data[i] = outcome.duration;
         };

@@ -4,6 +4,7 @@
 #include <cstdlib>
 
 #include "bumpstop/collision/batch.hpp"
+#include "bumpstop/collision/contact/separation_criterion.hpp"
 #include "bumpstop/collision/distribution/monte_carlo.hpp"
 #include "bumpstop/collision/distribution/survival_criterion.hpp"
 #include "bumpstop/collision/distribution/tail_without_interpolation.hpp"
@@ -97,7 +98,8 @@ void check_case(const Arm& arm, ReactionKind reaction, OffsetDistribution offset
 // Noise that remembers, an observer, and a body that gets away.
 void check_memory_and_free_contact(Arm arm) {
     const OffsetDistribution offset{OffsetKind::uniform, 0.0005};
-    const TransientBody body{20000, 3.0};
+    const ContactBody body{20000, 0, 3.0};
+    const ContactPropagator by(ContactSystem(ElasticArm{}, body), arm.motion.step);
     arm.timing.steps = 60;
     for (const auto& [correlation, filter] : {std::pair{0.0, 0.0}, std::pair{0.6, 0.7}}) {
         arm.detector.correlation = correlation;
@@ -105,17 +107,17 @@ void check_memory_and_free_contact(Arm arm) {
         check_case(arm, ReactionKind::reverse, {OffsetKind::fixed, 0.0004});
         StoppingCurve curve;
         curve.path = trace_line<L>(arm.chain, arm.motion, arm.contact, arm.timing, {arm.q.data(), {0.03, -0.02, 0.04}},
-                                   SeparationCriterion<L>(body, arm.timing, arm.motion.step, offset.largest()));
+                                   SeparationCriterion<L>(by, arm.timing, offset.largest()));
         complete_curves<L>(
             arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, &curve, 1,
             [&](int) { return arm.q.data(); }, [](int) { return OvertravelTolerance{}; });
-        const TransientPaths paths = free_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing,
-                                                   ReactionKind::reverse, curve, body, arm.q.data());
-        QuadratureSettings settings{body.stiffness, offset, 1, true, &paths, body.mass};
+        const ContactPaths paths = contact_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing,
+                                                    ReactionKind::reverse, curve, by, curve.path.ticks, arm.q.data());
+        QuadratureSettings settings{body.stiffness, offset, 1, true, &paths, &by};
         const CollisionDistribution law = integrate<L>(curve, arm.timing, arm.motion, arm.detector, settings);
         // No body is struck harder than by an arm that never reacts.
         const double most = curve.path.approach_speed * std::sqrt(body.stiffness * body.mass) * 1.01;
-        for (double force : law.free.peak_force) require(force <= most && force >= 0, "free contact is bounded");
+        for (double force : law.nodes.peak_force) require(force <= most && force >= 0, "free contact is bounded");
 
         constexpr int runs = 129;
         std::vector<double> offsets(runs), peak(runs), duration(runs), force(runs);

@@ -135,7 +135,7 @@ class ArmTrajectory {
     /// the curve ends where contact has been noticed for certain, or a tick after a body of a mass above zero [kg] has got
     /// away.
     StoppingCurve curve(double begin, const Point3<double>& normal, const GaussianThresholds* detector,
-                        double stiffness, double body_mass = 0) const {
+                        double stiffness, const ContactPropagator* by = nullptr) const {
         StoppingCurve curve;
         LinePath& path = curve.path;
         path.dof = chain_.dof;
@@ -146,9 +146,10 @@ class ArmTrajectory {
         GaussianThresholds nobody;
         SurvivalCriterion<double> criterion(detector ? *detector : nobody, timing_, step(), stiffness, 0.0);
         // An arm that speeds up pushes a body for as long as it does so: only the collision itself says when they part.
-        const bool free = body_mass > 0;
-        const TransientImpact<double> impact({stiffness, free ? body_mass : 1}, step());
-        ImpactState<double> body;
+        const bool free = by != nullptr;
+        std::optional<ContactDynamics<double>> dynamics;
+        ContactState<double> body;
+        if (free) body = dynamics.emplace(*by).begin();
         bool away = false;  // at the tick before
         const std::size_t n = std::size_t(chain_.dof);
         double greatest = 0;  // distance since contact began
@@ -158,7 +159,7 @@ class ArmTrajectory {
             const bool touched = i * step() > begin;
             path.s.push_back(touched ? s : std::min(s, not_yet));
             if (touched) greatest = std::max(greatest, s);
-            if (free && touched && i > 0) impact.step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0, 1.0);
+            if (free && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0, 1.0);
             if (i < 1 || (i - 1) % settings_.period != 0) continue;
             allow_interruption();
             const int k = path.ticks++;
@@ -194,10 +195,10 @@ class ArmTrajectory {
     }
 
     /// What a body that can get away meets on such a curve: the reactions to all ticks whose path arrives, or to one.
-    TransientPaths free_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
-                              int only_tick = -1) const {
+    ContactPaths contact_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
+                               int only_tick = -1) const {
         const int end = int(std::min(curve.path.s.size() - 1, std::size_t(steps_)));
-        TransientPaths paths{&curve.path, settings_.period, settings_.latency, end, step(), {}, {}, {}};
+        ContactPaths paths{&curve.path, settings_.period, settings_.latency, end, step(), {}, {}, {}, {}};
         paths.reaction.resize(std::size_t(curve.path.ticks));
         for (int k = 0; k < curve.path.ticks; ++k) {
             if (only_tick < 0 ? curve.farthest[std::size_t(k)] > 0 : k == only_tick)
@@ -350,18 +351,18 @@ struct ContactLaw {
     double trigger[max_joints];
 };
 
-/// `before`: the trajectory's ticks without contact. A body of a mass above zero [kg] can get away.
+/// `before`: the trajectory's ticks without contact. `by`: what gives way; null: a clamped spring alone.
 template <class T>
 ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Point3<double>& normal,
                        const GaussianThresholds& detector, double stiffness, const PreContactAlarms& before,
-                       double body_mass = 0) {
-    const StoppingCurve curve = trajectory.curve(begin, normal, &detector, stiffness, body_mass);
+                       const ContactPropagator* by = nullptr) {
+    const StoppingCurve curve = trajectory.curve(begin, normal, &detector, stiffness, by);
     QuadratureSettings settings{stiffness, {OffsetKind::fixed, 0.0}};
-    TransientPaths free;
-    if (body_mass > 0) {
-        free = trajectory.free_paths(curve, begin, normal);
-        settings.free = &free;
-        settings.body_mass = body_mass;
+    ContactPaths paths;
+    if (by != nullptr) {
+        paths = trajectory.contact_paths(curve, begin, normal);
+        settings.paths = &paths;
+        settings.propagator = by;
     }
     const CollisionDistribution law =
         integrate<T>(curve, trajectory.timing(), trajectory.settings().motion, detector, settings, &before);
@@ -374,7 +375,7 @@ ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Poin
     out.greatest = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
     std::copy(law.trigger, law.trigger + trajectory.dof(), out.trigger);
     const PiecewiseDensity& density = law.density;
-    const TransientNodes& nodes = law.free;
+    const ContactNodes& nodes = law.nodes;
     const PiecewiseDensity::Panel panel =
         density.panel.empty() ? PiecewiseDensity::Panel{0, 0, curve.path.ticks} : density.panel[0];
     std::vector<PreContactAlarm> alarms(density.alarm.begin() + panel.first_alarm,
@@ -390,23 +391,23 @@ ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Poin
         if (!(probability > 0)) continue;
         out.detection.push_back({k, probability, curve.farthest[std::size_t(k)],
                                  compression_at(curve.path, k, trajectory.timing().period, panel.first_tick)});
-        if (body_mass > 0) {
+        if (by != nullptr) {
             const std::size_t at = std::size_t(slot) * std::size_t(density.order);
             out.detection.back().peak = nodes.peak_force[at];
             out.detection.back().duration = nodes.duration[at];
             out.detection.back().force = nodes.force_at_detection[at];
         }
     }
-    if (!(body_mass > 0)) return out;
+    if (by == nullptr) return out;
     if (!nodes.undetected_peak_force.empty()) {
         out.undetected_peak = nodes.undetected_peak_force[0];
         out.undetected_duration = nodes.undetected_duration[0];
     }
-    const TransientAlarms& pieces = law.free_alarms;
+    const EarlyReactions& pieces = law.early_reactions;
     for (std::size_t i = 0; i < pieces.pieces(); ++i) {
         // All cells of a body at one place are alike.
-        const std::size_t edge = i * (TransientAlarms::cells + 1);
-        out.detection.push_back({pieces.tick[i], pieces.mass[i * TransientAlarms::cells] * TransientAlarms::cells,
+        const std::size_t edge = i * (EarlyReactions::cells + 1);
+        out.detection.push_back({pieces.tick[i], pieces.mass[i * EarlyReactions::cells] * EarlyReactions::cells,
                                  curve.farthest[std::size_t(pieces.tick[i])], -1, pieces.edge_force[edge],
                                  pieces.edge_duration[edge], 0});
     }

@@ -11,12 +11,19 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 template <class T>
 inline constexpr int block_registers = 8 / Scalar<T>::lanes;
 
+/// What a detector meets at a tick, for a block of offsets.
+template <class T>
+struct TickContact {
+    const double* torque_per_N;                  ///< by watched joint [Nm/N]
+    T force[block_registers<T>];                 ///< N
+    T residual[max_joints][block_registers<T>];  ///< of watched joints, without noise; not for alarms from a table
+};
+
 // An alarm model serves one block of offsets after another, tick by tick:
-//   begin(tick)                                  the first tick in contact
-//   at(torque_per_N, force)                      a tick; what it returns gives, for watched joint w and register r,
-//     .chance(w, r)                              the probability of an alarm there, given none before
-//   skip(torque_per_N, force)                    a tick at which the detector is not armed
-// with torque_per_N by watched joint and force[r] in N.
+//   begin(tick)     the first tick in contact
+//   at(contact)     a tick; what it returns gives, for watched joint w and register r,
+//     .chance(w, r) the probability of an alarm there, given none before
+//   skip(contact)   a tick at which the detector is not armed
 
 /// White noise, with all digits of far tails.
 template <class T>
@@ -36,14 +43,13 @@ class ExactAlarms {
 
     struct Tick {
         const GaussianThresholds& detector;
-        const double* torque_per_N;
-        const T* force;
+        const TickContact<T>& contact;
 
-        AlarmProbability<T> chance(int w, int r) const { return joint_alarm(detector, w, torque_per_N[w] * force[r]); }
+        AlarmProbability<T> chance(int w, int r) const { return joint_alarm(detector, w, contact.residual[w][r]); }
     };
     void begin(int) {}
-    Tick at(const double* torque_per_N, const T* force) const { return {detector_, torque_per_N, force}; }
-    void skip(const double*, const T*) {}
+    Tick at(const TickContact<T>& contact) const { return {detector_, contact}; }
+    void skip(const TickContact<T>&) {}
 
   private:
     const GaussianThresholds& detector_;
@@ -68,20 +74,21 @@ class TabulatedAlarms {
 
     struct Tick {
         AlarmTable::Near near;
-        const T* force;
+        const TickContact<T>& contact;
 
         AlarmProbability<T> chance(int w, int r) const {
-            const T alarm = near.template alarm<T>(w, force[r]);
+            const T alarm = near.template alarm<T>(w, contact.force[r]);
             return {alarm, 1.0 - alarm};
         }
     };
     void begin(int) {}
-    Tick at(const double* torque_per_N, const T* force) const {
+    Tick at(const TickContact<T>& contact) const {
         // The offsets of a block grow, and so the force falls, from its first lane to its last.
-        const double first = lane_of(force[0], 0), last = lane_of(force[block_registers<T> - 1], Scalar<T>::lanes - 1);
-        return {table_.near<T>(detector_.watched, torque_per_N, 0.5 * (first + last)), force};
+        const double first = lane_of(contact.force[0], 0),
+                     last = lane_of(contact.force[block_registers<T> - 1], Scalar<T>::lanes - 1);
+        return {table_.near<T>(detector_.watched, contact.torque_per_N, 0.5 * (first + last)), contact};
     }
-    void skip(const double*, const T*) {}
+    void skip(const TickContact<T>&) {}
 
   private:
     const GaussianThresholds& detector_;
@@ -107,14 +114,12 @@ class CorrelatedAlarms {
 
     class Tick {
       public:
-        Tick(CorrelatedAlarms& model, const double* torque_per_N, const T* force)
-            : model_(model), torque_per_N_(torque_per_N), force_(force) {}
-        AlarmProbability<T> chance(int w, int r) { return model_.chance(w, r, torque_per_N_[w] * force_[r]); }
+        Tick(CorrelatedAlarms& model, const TickContact<T>& contact) : model_(model), contact_(contact) {}
+        AlarmProbability<T> chance(int w, int r) { return model_.chance(w, r, contact_.residual[w][r]); }
 
       private:
         CorrelatedAlarms& model_;
-        const double* torque_per_N_;
-        const T* force_;
+        const TickContact<T>& contact_;
     };
 
     /// The noise is as the ticks before contact left it.
@@ -133,13 +138,13 @@ class CorrelatedAlarms {
             }
         }
     }
-    Tick at(const double* torque_per_N, const T* force) { return {*this, torque_per_N, force}; }
+    Tick at(const TickContact<T>& contact) { return {*this, contact}; }
     /// A tick that is not armed says nothing about the noise.
-    void skip(const double* torque_per_N, const T* force) {
+    void skip(const TickContact<T>& contact) {
         for (int w = 0; w < detector_.watched; ++w) {
             for (int r = 0; r < registers; ++r) {
                 T& own = residual_[place(w, r)];
-                own = detector_.filtered(own, T(torque_per_N[w] * force[r]));
+                own = detector_.filtered(own, contact.residual[w][r]);
                 density_[place(w, r)].known = 0.0;
             }
         }

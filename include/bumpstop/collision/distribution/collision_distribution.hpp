@@ -2,7 +2,7 @@
 /// The distribution of a collision over contact offset and sensor noise.
 #pragma once
 
-#include "bumpstop/collision/contact/free_contact.hpp"
+#include "bumpstop/collision/contact/dynamic_contact.hpp"
 #include "bumpstop/collision/distribution/linear_quantity.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -22,8 +22,8 @@ struct CollisionDistribution {
     double several = 0;               ///< two or more joints over their threshold at the tick of detection
     double trigger[max_joints] = {};  ///< joint over its threshold at the tick of detection
     bool interpolated = false;        ///< detection probabilities come from a few panels
-    TransientNodes free;              ///< of free contact, instead of the forces above
-    TransientAlarms free_alarms;      ///< of free contact: detections before it
+    ContactNodes nodes;               ///< where something gives way, instead of the forces above
+    EarlyReactions early_reactions;   ///< there: detections before contact
 
     /// Probability of collisions never detected whose force has no bound: they count as over every limit.
     double unbounded() const { return rests ? 0 : undetected; }

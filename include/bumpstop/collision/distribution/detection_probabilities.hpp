@@ -27,7 +27,7 @@ struct DetectionProbabilities {
     std::vector<double> detected;  ///< [slot][node], slots of all panels in a row
     std::vector<double> survived;  ///< [row][node]: not detected by the end
     std::vector<double> trigger;   ///< [row][watched joint, then several at once][node]
-    /// Of free contact, as `detected` and `survived`: greatest force [N], time in contact [s], force at detection [N].
+    /// Where something gives way, as `detected` and `survived`: greatest force [N], time in contact [s], force at detection [N].
     std::vector<double> peak_force, duration, force_at_detection, undetected_peak_force, undetected_duration;
     std::vector<Run> run;
     std::vector<double> weight;
@@ -109,6 +109,7 @@ class ClampedContact {
     void begin(const OffsetPanel&, const T* offset) { std::copy_n(offset, block_registers<T>, offset_); }
     /// At the i-th tick in contact, where the arm is at s.
     T force(double s, int, int r) const { return max(T(s - offset_[r]), T(0.0)) * stiffness_; }
+    T residual(T force, double torque_per_N, int, int, int) const { return torque_per_N * force; }
     void finish(const DetectionProbabilities::Panel&, std::size_t, std::size_t, DetectionProbabilities&) const {}
     template <class Interpolated>
     bool agrees(const Interpolated&, std::size_t, const DetectionProbabilities&) const {
@@ -135,8 +136,8 @@ class DetectionIntegrator {
           alarms_(std::move(alarms)),
           negligible_survival_(negligible_survival) {}
 
-    /// `max_force`: no collision of the path reaches a greater one [N].
-    void begin(const LinePath& path, double max_force) {
+    /// `max_force`: no collision of the path reaches a greater one [N]. Joints of an arm that `sways` move all of them.
+    void begin(const LinePath& path, double max_force, bool sways = false) {
         path_ = &path;
         alignas(64) double most[max_joints] = {};  // by watched joint
         torque_per_N_.assign(std::size_t(path.ticks) * max_joints, 0.0);
@@ -152,7 +153,7 @@ class DetectionIntegrator {
         const NoContactTick& alone = before_.no_contact(before_.unarmed());
         for (int w = 0; w < detector_.watched; ++w) {
             const double residual = most[w] * max_force * detector_.scale[std::size_t(w)];
-            if (residual > Alarms::negligible_residual) {
+            if (sways || residual > Alarms::negligible_residual) {
                 touched_[touched_count_++] = w;
             } else {
                 const double alarm = alone.single[std::size_t(w)];
@@ -190,6 +191,7 @@ class DetectionIntegrator {
             several[r] = armed[r] = 0.0;
             for (int f = 0; f < touched_count_; ++f) single[f][r] = 0.0;
         }
+        TickContact<T> here;
         contact.begin(panel, offset);
         alarms_.begin(panel.tick);
         DetectionProbabilities::Panel& own = out.panel[p];
@@ -203,10 +205,17 @@ class DetectionIntegrator {
                 &out.detected[(own.first_slot + std::size_t(slot)) * std::size_t(order) + std::size_t(first)];
             const double s = path_->at_tick(k, timing_.period);
             const double* torque_per_N = &torque_per_N_[std::size_t(k) * max_joints];
-            T force[registers];
-            for (int r = 0; r < registers; ++r) force[r] = contact.force(s, slot, r);
+            here.torque_per_N = torque_per_N;
+            for (int r = 0; r < registers; ++r) here.force[r] = contact.force(s, slot, r);
+            if constexpr (!Alarms::tabulated) {
+                for (int f = 0; f < touched_count_; ++f) {
+                    const int w = touched_[f], joint = detector_.joint[std::size_t(w)];
+                    for (int r = 0; r < registers; ++r)
+                        here.residual[w][r] = contact.residual(here.force[r], torque_per_N[w], joint, slot, r);
+                }
+            }
             if (!before_.armed(k)) {
-                alarms_.skip(torque_per_N, force);
+                alarms_.skip(here);
                 continue;
             }
             T alarm[registers], no_alarm[registers], one[registers], weight[registers], most = 0.0;
@@ -218,7 +227,7 @@ class DetectionIntegrator {
                 if constexpr (Contact::parts) weight[r] *= contact.touched(slot, r);
                 armed[r] += weight[r];
             }
-            auto tick = alarms_.at(torque_per_N, force);
+            auto tick = alarms_.at(here);
             for (int f = 0; f < touched_count_; ++f) {
                 for (int r = 0; r < registers; ++r) {
                     const AlarmProbability<T> joint = tick.chance(touched_[f], r);
@@ -252,7 +261,6 @@ class DetectionIntegrator {
             }
             break;
         }
-        contact.finish(own, std::size_t(first), std::size_t(order), out);
         for (int r = 0; r < registers; ++r) {
             const std::size_t at = std::size_t(first + r * lanes), rows = std::size_t(detector_.watched) + 1;
             const auto row = [&](int w) {
@@ -263,6 +271,7 @@ class DetectionIntegrator {
             for (int f = 0; f < touched_count_; ++f) store(single[f][r], row(touched_[f]));
             store(several[r], row(detector_.watched));
         }
+        contact.finish(own, std::size_t(first), std::size_t(order), out);
     }
 
     const Timing& timing_;

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "bumpstop/collision/contact/transient_collision.hpp"
+#include "bumpstop/collision/contact/contact_collision.hpp"
 #include "bumpstop/collision/distribution/offset_distribution.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 #include "bumpstop/math/philox.hpp"
@@ -20,7 +20,7 @@ struct MonteCarloRuns {
     std::uint32_t* triggers;               ///< bit j: joint j over its threshold at that tick
     double* noise = nullptr;               ///< at that tick [Nm or N]; zero when never
     double* residual = nullptr;            ///< noise and contact torque
-    double* peak_force = nullptr;          ///< of free contact [N]
+    double* peak_force = nullptr;          ///< where something gives way [N]
     double* duration = nullptr;            ///< [s]
     double* force_at_detection = nullptr;  ///< [N]; zero when never, or before contact
 };
@@ -77,10 +77,10 @@ class MonteCarlo {
   public:
     MonteCarlo(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
                const GaussianThresholds& detector, double stiffness, const OffsetDistribution& offset,
-               std::uint64_t seed, const ResidualRecord* record = nullptr, const TransientPaths* free = nullptr,
-               double body_mass = 0)
+               std::uint64_t seed, const ResidualRecord* record = nullptr, const ContactPaths* paths = nullptr,
+               const ContactPropagator* propagator = nullptr)
         : curve_(curve), detector_(detector), stiffness_(stiffness), offset_(offset), seed_(seed), record_(record) {
-        if (free != nullptr) reactions_.emplace(*free, TransientBody{stiffness, body_mass});
+        if (paths != nullptr) reactions_.emplace(*paths, *propagator);
         const int ticks = curve.path.ticks;
         s_.resize(ticks);
         for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, timing.period);
@@ -149,9 +149,9 @@ class MonteCarlo {
         if (reactions_) {
             int touch[lanes];
             for (int lane = 0; lane < lanes; ++lane) touch[lane] = first_beyond(lane_of(offset, lane));
-            const FreeCollision<T> collision(*reactions_, touch, offset);
+            ContactCollision<T> collision(*reactions_, touch, offset);
             tick_by_tick(number, runs, offset, open, index, used, out, touch, &collision);
-            keep_free(collision, touch, index, used, out);
+            keep_outcome(collision, touch, index, used, out);
             return;
         }
         if (record_ != nullptr || detector_.remembers()) {
@@ -224,28 +224,31 @@ class MonteCarlo {
         return int(s_.size());
     }
 
-    void keep_free(const FreeCollision<T>& collision, const int* touch, const std::int64_t* index, int used,
-                   const MonteCarloRuns& out) const {
+    void keep_outcome(ContactCollision<T>& collision, const int* touch, const std::int64_t* index, int used,
+                      const MonteCarloRuns& out) const {
         int since[lanes] = {};
+        bool missed = false;
         for (int lane = 0; lane < used; ++lane) {
             const int tick = out.tick[index[lane]];
             since[lane] = tick < 0 ? 0 : tick - touch[lane];
+            missed = missed || tick < 0;
         }
-        const auto detected = collision.detected(since);
+        using Outcome = typename ContactCollision<T>::Outcome;
+        const Outcome undetected = missed ? collision.undetected() : Outcome{};
+        const Outcome detected = collision.detected(since);
         for (int lane = 0; lane < used; ++lane) {
             const std::int64_t i = index[lane];
             const bool known = out.tick[i] >= 0;
-            out.peak_force[i] = lane_of(known ? detected.peak : collision.peak, lane);
-            out.duration[i] = lane_of(known ? detected.duration : collision.duration, lane);
-            const bool felt = known && since[lane] >= 0 && std::size_t(since[lane]) < collision.force.size();
-            out.force_at_detection[i] = felt ? lane_of(collision.force[std::size_t(since[lane])], lane) : 0.0;
+            out.peak_force[i] = lane_of(known ? detected.peak : undetected.peak, lane);
+            out.duration[i] = lane_of(known ? detected.duration : undetected.duration, lane);
+            out.force_at_detection[i] = known ? lane_of(collision.force(since[lane]), lane) : 0.0;
         }
     }
 
     /// Runs whose noise or noiseless residual depends on the ticks before: every tick is played from the first on.
-    /// Free contact comes with its collision and the first tick in contact of every lane.
+    /// Where something gives way, the collision comes with the first tick in contact of every lane.
     void tick_by_tick(const std::int64_t* number, IntOf<T> runs, T offset, bool* open, const std::int64_t* index,
-                      int used, const MonteCarloRuns& out, const int* touch, const FreeCollision<T>* collision) const {
+                      int used, const MonteCarloRuns& out, const int* touch, ContactCollision<T>* collision) const {
         const int dof = curve_.path.dof;
         const double fresh = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
         T noise[max_joints], contact[max_joints];  // by joint, watched or not
@@ -253,20 +256,31 @@ class MonteCarlo {
         int remaining = used;
         for (int k = 0; k < curve_.path.ticks && remaining > 0; ++k) {
             if (k % many_ticks == 0) allow_interruption();
-            T force = max(s_[k] - offset, T(0.0)) * stiffness_;
-            for (int lane = 0; collision != nullptr && lane < lanes; ++lane) {
-                const int i = k - touch[lane];
-                const bool known = i >= 0 && std::size_t(i) < collision->force.size();
-                set_lane(force, lane, known ? lane_of(collision->force[std::size_t(i)], lane) : 0.0);
-                // A body that has got away cannot be felt.
-                const bool away = i >= 0 && (!known || !(lane_of(collision->touched[std::size_t(i)], lane) > 0.5));
-                if (away && open[lane]) {
-                    open[lane] = false;
-                    --remaining;
+            T torque[max_joints];
+            if (collision == nullptr) {
+                const T force = max(s_[k] - offset, T(0.0)) * stiffness_;
+                for (int j = 0; j < dof; ++j) torque[j] = curve_.path.torque_per_N[std::size_t(k) * dof + j] * force;
+            } else {
+                for (int j = 0; j < dof; ++j) torque[j] = 0.0;
+                for (int lane = 0; lane < lanes; ++lane) {
+                    const int i = k - touch[lane];
+                    if (i < 0 || !open[lane]) continue;
+                    const ContactState<T>& state = collision->at(i);
+                    // A body that has got away cannot be felt.
+                    if (lane_of(state.parted, lane) > 0.5) {
+                        open[lane] = false;
+                        --remaining;
+                        continue;
+                    }
+                    const bool elastic = reactions_->dynamics().propagator().elastic;
+                    for (int j = 0; j < dof; ++j)
+                        set_lane(torque[j], lane,
+                                 elastic
+                                     ? lane_of(reactions_->dynamics().residual(state, j), lane)
+                                     : curve_.path.torque_per_N[std::size_t(k) * dof + j] * lane_of(state.force, lane));
                 }
             }
-            for (int j = 0; j < dof; ++j)
-                contact[j] = detector_.filtered(contact[j], curve_.path.torque_per_N[std::size_t(k) * dof + j] * force);
+            for (int j = 0; j < dof; ++j) contact[j] = detector_.filtered(contact[j], torque[j]);
             if (k < first_armed_) continue;
             if (record_ != nullptr) {
                 for (int lane = 0; lane < used; ++lane) {
@@ -332,8 +346,8 @@ class MonteCarlo {
     double stiffness_;
     OffsetDistribution offset_;
     std::uint64_t seed_;
-    const ResidualRecord* record_;                    ///< measured noise instead of Gaussian; may be null
-    std::optional<TransientReactions<T>> reactions_;  ///< of free contact
+    const ResidualRecord* record_;                  ///< measured noise instead of Gaussian; may be null
+    std::optional<ContactReactions<T>> reactions_;  ///< where something gives way
     std::vector<double> s_;
     int first_armed_ = 0;
     bool quiet_ = true;  ///< every noise mean lies inside its thresholds

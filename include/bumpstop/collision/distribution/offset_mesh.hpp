@@ -2,7 +2,7 @@
 /// Cuts the contact offsets into panels inside which everything is smooth.
 #pragma once
 
-#include "bumpstop/collision/contact/transient_cuts.hpp"
+#include "bumpstop/collision/contact/contact_cuts.hpp"
 #include "bumpstop/collision/distribution/offset_distribution.hpp"
 #include "bumpstop/collision/distribution/piecewise_density.hpp"
 #include "bumpstop/collision/distribution/pre_contact_alarms.hpp"
@@ -14,8 +14,8 @@ struct QuadratureSettings {
     OffsetDistribution offset;
     int refinement = 1;  ///< multiplies the order of the quadrature; 2 shows that 1 is converged
     bool delays = true;  ///< detection delays are wanted: panels are then cut where the path bends in time
-    const TransientPaths* free = nullptr;  ///< of free contact; null: the body is clamped
-    double body_mass = 0;                  ///< of free contact [kg]
+    const ContactPaths* paths = nullptr;            ///< null: arm and body are rigid but for a clamped spring
+    const ContactPropagator* propagator = nullptr;  ///< of what gives way along these paths
 };
 
 /// Offsets low..high [m], whose first tick in contact is `tick`.
@@ -45,9 +45,9 @@ class OffsetMesh {
     const std::vector<double>& edges() const { return edge_; }
 
     double s_tick(int k) const { return path_->at_tick(k, timing_.period); }
-    /// The step in which the undetected motion ends; a free body is followed until an arm that brakes has come to rest.
+    /// The step in which the undetected motion ends; where something gives way it is followed until an arm that brakes has come to rest.
     std::size_t end_step() const {
-        return settings_->free != nullptr ? std::size_t(settings_->free->end_step) : path_->end_step(timing_);
+        return settings_->paths != nullptr ? std::size_t(settings_->paths->end_step) : path_->end_step(timing_);
     }
 
     /// Panels of a width for alarm probabilities from a table. False where the noise is too narrow for that.
@@ -94,7 +94,7 @@ class OffsetMesh {
     }
 
     double undisturbed(std::size_t i) const {
-        return settings_->free != nullptr ? settings_->free->undisturbed(int(i)) : path_->s[i];
+        return settings_->paths != nullptr ? settings_->paths->undisturbed(int(i)) : path_->s[i];
     }
     bool rare_alarms() const {
         return path_->ticks == 0 || !alarms_.armed(path_->ticks - 1) ||
@@ -143,7 +143,7 @@ class OffsetMesh {
             travel = std::max(travel, edge_[std::size_t(k) + 1] - edge_[std::size_t(k)]);
         double growth = gain_ * travel;
         transitions_ = growth > 4 * wide.residual;
-        if (settings_->free != nullptr) growth /= timing_.period;  // panels are cut at every step
+        if (settings_->paths != nullptr) growth /= timing_.period;  // panels are cut at every step
         if (groups_) growth = std::max(growth, group_growth);
         width_ = growth <= narrow.residual ? narrow : growth <= middle.residual || transitions_ ? middle : wide;
         width_.order = std::min(max_order, width_.order * settings_->refinement);
@@ -166,11 +166,11 @@ class OffsetMesh {
         }
         const int ticks = path_->ticks;
         const double largest = settings_->offset.largest(), width = widest();
-        const bool bent = settings_->delays && settings_->free == nullptr && bends();
+        const bool bent = settings_->delays && settings_->paths == nullptr && bends();
         const int settled = std::max(1, alarms_.settled());
         find_retreats();
         std::vector<double> abrupt;
-        if (settings_->free != nullptr) abrupt = abrupt_offsets();
+        if (settings_->paths != nullptr) abrupt = abrupt_offsets();
         int group = 1;
         for (int k = 0; k < ticks && edge_[std::size_t(k)] < largest; k += group) {
             group = groups_ && k > 0 ? group_at(k, group, std::min(width, group_growth / gain_)) : 1;
@@ -179,8 +179,8 @@ class OffsetMesh {
             if (!(high > low)) continue;
             // One that the end of the offsets cuts short is like no other.
             const int whole = end <= largest && k >= settled && !transitions_ ? group : 0;
-            if (settings_->free != nullptr) {
-                cut_free_tick(k, low, high, width, abrupt, whole);
+            if (settings_->paths != nullptr) {
+                cut_dynamic_tick(k, low, high, width, abrupt, whole);
                 continue;
             }
             allow_interruption();
@@ -223,9 +223,9 @@ class OffsetMesh {
         const int ticks = path_->ticks;
         double from = edge_[std::size_t(ticks)];
         const double end = std::min(edge_.back(), settings_->offset.largest());
-        // How far a free body is pressed until the motion ends depends on where in a step it is touched.
+        // How far a body is pressed until the motion ends depends on where in a step it is touched.
         const std::size_t first = ticks > 0 ? std::size_t(ticks - 1) * std::size_t(timing_.period) + 1 : 0;
-        for (std::size_t i = first + 1; settings_->free != nullptr && i < end_step(); ++i) {
+        for (std::size_t i = first + 1; settings_->paths != nullptr && i < end_step(); ++i) {
             const double to = std::min(undisturbed(i), end);
             add_end_panels(from, to, ticks, panels_);
             from = std::max(from, to);
@@ -249,22 +249,21 @@ class OffsetMesh {
     /// not rare, their probability has a kink there.
     void find_retreats() {
         retreat_.clear();
-        if (rare_alarms() || settings_->free != nullptr) return;
+        if (rare_alarms() || settings_->paths != nullptr) return;
         for (int k = 0; k < path_->ticks; ++k)
             if (s_tick(k) < edge_[std::size_t(k) + 1]) retreat_.push_back(s_tick(k));
         std::sort(retreat_.begin(), retreat_.end());
     }
 
-    /// How a free body gets away depends on where in a step it is touched, and on the tick at which it is felt no more.
+    /// How a body gets away depends on where in a step it is touched, and on the tick from which it is not detected any more.
     std::vector<double> abrupt_offsets() const {
         const int ticks = path_->ticks;
-        const TransientBody body{settings_->stiffness, settings_->body_mass};
         const bool felt = ticks > 0 && alarms_.no_contact(ticks - 1).alarm > unnoticeable_alarm;
-        return FreeCuts(*settings_->free, body, felt || transitions_,
-                        transitions_ ? &detector_ : nullptr)(settings_->offset.largest());
+        return ContactCuts(*settings_->paths, *settings_->propagator, felt || transitions_,
+                           transitions_ ? &detector_ : nullptr)(settings_->offset.largest());
     }
 
-    void cut_free_tick(int k, double low, double high, double width, const std::vector<double>& abrupt, int whole) {
+    void cut_dynamic_tick(int k, double low, double high, double width, const std::vector<double>& abrupt, int whole) {
         std::vector<double> steps{low, high};
         for (int i = 1; k > 0 && i < timing_.period; ++i)
             steps.push_back(path_->s[std::size_t(k - 1) * std::size_t(timing_.period) + 1 + std::size_t(i)]);

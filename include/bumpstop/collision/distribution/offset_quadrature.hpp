@@ -48,8 +48,8 @@ class OffsetQuadrature {
     /// `farthest`: where the stopping paths get to at most, by tick [m].
     void finish(const std::vector<double>& farthest) {
         harmless_from_ = alarm_before_ + result_.no_contact;
-        if (free()) {
-            add_free_alarms();
+        if (dynamic()) {
+            add_early_reactions();
         } else {
             add_alarms(farthest);
         }
@@ -66,20 +66,21 @@ class OffsetQuadrature {
         double value[max_order];
     };
 
-    bool free() const { return settings_.free != nullptr; }
+    bool dynamic() const { return settings_.paths != nullptr; }
     bool fixed() const { return settings_.offset.kind == OffsetKind::fixed; }
 
     void find_probabilities() {
-        integrator_.begin(*path_, settings_.stiffness * std::max(0.0, mesh_.edges().back()));
+        integrator_.begin(*path_, settings_.stiffness * std::max(0.0, mesh_.edges().back()),
+                          dynamic() && settings_.propagator->elastic);
         const auto interpolate = [&](auto&& contact) {
             InterpolatedPanels panels(integrator_, contact, mesh_, before_, probabilities_);
             panels();
             result_.interpolated = panels.interpolated();
         };
         if constexpr (!Alarms::tabulated) {
-            if (free()) {
-                const TransientReactions<T> reactions(*settings_.free, {settings_.stiffness, settings_.body_mass});
-                return interpolate(FreeContact<T>(reactions));
+            if (dynamic()) {
+                const ContactReactions<T> reactions(*settings_.paths, *settings_.propagator);
+                return interpolate(DynamicContact<T>(reactions));
             }
         }
         interpolate(ClampedContact<T>(settings_.stiffness));
@@ -201,7 +202,7 @@ class OffsetQuadrature {
         }
         find_triggers();
         density.sum_later_masses();
-        if (free()) keep_free_nodes();
+        if (dynamic()) keep_nodes();
         count_false_alarms();
     }
 
@@ -360,10 +361,10 @@ class OffsetQuadrature {
         return (double(i) + part) * motion_.step;
     }
 
-    /// What a free body suffers, in the order of the density's panels.
-    void keep_free_nodes() {
+    /// What bodies that give way meet, in the order of the density's panels.
+    void keep_nodes() {
         const std::size_t step = std::size_t(mesh_.order());
-        TransientNodes& to = result_.free;
+        ContactNodes& to = result_.nodes;
         const auto keep = [&](const std::vector<double>& from, std::vector<double>& values) {
             values.clear();
             for (std::size_t p = 0; p < result_.density.panel.size(); ++p) {
@@ -385,16 +386,16 @@ class OffsetQuadrature {
         keep_one(probabilities_.undetected_duration, to.undetected_duration);
     }
 
-    /// False alarms whose reaction still reaches a free body.
-    void add_free_alarms() {
-        const TransientReactions<T> reactions(*settings_.free, {settings_.stiffness, settings_.body_mass});
+    /// False alarms whose reaction still reaches the body.
+    void add_early_reactions() {
+        const ContactReactions<T> reactions(*settings_.paths, *settings_.propagator);
         for (int k = before_.unarmed(); k < path_->ticks; ++k) {
             const double chance = before_.survival_before(k) * before_.no_contact(k).alarm;
             if (chance > 0)
                 bumpstop::add_alarms<T>(reactions, settings_.offset, k, chance, mesh_.edges()[std::size_t(k) + 1],
-                                        result_.free_alarms);
+                                        result_.early_reactions);
         }
-        harmless_from_ -= result_.free_alarms.total;
+        harmless_from_ -= result_.early_reactions.total;
     }
 
     alignas(64) static constexpr double alternating[8] = {1, -1, 1, -1, 1, -1, 1, -1};

@@ -1,19 +1,22 @@
 /// @file
-/// All that free contact needs of a motion: its path, and the path of every reaction.
+/// All that contact in which something gives way needs of a motion: its path, and the path of every reaction.
 #pragma once
 
-#include "bumpstop/collision/contact/transient_impact.hpp"
+#include "bumpstop/collision/contact/contact_dynamics.hpp"
+#include "bumpstop/collision/motion/stopping_curve.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-struct TransientPaths {
+struct ContactPaths {
     const LinePath* path = nullptr;
     int period = 0, latency = 0;                ///< as of Timing [simulation steps]
     int end_step = 0;                           ///< in which the undetected motion ends
     double step = 0;                            ///< simulation step [s]
     std::vector<std::vector<double>> reaction;  ///< by tick: distances [m] from the step it begins in on; may be empty
     std::vector<double> farthest;               ///< by tick: the greatest distance from the tick on [m]
-    std::vector<double> reached;                ///< by step: the greatest distance of the undisturbed motion so far [m]
+    std::vector<std::vector<double>>
+        later;                    ///< by tick and step of its reaction: the greatest distance from there on [m]
+    std::vector<double> reached;  ///< by step: the greatest distance of the undisturbed motion so far [m]
 
     /// The step after which nothing is known of the undisturbed motion: it goes on for a latency, for the reactions, or until
     /// an arm that cannot follow its line has come to rest.
@@ -43,6 +46,9 @@ struct TransientPaths {
             for (double s : reaction[k]) most = std::max(most, s);
             farthest.push_back(most);
         }
+        later = reaction;
+        for (std::vector<double>& own : later)
+            for (std::size_t i = own.size(); i-- > 1;) own[i - 1] = std::max(own[i - 1], own[i]);
     }
 };
 
@@ -52,53 +58,75 @@ class PathAfter {
   public:
     PathAfter() = default;
     /// `first`: steps from the tick to the step that is number 0 here.
-    PathAfter(const TransientPaths& paths, int tick, int first)
+    PathAfter(const ContactPaths& paths, int tick, int first)
         : paths_(&paths),
           own_(&paths.reaction[std::size_t(tick)]),
+          later_(&paths.later[std::size_t(tick)]),
           from_(paths.tick_step(tick) + first),
           lead_(paths.latency - first) {
         const std::vector<double>& own = *own_;
         if (own.size() > 1) retreat_ = std::min(0.0, own.back() - own[own.size() - 2]);
+        if (own.empty()) own_ = nullptr;
+    }
+    /// Nothing reacts: the motion goes on from a step to its end.
+    static PathAfter undisturbed(const ContactPaths& paths, int step) {
+        PathAfter path;
+        path.paths_ = &paths;
+        path.from_ = step;
+        path.lead_ = std::max(0, paths.end_step - step);
+        path.stands_ = true;
+        return path;
     }
 
     double at(int i) const {
-        if (i < lead_ || own_->empty()) return paths_->undisturbed(from_ + i);
+        if (i < lead_) return paths_->undisturbed(from_ + i);
+        if (own_ == nullptr) return paths_->undisturbed(from_ + (stands_ ? lead_ : i));
         const int last = int(own_->size()) - 1, here = i - lead_;
         return here <= last ? (*own_)[std::size_t(here)] : own_->back() + (here - last) * retreat_;
     }
+    /// The greatest distance from step i on [m].
+    double later(int i) const {
+        if (own_ == nullptr) return HUGE_VAL;
+        if (i < lead_) return std::max(paths_->undisturbed(from_ + lead_), later_->front());
+        return i - lead_ < int(later_->size()) ? (*later_)[std::size_t(i - lead_)] : own_->back();
+    }
     /// Steps until the path is a straight one: the arm stands, or goes back for good.
     int length() const {
-        return own_->empty() ? std::max(lead_ + 1, paths_->last_step() - from_)
-                             : lead_ + std::max(1, int(own_->size()) - 1);
+        if (stands_) return lead_;
+        return own_ == nullptr ? std::max(lead_ + 1, paths_->last_step() - from_)
+                               : lead_ + std::max(1, int(own_->size()) - 1);
     }
     bool retreats() const { return retreat_ < 0; }
 
   private:
-    const TransientPaths* paths_ = nullptr;
-    const std::vector<double>* own_ = nullptr;
+    const ContactPaths* paths_ = nullptr;
+    const std::vector<double>*own_ = nullptr, *later_ = nullptr;
     int from_ = 0, lead_ = 0;
-    double retreat_ = 0;  // on the last known step [m]
+    bool stands_ = false;  // where the motion ends
+    double retreat_ = 0;   // on the last known step [m]
 };
 
 namespace detail {
 
 /// By tick: an offset below which no body is still touched when the reaction to the tick begins. A body struck at every
-/// tick tells how long contact lasts.
-inline std::vector<double> least_touched(const TransientPaths& paths, const TransientBody& body) {
+/// tick tells how long contact lasts; one that is held is touched until its detection is certain, after `certain` ticks.
+inline std::vector<double> least_touched(const ContactPaths& paths, const ContactPropagator& by, int certain) {
     const int ticks = paths.path->ticks, last = paths.last_step();
     std::vector<double> least(std::size_t(ticks), HUGE_VAL);
-    const TransientImpact<double> impact(body, paths.step);
+    const ContactDynamics<double> dynamics(by);
     double reached = -HUGE_VAL, before = 0;
     for (int j = 0; j < ticks; ++j) {
         const int first = paths.tick_step(j);
         const double offset = paths.undisturbed(first);
         if (!(offset > reached)) continue;  // whoever stands here has been struck before
         reached = offset;
-        ImpactState<double> state;
-        int i = first;
-        for (; i < last && !(state.parted > 0.5); ++i) {
-            allow_interruption();
-            impact.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset, 1.0);
+        int i = std::min(last, paths.tick_step(std::min(j + certain, ticks)));
+        if (by.gets_away) {
+            ContactState<double> state = dynamics.begin();
+            for (i = first; i < last && !(state.parted > 0.5); ++i) {
+                allow_interruption();
+                dynamics.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset, 1.0);
+            }
         }
         // Bodies nearer than this one were struck after the tick before.
         for (int k = std::max(0, j - 1 - paths.latency / paths.period); k < ticks && paths.reaction_step(k) <= i; ++k)
@@ -134,7 +162,7 @@ class ReactionFamily {
     }
 
     /// False, and nothing done, where the reactions are not smooth.
-    bool fill(TransientPaths& paths) const {
+    bool fill(ContactPaths& paths) const {
         if (node_.empty()) return true;
         std::size_t longest = 0;
         for (int k : node_) longest = std::max(longest, paths.reaction[std::size_t(k)].size());
@@ -175,24 +203,26 @@ class ReactionFamily {
 }  // namespace detail
 
 /// The paths of a line motion. Reactions that reverse are followed until every body that they find in contact has been
-/// left behind.
+/// left behind: at the latest `certain` ticks after contact, when a body that is held has been detected.
 template <class T, class Pose>
-TransientPaths free_paths(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                          const Timing& timing, ReactionKind kind, const StoppingCurve& curve,
-                          const TransientBody& body, Pose pose) {
+ContactPaths contact_paths(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
+                           const Timing& timing, ReactionKind kind, const StoppingCurve& curve,
+                           const ContactPropagator& by, int certain, Pose pose) {
     const LinePath& path = curve.path;
-    TransientPaths paths{&path,
-                         timing.period,
-                         timing.latency,
-                         int(path.brakes() ? path.s.size() + path.braking.size() - 1 : path.end_step(timing)),
-                         motion.step,
-                         {},
-                         {},
-                         {}};
+    ContactPaths paths{&path,
+                       timing.period,
+                       timing.latency,
+                       int(path.brakes() ? path.s.size() + path.braking.size() - 1 : path.end_step(timing)),
+                       motion.step,
+                       {},
+                       {},
+                       {},
+                       {}};
     paths.reaction.resize(std::size_t(path.ticks));
+    paths.later.resize(std::size_t(path.ticks));
     const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
     const std::vector<double> least =
-        kind == ReactionKind::reverse ? detail::least_touched(paths, body) : std::vector<double>();
+        kind == ReactionKind::reverse ? detail::least_touched(paths, by, certain) : std::vector<double>();
     auto simulate = [&](const std::vector<int>& ticks) {
         std::vector<ReactionJob> jobs;
         for (int k : ticks) jobs.push_back({&path, 0, k, {}, {}});

@@ -1,8 +1,8 @@
 /// @file
-/// Where what becomes of a free body changes abruptly with its place.
+/// Where what becomes of a body changes abruptly with its place.
 #pragma once
 
-#include "bumpstop/collision/contact/transient_paths.hpp"
+#include "bumpstop/collision/contact/contact_paths.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -10,14 +10,16 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// Offsets between a body that the arm lets go and one that it pushes on, because it speeds up meanwhile. Where alarms are
 /// `felt` also those at which the undetected body gets away just at a tick: there it stops being felt. With thresholds
 /// also those about which a joint's residual passes its threshold at a tick, where the noise is narrow.
-class FreeCuts {
+class ContactCuts {
   public:
-    FreeCuts(const TransientPaths& paths, const TransientBody& body, bool felt, const GaussianThresholds* narrow)
-        : paths_(paths), body_(body), impact_(body, paths.step), felt_(felt), narrow_(narrow) {}
+    ContactCuts(const ContactPaths& paths, const ContactPropagator& by, bool felt, const GaussianThresholds* narrow)
+        : paths_(paths), dynamics_(by), felt_(felt), narrow_(narrow) {}
 
     /// In ascending order, up to `largest` [m].
     std::vector<double> operator()(double largest) const {
         std::vector<double> cuts;
+        // A body that is held is touched again, or pressed on: nothing changes abruptly but narrow alarms.
+        if (!dynamics_.propagator().gets_away && narrow_ == nullptr) return cuts;
         Probe before;
         double reached = -HUGE_VAL;
         for (int i = std::max(0, paths_.tick_step(-1)); i <= paths_.last_step(); ++i) {
@@ -55,26 +57,28 @@ class FreeCuts {
         Probe made;
         made.offset = offset;
         made.first = i < 1 ? 0 : (i - 1) / paths_.period + 1;
-        ImpactState<double> state;
+        ContactState<double> state = dynamics_.begin();
         // The first touch comes inside a step.
         const double rise = paths_.undisturbed(i + 1) - paths_.undisturbed(i);
         const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
         for (; i < paths_.last_step() && !(state.parted > 0.5); ++i) {
             allow_interruption();
-            impact_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset, 1.0);
-            if (narrow_ != nullptr && i % paths_.period == 0)
-                feel(made, i / paths_.period, state.compression * body_.stiffness);
+            dynamics_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset, 1.0);
+            if (narrow_ != nullptr && i % paths_.period == 0) feel(made, i / paths_.period, state);
         }
         if (state.parted > 0.5) made.parted = touch + state.since / paths_.step;
         return made;
     }
 
-    void feel(Probe& made, int k, double force) const {
+    void feel(Probe& made, int k, const ContactState<double>& state) const {
         const LinePath& path = *paths_.path;
         if (k >= path.ticks) return;
         for (int w = 0; w < narrow_->watched; ++w) {
-            const double a = path.torque_per_N[std::size_t(k * path.dof + narrow_->joint[w])];
-            made.residual.push_back(narrow_->filtered(made.at_tick(k - 1, w, narrow_->watched), a * force));
+            const int joint = narrow_->joint[w];
+            const double torque = dynamics_.propagator().elastic
+                                      ? dynamics_.residual(state, joint)
+                                      : path.torque_per_N[std::size_t(k * path.dof + joint)] * state.force;
+            made.residual.push_back(narrow_->filtered(made.at_tick(k - 1, w, narrow_->watched), torque));
         }
     }
 
@@ -84,7 +88,7 @@ class FreeCuts {
     void push_on(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
         double a = low.offset, b = high.offset, end_a = contact_end(low), end_b = contact_end(high);
         // Neighbours part a step or so after each other, or half an oscillation and more.
-        if (std::fabs(end_b - end_a) < 2 + std::numbers::pi / body_.frequency() / paths_.step) return;
+        if (std::fabs(end_b - end_a) < 2 + dynamics_.propagator().half_oscillation / paths_.step) return;
         for (int i = 0; i < 30; ++i) {
             const double middle = 0.5 * (a + b), end = contact_end(probe(middle));
             const bool like_low = std::fabs(end - end_a) < std::fabs(end - end_b);
@@ -138,9 +142,8 @@ class FreeCuts {
         return 0.5 * (a + b);
     }
 
-    const TransientPaths& paths_;
-    const TransientBody& body_;
-    TransientImpact<double> impact_;
+    const ContactPaths& paths_;
+    ContactDynamics<double> dynamics_;
     bool felt_;
     const GaussianThresholds* narrow_;
 };

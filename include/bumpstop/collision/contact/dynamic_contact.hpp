@@ -1,21 +1,22 @@
 /// @file
-/// Free contact: what becomes of bodies at the nodes of panels, and of those that false alarms still reach.
+/// Contact in which something gives way: what becomes of collisions at the nodes of panels, and of those that false alarms
+/// still bring about.
 #pragma once
 
-#include "bumpstop/collision/contact/transient_collision.hpp"
+#include "bumpstop/collision/contact/contact_collision.hpp"
 #include "bumpstop/collision/distribution/interpolated_panels.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Quantities at the Gauss nodes of a density's panels: by slot of detection, and where nothing is detected.
-struct TransientNodes {
+struct ContactNodes {
     std::vector<double> peak_force, duration, force_at_detection;    ///< [slot][node] [N, s, N]
     std::vector<double> undetected_peak_force, undetected_duration;  ///< [panel][node] [N, s]
 };
 
 /// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
 /// quadrature over the same offsets.
-struct TransientAlarms {
+struct EarlyReactions {
     static constexpr int cells = 16, nodes = 12;
     std::vector<int> tick;                          ///< [piece]
     std::vector<double> mass;                       ///< [piece][cell]: probability
@@ -27,11 +28,11 @@ struct TransientAlarms {
     std::size_t pieces() const { return tick.size(); }
 };
 
-/// Collisions with a body that can get away, at a block of offsets.
+/// Collisions in which something gives way, at a block of offsets.
 template <class T>
-class FreeContact {
+class DynamicContact {
   public:
-    explicit FreeContact(const TransientReactions<T>& reactions) : reactions_(reactions) {}
+    explicit DynamicContact(const ContactReactions<T>& reactions) : reactions_(reactions) {}
 
     void begin(const OffsetPanel& panel, const T* offset) {
         int tick[lanes];
@@ -39,25 +40,25 @@ class FreeContact {
         collision_.clear();
         for (int r = 0; r < registers; ++r) collision_.emplace_back(reactions_, tick, offset[r]);
     }
-    T force(double, int i, int r) const {
-        const std::vector<T>& force = collision_[std::size_t(r)].force;
-        return std::size_t(i) < force.size() ? force[std::size_t(i)] : T(0.0);
+    T force(double, int i, int r) { return collision_[std::size_t(r)].force(i); }
+    /// What the force at the i-th tick in contact, or the arm's oscillation, is in a joint's residual.
+    T residual(T force, double torque_per_N, int joint, int i, int r) {
+        const ContactDynamics<T>& dynamics = reactions_.dynamics();
+        if (!dynamics.propagator().elastic) return torque_per_N * force;
+        return dynamics.residual(collision_[std::size_t(r)].at(i), joint);
     }
 
     static constexpr bool parts = true;
     /// 1 where a detection then is one of this contact: a body that has got away cannot be felt.
-    T touched(int i, int r) const {
-        const std::vector<T>& touched = collision_[std::size_t(r)].touched;
-        return std::size_t(i) < touched.size() ? touched[std::size_t(i)] : T(0.0);
-    }
+    T touched(int i, int r) { return collision_[std::size_t(r)].touched(i); }
 
     /// What the reactions come to that have any probability.
     void finish(const DetectionProbabilities::Panel& panel, std::size_t first, std::size_t order,
-                DetectionProbabilities& out) const {
+                DetectionProbabilities& out) {
         for (auto values : by_slot()) (out.*values).resize(out.detected.size(), 0.0);
         for (auto values : by_panel()) (out.*values).resize(out.survived.size(), 0.0);
         for (int r = 0; r < registers; ++r) {
-            const FreeCollision<T>& collision = collision_[std::size_t(r)];
+            ContactCollision<T>& collision = collision_[std::size_t(r)];
             const std::size_t node = first + std::size_t(r * lanes);
             for (int i = 0; i < panel.slots; ++i) {
                 const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
@@ -67,10 +68,13 @@ class FreeContact {
                 const auto outcome = collision.detected(since);
                 store(outcome.peak, &out.peak_force[at]);
                 store(outcome.duration, &out.duration[at]);
-                store(force(0, i, r), &out.force_at_detection[at]);
+                store(collision.force(i), &out.force_at_detection[at]);
             }
-            store(collision.peak, &out.undetected_peak_force[panel.row * order + node]);
-            store(collision.duration, &out.undetected_duration[panel.row * order + node]);
+            const std::size_t at = panel.row * order + node;
+            if (!any(load<T>(&out.survived[at]) > T(0.0))) continue;
+            const auto outcome = collision.undetected();
+            store(outcome.peak, &out.undetected_peak_force[at]);
+            store(outcome.duration, &out.undetected_duration[at]);
         }
     }
 
@@ -108,15 +112,15 @@ class FreeContact {
   private:
     static constexpr int lanes = Scalar<T>::lanes, registers = block_registers<T>;
 
-    const TransientReactions<T>& reactions_;
-    std::vector<FreeCollision<T>> collision_;  ///< by register
+    const ContactReactions<T>& reactions_;
+    std::vector<ContactCollision<T>> collision_;  ///< by register
 };
 
 namespace detail {
 
 /// Distances above `low` at which the path after tick k turns back and later goes on: bodies on this side are struck at
 /// first, those beyond when the arm swings forward again.
-inline std::vector<double> turns(const TransientPaths& paths, int k, double low) {
+inline std::vector<double> turns(const ContactPaths& paths, int k, double low) {
     constexpr double back = 1e-8;  // [m]: as well as reactions are known
     std::vector<double> found;
     const PathAfter path(paths, k, 0);
@@ -136,9 +140,9 @@ inline std::vector<double> turns(const TransientPaths& paths, int k, double low)
 
 /// Some of the false alarms at tick k, against bodies from `low` to `top`.
 template <class T>
-void add_piece(const TransientReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance,
-               double low, double top, TransientAlarms& out) {
-    constexpr int lanes = Scalar<T>::lanes, cells = TransientAlarms::cells, nodes = TransientAlarms::nodes;
+void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance, double low,
+               double top, EarlyReactions& out) {
+    constexpr int lanes = Scalar<T>::lanes, cells = EarlyReactions::cells, nodes = EarlyReactions::nodes;
     const bool fixed = offset.kind == OffsetKind::fixed;
     out.tick.push_back(k);
     std::array<double, cells + 1 + nodes> place;
@@ -168,7 +172,7 @@ void add_piece(const TransientReactions<T>& reactions, const OffsetDistribution&
             tick[lane] = k;
             first_step[lane] = 0;
         }
-        const auto outcome = reactions(ImpactState<T>(), tick, first_step, at);
+        const auto outcome = reactions(reactions.dynamics().begin(), tick, first_step, at);
         for (std::size_t i = first; i < std::min(first + lanes, place.size()); ++i) {
             force[i] = lane_of(outcome.peak, int(i - first));
             duration[i] = lane_of(outcome.duration, int(i - first));
@@ -186,8 +190,8 @@ void add_piece(const TransientReactions<T>& reactions, const OffsetDistribution&
 /// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
 /// reaches far has a piece for each swing, and the density of the offset bends little in any.
 template <class T>
-void add_alarms(const TransientReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance,
-                double low, TransientAlarms& out) {
+void add_alarms(const ContactReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance,
+                double low, EarlyReactions& out) {
     constexpr double most_sd = 0.5;  // in a piece
     const double top = std::min(reactions.paths().farthest[std::size_t(k)], offset.largest());
     if (offset.kind == OffsetKind::fixed) {

@@ -1,0 +1,235 @@
+/// @file
+/// Collisions of an arm with a body, carried on in time.
+#pragma once
+
+#include "bumpstop/collision/contact/contact_propagator.hpp"
+#include "bumpstop/collision/contact/hermite_course.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// An arm this far from a body does not touch it, whatever rounding does [m].
+inline constexpr double separation_tolerance = 1e-12;
+
+/// One collision in each lane.
+template <class T>
+struct ContactState {
+    int states = 0;   ///< entries of `z` in use; the others are not set
+    T touched = 0.0;  ///< 1 since the first touch
+    T contact = 0.0;  ///< 1 while arm and body push one another
+    T parted = 0.0;   ///< 1 once a body that nothing holds has got away
+    T force = 0.0;    ///< of the contact [N]
+    T peak = 0.0;     ///< greatest force so far [N]
+    T since = 0.0;    ///< time in contact [s]
+    T speed = 0.0;    ///< of the reference in the step before [m/s]
+    std::array<T, ContactSystem::max_states> z;
+
+    explicit ContactState(int count = 0) : states(count) { std::fill_n(z.begin(), count, T(0.0)); }
+    ContactState(const ContactState& other) { *this = other; }
+    ContactState& operator=(const ContactState& other) {
+        states = other.states;
+        for (auto member : values()) this->*member = other.*member;
+        std::copy_n(other.z.begin(), states, z.begin());
+        return *this;
+    }
+
+    /// Takes one lane of another collision.
+    void take_lane(const ContactState& other, int lane) {
+        if (states == 0) std::fill_n(z.begin(), states = other.states, T(0.0));
+        for (auto member : values()) set_lane(this->*member, lane, lane_of(other.*member, lane));
+        for (int i = 0; i < states; ++i) set_lane(z[std::size_t(i)], lane, lane_of(other.z[std::size_t(i)], lane));
+    }
+
+    /// Lanes in which arm and body push one another.
+    MaskOf<T> together() const { return contact > T(0.5); }
+    /// Lanes in which something goes on in a step that ends at `to`: the body has been touched, or is touched then.
+    MaskOf<T> meets(T to, T offset) const {
+        return (parted < T(0.5)) & ((touched > T(0.5)) | (to > offset - T(separation_tolerance)));
+    }
+
+  private:
+    static constexpr auto values() {
+        return std::array{&ContactState::touched, &ContactState::contact, &ContactState::parted, &ContactState::force,
+                          &ContactState::peak,    &ContactState::since,   &ContactState::speed};
+    }
+};
+
+/// Carries collisions on, one simulation step at a time. The reference goes straight in time within a step. A step is cut
+/// where arm and body meet or part: on either side of the cut the system is linear, and its solution exact.
+template <class T>
+class ContactDynamics {
+  public:
+    using State = ContactState<T>;
+
+    explicit ContactDynamics(const ContactPropagator& by) : by_(&by), states_(by.states) {}
+
+    const ContactPropagator& propagator() const { return *by_; }
+    State begin() const { return State(states_); }
+
+    /// Goes on by one simulation step, in which the reference goes from `from` to `to`; `offset` is where the body stands at
+    /// rest. Lanes with `active` 0 stay as they are.
+    void step(State& at, T from, T to, T offset, T active) const {
+        const T speed = (to - from) * (1 / by_->step);
+        const auto moves = (active > T(0.5)) & (at.parted < T(0.5));
+        if (by_->jerks) {
+            const T change = select(moves, speed - at.speed, T(0.0));
+            for (int i = 0; i < states_; ++i) at.z[std::size_t(i)] += by_->jump[std::size_t(i)] * change;
+        }
+        at.speed = select(moves, speed, at.speed);
+        for (int piece = 0; piece < by_->pieces; ++piece)
+            advance(at, from - offset + speed * (by_->piece * piece), speed, moves & (at.parted < T(0.5)));
+    }
+
+    /// What a detector sees of a joint of an elastic arm [Nm].
+    T residual(const State& at, int joint) const {
+        const Row& row = by_->residual[std::size_t(joint)];
+        T sum = 0.0;
+        for (int i = 0; i < states_; ++i) sum += row[std::size_t(i)] * at.z[std::size_t(i)];
+        return sum;
+    }
+    /// The arm of a lane stands still for good, its reference `beyond` the body's place: a clamped body is pressed on.
+    void rest(State& at, T beyond, int lane) const {
+        if (!lane_of(at.together(), lane) || by_->gets_away) return;
+        set_lane(at.force, lane, std::max(0.0, lane_of(beyond, lane)) * by_->static_stiffness);
+        set_lane(at.peak, lane, std::max(lane_of(at.peak, lane), lane_of(at.force, lane)));
+        set_lane(at.since, lane, HUGE_VAL);
+    }
+
+  private:
+    using Row = ContactPropagator::Row;
+    static constexpr int max_cuts = 16;  ///< of a piece; an arm that chatters faster stays as it is until its end
+
+    T dot(const Row& row, const State& at, T r, T speed) const {
+        T sum = row[std::size_t(states_)] * r + row[std::size_t(states_) + 1] * speed;
+        for (int i = 0; i < states_; ++i) sum += row[std::size_t(i)] * at.z[std::size_t(i)];
+        return sum;
+    }
+
+    /// Goes on by a share of a piece; all of it where `whole`.
+    void propagate(const Transitions& by, T* z, T r, T speed, T share, bool whole) const {
+        std::array<T, ContactSystem::max_size> x;
+        const auto take = [&](int h, const MaskOf<T>* lanes) {
+            std::copy_n(z, states_, x.begin());
+            x[std::size_t(states_)] = r;
+            x[std::size_t(states_) + 1] = speed;
+            if (lanes == nullptr) return by.add(h, x.data(), z, states_);
+            std::array<T, ContactSystem::max_states> to;
+            std::copy_n(z, states_, to.begin());
+            by.add(h, x.data(), to.data(), states_);
+            for (int i = 0; i < states_; ++i) z[i] = select(*lanes, to[std::size_t(i)], z[i]);
+        };
+        if (whole) return take(0, nullptr);
+        double part = 1;
+        for (int h = 0; h <= by.halvings(); ++h, part /= 2) {
+            const auto used = share >= T(part);
+            if (!any(used)) continue;
+            take(h, &used);
+            r = select(used, r + speed * (by_->piece * part), r);
+            share = select(used, share - T(part), share);
+        }
+        if (!any(share > T(0.0))) return;
+        // What is left is short: its series.
+        std::copy_n(z, states_, x.begin());
+        x[std::size_t(states_)] = r;
+        x[std::size_t(states_) + 1] = speed;
+        for (int k = 1; k <= 5; ++k) {
+            std::array<T, ContactSystem::max_size> rate;
+            std::fill_n(rate.begin(), states_, T(0.0));
+            by.add_rate(x.data(), rate.data(), states_);
+            const T factor = share * (by_->piece / k);
+            for (int i = 0; i < states_; ++i) {
+                x[std::size_t(i)] = rate[std::size_t(i)] * factor;
+                z[i] += x[std::size_t(i)];
+            }
+            x[std::size_t(states_)] = k == 1 ? speed * factor : T(0.0);
+            x[std::size_t(states_) + 1] = 0.0;
+        }
+    }
+
+    /// Lanes in contact, and lanes that drift apart from the body, go on by a share of a piece.
+    void move(State& at, MaskOf<T> in_contact, MaskOf<T> drifts, T r, T speed, T share, bool whole) const {
+        for (const auto& [lanes, by] : {std::pair{in_contact, &by_->together}, std::pair{drifts, &by_->apart}}) {
+            if (!any(lanes)) continue;
+            if (all(lanes)) return propagate(*by, at.z.data(), r, speed, share, whole);
+            std::array<T, ContactSystem::max_states> z;
+            std::copy_n(at.z.begin(), states_, z.begin());
+            propagate(*by, z.data(), r, speed, share, whole);
+            for (int i = 0; i < states_; ++i)
+                at.z[std::size_t(i)] = select(lanes, z[std::size_t(i)], at.z[std::size_t(i)]);
+        }
+    }
+
+    void advance(State& at, T r, T speed, MaskOf<T> open) const {
+        if (!by_->jerks && !any(open & ((at.touched > T(0.5)) | (r + speed * by_->piece > T(0.0))))) return;
+        T left = 1.0;  // share of the piece
+        for (int cut = 0; any(open) && cut < max_cuts; ++cut) {
+            const auto in_contact = open & at.together(), loose = open & !at.together();
+            // An arm that has touched nothing yet, and feeds its acceleration forward, is where its reference is.
+            const auto drifts = by_->jerks ? loose : loose & (at.touched > T(0.5));
+            const T time = left * by_->piece, end = r + speed * time;
+            State next = at;
+            move(next, in_contact, drifts, r, speed, left, cut == 0);
+            T share = 1.0;  // of what is left, when arm and body meet or part
+            auto meets = loose, parts = in_contact;
+            const T force0 = dot(by_->force[0], at, r, speed), force1 = dot(by_->force[0], next, end, speed);
+            if (any(in_contact)) {
+                const T rate0 = dot(by_->force[1], at, r, speed) * time,
+                        rate1 = dot(by_->force[1], next, end, speed) * time;
+                parts = in_contact & (force1 < T(0.0));
+                const auto turns = in_contact & (rate0 > T(0.0)) & (rate1 < T(0.0));
+                T highest = max(force0, force1);
+                if (any(turns | parts)) {
+                    const T square = time * time;
+                    const HermiteCourse<T> course(force0, rate0, dot(by_->force[2], at, r, speed) * square, force1,
+                                                  rate1, dot(by_->force[2], next, end, speed) * square);
+                    highest = select(turns, max(highest, course.summit()), highest);
+                    share = select(parts, course.root(), share);
+                }
+                next.peak = select(in_contact, max(at.peak, highest), next.peak);
+                next.since = select(in_contact, at.since + share * time, next.since);
+            }
+            if (any(loose)) {
+                const T gap0 = dot(by_->gap[0], at, r, speed), gap1 = dot(by_->gap[0], next, end, speed);
+                meets = loose & (gap1 > T(0.0)) & (force1 > T(0.0));
+                if (any(meets)) {
+                    const HermiteCourse<T> course(gap0, dot(by_->gap[1], at, r, speed) * time, gap1,
+                                                  dot(by_->gap[1], next, end, speed) * time);
+                    // A body with damping may be pressed still where its force ended: then the force tells.
+                    const T pressed = select(force0 < T(0.0), force0 / (force0 - force1), T(0.0));
+                    share = select(meets, select(gap0 < T(0.0), course.root(), pressed), share);
+                }
+            }
+            const auto cuts = meets | parts;
+            if (any(cuts)) {
+                State there = at;
+                move(there, parts, drifts & meets, r, speed, left * share, false);
+                for (int i = 0; i < states_; ++i)
+                    next.z[std::size_t(i)] = select(cuts, there.z[std::size_t(i)], next.z[std::size_t(i)]);
+            }
+            next.contact = select(meets, T(1.0), select(parts, T(0.0), next.contact));
+            next.touched = select(meets, T(1.0), next.touched);
+            if (by_->gets_away) next.parted = select(parts, T(1.0), next.parted);
+            next.force = select(in_contact & !parts, force1, T(0.0));
+            take(at, next, open);
+            r = select(cuts, r + speed * time * share, end);
+            left = select(cuts, left * (1.0 - share), T(0.0));
+            open = open & cuts & (at.parted < T(0.5)) & (left > T(0.0));
+        }
+    }
+
+    static void take(State& to, const State& from, MaskOf<T> lanes) {
+        if (all(lanes)) {
+            to = from;
+            return;
+        }
+        for (auto member :
+             {&State::touched, &State::contact, &State::parted, &State::force, &State::peak, &State::since})
+            to.*member = select(lanes, from.*member, to.*member);
+        for (int i = 0; i < to.states; ++i)
+            to.z[std::size_t(i)] = select(lanes, from.z[std::size_t(i)], to.z[std::size_t(i)]);
+    }
+
+    const ContactPropagator* by_;
+    int states_;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

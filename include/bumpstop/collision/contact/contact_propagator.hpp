@@ -1,0 +1,125 @@
+/// @file
+/// How arm and body go on over a time, exactly.
+#pragma once
+
+#include "bumpstop/collision/contact/contact_system.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// exp(A t) - 1 for t = duration, duration / 2, duration / 4 and so on, until A t is small. Kept without the 1: that keeps
+/// the digits of what hardly changes.
+class Transitions {
+  public:
+    Transitions() = default;
+    Transitions(const detail::SquareMatrix& a, double duration) : size_(a.size()), stride_((a.size() + 3) / 4 * 4) {
+        constexpr double small = 1.0 / 128;
+        int halvings = 0;
+        double t = duration;
+        for (const double norm = a.norm(); norm * t > small; t /= 2) ++halvings;
+        // The series by Horner's rule: small^7 / 5040 is beyond the last digit.
+        const detail::SquareMatrix step = t * a;
+        detail::SquareMatrix psi = step;
+        for (int k = 6; k > 1; --k) psi = step + (1.0 / k) * (step * psi);
+        by_halving_.resize(std::size_t(halvings) + 1);
+        keep(a, generator_);
+        keep(psi, by_halving_.back());
+        for (int h = halvings; h-- > 0;) {
+            psi = 2.0 * psi + psi * psi;
+            keep(psi, by_halving_[std::size_t(h)]);
+        }
+    }
+
+    int halvings() const { return int(by_halving_.size()) - 1; }
+    /// Adds to the first `rows` of y what duration / 2^h changes of x.
+    template <class T>
+    void add(int h, const T* x, T* y, int rows) const {
+        multiply(by_halving_[std::size_t(h)].data(), x, y, rows);
+    }
+    /// Adds A x to the first `rows` of y.
+    template <class T>
+    void add_rate(const T* x, T* y, int rows) const {
+        multiply(generator_.data(), x, y, rows);
+    }
+
+  private:
+    template <class T>
+    void multiply(const double* column, const T* x, T* y, int rows) const {
+        int i = 0;
+        for (; i + 4 <= rows; i += 4) {
+            T sum0 = y[i], sum1 = y[i + 1], sum2 = y[i + 2], sum3 = y[i + 3];
+            const double* from = column + i;
+            for (int j = 0; j < size_; ++j, from += stride_) {
+                const T here = x[j];
+                sum0 += from[0] * here;
+                sum1 += from[1] * here;
+                sum2 += from[2] * here;
+                sum3 += from[3] * here;
+            }
+            y[i] = sum0;
+            y[i + 1] = sum1;
+            y[i + 2] = sum2;
+            y[i + 3] = sum3;
+        }
+        for (; i < rows; ++i) {
+            T sum = y[i];
+            for (int j = 0; j < size_; ++j) sum += column[j * stride_ + i] * x[j];
+            y[i] = sum;
+        }
+    }
+
+    void keep(const detail::SquareMatrix& psi, std::vector<double>& out) const {
+        out.assign(std::size_t(stride_ * size_), 0.0);
+        for (int j = 0; j < size_; ++j)
+            for (int i = 0; i < size_; ++i) out[std::size_t(j * stride_ + i)] = psi(i, j);
+    }
+
+    int size_ = 0, stride_ = 0;
+    std::vector<double> generator_;                ///< A, [column][row]
+    std::vector<std::vector<double>> by_halving_;  ///< [halving][column][row]
+};
+
+/// All that carrying collisions on in time needs of a system, for one simulation step.
+struct ContactPropagator {
+    static constexpr double max_turn = 0.4;  ///< of the oscillation in contact, in a piece of a step [rad]
+
+    ContactPropagator(const ContactSystem& system, double step)
+        : states(system.states()),
+          elastic(system.arm().dof > 0),
+          gets_away(system.body().gets_away()),
+          step(step),
+          pieces(std::max(1, int(std::ceil(system.frequency() * step / max_turn)))),
+          piece(step / pieces),
+          static_stiffness(system.static_stiffness()),
+          half_oscillation(std::numbers::pi / system.frequency()) {
+        const detail::SquareMatrix in_contact = system.matrix(true), alone = system.matrix(false);
+        together = Transitions(in_contact, piece);
+        apart = Transitions(alone, piece);
+        force[0] = system.force();
+        force[1] = system.rate(force[0], in_contact);
+        force[2] = system.rate(force[1], in_contact);
+        gap[0] = system.gap();
+        gap[1] = system.rate(gap[0], alone);
+        jerks = elastic && !system.arm().feeds_all_forward();
+        if (jerks) jump = system.jump();
+        for (int j = 0; j < system.arm().dof; ++j) residual.push_back(system.residual(j));
+    }
+
+    using Row = ContactSystem::Row;
+
+    int states;
+    bool elastic;             ///< the arm gives way
+    bool gets_away;           ///< nothing holds the body
+    double step;              ///< simulation step [s]
+    int pieces;               ///< of a step, each a small part of an oscillation
+    double piece;             ///< [s]
+    double static_stiffness;  ///< ContactSystem::static_stiffness [N/m]
+    double half_oscillation;  ///< of contact [s]
+    Transitions together, apart;
+    std::array<Row, 3> force;   ///< and its rates in contact
+    std::array<Row, 2> gap;     ///< and its rate apart
+    bool jerks;                 ///< some acceleration of the reference is not fed forward:
+    Row jump{};                 ///< what a change of its speed does
+    std::vector<Row> residual;  ///< by joint, of an elastic arm
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

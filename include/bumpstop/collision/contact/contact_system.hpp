@@ -1,0 +1,313 @@
+/// @file
+/// What meets in a collision, as one linear system: the arm's deviation from its reference, and the body.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "bumpstop/model/chain.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// What the arm meets: a spring with damping against the ground or against a mass, which may stand on a spring itself.
+///
+/// | body | stiffness | mass | ground_stiffness |
+/// |---|---|---|---|
+/// | clamped | of the body | 0 | |
+/// | free to move | of the body | of the body | 0 |
+/// | gauge | of its pad | of what moves | of its spring |
+struct ContactBody {
+    double stiffness = 0;         ///< K [N/m]
+    double damping = 0;           ///< c [Ns/m]
+    double mass = 0;              ///< behind the spring [kg]; 0: the body is clamped
+    double ground_stiffness = 0;  ///< that holds the mass [N/m]; 0: it is free
+
+    bool clamped() const { return !(mass > 0); }
+    /// A body that parts from the arm is gone: nothing holds it.
+    bool gets_away() const { return mass > 0 && !(ground_stiffness > 0); }
+};
+
+/// Links and rotors joined by gears that are springs, held to the reference path by a position servo, linear about the
+/// pose of contact. With dq and dth the deviations of links and rotors from the reference q_r:
+///
+///     M dq''  = Kg (dth - dq) + Dg (dth' - dq') - a F - (1 - f) M q_r''
+///     B dth'' = -Kg (dth - dq) - Dg (dth' - dq') - P dth - D dth' - (1 - f) B q_r''
+///
+/// where F is the contact force, a = J' n its torque per newton, and q_r'' = g s'' with s the path along the normal.
+struct ElasticArm {
+    int dof = 0;                                         ///< 0: the arm is rigid and follows its reference
+    std::array<double, max_joints * max_joints> mass{};  ///< M of the links, [row][column] with dof columns [kg m2]
+    std::array<double, max_joints> rotor_inertia{};      ///< B, seen at the joint [kg m2]
+    std::array<double, max_joints> gear_stiffness{};     ///< Kg [Nm/rad]
+    std::array<double, max_joints> gear_damping{};       ///< Dg [Nms/rad]
+    std::array<double, max_joints> position_gain{};      ///< P [Nm/rad]
+    std::array<double, max_joints> velocity_gain{};      ///< D [Nms/rad]
+    std::array<double, max_joints> feedforward{};        ///< f, share of the acceleration fed forward [1]
+    std::array<double, max_joints> torque_per_N{};       ///< a [Nm/N]
+    std::array<double, max_joints> rate_per_speed{};     ///< g, joint rates per unit of s' [rad/m]
+
+    bool feeds_all_forward() const {
+        return std::all_of(feedforward.begin(), feedforward.begin() + dof, [](double f) { return f == 1; });
+    }
+};
+
+namespace detail {
+
+/// Square matrix of doubles, rows padded to a register's length.
+class SquareMatrix {
+  public:
+    SquareMatrix() = default;
+    explicit SquareMatrix(int n) : n_(n), stride_((n + 7) / 8 * 8), value_(std::size_t(n * stride_), 0.0) {}
+
+    int size() const { return n_; }
+    double& operator()(int i, int j) { return value_[std::size_t(i * stride_ + j)]; }
+    double operator()(int i, int j) const { return value_[std::size_t(i * stride_ + j)]; }
+
+    friend SquareMatrix operator*(const SquareMatrix& a, const SquareMatrix& b) {
+        SquareMatrix c(a.n_);
+        const int s = a.stride_;
+        for (int i = 0; i < a.n_; ++i) {
+            double* to = &c.value_[std::size_t(i * s)];
+            for (int k = 0; k < a.n_; ++k) {
+                const double factor = a(i, k);
+                if (factor == 0) continue;
+                const double* row = &b.value_[std::size_t(k * s)];
+                for (int j = 0; j < s; ++j) to[j] += factor * row[j];
+            }
+        }
+        return c;
+    }
+    friend SquareMatrix operator+(SquareMatrix a, const SquareMatrix& b) {
+        for (std::size_t i = 0; i < a.value_.size(); ++i) a.value_[i] += b.value_[i];
+        return a;
+    }
+    friend SquareMatrix operator*(double f, SquareMatrix a) {
+        for (double& value : a.value_) value *= f;
+        return a;
+    }
+    /// The greatest sum of a row's magnitudes.
+    double norm() const {
+        double most = 0;
+        for (int i = 0; i < n_; ++i) {
+            double sum = 0;
+            for (int j = 0; j < n_; ++j) sum += std::fabs((*this)(i, j));
+            most = std::max(most, sum);
+        }
+        return most;
+    }
+
+  private:
+    int n_ = 0, stride_ = 0;
+    std::vector<double> value_;
+};
+
+/// Inverse of a symmetric, positive definite matrix [row][column] of n columns; by Gauss and Jordan without pivots, which
+/// such a matrix does not need.
+inline std::vector<double> inverse(const double* matrix, int n) {
+    std::vector<double> a(matrix, matrix + n * n), inv(std::size_t(n * n), 0.0);
+    for (int i = 0; i < n; ++i) inv[std::size_t(i * n + i)] = 1;
+    for (int k = 0; k < n; ++k) {
+        const double pivot = 1 / a[std::size_t(k * n + k)];
+        for (int j = 0; j < n; ++j) {
+            a[std::size_t(k * n + j)] *= pivot;
+            inv[std::size_t(k * n + j)] *= pivot;
+        }
+        for (int i = 0; i < n; ++i) {
+            if (i == k) continue;
+            const double factor = a[std::size_t(i * n + k)];
+            for (int j = 0; j < n; ++j) {
+                a[std::size_t(i * n + j)] -= factor * a[std::size_t(k * n + j)];
+                inv[std::size_t(i * n + j)] -= factor * inv[std::size_t(k * n + j)];
+            }
+        }
+    }
+    return inv;
+}
+
+}  // namespace detail
+
+/// Arm and body as a first-order system z' = A z, in contact and apart. z holds, in this order, the deviations of the links,
+/// of the rotors and of the body [rad, m], their rates over `rate_unit`, the distance r of the reference beyond the body's
+/// place at rest [m], and its speed [m/s].
+class ContactSystem {
+  public:
+    static constexpr int max_states = 4 * max_joints + 2, max_size = max_states + 2;
+    using Row = std::array<double, max_size>;
+
+    ContactSystem(const ElasticArm& arm, const ContactBody& body) : arm_(arm), body_(body) {
+        const int n = arm.dof, m = coordinates();
+        if (n > 0) inverse_ = detail::inverse(arm.mass.data(), n);
+        double softness = body.mass > 0 ? 1 / body.mass : 0;  // of what meets: 1 / mass
+        for (int i = 0; i < n; ++i)
+            for (int j = 0; j < n; ++j)
+                softness += arm.torque_per_N[std::size_t(i)] * inverse_[std::size_t(i * n + j)] *
+                            arm.torque_per_N[std::size_t(j)];
+        frequency_ = std::sqrt(body.stiffness * softness);
+        rate_unit_ = 1;
+        if (m > 0) {
+            double most = 0;
+            for (int i = 0; i < m; ++i) {
+                double sum = 0;
+                for (const double value : accelerations(i, true)) sum += std::fabs(value);
+                most = std::max(most, sum);
+            }
+            rate_unit_ = std::sqrt(std::max(most, 1.0));
+        }
+    }
+
+    const ElasticArm& arm() const { return arm_; }
+    const ContactBody& body() const { return body_; }
+    int coordinates() const { return 2 * arm_.dof + (body_.mass > 0 ? 1 : 0); }
+    int states() const { return 2 * coordinates(); }
+    int size() const { return states() + 2; }
+    double rate_unit() const { return rate_unit_; }  ///< rad/s
+    /// Of the links and the body on the contact spring, did gears and servo not hold them [rad/s]; 0: nothing moves.
+    double frequency() const { return frequency_; }
+
+    detail::SquareMatrix matrix(bool in_contact) const {
+        const int m = coordinates(), n = states();
+        detail::SquareMatrix a(n + 2);
+        for (int i = 0; i < m; ++i) {
+            a(i, m + i) = rate_unit_;
+            const Row by_position = accelerations(i, in_contact), by_rate = dampings(i, in_contact);
+            for (int j = 0; j < m; ++j) {
+                a(m + i, j) = by_position[std::size_t(j)] / rate_unit_;
+                a(m + i, m + j) = by_rate[std::size_t(j)];
+            }
+            a(m + i, n) = by_position[std::size_t(m)] / rate_unit_;
+            a(m + i, n + 1) = by_rate[std::size_t(m)] / rate_unit_;
+        }
+        a(n, n + 1) = 1;
+        return a;
+    }
+
+    /// How deep the arm is in the body: r + a' dq - x.
+    Row gap() const {
+        Row row{};
+        const int m = coordinates(), n = arm_.dof;
+        for (int j = 0; j < n; ++j) row[std::size_t(j)] = arm_.torque_per_N[std::size_t(j)];
+        if (body_.mass > 0) row[std::size_t(m - 1)] = -1;
+        row[std::size_t(states())] = 1;
+        return row;
+    }
+    /// K gap + c gap', the force where it is positive.
+    Row force() const {
+        const int m = coordinates();
+        const Row gap = this->gap();
+        Row row{};
+        for (int j = 0; j < m; ++j) {
+            row[std::size_t(j)] = body_.stiffness * gap[std::size_t(j)];
+            row[std::size_t(m + j)] = body_.damping * rate_unit_ * gap[std::size_t(j)];
+        }
+        row[std::size_t(states())] = body_.stiffness;
+        row[std::size_t(states()) + 1] = body_.damping;
+        return row;
+    }
+    /// The rate of what a row tells, in contact or apart.
+    Row rate(const Row& row, const detail::SquareMatrix& a) const {
+        Row out{};
+        for (int i = 0; i < size(); ++i)
+            for (int j = 0; j < size(); ++j) out[std::size_t(j)] += row[std::size_t(i)] * a(i, j);
+        return out;
+    }
+    /// What a detector sees of joint j, that takes the rates of the rotors for the links': the torque of the gear less what
+    /// accelerates the links, tau_g - (M dth'')_j.
+    Row residual(int joint) const {
+        const int n = arm_.dof, m = coordinates();
+        Row row{};
+        const auto gear = [&](int k, double factor) {
+            const double stiffness = factor * arm_.gear_stiffness[std::size_t(k)];
+            const double damping = factor * arm_.gear_damping[std::size_t(k)] * rate_unit_;
+            row[std::size_t(n + k)] += stiffness;
+            row[std::size_t(k)] -= stiffness;
+            row[std::size_t(m + n + k)] += damping;
+            row[std::size_t(m + k)] -= damping;
+        };
+        gear(joint, 1.0);
+        for (int k = 0; k < n; ++k) {
+            // -M dth'' = M B^-1 (tau_g + P dth + D dth')
+            const double share = arm_.mass[std::size_t(joint * n + k)] / arm_.rotor_inertia[std::size_t(k)];
+            gear(k, share);
+            row[std::size_t(n + k)] += share * arm_.position_gain[std::size_t(k)];
+            row[std::size_t(m + n + k)] += share * arm_.velocity_gain[std::size_t(k)] * rate_unit_;
+        }
+        return row;
+    }
+    /// What a change of the reference's speed by 1 m/s does to the rates, where the acceleration is not fed forward.
+    Row jump() const {
+        const int n = arm_.dof, m = coordinates();
+        Row jump{};
+        for (int i = 0; i < n; ++i) {
+            double missing = 0;
+            for (int j = 0; j < n; ++j) {
+                double torque = 0;  // (M g)_j
+                for (int k = 0; k < n; ++k)
+                    torque += arm_.mass[std::size_t(j * n + k)] * arm_.rate_per_speed[std::size_t(k)];
+                missing += inverse_[std::size_t(i * n + j)] * (1 - arm_.feedforward[std::size_t(j)]) * torque;
+            }
+            jump[std::size_t(m + i)] = -missing / rate_unit_;
+            jump[std::size_t(m + n + i)] =
+                -(1 - arm_.feedforward[std::size_t(i)]) * arm_.rate_per_speed[std::size_t(i)] / rate_unit_;
+        }
+        return jump;
+    }
+    /// Force per metre of r where everything has come to rest [N/m]; 0 where the body gets away or nothing holds the arm.
+    double static_stiffness() const {
+        if (body_.gets_away()) return 0;
+        double compliance = 1 / body_.stiffness;
+        if (body_.mass > 0) compliance += 1 / body_.ground_stiffness;
+        for (int j = 0; j < arm_.dof; ++j) {
+            const double a = arm_.torque_per_N[std::size_t(j)];
+            if (a == 0) continue;
+            compliance += a * a * (1 / arm_.gear_stiffness[std::size_t(j)] + 1 / arm_.position_gain[std::size_t(j)]);
+        }
+        return 1 / compliance;
+    }
+
+  private:
+    /// Acceleration of coordinate i by the coordinates, and at last by r.
+    Row accelerations(int i, bool in_contact) const {
+        return by(i, in_contact ? body_.stiffness : 0.0, body_.ground_stiffness, arm_.gear_stiffness,
+                  arm_.position_gain);
+    }
+    /// The same by their rates, and by the speed of the reference.
+    Row dampings(int i, bool in_contact) const {
+        return by(i, in_contact ? body_.damping : 0.0, 0.0, arm_.gear_damping, arm_.velocity_gain);
+    }
+    Row by(int i, double contact, double ground, const std::array<double, max_joints>& gear,
+           const std::array<double, max_joints>& servo) const {
+        const int n = arm_.dof, m = coordinates();
+        const Row gap = this->gap();
+        Row row{};
+        if (i < n) {
+            for (int k = 0; k < n; ++k) {
+                const double by_torque = inverse_[std::size_t(i * n + k)];
+                row[std::size_t(n + k)] += by_torque * gear[std::size_t(k)];
+                row[std::size_t(k)] -= by_torque * gear[std::size_t(k)];
+                const double push = by_torque * arm_.torque_per_N[std::size_t(k)] * contact;
+                for (int j = 0; j < m; ++j) row[std::size_t(j)] -= push * gap[std::size_t(j)];
+                row[std::size_t(m)] -= push;
+            }
+        } else if (i < 2 * n) {
+            const std::size_t k = std::size_t(i - n);
+            const double by_torque = 1 / arm_.rotor_inertia[k];
+            row[k] += by_torque * gear[k];
+            row[std::size_t(i)] -= by_torque * (gear[k] + servo[k]);
+        } else {
+            for (int j = 0; j < m; ++j) row[std::size_t(j)] = contact / body_.mass * gap[std::size_t(j)];
+            row[std::size_t(i)] -= ground / body_.mass;
+            row[std::size_t(m)] = contact / body_.mass;
+        }
+        return row;
+    }
+
+    ElasticArm arm_;
+    ContactBody body_;
+    std::vector<double> inverse_;  ///< of M
+    double frequency_ = 0, rate_unit_ = 1;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
