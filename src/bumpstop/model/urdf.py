@@ -1,7 +1,7 @@
 """URDF files: from XML to a plain tree of links and joints, everything in it checked.
 
-Read are the links with their inertia and their meshes' names, and the joints. Of other elements only those whose name
-is nearly one of these are refused: a misspelt ``inertial`` must not lose a mass.
+Read are the links with their inertia and their meshes' names, the joints, and what is told of their motors. Of other
+elements only those whose name is nearly one of these are refused: a misspelt ``inertial`` must not lose a mass.
 
 A file holds more than the arm that is asked for: an antenna on the base, a second arm. So a link or a joint that is
 wrong in itself keeps its fault, and whoever needs that link or joint raises it. What is wrong with the tree is raised
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError, near_matches
+from bumpstop.model.drive_train.urdf_drives import armature, effort_limit, transmission_rotors
 from bumpstop.model.inertia import LinkInertia, Matrix3, Vector3, vector3
 from bumpstop.model.urdf_xml import (
     check_attributes,
@@ -88,6 +89,8 @@ class UrdfJoint:
         axis: unit vector in the joint's frame.
         lower, upper: limits [rad or m]; infinite for continuous joints.
         velocity: largest speed [rad/s or m/s].
+        effort: largest torque or force [Nm or N]; infinite: none told.
+        rotor_inertia: of the motor, reflected to the joint [kg m2 or kg]; nan: none told.
         mimics: name of the joint it follows, or None.
         fault: what is wrong with it, or None; all but its name and its links then mean nothing.
     """
@@ -102,6 +105,8 @@ class UrdfJoint:
     lower: float = -math.inf
     upper: float = math.inf
     velocity: float = math.inf
+    effort: float = math.inf
+    rotor_inertia: float = math.nan
     mimics: str | None = None
     fault: InputError | None = None
 
@@ -154,11 +159,12 @@ def read_urdf(path: Path) -> UrdfTree:
     if not links:
         raise InputError(where, "has no links", "wanted links and joints")
     joints: dict[str, UrdfJoint] = {}
+    rotors = transmission_rotors(root)
     for element in children(root, "joint"):
         joint = _joint(element, where, links)
         if joint.name in joints:
             raise InputError(f"{where}: joint {joint.name!r}", "occurs twice", "wanted every joint once")
-        joints[joint.name] = joint
+        joints[joint.name] = replace(joint, rotor_inertia=rotors.get(joint.name, joint.rotor_inertia))
     for joint in joints.values():
         if joint.mimics is not None and joint.mimics not in joints:
             near = near_matches(joint.mimics, joints)
@@ -252,6 +258,8 @@ def _motion(element: Element, joint: UrdfJoint, where: str) -> UrdfJoint:
         lower=lower,
         upper=upper,
         velocity=velocity,
+        effort=effort_limit(only(element, "limit", where)),
+        rotor_inertia=armature(element),
         mimics=None if mimic is None else name_of(mimic, "joint", f"{where} mimic"),
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
 from bumpstop.kernels import core
+from bumpstop.model.drive_train.urdf_drives import with_drives
 from bumpstop.model.inertia import LinkInertia, matrix3, merged, vector3
 from bumpstop.model.robot import Frame, Joint, Robot
 from bumpstop.model.urdf import OTHER_KINDS, UrdfJoint, UrdfTree, read_urdf
@@ -100,7 +101,8 @@ def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_ine
         inertia_status="unknown" if without else "unverified",
         inertia_source="" if without else f"the URDF file {path.name}",
     )
-    return replace(robot, warnings=(*robot.warnings, *robot.inertia_doubts))
+    robot = replace(robot, warnings=(*robot.warnings, *robot.inertia_doubts))
+    return with_drives(robot, [joint.effort for joint in chain], [joint.rotor_inertia for joint in chain], path.name)
 
 
 def _default_base(tree: UrdfTree, tip: str | None) -> str:

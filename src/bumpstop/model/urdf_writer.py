@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 def write_urdf(robot: Robot, path: str | Path) -> None:
     """Write the chain of a robot as URDF: joints with limits, links with inertia, the tip and other frames.
 
+    Torque limits are efforts; 0 where they are unknown.
+
     URDF has no place for the inertia of rotors, nor for what is known of sources: those are left out. A joint without
     limits becomes ``continuous``.
 
@@ -33,11 +35,11 @@ def write_urdf(robot: Robot, path: str | Path) -> None:
     links = {robot.tip_name, *(joint.link for joint in robot.joints), *(frame.name for frame in robot.frames)}
     before = _other_than(links, "base_link")
     Xml.SubElement(root, "link", name=before)
-    for joint in robot.joints:
+    for joint, limit in zip(robot.joints, robot.drive_train.torque_limit, strict=True):
         link = Xml.SubElement(root, "link", name=joint.link)
         if joint.inertia is not None:
             _inertial(link, joint.inertia)
-        _joint(root, joint, before)
+        _joint(root, joint, before, repr(float(limit)) if math.isfinite(limit) else "0")
         before = joint.link
     last = robot.joints[-1].link
     fixed = [(frame.name, robot.joints[frame.link].link, frame.origin, frame.rotation) for frame in robot.frames]
@@ -62,7 +64,7 @@ def _other_than(names: set[str], wanted: str) -> str:
     return wanted
 
 
-def _joint(root: Xml.Element, joint: Joint, before: str) -> None:
+def _joint(root: Xml.Element, joint: Joint, before: str, effort: str) -> None:
     ends = [math.isfinite(joint.lower), math.isfinite(joint.upper)]
     free = joint.kind == "revolute" and not any(ends)
     if not free and not (all(ends) and math.isfinite(joint.velocity)):
@@ -72,7 +74,7 @@ def _joint(root: Xml.Element, joint: Joint, before: str) -> None:
     Xml.SubElement(element, "axis", xyz=_text(joint.axis))
     limit = {} if free else {"lower": repr(float(joint.lower)), "upper": repr(float(joint.upper))}
     if math.isfinite(joint.velocity):
-        Xml.SubElement(element, "limit", limit | {"velocity": repr(float(joint.velocity)), "effort": "0"})
+        Xml.SubElement(element, "limit", limit | {"velocity": repr(float(joint.velocity)), "effort": effort})
 
 
 def _inertial(link: Xml.Element, inertia: LinkInertia) -> None:
