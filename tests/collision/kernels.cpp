@@ -132,7 +132,7 @@ void check_memory_and_free_contact(Arm arm) {
         const ResidualRecord record{rows.data(), 40, arm.chain.dof, 7};
         for (const ResidualRecord* noise_of : {static_cast<const ResidualRecord*>(nullptr), &record}) {
             MonteCarlo<L>(curve, arm.timing, arm.motion, arm.detector, body.stiffness, offset, 42, noise_of, &paths,
-                          body.mass)
+                          &by)
                 .run(0, runs, out);
             for (int i = 0; i < runs; ++i) require(peak[i] <= most && peak[i] >= 0, "so are single runs");
         }
@@ -197,7 +197,9 @@ void check_trajectory(const Arm& arm, ReactionKind reaction, double duration) {
         const double length = std::sqrt(dot(way, way));
         const Point3<double> normal{way.x / length, way.y / length, way.z / length};
         for (double mass : {2.0, 0.0}) {
-            const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000, before, mass);
+            const ContactPropagator by(ContactSystem(ElasticArm{}, {20000, 0, mass, 0}), trajectory.step());
+            const ContactLaw law =
+                contact_law<L>(trajectory, begin, normal, arm.detector, 20000, before, mass > 0 ? &by : nullptr);
             double all = law.harmless + law.undetected;
             for (const ContactLaw::Detection& one : law.detection) {
                 all += one.probability;
