@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from pydantic_core import PydanticUndefined
 
-from bumpstop.plant import Experiment, PlantObject, object_kinds
+from bumpstop.plant import Experiment, PlantObject, gauge_regions, object_kinds
 from bumpstop.plant.experiment_tables import TABLES
+from bumpstop.plant.objects import rubber_modulus
 from docs.pages import AS_DOCTEST, blocks, code, read, rows, section
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "plant.md"
@@ -60,6 +61,15 @@ def test_objects_of_the_table() -> None:
         thing = PlantObject.of(name, position=[0, 0, 0], normal=[0, 0, 1])
         assert thing.stiffness == float(re.findall(r"\d+", stiffness)[-1])
         assert thing.status == status
+
+
+def test_gauges_of_the_table() -> None:
+    listed = {code(row[0])[0]: row[1:] for row in rows(read("docs/plant.md"), "gauge")}
+    assert list(listed) == [f"gauge_{region}" for region in gauge_regions()]
+    for kind, (spring, shore) in listed.items():
+        gauge = PlantObject.of(kind, position=[0, 0, 0], normal=[0, 0, 1])
+        assert gauge.spring == 1e3 * float(spring)
+        assert gauge.stiffness == pytest.approx(rubber_modulus(float(shore)) * 0.05)
 
 
 def test_derived_stiffness() -> None:

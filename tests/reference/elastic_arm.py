@@ -10,6 +10,9 @@ that path are small, so everything is linear about the pose of contact:
 x is how far the face of the body has moved. A clamped body's face does not; a free body's has x'' m = F; a gauge's
 face, behind its pad K, has a mass and a spring to ground, and what is measured is the force of that spring.
 
+That is a controller whose feedforward reaches the links at once. One that feeds its motors, whose torque has to wind up
+the gears first, is the second kind: the links then lack all of M q_r'', and the rotors get ff M q_r'' besides.
+
 The classical Runge-Kutta method with steps of some 20 us; a step in which contact begins or ends is cut there by
 bisection. Nothing is known here of modes or of matrix exponentials.
 
@@ -37,8 +40,9 @@ class ElasticArm:
         rotor_inertia: B, reflected to the joints (n,).
         gear_stiffness, gear_damping: Kg, Dg (n,).
         servo_stiffness, servo_damping: P, D (n,).
-        feedforward: ff, share of the reference acceleration that the controller feeds forward, 0 to 1.
-        rates: joint rates per unit of speed along the normal (n,); needed only where ``feedforward`` is below 1.
+        feedforward: ff, share of the reference acceleration that the controller feeds forward, 0 to 1; one or (n,).
+        feeds_motors: it reaches the links through the gears only.
+        rates: joint rates per unit of speed along the normal (n,); needed unless all is fed forward to the links.
         lever: a = J' n (n,).
     """
 
@@ -50,7 +54,8 @@ class ElasticArm:
     servo_damping: npt.ArrayLike
     lever: npt.ArrayLike
     rates: npt.ArrayLike | None = None
-    feedforward: float = 1.0
+    feedforward: npt.ArrayLike = 1.0
+    feeds_motors: bool = False
 
     @classmethod
     def of_servo(
@@ -196,8 +201,15 @@ class _Steps:
         self.Kg, self.Dg = each(arm.gear_stiffness), each(arm.gear_damping)
         self.P, self.D = each(arm.servo_stiffness), each(arm.servo_damping)
         self.body = body
-        self.jump = np.zeros(n) if arm.feedforward == 1 else (1 - arm.feedforward) * each(arm.rates)
         inverse = np.linalg.inv(M)
+        # What a unit change of the path's speed adds to the rates of the deviations.
+        self.link_jump, self.rotor_jump = np.zeros((2, n))
+        if arm.feeds_motors or np.any(each(arm.feedforward) < 1):
+            lacking, rates = 1 - each(arm.feedforward), each(arm.rates)
+            self.link_jump, self.rotor_jump = -inverse @ (lacking * (M @ rates)), -lacking * rates
+            if arm.feeds_motors:
+                self.link_jump = -rates
+                self.rotor_jump = self.rotor_jump + (1 - lacking) * (M @ rates) / self.B
         q, th, qd, thd = (slice(i * n, (i + 1) * n) for i in range(4))
         x, xd, s, sd = range(4 * n, 4 * n + 4)
         self.size = 4 * n + 4
@@ -257,8 +269,8 @@ class _Steps:
         contacts: list[tuple[float, float]] = [(0.0, math.nan)] if touching else []
         at = 0
         for i, speed in enumerate(speeds):
-            y[2 * n : 3 * n] -= self.jump * (speed - y[-1])
-            y[3 * n : 4 * n] -= self.jump * (speed - y[-1])
+            y[2 * n : 3 * n] += self.link_jump * (speed - y[-1])
+            y[3 * n : 4 * n] += self.rotor_jump * (speed - y[-1])
             y[-2], y[-1] = path[i] - offset, speed
             for _ in range(parts):
                 after = whole[touching] @ y

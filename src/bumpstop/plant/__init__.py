@@ -5,7 +5,7 @@ from bumpstop.plant.drive import Gears
 from bumpstop.plant.experiment import Experiment
 from bumpstop.plant.mjcf import mjcf
 from bumpstop.plant.motions import pick_and_place, press, workspace
-from bumpstop.plant.objects import PlantObject, object_kinds
+from bumpstop.plant.objects import PlantObject, gauge_regions, object_kinds
 from bumpstop.plant.plant import Plant
 from bumpstop.plant.run import PlantRun, PlantTrace
 from bumpstop.plant.sample import Sample
@@ -25,6 +25,7 @@ __all__ = [
     "Sensors",
     "Servo",
     "along",
+    "gauge_regions",
     "line",
     "mjcf",
     "object_kinds",

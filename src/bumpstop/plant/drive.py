@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
+from bumpstop.model import mass_matrix, with_rotors
 
 if TYPE_CHECKING:
     from bumpstop.joint import JointParameters, JointTorqueModel
@@ -41,7 +42,8 @@ class Gears:
         ripple_per_turn: waves in a turn of the joint: twice the gear ratio.
         presliding: way over which hysteresis builds up and turns round [rad]; 0: at once, as the joint model has it.
         stiffness: of the gear [Nm/rad]; infinite: rigid.
-        damping_ratio: of the twist of a gear that gives.
+        damping_ratio: of the twist of a gear that gives, a share of the critical damping of the rotor on it.
+        damping: of the twist [Nm s/rad]; None: by ``damping_ratio``.
         scatter: sd of the friction current about its law; None: the joint model's ``friction_sd``.
         scatter_per: ``"sample"`` draws it anew at every sample, as noise; ``"motion"`` once for a run, with the sign of
             the rate, as friction that is not the same from day to day.
@@ -56,6 +58,7 @@ class Gears:
     presliding: PerJoint = 0.0
     stiffness: PerJoint = np.inf
     damping_ratio: float = 0.05
+    damping: PerJoint | None = None
     scatter: PerJoint | None = None
     scatter_per: ScatterPer = "sample"
 
@@ -65,6 +68,23 @@ class Gears:
             raise InputError("friction.scatter_per", problem, near_matches(str(self.scatter_per), get_args(ScatterPer)))
         if not 0 <= as_number(self.damping_ratio, "friction.damping_ratio") <= 2:
             raise InputError("friction.damping_ratio", f"is {self.damping_ratio}", "wanted 0 to 2")
+
+    @classmethod
+    def of(cls, robot: Robot, q: npt.ArrayLike) -> Gears:
+        """Rotors and gears of a robot's drive train, without friction beyond the joint model's.
+
+        Args:
+            robot: with inertia and its ``drive_train``.
+            q: pose in which the gears have their share of the critical damping of rotor and link (dof,) [rad or m].
+        """
+        train = robot.drive_train
+        links = np.diag(mass_matrix(with_rotors(robot, np.zeros(robot.dof)), q))
+        reduced = 1 / (1 / train.rotor_inertia + 1 / links)
+        return cls(
+            rotor_inertia=train.rotor_inertia.tolist(),
+            stiffness=train.gear_stiffness.tolist(),
+            damping=(2 * train.gear_damping * np.sqrt(train.gear_stiffness * reduced)).tolist(),
+        )
 
 
 class Drives:
@@ -132,6 +152,10 @@ class Drives:
         self.waves = per_joint(gears.ripple_per_turn, n, "friction.ripple_per_turn")
         self.presliding = per_joint(gears.presliding, n, "friction.presliding")
         self.stiffness = per_joint(gears.stiffness, n, "friction.stiffness", np.inf, least=1.0)
+        finite = np.isfinite(self.stiffness)
+        critical = 2 * np.sqrt(np.where(finite, self.stiffness, 0.0) * np.maximum(self.inertia, 1e-12))
+        by_ratio = gears.damping_ratio * critical
+        self.damping = by_ratio if gears.damping is None else per_joint(gears.damping, n, "friction.damping")
         # Most drives need a few of the terms only, and this is the innermost loop that is not MuJoCo's.
         self._all_odd, self._all_power = bool(self.odd.all()), bool(self.power.all())
         self._endless = bool(np.isinf(self.low).all() and np.isinf(self.high).all())

@@ -133,7 +133,7 @@ class Experiment(ExperimentTable):
             path = self.folder / self.joint_model
             is_file = self.joint_model.endswith(".toml") or "/" in self.joint_model
             model = JointTorqueModel.load(path if is_file else self.joint_model)
-        friction, sensors = self.friction, self.sensors
+        friction, sensors, servo = self.friction, self.sensors, self.servo
         return Plant(
             robot,
             model,
@@ -147,6 +147,7 @@ class Experiment(ExperimentTable):
                 presliding=friction.presliding_rad,
                 stiffness=friction.stiffness_Nm_rad,
                 damping_ratio=friction.damping_ratio,
+                damping=friction.damping_Nm_s_rad,
                 scatter=friction.scatter,
                 scatter_per=friction.scatter_per,
             ),
@@ -163,7 +164,14 @@ class Experiment(ExperimentTable):
             ),
             objects=objects,
             seed=seed,
-            servo=Servo(bandwidth_hz=self.servo.bandwidth_hz, damping_ratio=self.servo.damping_ratio),
+            servo=Servo(
+                bandwidth_hz=servo.bandwidth_hz,
+                damping_ratio=servo.damping_ratio,
+                velocity_bandwidth=servo.velocity_bandwidth_rad_s,
+                position_gain=servo.position_gain_1_s,
+                torque_limit=servo.torque_limit_Nm,
+                acceleration_feedforward=servo.acceleration_feedforward,
+            ),
             contact_link=self.contact_link,
             contact_point=[x / 1e3 for x in self.contact_point_mm],
             gravity=gravity,
@@ -280,6 +288,7 @@ class Experiment(ExperimentTable):
         if limits.endswith(".toml") or "/" in limits:
             limits = str(self.folder / limits)
         more: dict[str, Any] = {} if thing.mass_kg is None else {"mass": thing.mass_kg}
+        more |= {} if thing.body_mass_kg is None else {"body_mass": thing.body_mass_kg}
         alone = sum(other.kind == thing.kind for other in self.object) == 1
         return PlantObject.of(
             thing.kind,
@@ -288,7 +297,6 @@ class Experiment(ExperimentTable):
             normal=normal,
             stiffness=thing.stiffness_N_m,
             limits=limits,
-            body_mass=thing.body_mass_kg,
             size=(thing.size_mm[0] / 2e3, thing.size_mm[1] / 2e3),
             **more,
         )

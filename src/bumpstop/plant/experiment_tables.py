@@ -76,6 +76,7 @@ class ExperimentFriction(ExperimentTable):
     presliding_rad: Each = 0.0
     stiffness_Nm_rad: Annotated[float, Field(gt=0)] | list[Annotated[float, Field(gt=0)]] = float("inf")
     damping_ratio: Annotated[float, between(0, 2)] = 0.05
+    damping_Nm_s_rad: Each | None = None
     scatter: Each | None = None
     scatter_per: ScatterPer = "sample"
 
@@ -99,6 +100,10 @@ class ExperimentServo(ExperimentTable):
 
     bandwidth_hz: Annotated[float, between(1, 200)] = 100.0
     damping_ratio: Annotated[float, between(0.1, 5)] = 1.0
+    velocity_bandwidth_rad_s: Each | None = None
+    position_gain_1_s: Each | None = None
+    torque_limit_Nm: Annotated[float, Field(gt=0)] | list[Annotated[float, Field(gt=0)]] = float("inf")
+    acceleration_feedforward: Annotated[float, between(0, 1)] | list[Annotated[float, between(0, 1)]] = 1.0
 
 
 class ExperimentObject(ExperimentTable):

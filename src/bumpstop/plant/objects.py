@@ -22,6 +22,7 @@ _DAMPING_RATIO = 0.3
 # Of a free body's swing on its spring; its blow loses less than a fifth of a percent by it.
 _FREE_DAMPING_RATIO = 0.001
 _THICKNESS = 0.02
+GAUGE = "gauge_"
 
 
 @lru_cache
@@ -29,6 +30,17 @@ def _kinds() -> dict[str, dict[str, Any]]:
     text = resources.files("bumpstop.plant").joinpath("data", "objects.toml").read_text(encoding="utf-8")
     kinds: dict[str, dict[str, Any]] = tomllib.loads(text)
     return kinds
+
+
+@lru_cache
+def _gauges() -> dict[str, Any]:
+    text = resources.files("bumpstop.plant").joinpath("data", "gauges.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def gauge_regions() -> tuple[str, ...]:
+    """Body regions that have a gauge: arguments of :meth:`PlantObject.gauge`."""
+    return tuple(_gauges()["spring_N_mm_and_shore_a"])
 
 
 def object_kinds() -> tuple[str, ...]:
@@ -40,7 +52,8 @@ def object_kinds() -> tuple[str, ...]:
 class PlantObject:
     """One object. Pushed along ``normal`` by x it pushes back with ``stiffness`` times x, at rest.
 
-    It is clamped, unless it has a body's mass behind its spring: that gets away along the normal, and nothing holds it.
+    It is clamped, unless it has a body's mass behind its spring: that gets away along the normal, and nothing holds it,
+    unless it is a gauge, whose body stands on a spring of its own.
 
     Attributes:
         name: unique in a plant.
@@ -49,7 +62,10 @@ class PlantObject:
         stiffness: [N/m].
         mass: that moves with the face [kg]; None: so little that it swings on the spring with 2000 rad/s.
         damping_ratio: of that swing, 1 is critical; a free body has next to none.
-        body_mass: of a free body, its face included [kg]; None: clamped.
+        body_mass: of a free body or of a gauge, its face included [kg]; None: clamped.
+        spring: of a gauge, between its body and the ground: what it shows is this spring's force [N/m]; None: no gauge.
+            Its pad is ``stiffness``.
+        spring_damping_ratio: of body and spring.
         size: half width and half height of the face [m].
         status: of the stiffness: ``"given"``, ``"published"``, ``"derived"`` or ``"assumed"``.
         source: where the stiffness comes from.
@@ -63,6 +79,8 @@ class PlantObject:
     mass: float | None = None
     damping_ratio: float = _DAMPING_RATIO
     body_mass: float | None = None
+    spring: float | None = None
+    spring_damping_ratio: float = _FREE_DAMPING_RATIO
     size: tuple[float, float] = (0.06, 0.06)
     status: str = "given"
     source: str = ""
@@ -87,6 +105,13 @@ class PlantObject:
             if not least <= as_number(self.body_mass, f"{where} body_mass") <= 1e4:
                 problem = f"is {self.body_mass:g}, with {self.moving_mass:.3g} kg in its face"
                 raise InputError(f"{where} body_mass", problem, f"wanted {least:.3g} to 10000 kg")
+        if self.spring is not None:
+            if self.body_mass is None:
+                raise InputError(f"{where} body_mass", "is missing", "a gauge has a body between pad and spring")
+            most = self.body_mass * 1e7
+            for name, low, high in (("spring", 1.0, most), ("spring_damping_ratio", 0.0, 10.0)):
+                if not low <= as_number(getattr(self, name), f"{where} {name}") <= high:
+                    raise InputError(f"{where} {name}", f"is {getattr(self, name)}", f"wanted {low:g} to {high:g}")
         if not all(0 < length < math.inf for length in self.size):
             raise InputError(f"{where} size", f"is {self.size}", "wanted two finite lengths above 0")
 
@@ -105,7 +130,8 @@ class PlantObject:
         """An object of a kind: foam, plexiglas, ..., or a body region of a limit table.
 
         Args:
-            kind: one of :func:`object_kinds`, or a body region of ``limits``.
+            kind: one of :func:`object_kinds`, a body region of ``limits``, or ``"gauge_"`` and a region of
+                :func:`gauge_regions`.
             position: as the attribute.
             normal: as the attribute.
             name: default: the kind.
@@ -117,6 +143,9 @@ class PlantObject:
             InputError: there is no such kind or body region.
         """
         kinds = _kinds()
+        if kind.startswith(GAUGE):
+            more |= {} if stiffness is None else {"stiffness": stiffness, "status": "given", "source": ""}
+            return cls.gauge(kind.removeprefix(GAUGE), position=position, normal=normal, name=name or kind, **more)
         if kind in kinds:
             row = kinds[kind]
             figures = (float(row["stiffness_N_m"]), str(row["status"]), str(row["source"]))
@@ -138,6 +167,42 @@ class PlantObject:
             **more,
         )
 
+    @classmethod
+    def gauge(
+        cls, region: str, *, position: Sequence[float], normal: Sequence[float], name: str = "", **more: Any
+    ) -> PlantObject:
+        """A device that measures a collision as test practice has it: a pad on a body on a spring.
+
+        Args:
+            region: one of :func:`gauge_regions`, which names spring and pad.
+            position: as the attribute.
+            normal: as the attribute.
+            name: default: ``"gauge_"`` and the region.
+            more: further attributes; ``stiffness`` [N/m] and ``body_mass`` [kg] replace what is assumed of the pad.
+
+        Raises:
+            InputError: there is no such region.
+        """
+        table = _gauges()
+        springs = table["spring_N_mm_and_shore_a"]
+        if region not in springs:
+            raise InputError("object.kind", f"{region!r} is no region of gauges", near_matches(region, tuple(springs)))
+        spring, shore = springs[region]
+        area, thickness = 1e-4 * float(table["pad_area_cm2"]), 1e-3 * float(table["pad_thickness_mm"])
+        mine: dict[str, Any] = {
+            "stiffness": rubber_modulus(shore) * area / thickness,
+            "mass": float(table["pad_mass_kg"]),
+            "body_mass": float(table["body_mass_kg"]),
+            "damping_ratio": 0.1,
+            "status": "assumed",
+            "source": str(table["source"]),
+            "colour": (0.45, 0.45, 0.45),
+        } | more
+        x, y, z = (float(value) for value in as_float_array(position, "position", (3,)))
+        a, b, c = (float(value) for value in as_float_array(normal, "normal", (3,)))
+        name = name or f"{GAUGE}{region}"
+        return cls(name=name, position=(x, y, z), normal=(a, b, c), spring=1e3 * float(spring), **mine)
+
     @property
     def geom(self) -> str:
         """Name of its body and of its face in MuJoCo."""
@@ -156,6 +221,8 @@ class PlantObject:
     @property
     def damping(self) -> float:
         """Of the spring [N s/m]."""
+        if self.spring is not None and self.body_mass is not None:
+            return 2 * self.damping_ratio * math.sqrt(self.stiffness * self.body_mass)
         if self.body_mass is not None:
             return 2 * _FREE_DAMPING_RATIO * math.sqrt(self.stiffness * self.body_mass)
         return 2 * self.damping_ratio * math.sqrt(self.stiffness * self.moving_mass)
@@ -183,7 +250,7 @@ class PlantObject:
             before = [
                 f'<body name="{behind}" {place} gravcomp="1">',
                 _inertial(self.body_mass - mass),
-                f'<joint name="{behind}" type="slide" axis="0 0 1"/>',
+                f'<joint name="{behind}" type="slide" axis="0 0 1" {self._ground()}/>',
             ]
             place, after = 'pos="0 0 0"', ["</body>"]
         return [
@@ -197,6 +264,18 @@ class PlantObject:
             "</body>",
             *after,
         ]
+
+    def _ground(self) -> str:
+        """The spring of a gauge, as attributes of its body's slide."""
+        if self.spring is None or self.body_mass is None:
+            return ""
+        damping = 2 * self.spring_damping_ratio * math.sqrt(self.spring * self.body_mass)
+        return f'stiffness="{self.spring!r}" damping="{damping!r}"'
+
+
+def rubber_modulus(shore_a: float) -> float:
+    """Young's modulus of rubber from its Shore A hardness [Pa] (Gent 1958, Rubber Chemistry and Technology 31)."""
+    return 1e6 * 0.0981 * (56 + 7.62336 * shore_a) / (0.137505 * (254 - 2.54 * shore_a))
 
 
 def _inertial(mass: float) -> str:

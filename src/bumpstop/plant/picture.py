@@ -159,8 +159,14 @@ def video(plant: Plant, run: PlantRun, path: str | Path) -> int:
 def pushed_and_away(plant: Plant, run: PlantRun, row: int) -> list[tuple[float, float]]:
     """How far each object is pushed in, and how far a free body has got away by then [m]."""
     found = []
-    for thing, force in zip(plant.objects, run.trace.contact_force[: row + 1].T, strict=True):
-        away = 0.0 if thing.body_mass is None else float(np.cumsum(force).sum()) * COMMAND_STEP**2 / thing.body_mass
+    forces = run.trace.contact_force[: row + 1].T
+    for number, (thing, force) in enumerate(zip(plant.objects, forces, strict=True)):
+        if thing.body_mass is None:
+            away = 0.0
+        elif thing.spring is not None:
+            away = float(run.trace.measured_force[row, number]) / thing.spring
+        else:
+            away = float(np.cumsum(force).sum()) * COMMAND_STEP**2 / thing.body_mass
         found.append((float(force[-1]) / thing.stiffness, away))
     return found
 

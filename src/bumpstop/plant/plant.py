@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
-from bumpstop.model import Robot, inverse_dynamics, mass_matrix, with_rotors
+from bumpstop.model import Robot, gravity_torque, inverse_dynamics, mass_matrix, with_rotors
 from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction
-from bumpstop.plant.drive import Drives, Gears
+from bumpstop.plant.drive import Drives, Gears, per_joint
 from bumpstop.plant.mjcf import mjcf
 from bumpstop.plant.objects import PlantObject
 from bumpstop.plant.run import PlantRun, PlantTrace, SampleLog, sensors_truth, truth_of
@@ -78,15 +78,16 @@ class Plant:
         self._channels = Channels(self.sensors, robot.dof)
         self._geared = with_rotors(robot, self.drives.inertia)
         self._check_gears()
+        self._feedforward = per_joint(
+            self.servo.acceleration_feedforward, robot.dof, "servo.acceleration_feedforward", 1.0
+        )
+        self._torque_limit = per_joint(self.servo.torque_limit, robot.dof, "servo.torque_limit", math.inf, least=1e-3)
         rotor = self.drives.inertia
         self.xml = mjcf(
             robot,
             rotor_inertia=rotor,
             joint_stiffness=self.drives.stiffness,
-            joint_damping=[
-                2 * self.gears.damping_ratio * math.sqrt(k * max(m, 1e-12)) if np.isfinite(k) else 0.0
-                for k, m in zip(self.drives.stiffness, rotor, strict=True)
-            ],
+            joint_damping=self.drives.damping,
             objects=self.objects,
             gravity=self.gravity,
             step=STEP,
@@ -128,6 +129,9 @@ class Plant:
 
     def _gains(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         moved: FloatArray = np.diag(mass_matrix(self._geared, q)).copy()
+        cascade = self.servo.cascade(moved)
+        if cascade is not None:
+            return cascade
         soft = self._twist[0]
         moved[soft] = self.drives.inertia[soft]
         return self.servo.gains(moved)
@@ -136,6 +140,9 @@ class Plant:
         """What the servo is told at every integration step (steps, dof)."""
         q, qd, qdd = between(command)
         needed = inverse_dynamics(self._geared, q, qd, qdd, gravity=self.gravity)
+        if (self._feedforward < 1).any():
+            weight = gravity_torque(self._geared, q, gravity=self.gravity)
+            needed = weight + self._feedforward * (needed - weight)
         return np.asarray(q + (kv * qd + needed) / kp)
 
     def run(self, command: Command, *, on_sample: OnSample | None = None) -> PlantRun:
@@ -189,6 +196,9 @@ class Plant:
         model.actuator_gainprm[:, 0] = kp
         model.actuator_biastype[:] = mj.mjtBias.mjBIAS_AFFINE
         model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -kp, -kv
+        most = self._torque_limit
+        model.actuator_forcelimited[:] = np.isfinite(most)
+        model.actuator_forcerange[:] = np.where(np.isfinite(most), [-most, most], 0.0).T
         model.dof_damping[motor] = 0.0
         controls = self._controls(command, kp, kv)
         damping, against, slope, base = drives.resist(
@@ -225,7 +235,9 @@ class Plant:
                 # MuJoCo says what the motors give at the step's begin, and moves the arm by what they give at its end
                 # (implicit in the rates).
                 gained = qvel[motor] - rate_before
-                given = given_now[motor] - kv * gained
+                begun = given_now[motor]
+                # What is at its limit does not follow the rate.
+                given = np.where(np.abs(begun) < most, np.clip(begun - kv * gained, -most, most), begun)
                 if next_sample[sample] == step:
                     rate = qvel[motor]
                     log.note(sample, q_before, rate, given, base + slope * rate, data.sensordata)
@@ -239,7 +251,9 @@ class Plant:
             row_of_trace = step // PER_COMMAND - 1
             trace.note(row_of_trace, self.joint_positions(), motor_qd, gained / STEP, given, against, damping)
             if self.objects:
-                trace.contact_force[row_of_trace] = self._contact_forces()
+                forces = self._contact_forces()
+                trace.contact_force[row_of_trace] = forces
+                trace.measured_force[row_of_trace] = self._measured_forces(forces)
             if turn_at is not None and answer is not None and reacted is None and step >= min(turn_at, last):
                 knot = step // PER_COMMAND
                 turned = command.reaction(knot, answer)
@@ -329,6 +343,14 @@ class Plant:
                 if address >= 0:
                     forces[self._object_of[int(max(pair))]] += data.efc_force[address]
         return forces
+
+    def _measured_forces(self, contact: FloatArray) -> FloatArray:
+        """What gauges show, now, and other objects feel (objects,) [N]."""
+        measured = contact.copy()
+        for i, thing in enumerate(self.objects):
+            if thing.spring is not None:
+                measured[i] = thing.spring * self.data.joint(thing.behind).qpos[0]
+        return measured
 
     @cached_property
     def _object_of(self) -> dict[int, int]:

@@ -32,6 +32,7 @@ class PlantTrace:
         tau: what the gears pass on to rotor and link (N, dof) [Nm or N].
         friction: what they keep (N, dof).
         contact_force: on each object along its normal (N, objects) [N].
+        measured_force: what a gauge shows, its spring's force; of other objects the contact force (N, objects) [N].
     """
 
     t: FloatArray
@@ -41,12 +42,14 @@ class PlantTrace:
     tau: FloatArray
     friction: FloatArray
     contact_force: FloatArray
+    measured_force: FloatArray
 
     @classmethod
     def empty(cls, rows: int, dof: int, objects: int) -> PlantTrace:
         """Room for so many rows."""
         of_joints = {name: np.zeros((rows, dof)) for name in ("q", "qd", "qdd", "tau", "friction")}
-        return cls(t=np.zeros(rows), contact_force=np.zeros((rows, objects)), **of_joints)
+        forces = {name: np.zeros((rows, objects)) for name in ("contact_force", "measured_force")}
+        return cls(t=np.zeros(rows), **of_joints, **forces)
 
     def note(
         self,
@@ -66,7 +69,7 @@ class PlantTrace:
 
     def cut(self, t: FloatArray) -> PlantTrace:
         """As many rows as there are times, which they get."""
-        names = ("q", "qd", "qdd", "tau", "friction", "contact_force")
+        names = ("q", "qd", "qdd", "tau", "friction", "contact_force", "measured_force")
         of_joints = {name: getattr(self, name)[: len(t)].copy() for name in names}
         return replace(self, t=t, **of_joints)
 
@@ -161,6 +164,7 @@ class PlantRun:
             "lost": lost,
             "duration_s": float(trace.t[-1]),
             "peak_force_N": [float(force) for force in trace.contact_force.max(axis=0)],
+            "peak_measured_force_N": [float(force) for force in trace.measured_force.max(axis=0)],
         }
         if reaction_time is not None:
             happened["reaction_s"] = reaction_time
@@ -185,7 +189,7 @@ class PlantRun:
             self.recording.save(out / RECORDING)
             (out / TRUTH).write_text(to_toml(self.truth), encoding="utf-8")
             columns: dict[str, Any] = {"t": self.trace.t}
-            for stem in ("q", "qd", "qdd", "tau", "friction", "contact_force"):
+            for stem in ("q", "qd", "qdd", "tau", "friction", "contact_force", "measured_force"):
                 value = getattr(self.trace, stem)
                 columns |= {f"{stem}_{j + 1}": value[:, j] for j in range(value.shape[1])}
             pl.DataFrame(columns).write_parquet(out / TRACE)
@@ -223,6 +227,7 @@ def truth_of(plant: Plant) -> dict[str, Any]:
             "ripple_per_turn": drives.waves[j],
             "presliding_rad": drives.presliding[j],
             "stiffness_Nm_rad": drives.stiffness[j],
+            "damping_Nm_s_rad": drives.damping[j],
         }
         joints.append({key: float(value) if isinstance(value, np.floating) else value for key, value in row.items()})
     objects = [
@@ -237,6 +242,7 @@ def truth_of(plant: Plant) -> dict[str, Any]:
             "source": thing.source,
         }
         | ({} if thing.body_mass is None else {"body_mass_kg": thing.body_mass})
+        | ({} if thing.spring is None else {"spring_N_m": thing.spring})
         for thing in plant.objects
     ]
     return {

@@ -32,12 +32,13 @@ def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
     # that no rounding begins inside. The difference of the pushes does not know it.
     touch = arm.robot.pose(arm.hanging(pose), *arm.contact)[:3, 3]
     x, y, z = (touch + 1e-6 * n).tolist()
-    held = replace(thing, position=(x, y, z), body_mass=None)
+    series = thing.stiffness if thing.spring is None else 1 / (1 / thing.stiffness + 1 / thing.spring)
+    held = replace(thing, position=(x, y, z), stiffness=series, body_mass=None, spring=None)
     pushed = Plant(
         arm.robot,
         arm.joint_model,
         # What swings must have come to rest: damping changes when it does, not where.
-        friction=replace(arm.gears, damping_ratio=1.0),
+        friction=replace(arm.gears, damping_ratio=1.0, damping=None),
         objects=[held],
         servo=arm.servo,
         contact_link=arm.contact[0],
