@@ -42,6 +42,8 @@ class ElasticArm:
         servo_stiffness, servo_damping: P, D (n,).
         feedforward: ff, share of the reference acceleration that the controller feeds forward, 0 to 1; one or (n,).
         feeds_motors: it reaches the links through the gears only.
+        gap_lever: what the compression follows the links with, a' in d (n,); None: ``lever``. The two differ where the
+            force acts in the pose of the links and the distance is counted from the path far ahead of them.
         rates: joint rates per unit of speed along the normal (n,); needed unless all is fed forward to the links.
         lever: a = J' n (n,).
     """
@@ -56,6 +58,7 @@ class ElasticArm:
     rates: npt.ArrayLike | None = None
     feedforward: npt.ArrayLike = 1.0
     feeds_motors: bool = False
+    gap_lever: npt.ArrayLike | None = None
 
     @classmethod
     def of_servo(
@@ -215,8 +218,9 @@ class _Steps:
         self.size = 4 * n + 4
 
         self.compression, self.compressing, ground = np.zeros((3, self.size))
-        self.compression[s], self.compression[q], self.compression[x] = 1.0, self.a, -1.0
-        self.compressing[sd], self.compressing[qd], self.compressing[xd] = 1.0, self.a, -1.0
+        along = self.a if arm.gap_lever is None else each(arm.gap_lever)
+        self.compression[s], self.compression[q], self.compression[x] = 1.0, along, -1.0
+        self.compressing[sd], self.compressing[qd], self.compressing[xd] = 1.0, along, -1.0
         ground[x], ground[xd] = body.spring or 0.0, body.spring_damping
         self.law = body.stiffness * self.compression + body.damping * self.compressing
         gear = np.zeros((n, self.size))
