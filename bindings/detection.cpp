@@ -21,7 +21,7 @@ void store_row(const std::array<double, max_joints>& values, NewArray<double>& o
 }
 
 // An alarm is taken as dealt with once every residual has been below its threshold for `rearm` seconds. Where the detector
-// is blind nothing is known to be quiet, and the time of such a row may be none or one long past: the first tick that is
+// has no data nothing is known to be quiet, and the time of such a row may be none or one long past: the first tick that is
 // judged again begins anew.
 class Rearming {
   public:
@@ -70,7 +70,8 @@ nb::tuple run(Detector& detector, Vector t, Matrix q, Matrix signal, std::option
             store_row(out.threshold, threshold, i);
             state.data[i] = std::uint8_t(out.state);
             fault.data[i] = std::uint8_t(out.fault);
-            flags.data[i] = std::uint8_t(out.stop | out.late << 1 | out.unseen << 2 | out.payload_changed << 3);
+            flags.data[i] =
+                std::uint8_t(out.stop | out.late << 1 | out.masked_while_arming << 2 | out.payload_changed << 3);
             if (rearming.over(out.t, out.state == DetectorState::alarm, (out.over | out.over_fast) != 0))
                 detector.acknowledge();
         }
@@ -79,13 +80,13 @@ nb::tuple run(Detector& detector, Vector t, Matrix q, Matrix signal, std::option
                           flags.release(), events);
 }
 
-// The same for residuals that come from elsewhere. Before rows whose `anew` is not 0 there were blind ones. `events` are
+// The same for residuals that come from elsewhere. Before rows whose `anew` is not 0 there were some without data. `events` are
 // rows.
 nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Matrix qd, Matrix qdd, Vector anew,
                 double rearm) {
     const std::size_t rows = t.shape(0), width = residual.shape(1);
     NewArray<double> fast({rows, width}), threshold({rows, width});
-    NewArray<std::uint8_t> state({rows}), unseen({rows});
+    NewArray<std::uint8_t> state({rows}), masked({rows});
     std::vector<std::size_t> events;
     std::vector<std::uint32_t> over, over_fast;
     std::vector<EventSpan> spans;
@@ -116,13 +117,13 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
             std::copy(decision.fast(), decision.fast() + width, &fast.data[i * width]);
             std::copy(decision.threshold(), decision.threshold() + width, &threshold.data[i * width]);
             state.data[i] = std::uint8_t(decision.state());
-            unseen.data[i] = decision.unseen();
+            masked.data[i] = decision.masked_while_arming();
             if (rearming.over(t(i), decision.state() == DetectorState::alarm,
                               (decision.over() | decision.over_fast()) != 0))
                 decision.acknowledge();
         }
     }
-    return nb::make_tuple(fast.release(), threshold.release(), state.release(), unseen.release(), events, over,
+    return nb::make_tuple(fast.release(), threshold.release(), state.release(), masked.release(), events, over,
                           over_fast, spans);
 }
 
@@ -167,7 +168,7 @@ void bind_settings(nb::module_& module) {
         .def_rw("signal", &SampleLimits::signal)
         .def_rw("measured_rates", &SampleLimits::measured_rates)
         .def_rw("frozen_time", &SampleLimits::frozen_time)
-        .def_rw("unwatched", &SampleLimits::unwatched)
+        .def_rw("unmonitored", &SampleLimits::unmonitored)
         .def_rw("endless", &SampleLimits::endless);
     nb::class_<ThresholdModel>(module, "ThresholdModel", "Thresholds, constant or growing with motion.")
         .def(nb::init<>())
@@ -190,13 +191,13 @@ void bind_settings(nb::module_& module) {
         .def(nb::init<>())
         .def_rw("mass", &Payload::mass)
         .def_rw("center", &Payload::center);
-    nb::class_<PayloadWatchSettings>(module, "PayloadWatchSettings", "When a payload counts as changed.")
+    nb::class_<PayloadMonitorSettings>(module, "PayloadMonitorSettings", "When a payload counts as changed.")
         .def(nb::init<>())
-        .def_rw("window", &PayloadWatchSettings::window)
-        .def_rw("interval", &PayloadWatchSettings::interval)
-        .def_rw("least_mass", &PayloadWatchSettings::least_mass)
-        .def_rw("least_share", &PayloadWatchSettings::least_share)
-        .def_rw("least_change", &PayloadWatchSettings::least_change);
+        .def_rw("window", &PayloadMonitorSettings::window)
+        .def_rw("interval", &PayloadMonitorSettings::interval)
+        .def_rw("min_mass", &PayloadMonitorSettings::min_mass)
+        .def_rw("min_share", &PayloadMonitorSettings::min_share)
+        .def_rw("min_change", &PayloadMonitorSettings::min_change);
     nb::class_<DetectorSettings>(module, "DetectorSettings", "Everything the detector is told beside robot and model.")
         .def(nb::init<>())
         .def_rw("residual", &DetectorSettings::residual)
@@ -207,13 +208,13 @@ void bind_settings(nb::module_& module) {
         .def_rw("gravity", &DetectorSettings::gravity)
         .def_rw("samples", &DetectorSettings::samples)
         .def_rw("decision", &DetectorSettings::decision)
-        .def_rw("grace", &DetectorSettings::grace)
+        .def_rw("max_no_data_time", &DetectorSettings::max_no_data_time)
         .def_rw("unknown", &DetectorSettings::unknown)
         .def_rw("noise_sd", &DetectorSettings::noise_sd)
         .def_rw("dead_zone", &DetectorSettings::dead_zone)
         .def_rw("direction", &DetectorSettings::direction)
         .def_rw("payload", &DetectorSettings::payload)
-        .def_rw("payload_watch", &DetectorSettings::payload_watch)
+        .def_rw("payload_monitor", &DetectorSettings::payload_monitor)
         .def(
             "set_contact",
             [](DetectorSettings& self, const Chain& chain, int link, const Vector3& point) {
@@ -232,9 +233,9 @@ void bind_detection(nb::module_& module) {
         .value("current", TorqueSource::current)
         .value("torque", TorqueSource::torque);
     nb::enum_<DetectorState>(module, "DetectorState")
-        .value("blind", DetectorState::blind)
+        .value("no_data", DetectorState::no_data)
         .value("arming", DetectorState::arming)
-        .value("watching", DetectorState::watching)
+        .value("monitoring", DetectorState::monitoring)
         .value("alarm", DetectorState::alarm);
     nb::enum_<SampleFault>(module, "SampleFault")
         .value("none", SampleFault::none)
@@ -280,7 +281,7 @@ void bind_detection(nb::module_& module) {
         .def_ro("fault", &DetectorOutput::fault)
         .def_ro("stop", &DetectorOutput::stop)
         .def_ro("late", &DetectorOutput::late)
-        .def_ro("unseen", &DetectorOutput::unseen)
+        .def_ro("masked_while_arming", &DetectorOutput::masked_while_arming)
         .def_ro("payload_changed", &DetectorOutput::payload_changed)
         .def_ro("t", &DetectorOutput::t)
         .def_ro("over", &DetectorOutput::over)
@@ -325,7 +326,7 @@ void bind_detection(nb::module_& module) {
     module.attr("detector_states") = detector_states;
     module.def("judge", &judge, nb::arg("settings"), nb::arg("t"), nb::arg("residual"), nb::arg("qd"), nb::arg("qdd"),
                nb::arg("anew"), nb::arg("rearm"),
-               "Fast channel and thresholds (N, n), state and unseen (N,), rows of events, joints, spans.");
+               "Fast channel and thresholds (N, n), state and masked (N,), rows of events, joints, spans.");
     module.def("estimate_contact", &contact_of, nb::arg("chain"), nb::arg("q"), nb::arg("residual"), nb::arg("sd"),
                nb::arg("hidden"), nb::arg("link"), nb::arg("point"), nb::arg("direction"),
                "What a residual says of a contact.");

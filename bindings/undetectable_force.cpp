@@ -20,7 +20,7 @@ void load_columns(Tensor jacobian, std::size_t pose, std::size_t joints, Point3<
 
 nb::tuple undetectable_forces(Tensor jacobian, Vector low, Vector high) {
     const std::size_t n = jacobian.shape(0), joints = jacobian.shape(2);
-    NewArray<double> largest({n}), felt({n}), farthest({n, 3}), singular({n, 3}), axes({n, 3, 3});
+    NewArray<double> largest({n}), detectable({n}), farthest({n, 3}), singular({n, 3}), axes({n, 3, 3});
     NewArray<std::int64_t> rank({n});
     {
         nb::gil_scoped_release unlocked;
@@ -28,9 +28,9 @@ nb::tuple undetectable_forces(Tensor jacobian, Vector low, Vector high) {
         for (std::size_t i = 0; i < n; ++i) {
             Point3<double> column[max_joints];
             load_columns(jacobian, i, joints, column);
-            const BlindForce force = blind_force(column, band.data(), int(joints));
+            const UndetectableForce force = undetectable_force(column, band.data(), int(joints));
             largest.data[i] = force.largest;
-            felt.data[i] = force.largest_felt;
+            detectable.data[i] = force.largest_detectable;
             rank.data[i] = force.rank;
             for (std::size_t k = 0; k < 3; ++k) {
                 farthest.data[3 * i + k] = force.farthest[k];
@@ -39,11 +39,11 @@ nb::tuple undetectable_forces(Tensor jacobian, Vector low, Vector high) {
             }
         }
     }
-    return nb::make_tuple(largest.release(), felt.release(), farthest.release(), singular.release(), rank.release(),
-                          axes.release());
+    return nb::make_tuple(largest.release(), detectable.release(), farthest.release(), singular.release(),
+                          rank.release(), axes.release());
 }
 
-NewArray<double>::Array blind_forces_along(Tensor jacobian, Vector low, Vector high, Matrix direction) {
+NewArray<double>::Array undetectable_forces_along(Tensor jacobian, Vector low, Vector high, Matrix direction) {
     const std::size_t n = jacobian.shape(0), joints = jacobian.shape(2);
     NewArray<double> out({n});
     {
@@ -52,8 +52,8 @@ NewArray<double>::Array blind_forces_along(Tensor jacobian, Vector low, Vector h
         for (std::size_t i = 0; i < n; ++i) {
             Point3<double> column[max_joints];
             load_columns(jacobian, i, joints, column);
-            out.data[i] = blind_force_along(column, band.data(), int(joints),
-                                            {direction(i, 0), direction(i, 1), direction(i, 2)});
+            out.data[i] = undetectable_force_along(column, band.data(), int(joints),
+                                                   {direction(i, 0), direction(i, 1), direction(i, 2)});
         }
     }
     return out.release();
@@ -62,12 +62,12 @@ NewArray<double>::Array blind_forces_along(Tensor jacobian, Vector low, Vector h
 }  // namespace
 
 void bind_sensitivity(nb::module_& module) {
-    module.def(
-        "undetectable_forces", &undetectable_forces, nb::arg("jacobian"), nb::arg("low"), nb::arg("high"),
-        "Largest force (N,), the same that is felt (N,), its vector (N, 3), singular values (N, 3), rank (N,) and "
-        "axes (N, 3, 3) from linear Jacobians (N, 3, dof).");
-    module.def("blind_forces_along", &blind_forces_along, nb::arg("jacobian"), nb::arg("low"), nb::arg("high"),
-               nb::arg("direction"), "Largest forces (N,) along `direction` (N, 3).");
+    module.def("undetectable_forces", &undetectable_forces, nb::arg("jacobian"), nb::arg("low"), nb::arg("high"),
+               "Largest force (N,), the same that is detectable (N,), its vector (N, 3), singular values (N, 3), rank "
+               "(N,) and "
+               "axes (N, 3, 3) from linear Jacobians (N, 3, dof).");
+    module.def("undetectable_forces_along", &undetectable_forces_along, nb::arg("jacobian"), nb::arg("low"),
+               nb::arg("high"), nb::arg("direction"), "Largest forces (N,) along `direction` (N, 3).");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -23,7 +23,6 @@ import bumpstop as bs  # noqa: E402
 from bumpstop import kernels  # noqa: E402
 from validation import (  # noqa: E402
     batches,
-    blind_force,
     convergence,
     drives,
     elastic_arm,
@@ -41,6 +40,7 @@ from validation import (  # noqa: E402
     tuning,
     two_laws,
     tx40,
+    undetectable_force,
     urdf,
 )
 from validation.facts import MissingFacts  # noqa: E402
@@ -85,7 +85,7 @@ COMPARISONS = {
     "rich_gears": rich_gears,
     "experiments": experiments,
     "false_alarms": false_alarms,
-    "blind_force": blind_force,
+    "undetectable_force": undetectable_force,
     "tuning": tuning,
     "sample_paths": sample_paths,
     "drives": drives,

@@ -15,7 +15,7 @@ TITLE = "Batches against single laws, random poses"
 POSES = 3000
 LIMIT_N = 135.0
 PROBABILITIES = (0.5, 0.95, 0.99, 0.999)
-# Below this mean [N] next to nothing of a law is felt, and no share of it is compared.
+# Below this mean [N] next to nothing of a distribution is force, and no share of it is compared.
 FELT_N = 1.0
 # What a batch promises of 99 in 100 poses, of 999 in 1000, and of all.
 PROMISED = {

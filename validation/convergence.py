@@ -112,7 +112,7 @@ def _far_tails(findings: Findings, *, quick: bool) -> None:
         f"integrand breaks. Only the stopping curve is common to both. Below {DIRECT:g} the library evaluates a tail "
         "by itself, above it interpolates, and its documentation promises as many digits for 1e-17 as for 0.3."
     )
-    # Two watched joints and a body at most 35 ms of travel away: a dozen ticks hold the whole law.
+    # Two monitored joints and a body at most 35 ms of travel away: a dozen ticks hold the whole law.
     small = control_group(
         motion__velocity_mm_s=[0, 0, -100],
         detector__thresholds_Nm=[math.inf, 10, math.inf, 20, math.inf, math.inf, math.inf],

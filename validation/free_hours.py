@@ -69,12 +69,12 @@ def recordings(parts: list[Command], count: int, scatter_per: ScatterPer, first_
 
 
 def residuals(logs: list[Recording], kind: Residual) -> Iterator[ResidualSeries]:
-    """Residuals of the joints that Schroeder (2013) watched, as a loop would have them."""
+    """Residuals of the joints that Schroeder (2013) monitored, as a loop would have them."""
     made = CollisionExperiment(name="plexiglas", residual=kind).detector()
     settings = replace(made.settings, arming_delay_s=0.0)
     detector = Detector(made.robot, made.model, made.thresholds, settings)
-    watched = [j for j in range(made.robot.dof) if np.isfinite(made.thresholds.constant[j])]
+    monitored = [j for j in range(made.robot.dof) if np.isfinite(made.thresholds.constant[j])]
     for log in logs:
         run = detector.run(log)
-        seen = ~run.blind
-        yield ResidualSeries(run.t[seen], np.ascontiguousarray(run.residual[seen][:, watched]))
+        seen = ~run.no_data
+        yield ResidualSeries(run.t[seen], np.ascontiguousarray(run.residual[seen][:, monitored]))

@@ -211,15 +211,15 @@ def _own_noise(findings: Findings, runs: int, *, quick: bool) -> None:
 
 def _reference_scores(law: bs.CollisionResult, found: ReferenceRuns) -> list[Score]:
     """Compare forces, triggers and false alarms; every run is detected."""
-    felt = found.detected & ~found.false_alarm
+    after_contact = found.detected & ~found.false_alarm
     scores = [
         probability_score("P(false alarm)", law.false_alarm_probability, int(found.false_alarm.sum()), len(found)),
         probability_score("P(undetected)", law.undetected_probability, int((~found.detected).sum()), len(found)),
         *trigger_scores(law, found.trigger_mask[found.detected]),
         *distribution_scores("peak force", "N", law.peak_force, SampledDistribution(found.max_force_N)),
     ]
-    at_detection = SampledDistribution(found.force_at_detection_N[felt])
-    delay = SampledDistribution((found.detection_time_s - found.contact_start_s)[felt])
+    at_detection = SampledDistribution(found.force_at_detection_N[after_contact])
+    delay = SampledDistribution((found.detection_time_s - found.contact_start_s)[after_contact])
     scores += distribution_scores("force at detection", "N", law.force_at_detection, at_detection)
     scores += distribution_scores("detection delay", "s", law.detection_delay, delay)
     return scores

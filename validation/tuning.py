@@ -73,7 +73,7 @@ def _plant(
             found = free_hours.residuals(logs, kind)
             records = [_joined([next(found) for _ in range(rounds)]) for _ in range(count)]
             unseen = [[records[(k + other) % count] for other in range(1, others + 1)] for k in range(count)]
-            what = f"friction anew per {scatter}, {kind}, {records[0].watched_s / 3600:.2g} h"
+            what = f"friction anew per {scatter}, {kind}, {records[0].monitored_s / 3600:.2g} h"
             rows += [_judged(findings, what, target, records, unseen) for target in targets]
     findings.say(
         f"The plant goes through {moves} moves of Schroeder's first workspace motion, {seconds:.0f} s, with sensors "
@@ -106,11 +106,11 @@ def _judged(
         tuning = tune(record, target, confidence=CONFIDENCE)
         low, high = tuning.per_hour_interval()
         alarms = sum(achieved(part, tuning.thresholds(), tuning.cluster_rows) for part in others)
-        rates.append(alarms * 3600 / sum(part.watched_s for part in others))
+        rates.append(alarms * 3600 / sum(part.monitored_s for part in others))
         inside += low <= rates[-1] <= high
         wanted = tuning.target
     row: list[Cell] = [what, wanted, float(np.median(rates)), float(np.mean(rates)), inside / len(records)]
-    if wanted * sum(part.watched_s for part in unseen[0]) / 3600 < MIN_ALARMS:
+    if wanted * sum(part.monitored_s for part in unseen[0]) / 3600 < MIN_ALARMS:
         return row
     least = int(stats.binom.ppf(1e-3, len(records), CONFIDENCE))
     findings.check(

@@ -63,7 +63,7 @@ int main(int count, char** arguments) {
         const Clock::time_point sampled = Clock::now();
         const bumpstop::DetectorOutput& out = detector.update(sample);
         longest = std::max(longest, Seconds(Clock::now() - sampled).count());
-        if (out.state != bumpstop::DetectorState::blind)
+        if (out.state != bumpstop::DetectorState::no_data)
             for (int j = 0; j < detector.joints(); ++j) largest = std::max(largest, std::fabs(out.residual[j]));
         if (before || !detector.alarmed()) continue;
         // Here the loop would stop the arm.

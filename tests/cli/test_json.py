@@ -265,10 +265,12 @@ def test_the_words_for_people_agree() -> None:
 
 def test_a_table_without_bounds_still_fits_the_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    blind = run("evaluate", EXAMPLE, "--set", "detector.thresholds_Nm=[inf, inf, inf, inf, inf, inf, inf]")
-    assert blind.status == 3
+    unmonitored = run("evaluate", EXAMPLE, "--set", "detector.thresholds_Nm=[inf, inf, inf, inf, inf, inf, inf]")
+    assert unmonitored.status == 3
     rows = [
-        line.split() for line in blind.out.splitlines() if line.startswith(("peak force, N", "force at detection, N"))
+        line.split()
+        for line in unmonitored.out.splitlines()
+        if line.startswith(("peak force, N", "force at detection, N"))
     ]
     assert rows == [
         ["peak", "force,", "N", *["inf"] * 6, "135", "1.0000"],

@@ -83,7 +83,7 @@ VARIED: dict[str, Scenario] = {
         contact__point_m=[0.1, 0.0, 0.05],
         contact__stiffness_N_m=30000,
     ),
-    "UR10e, oblique, unwatched joint": ur10e(detector__thresholds_Nm=[40, math.inf, 30, 12, 12, 12]),
+    "UR10e, oblique, unmonitored joint": ur10e(detector__thresholds_Nm=[40, math.inf, 30, 12, 12, 12]),
     "UR10e, position only, damped": ur10e(
         motion__task="position", motion__damping=0.05, contact__offset_law="half_normal", contact__offset_sd_s=0.02
     ),
@@ -139,7 +139,7 @@ def free(mass: float, **changes: Any) -> Scenario:
 
 # Bodies that get away.
 FREE: dict[str, Scenario] = {
-    # The law of a body that mostly gets away unnoticed is nearly a point, which no share above a quantile can be told
+    # The law of a body that mostly gets away undetected is nearly a point, which no share above a quantile can be told
     # from: here most are noticed.
     "light, mostly noticed": free(
         2.0,

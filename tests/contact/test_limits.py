@@ -155,7 +155,7 @@ def test_mistake_1_quasi_static_and_transient_are_neither_swapped_nor_halved() -
 
 
 def test_mistake_2_newtons_and_newtons_per_cm2_are_not_swapped() -> None:
-    # 140 N and 120 N/cm² on the chest are close enough to be mistaken for each other unnoticed.
+    # 140 N and 120 N/cm² on the chest are close enough to be mistaken for each other.
     chest = TS.contact_limits("chest", "clamped")
     assert (chest.force_N, chest.pressure_N_cm2) == (140, 120)
     assert chest.allowed_force_N(0.5) == 60

@@ -153,7 +153,7 @@ def test_the_loop_at_1_khz(built: Path, tmp_path: Path) -> None:
         (lambda text: text.replace("constant 20.0", "constant nan"), "'constant' wants 7 numbers in its range, once"),
         (lambda text: text.replace("constant 20.0", "constant"), "'constant' wants 7 numbers in its range, once"),
         (lambda text: text.replace("period 0.004", "period 0.0"), "'period' wants 1 numbers in its range, once"),
-        (lambda text: without(text, "grace"), "'grace' is missing"),
+        (lambda text: without(text, "max_no_data_time"), "'max_no_data_time' is missing"),
         (lambda text: text.replace("residual direct", "residual else"), "'residual' wants direct or observer"),
         (lambda text: text.replace("joint_torque odd power", "joint_torque odd", 1), "'joint_torque' wants a map"),
         (lambda text: without(text, "joint_errors"), "wanted 7 lines 'joint_torque' and 'joint_errors'"),

@@ -81,7 +81,7 @@ def test_arming_costs_what_it_says() -> None:
     late = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=0.5)).run_rows(t, q, tau)
     # The motion begins for the detector where its window is full.
     assert late.events[0].t == pytest.approx(0.5 + FILLING * DT, abs=1.5 * DT)
-    assert late.unseen.sum() == pytest.approx((late.events[0].t - 0.4) / DT, abs=1)
+    assert late.masked_while_arming.sum() == pytest.approx((late.events[0].t - 0.4) / DT, abs=1)
     assert late.arming_s == pytest.approx(0.5, abs=2 * DT)
     # At rest there is nothing to arm for.
     q[:] = q[0]
@@ -111,7 +111,7 @@ def test_a_row_without_a_time_of_its_own_does_not_end_an_alarm_nor_keep_it(time:
     t[325] = time
     run = Detector(UR5E, None, [12.0] * 6).run_rows(t, q, tau, rearm_s=0.2)
     (over,) = np.flatnonzero(np.diff((run.state == STATES.index("alarm")).astype(int)[326:]) < 0) + 327
-    assert run.blind[325]
+    assert run.no_data[325]
     assert t[over] == pytest.approx(326 * DT + 0.2 + DT, abs=1.5 * DT)
 
 

@@ -56,7 +56,7 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert event["largest_joint"] == 2
     assert 0.8 - 1e-9 <= event["largest_s"] <= 0.996 + 1e-9
     assert found["rows"] == 400
-    assert found["blind_rows"] == {"filling": 17}  # 70 ms
+    assert found["no_data_rows"] == {"filling": 17}  # 70 ms
     assert json.loads((out / "events.json").read_text(encoding="utf-8")) == found
     assert {path.name for path in out.iterdir()} == {
         "events.json",
@@ -69,24 +69,24 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
     for text in ("1 alarm in 1.596 s, 400 rows", "30 Nm at joint 2", "ur5e", "window_samples", "log.parquet"):
         assert text in page
     assert page.index("1 alarm in") < page.index("<table") < page.index("window_samples")
-    # Only the joint that is not watched has no threshold to be drawn, and none is drawn where there was none yet.
+    # Only the joint that is not monitored has no threshold to be drawn, and none is drawn where there was none yet.
     drawn = (out / "residuals.svg").read_text(encoding="utf-8")
     assert re.findall(r">(\w+): not monitored<", drawn) == ["wrist_3_joint"]
 
 
-def test_poses_in_which_much_goes_unnoticed(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = ("detect", pushed, "--robot", "ur5e", "--thresholds", "20,20,20,20,20,inf", "--blind-force")
+def test_poses_with_large_undetectable_forces(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ("detect", pushed, "--robot", "ur5e", "--thresholds", "20,20,20,20,20,inf", "--undetectable-force")
     log = Recording.load(pushed)
     largest = undetectable_forces(Robot.load("ur5e"), log.q, [20, 20, 20, 20, 20, np.inf]).largest
     _, text, _ = run(capsys, *given, 0.9 * largest.min(), "--json")
-    (stretch,) = json.loads(text)["blind_poses"]
+    (stretch,) = json.loads(text)["undetectable_poses"]
     assert stretch == {"start_s": 0.0, "end_s": pytest.approx(1.596), "largest_N": pytest.approx(largest.max())}
     _, text, _ = run(capsys, *given, 0.9 * largest.min())
     assert f"from 0.0000 to 1.5960 s up to {largest.max():.4g} N could stay undetected" in text
     _, text, _ = run(capsys, *given, 1.1 * largest.max())
     assert "at no time could more than" in text
     status, _, err = run(capsys, *given, 0)
-    assert (status, err.startswith("error: --blind-force: is 0")) == (2, True)
+    assert (status, err.startswith("error: --undetectable-force: is 0")) == (2, True)
 
 
 def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,7 +97,7 @@ def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytes
     _, text, _ = run(capsys, "detect", pushed, "--robot", "ur5e", *options, "--json")
     found = json.loads(text)
     (event,) = found["events"]
-    assert found["blind_poses"] is None
+    assert found["undetectable_poses"] is None
     lever = robot.jacobian(np.full(6, 0.2 + 0.3 * 0.8), link, at)[:3].T @ [0, 0.6, -0.8]
     # All noise alike, a third of the threshold: plain least squares over the joints before the link.
     assert event["force_N"] == pytest.approx(30 * lever[1] / (lever @ lever), rel=1e-6)
@@ -182,7 +182,7 @@ def test_real_arms_by_their_fitted_dynamics(
             capsys, "detect", *path_and_names, "--model", model, "--thresholds", limits, "--from", split, "--json"
         )
         assert (json.loads(text)["events"] != []) == alarms
-    # Gains that the recordings of the fit did not show: such a joint is watched, but says nothing of forces.
+    # Gains that the recordings of the fit did not show: such a joint is monitored, but says nothing of forces.
     fit = DynamicsFit.load(model).model
     errors = np.where(np.arange(log.dof) == 1, np.inf, 0.0)
     unscaled = replace(fit, gains=np.ones(log.dof), unscaled=(1,))
@@ -232,9 +232,7 @@ def test_a_period_that_no_loop_has_is_refused(period: str, tmp_path: Path, capsy
     assert err.startswith(f"error: --period: is {float(period)}; wanted ")
 
 
-def test_files_of_a_run_that_was_blind_all_the_time(
-    pushed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_files_of_a_run_without_data(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing is left to be written as residuals, not even those of an earlier run, and all else is told."""
     given = ("--robot", "ur5e", "--thresholds", "20,20,20,9,9,9", "--out", tmp_path / "out")
     assert run(capsys, "detect", pushed, *given)[0] == 0
@@ -243,7 +241,7 @@ def test_files_of_a_run_that_was_blind_all_the_time(
     status, text, _ = run(capsys, "detect", short, *given)
     assert status == 3
     assert text.startswith("INACTIVE all the time (filling 6 rows): nothing could be detected. 0 alarms in 0.02 s")
-    assert "no residuals.parquet: the detector was blind all the time" in text
+    assert "no residuals.parquet: the detector had no data all the time" in text
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "events.json",
         "report.html",

@@ -1,4 +1,4 @@
-"""Samples in any order, with gaps, repeats, infinities: judged with finite residuals, or blind; never a crash."""
+"""Samples in any order, with gaps, repeats, infinities: judged with finite residuals, or no data; never a crash."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ paths = st.lists(st.tuples(steps, spoilt), min_size=1, max_size=80)
 
 @settings(max_examples=150, deadline=None)
 @given(paths, st.sampled_from(["direct", "observer"]), st.booleans())
-def test_any_path_is_judged_or_blind(
+def test_any_path_is_judged_or_without_data(
     path: list[tuple[float, tuple[int, float] | None]], kind: str, grace: bool
 ) -> None:
     """Row by row as a loop would see them."""
-    made = DetectorSettings(residual=kind, grace_s=0.02 if grace else 0.0, period_s=DT)  # type: ignore[arg-type]
+    made = DetectorSettings(residual=kind, max_no_data_s=0.02 if grace else 0.0, period_s=DT)  # type: ignore[arg-type]
     loop = Detector(SIA5D, MODEL, THRESHOLDS, made).kernel()
     still = np.zeros(7)
     now, believed = 0.0, -np.inf
@@ -44,7 +44,7 @@ def test_any_path_is_judged_or_blind(
         found = loop.update(t, sample[:7], sample[7:], still)
         state, fault = STATES[int(found.state.value)], FAULTS[int(found.fault.value)]
         residual = np.asarray(found.residual)[:7]
-        if state == "blind":
+        if state == "no_data":
             assert fault != "none"
             assert np.isnan(residual).all()
             assert found.stop or grace
@@ -82,6 +82,6 @@ def test_a_clean_stretch_after_any_fault_is_judged_as_ever(faults: list[tuple[in
         else:
             current[order[at], 2] = np.inf
     run = Detector(SIA5D, MODEL, THRESHOLDS).run_rows(t[order], q[order], current[order])
-    assert np.isfinite(run.residual[~run.blind]).all()
-    assert not run.blind[-20:].any()
+    assert np.isfinite(run.residual[~run.no_data]).all()
+    assert not run.no_data[-20:].any()
     np.testing.assert_allclose(run.residual[-20:], clean.residual[-20:], rtol=1e-6, atol=1e-6)

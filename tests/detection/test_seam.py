@@ -28,7 +28,7 @@ STRUCTS = {
     "ThresholdModel": set(),
     "DecisionSettings": set(),
     "Payload": set(),
-    "PayloadWatchSettings": set(),
+    "PayloadMonitorSettings": set(),
     # A function of the binding sets where the force of an event is given.
     "DetectorSettings": {"contact"},
     "ContactEstimate": set(),

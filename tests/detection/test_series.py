@@ -35,17 +35,17 @@ def fit() -> DynamicsModel:
     return identify_dynamics([log(1, 4000), log(2, 4000)], UR5E, cutoff_hz=CUTOFF_HZ).model
 
 
-def test_a_gap_blinds_and_makes_no_alarm(fit: DynamicsModel) -> None:
+def test_a_gap_has_no_data_and_makes_no_alarm(fit: DynamicsModel) -> None:
     """A lost second: straight lines across it and the filter beside it leave more than the thresholds."""
     whole = detect(log(3, 3000), UR5E, fit, [THETA] * 6)
-    assert not whole.blind.any()
+    assert not whole.no_data.any()
     assert whole.events == ()
     run = detect(log(3, 3000, ((1000, 1250),)), UR5E, fit, [THETA] * 6)
     assert run.events == ()
     # From a period of the cut-off before the last row to as much after the next.
     dark = (run.t > 999 * DT - 1 / CUTOFF_HZ) & (run.t < 1250 * DT + 1 / CUTOFF_HZ)
-    np.testing.assert_array_equal(run.blind, dark)
-    assert run.blind_rows() == {"gap": int(dark.sum())}
+    np.testing.assert_array_equal(run.no_data, dark)
+    assert run.no_data_rows() == {"gap": int(dark.sum())}
     assert np.isnan(run.residual[dark]).all()
     np.testing.assert_allclose(run.residual[~dark], whole.residual[~dark], atol=0.5)
 
@@ -56,7 +56,7 @@ def test_nothing_is_noticed_inside_a_short_gap(fit: DynamicsModel) -> None:
     push[1000] = 60.0
     run = detect(log(3, 3000, ((1001, 1006),), push), UR5E, fit, [THETA] * 6, rearm_s=0.0)
     assert [round(event.t / DT) for event in run.events] == [1000]
-    np.testing.assert_array_equal(np.flatnonzero(run.blind), np.arange(1001, 1006))
+    np.testing.assert_array_equal(np.flatnonzero(run.no_data), np.arange(1001, 1006))
     # The alarm lasts until the first row after the gap, which is quiet, and begins no second time.
     assert (run.state[1007:] != run.state[1000]).all()
     # Made of the last row that was recorded: a push inside the gap that nobody recorded raises nothing either.
@@ -64,10 +64,10 @@ def test_nothing_is_noticed_inside_a_short_gap(fit: DynamicsModel) -> None:
     assert later.events == ()
 
 
-def test_a_recording_of_nothing_but_gaps_is_all_blind(fit: DynamicsModel) -> None:
+def test_a_recording_of_nothing_but_gaps_has_no_data_at_all(fit: DynamicsModel) -> None:
     lost = tuple((first, first + 60) for first in range(5, 3000, 65))
     run = detect(log(3, 3000, lost), UR5E, fit, [0.1] * 6)
-    assert run.blind.all()
+    assert run.no_data.all()
     assert run.events == ()
 
 
@@ -84,7 +84,7 @@ def test_a_gap_is_no_quiet_time(fit: DynamicsModel) -> None:
     push = np.zeros(3000)
     push[900:1000] = 60.0
     run = detect(log(3, 3000, ((1000, 1250),), push), UR5E, fit, [THETA] * 6, rearm_s=2.0)
-    first = int(np.flatnonzero(run.blind)[-1]) + 1
+    first = int(np.flatnonzero(run.no_data)[-1]) + 1
     (alarm,) = np.flatnonzero(np.diff((run.state[first:] == STATES.index("alarm")).astype(int))) + first
     assert run.t[alarm] == pytest.approx(run.t[first] + 2.0, abs=1.5 * DT)
 

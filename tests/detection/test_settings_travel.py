@@ -137,7 +137,7 @@ def test_feedback_that_may_stand_still_for_ever_travels_too(free: Path, tmp_path
 
 
 def test_inactive_all_the_time_is_said_first_and_ends_with_3(free: Path, tmp_path: Path) -> None:
-    """Each by another cause: nothing is watched, beyond its limits, arming."""
+    """Each by another cause: nothing is monitored, beyond its limits, arming."""
     for options, why in (
         (("--thresholds", "inf,inf,inf,inf,inf,inf"), "no joint is monitored"),
         (("--thresholds", "9,9,9,9,9,9", "--arming-delay", 1000), "filling 17 rows, arming 9983 rows"),
@@ -156,7 +156,7 @@ def test_inactive_all_the_time_is_said_first_and_ends_with_3(free: Path, tmp_pat
 
 
 @pytest.mark.parametrize("column", ["tau", "q", "speed"])
-def test_joints_that_are_not_watched_do_not_deactivate_the_detector(column: str, free: Path, tmp_path: Path) -> None:
+def test_joints_that_are_not_monitored_do_not_deactivate_the_detector(column: str, free: Path, tmp_path: Path) -> None:
     """Joint 3 is beyond its limits, faster than its limit, or its torque is more than a drive can give."""
     log = Recording.load(free)
     q, tau = log.q.copy(), log.tau.copy()  # type: ignore[union-attr]
@@ -172,8 +172,8 @@ def test_joints_that_are_not_watched_do_not_deactivate_the_detector(column: str,
             joints=tuple(replace(joint, velocity=0.01) if k == 2 else joint for k, joint in enumerate(robot.joints)),
         )
     settings = DetectorSettings(largest_signal=(500.0,) * 6)
-    watched = Detector(robot, None, [15.0] * 6, settings).run_rows(log.t, q, tau)
-    assert watched.blind.mean() > 0.5
+    monitored = Detector(robot, None, [15.0] * 6, settings).run_rows(log.t, q, tau)
+    assert monitored.no_data.mean() > 0.5
     run_ = Detector(robot, None, [15.0, 15, math.inf, 15, 15, 15], settings).run_rows(log.t, q, tau)
     assert not run_.inactive
     assert [event.joints for event in run_.events] == [(1,)]
@@ -181,4 +181,4 @@ def test_joints_that_are_not_watched_do_not_deactivate_the_detector(column: str,
         tau[:, 2] = math.nan
         again = Detector(robot, None, [15.0, 15, math.inf, 15, 15, 15], settings).run_rows(log.t, q, tau)
         assert [event.t for event in again.events] == [event.t for event in run_.events]
-        assert np.isfinite(again.residual[~again.blind]).all()
+        assert np.isfinite(again.residual[~again.no_data]).all()

@@ -92,8 +92,8 @@ def test_a_joint_of_unknown_gain_is_scored_up_to_a_free_gain() -> None:
     log = driven(ROBOT, MOTION, truth, 1)
     elbow = truth.joints[2]
     unknown = replace(elbow, parameters={**elbow.parameters, "B": None, "inertia": None, "hysteresis": None})
-    blind = replace(truth, joints=(*truth.joints[:2], unknown, *truth.joints[3:]))
-    known, free = (compare_currents(model, log, ROBOT) for model in (truth, blind))
+    gainless = replace(truth, joints=(*truth.joints[:2], unknown, *truth.joints[3:]))
+    known, free = (compare_currents(model, log, ROBOT) for model in (truth, gainless))
     scores = free.current_scores()
     assert [score.free_gain for score in scores] == [False, False, True, False, False, False]
     assert scores[2].unit == "A"
@@ -103,5 +103,5 @@ def test_a_joint_of_unknown_gain_is_scored_up_to_a_free_gain() -> None:
     assert np.isnan(free.estimated[:, 2]).all()
     # The other way round in time the current belongs to another torque.
     assert log.current is not None
-    turned = compare_currents(blind, replace(log, current=log.current[::-1].copy()), ROBOT).current_scores()[2]
+    turned = compare_currents(gainless, replace(log, current=log.current[::-1].copy()), ROBOT).current_scores()[2]
     assert turned.r2 < 0.5

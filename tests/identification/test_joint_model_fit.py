@@ -1,4 +1,4 @@
-"""Joint models from currents: planted drives recovered, blindness named, damaged recordings refused."""
+"""Joint models from currents: planted drives recovered, unobservable gains named, damaged recordings refused."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_current_is_the_inverse_of_torque(kind: str, law: str) -> None:
     np.testing.assert_allclose(again, torque, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["linear", "odd", "load_dependent", "blind"])
+@pytest.mark.parametrize("kind", ["linear", "odd", "load_dependent", "unknown_gain"])
 @pytest.mark.parametrize("law", list(LAWS))
 def test_derivatives_are_those_of_the_current(kind: str, law: str) -> None:
     rng = np.random.default_rng(2)

@@ -46,7 +46,7 @@ def test_margins_go_through_the_filter_and_are_cut_off() -> None:
         np.testing.assert_allclose(filtered, wanted, rtol=0, atol=REACH_SHARE * np.ptp(SIGNAL))
         columns = np.stack([some.carried, 0 * some.carried], axis=2)  # one of them does nothing
         assert np.array_equal(some.filtered(columns, 2.0), np.stack([filtered, 0 * filtered], axis=2))
-    # Without margins every block has ends of its own, which are felt far above the margins' share.
+    # Without margins every block has ends of its own, which count far above the margins' share.
     bare = narrow.trimmed(100.0)
     assert bare.unpadded
     assert np.array_equal(bare.within(bare.carried), own)

@@ -55,7 +55,7 @@ def test_error_that_a_model_lacks_shows_where_it_lacks_it() -> None:
 
 
 def pressed(*, gain: float = 1.0, noise: float = 0.0) -> tuple[bs.Robot, ContactComparison]:
-    """A press of up to 60 N along the tool, felt by the joints as gain times what it is."""
+    """A press of up to 60 N along the tool, that turns the joints by gain times what it is."""
     robot = bs.Robot.load("sia5d")
     t = np.arange(0.0, 4.0, 0.01)
     q = np.tile(np.radians([0, 30, 0, -20, 0, -40, 0]), (t.size, 1)) + 0.01 * t[:, None]

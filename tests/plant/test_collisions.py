@@ -133,7 +133,7 @@ def test_lost_sample_alarms_with_naive_differences_only() -> None:
     judged = found.t > ARMING_S + 0.05
     assert not found.events
     assert found.late[gone]
-    assert (found.state[judged] == STATES.index("watching")).all()
+    assert (found.state[judged] == STATES.index("monitoring")).all()
 
 
 def _gears() -> Gears:

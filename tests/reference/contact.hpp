@@ -31,7 +31,7 @@ inline Contact plane_contact(const Problem& problem, const Vec3& normal, const V
 // The appendix's version: a wall across each axis along which the tip is to move. Each pushes for itself, and
 // its force component is positive whichever way the arm moves.
 //
-// The appendix asks how far the tip is from its start, not on which side. So each wall is also felt,
+// The appendix asks how far the tip is from its start, not on which side. So each wall is also touched,
 // mirrored, behind the start, and there its spring is measured from the true wall on the far side: an arm
 // that reverses past its start by more than the offset meets a force of K (distance + offset) out of nowhere.
 inline Contact walls_contact(const Problem& problem, const Vec3& normal, const Vec3& moved, const double* offsets) {

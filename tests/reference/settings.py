@@ -56,10 +56,10 @@ class ReferenceSettings:
     contact_point_m: Sequence[float] = (0.0, 0.0, 0.0)  # in that link's frame
     normal: Sequence[float] | None = None  # None: the direction the contact point moves in at the start
     per_axis_walls: bool = False  # three walls across x, y, z instead of one plane
-    mirrored_walls: bool = True  # ... each of which is also felt, mirrored, behind the start, as in Schroeder (2013)
+    mirrored_walls: bool = True  # ... each of which is also touched, mirrored, behind the start, as in Schroeder (2013)
 
     # Detector
-    thresholds_Nm: float | Sequence[float]  # inf: that joint is not watched
+    thresholds_Nm: float | Sequence[float]  # inf: that joint is not monitored
     period_steps: int = 4  # simulation steps between two feedback ticks
     arming_delay_s: float = 0.0  # ticks before this time are not checked
     noise_sd_Nm: float | Sequence[float] = 0.0  # for simulate_seeded only

@@ -48,8 +48,8 @@ def test_reference_rows(body, speed_mm_s, mean, sd, median, p95, p99, at_detecti
     rounding = 0.005
     assert force.mean() == pytest.approx(mean, abs=Z * sd * both + rounding)
     assert force.std() == pytest.approx(sd, abs=Z * sd * both / math.sqrt(2) + rounding)
-    felt = runs.force_at_detection_N
-    assert felt.mean() == pytest.approx(at_detection, abs=Z * felt.std() * both + rounding)
+    at_alarm = runs.force_at_detection_N
+    assert at_alarm.mean() == pytest.approx(at_detection, abs=Z * at_alarm.std() * both + rounding)
 
     # A quantile is right when its share of the runs lies above it. Shares are binomial, also near 0 and 1,
     # where the normal approximation is too narrow by a run or two.

@@ -138,7 +138,7 @@ def test_quantiles_at_the_foot_of_the_tail_are_above_the_scale():
 
 def test_delays_that_differ_by_rounding_are_drawn_at_one_time():
     labels = tuple(Label(t, t + 1) for t in (10.0, 20.0, 30.0, 40.0))
-    (picture,) = DetectionsPart(score([10.008, 20.008, 30.008], labels=labels, watched=(0.0, 60.0))).pictures()
+    (picture,) = DetectionsPart(score([10.008, 20.008, 30.008], labels=labels, monitored=(0.0, 60.0))).pictures()
     rendered = picture.render()
     rendered.figure.draw_without_rendering()
     (panel,) = rendered.figure.axes

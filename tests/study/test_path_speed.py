@@ -64,8 +64,8 @@ def worst_risk(scenario: bs.Scenario, moments: Any) -> float:
 
 def telling(rows: pl.DataFrame) -> Any:
     """Rows at which least is detected, and every twentieth: the first fault of this kind showed at the former."""
-    least_felt = np.argsort(rows["undetectable_N"].to_numpy())[-40:]
-    chosen = np.union1d(least_felt, np.arange(1, len(rows), 20))
+    least_detectable = np.argsort(rows["undetectable_N"].to_numpy())[-40:]
+    chosen = np.union1d(least_detectable, np.arange(1, len(rows), 20))
     return chosen[(chosen > 0) & (chosen < len(rows) - 1)]
 
 

@@ -233,7 +233,7 @@ def test_other_noise_observers_and_places_stay_below_the_bound(changes: dict[str
 
 def test_an_arm_that_feels_nothing_has_no_bound() -> None:
     scenario, q, _ = draw(np.random.default_rng(2), 0, 5)
-    # Only the first joint is watched, and a straight push through its axis does not turn it.
+    # Only the first joint is monitored, and a straight push through its axis does not turn it.
     changed = scenario.with_values({"detector.thresholds_Nm": [20.0] + [math.inf] * 6})
     found = predict_batch(changed, q, np.tile([0.0, 0.0, 0.05], (5, 1)))
     assert (found.undetectable > 1e6).all()

@@ -216,8 +216,8 @@ def _against_the_reference_simulator(findings: Findings, facts: dict[str, Any], 
     )
     findings.say(
         "Schroeder's simulator has three walls, one across each axis, each with a distance of its own drawn from that "
-        "axis's speed, and each felt behind the start as well. An arm that moves obliquely meets the nearest of them "
-        "with a fraction of its speed, and one that is turned aside meets those beside its line."
+        "axis's speed, and each touched behind the start as well. An arm that moves obliquely meets the nearest of "
+        "them with a fraction of its speed, and one that is turned aside meets those beside its line."
     )
     findings.say(
         "A sampling error is that of one draw from each pose's own probability, which is small: most poses are over "

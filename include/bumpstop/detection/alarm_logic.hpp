@@ -11,10 +11,10 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// What the detector is doing.
 enum class DetectorState {
-    blind,     ///< it cannot tell: no believable samples
-    arming,    ///< a motion has just begun; residuals are not judged
-    watching,  ///< it judges every tick
-    alarm,     ///< it has judged, and waits to be told to go on
+    no_data,     ///< it cannot tell: no valid samples
+    arming,      ///< a motion has just begun; residuals are not judged
+    monitoring,  ///< it judges every tick
+    alarm,       ///< it has judged, and waits to be told to go on
 };
 inline constexpr int detector_states = 4;
 
@@ -36,10 +36,10 @@ class AlarmLogic {
         ThresholdModel& law = settings_.thresholds;
         for (int j = 0; j < max_joints; ++j) {
             if (j >= joints) {
-                law.constant[j] = law.fast[j] = law.rest_speed[j] = ThresholdModel::unwatched;
+                law.constant[j] = law.fast[j] = law.rest_speed[j] = ThresholdModel::unmonitored;
                 law.speed[j] = law.acceleration[j] = law.rest[j] = 0;
             }
-            any_fast_ = any_fast_ || law.fast[j] < ThresholdModel::unwatched;
+            any_fast_ = any_fast_ || law.fast[j] < ThresholdModel::unmonitored;
             inverse_rest_speed_[j] = 1 / law.rest_speed[j];
         }
     }
@@ -83,10 +83,10 @@ class AlarmLogic {
         }
         const bool armed = resting_ || t - begun_ >= settings_.arming_delay;
         const bool over = (over_ | over_fast_) != 0;
-        unseen_ = !armed && over;
+        masked_ = !armed && over;
         const bool stands = state_ == DetectorState::alarm;
         loud_ = armed && over;
-        if (!stands) state_ = armed ? DetectorState::watching : DetectorState::arming;
+        if (!stands) state_ = armed ? DetectorState::monitoring : DetectorState::arming;
         // Ticks without a residual are no quiet ones: behind them quiet counts anew.
         if (!judged_) quiet_from_ = t;
         judged_ = true;
@@ -103,7 +103,7 @@ class AlarmLogic {
 
     /// The alarm is over.
     void acknowledge() noexcept {
-        if (state_ == DetectorState::alarm) state_ = DetectorState::watching;
+        if (state_ == DetectorState::alarm) state_ = DetectorState::monitoring;
     }
     /// After a time without residuals the filter begins anew.
     void interrupt() noexcept {
@@ -116,7 +116,7 @@ class AlarmLogic {
         interrupt();
         resting_ = true;
         moved_ = -std::numeric_limits<double>::infinity();
-        state_ = DetectorState::watching;
+        state_ = DetectorState::monitoring;
         over_ = over_fast_ = 0;
     }
 
@@ -127,7 +127,7 @@ class AlarmLogic {
     /// Over some threshold in the last tick, and armed: what an event goes on with.
     bool loud() const noexcept { return loud_; }
     /// The last tick would have been an alarm, had the detector been armed.
-    bool unseen() const noexcept { return unseen_; }
+    bool masked_while_arming() const noexcept { return masked_; }
     const double* threshold() const noexcept { return threshold_.data(); }
     const double* fast() const noexcept { return fast_.data(); }
 
@@ -144,8 +144,8 @@ class AlarmLogic {
     DecisionSettings settings_;
     int joints_;
     BandPass band_;
-    DetectorState state_ = DetectorState::watching;
-    bool any_fast_ = false, resting_ = true, unseen_ = false, judged_ = false, loud_ = false;
+    DetectorState state_ = DetectorState::monitoring;
+    bool any_fast_ = false, resting_ = true, masked_ = false, judged_ = false, loud_ = false;
     bool event_over_ = false;  // all was quiet for the pause
     double quiet_from_ = 0;    // since when nothing was over a threshold [s]
     double begun_ = 0, moved_ = -std::numeric_limits<double>::infinity();

@@ -33,28 +33,28 @@ struct DetectorSettings {
     Vector3 gravity{0, 0, -9.80665};  ///< base frame [m/s2]
     SampleLimits samples;
     DecisionSettings decision;
-    double grace = 0;                           ///< blind for longer asks for a stop [s]; 0: at once
+    double max_no_data_time = 0;                ///< without data for longer asks for a stop [s]; 0: at once
     std::uint32_t unknown = 0;                  ///< joint j as bit j: its torque is not known, and its residual is zero
-    std::array<double, max_joints> noise_sd{};  ///< of the residual, to be given: above 0; infinite: not watched
+    std::array<double, max_joints> noise_sd{};  ///< of the residual, to be given: above 0; infinite: not monitored
     std::array<double, max_joints> dead_zone{};  ///< torque that friction can hide at standstill [Nm or N]
     LinkPoint contact;                           ///< where the force of an event is given
     Vector3 direction{0, 0, -1};                 ///< unit vector the force is given along, base frame
     Payload payload;                             ///< declared
-    PayloadWatchSettings payload_watch;
+    PayloadMonitorSettings payload_monitor;
 };
 
-/// Of one tick. In a blind tick `residual` and `fast` are NaN; `threshold`, `qd` and `qdd` are those of a tick before.
+/// Of one tick. In a tick without data `residual` and `fast` are NaN; `threshold`, `qd` and `qdd` are those of a tick before.
 struct DetectorOutput {
-    DetectorState state = DetectorState::blind;
+    DetectorState state = DetectorState::no_data;
     SampleFault fault = SampleFault::filling;
-    bool stop = true;     ///< the arm must stop: an alarm, or blind for longer than the grace
-    bool late = false;    ///< samples are missing before this one
-    bool unseen = false;  ///< over a threshold, but the detector is arming
+    bool stop = true;                  ///< the arm must stop: an alarm, or no data for longer than allowed
+    bool late = false;                 ///< samples are missing before this one
+    bool masked_while_arming = false;  ///< over a threshold, but the detector is arming
     bool payload_changed = false;
     double t = 0;                                ///< of the sample [s]
     std::uint32_t over = 0, over_fast = 0;       ///< joint j as bit j
     std::array<double, max_joints> residual{};   ///< Nm or N
-    std::array<double, max_joints> fast{};       ///< of the fast channel; zero where no joint is watched there
+    std::array<double, max_joints> fast{};       ///< of the fast channel; zero where no joint is monitored there
     std::array<double, max_joints> threshold{};  ///< of the residual in this tick
     std::array<double, max_joints> qd{}, qdd{};  ///< as the detector sees them
 };
@@ -85,7 +85,7 @@ class Detector {
           guard_(settings.samples, chain.dof),
           observer_(settings.observer_gain, chain.dof),
           decision_(settings.decision, chain.dof),
-          watch_(settings.payload_watch, chain.dof) {
+          watch_(settings.payload_monitor, chain.dof) {
         for (int j = 0; j < chain.dof; ++j) {
             links_[j] = links[j];
             ours_[j] = 1;
@@ -98,18 +98,18 @@ class Detector {
     /// Judges a sample. The result stays until the next call.
     [[gnu::flatten]] const DetectorOutput& update(const DetectorSample& sample) noexcept {
         out_.t = sample.t;
-        out_.unseen = false;
+        out_.masked_while_arming = false;
         out_.over = out_.over_fast = 0;
         const bool moves = derivative_.full();
         const SampleFault fault =
             guard_.check(sample, {moves ? out_.qd.data() : nullptr, moves ? derivative_.span() : 0.0});
         out_.late = guard_.late();
         if (fault == SampleFault::gap) forget();
-        if (fault != SampleFault::none && fault != SampleFault::gap) return blind(fault, sample.t);
+        if (fault != SampleFault::none && fault != SampleFault::gap) return no_data(fault, sample.t);
         const bool full = settings_.samples.measured_rates ? derivative_.update(sample.t, sample.qd.data())
                                                            : derivative_.update(sample.t, guard_.position());
         // A gap is told once, by the sample after it.
-        if (!full) return blind(fault == SampleFault::gap && begun_ ? fault : SampleFault::filling, sample.t);
+        if (!full) return no_data(fault == SampleFault::gap && begun_ ? fault : SampleFault::filling, sample.t);
         if (settings_.samples.measured_rates) out_.qd = sample.qd;
         const double* qd = settings_.samples.measured_rates ? out_.qd.data() : derivative_.rate();
         const double* qdd = settings_.samples.measured_rates ? derivative_.rate() : derivative_.acceleration();
@@ -125,11 +125,11 @@ class Detector {
         } else if (observe(angle, qd)) {
             finite = observed_residual(qdd);
         } else {
-            return blind(SampleFault::filling, sample.t);
+            return no_data(SampleFault::filling, sample.t);
         }
         if (!finite) {
             forget();
-            return blind(SampleFault::not_finite, sample.t);
+            return no_data(SampleFault::not_finite, sample.t);
         }
         begun_ = true;
         return judged(sample, angle, qd, qdd);
@@ -150,7 +150,7 @@ class Detector {
         derivative_.reset();
         observer_.reset();
         begun_ = false;
-        blind_ticks_ = events_ = 0;
+        no_data_ticks_ = events_ = 0;
         seen_ = -std::numeric_limits<double>::infinity();
         out_ = {};
     }
@@ -260,9 +260,9 @@ class Detector {
         out_.fault = SampleFault::none;
         out_.over = decision_.over();
         out_.over_fast = decision_.over_fast();
-        out_.unseen = decision_.unseen();
+        out_.masked_while_arming = decision_.masked_while_arming();
         seen_ = sample.t;
-        blind_ticks_ = 0;
+        no_data_ticks_ = 0;
         for (int first = 0; first < chain_.dof; first += native_lanes) {
             store(only(ours_, decision_.threshold(), first), &out_.threshold[first]);
             store(only(ours_, decision_.fast(), first), &out_.fast[first]);
@@ -315,14 +315,15 @@ class Detector {
         ++events_;
     }
 
-    [[gnu::noinline, gnu::cold]] const DetectorOutput& blind(SampleFault fault, double t) noexcept {
+    [[gnu::noinline, gnu::cold]] const DetectorOutput& no_data(SampleFault fault, double t) noexcept {
         // An alarm that stands is not hidden by a bad sample, but the bad sample is told.
-        out_.state = DetectorState::blind;
+        out_.state = DetectorState::no_data;
         out_.fault = fault;
         decision_.skip();
         // Times may stand still or run backwards; ticks do not.
-        ++blind_ticks_;
-        const bool patient = t - seen_ <= settings_.grace && blind_ticks_ * settings_.samples.period <= settings_.grace;
+        ++no_data_ticks_;
+        const bool patient = t - seen_ <= settings_.max_no_data_time &&
+                             no_data_ticks_ * settings_.samples.period <= settings_.max_no_data_time;
         out_.stop = decision_.state() == DetectorState::alarm || !patient;
         for (int j = 0; j < chain_.dof; ++j) out_.residual[j] = std::numeric_limits<double>::quiet_NaN();
         out_.fast = out_.residual;
@@ -348,7 +349,7 @@ class Detector {
     LinkPoint payload_point_;
     JointAngles<double> angle_{};
     bool begun_ = false, errors_ = false;
-    long blind_ticks_ = 0, events_ = 0;
+    long no_data_ticks_ = 0, events_ = 0;
     double seen_ = -std::numeric_limits<double>::infinity();  // when a tick was last judged
     std::array<double, max_joints> sd_{};
     DetectorOutput out_;

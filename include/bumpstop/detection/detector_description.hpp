@@ -84,9 +84,9 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     SampleLimits& samples = s.samples;
     DecisionSettings& decision = s.decision;
     ThresholdModel& law = decision.thresholds;
-    PayloadWatchSettings& watch = s.payload_watch;
+    PayloadMonitorSettings& watch = s.payload_monitor;
     constexpr double inf = std::numeric_limits<double>::infinity(), large = std::numeric_limits<double>::max();
-    double degree = 0, measured_rates = 0, unknown = 0, unwatched = 0, endless = 0, contact[4] = {}, payload[4] = {};
+    double degree = 0, measured_rates = 0, unknown = 0, unmonitored = 0, endless = 0, contact[4] = {}, payload[4] = {};
     detail::DetectorKey keys[] = {
         {"period", &samples.period, 1, 1e-9, large},
         {"shortest_interval", &samples.shortest_interval, 1, 0, large},
@@ -99,24 +99,24 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"signal", samples.signal.data(), -1, 0, inf},
         {"measured_rates", &measured_rates, 1, 0, 1},
         {"frozen_time", &samples.frozen_time, 1, 0, inf},
-        {"unwatched", &unwatched, 1, 0, double((1 << max_joints) - 1)},
+        {"unmonitored", &unmonitored, 1, 0, double((1 << max_joints) - 1)},
         {"endless", &endless, 1, 0, double((1 << max_joints) - 1)},
         {"observer_gain", &s.observer_gain, 1, 1e-9, large},
         {"window", &s.window, 1, 1e-9, large},
         {"degree", &degree, 1, 2, double(max_fit_degree)},
         {"gravity", s.gravity.data(), 3, -large, large},
-        {"grace", &s.grace, 1, 0, large},
+        {"max_no_data_time", &s.max_no_data_time, 1, 0, large},
         {"unknown", &unknown, 1, 0, double((1 << max_joints) - 1)},
         {"noise_sd", s.noise_sd.data(), -1, 1e-300, inf},
         {"dead_zone", s.dead_zone.data(), -1, 0, large},
         {"contact", contact, 4, -large, large},
         {"direction", s.direction.data(), 3, -1, 1},
         {"payload", payload, 4, -large, large},
-        {"payload_watch", &watch.window, 1, 1e-9, large},
+        {"payload_monitor", &watch.window, 1, 1e-9, large},
         {"payload_interval", &watch.interval, 1, 0, large},
-        {"payload_least", &watch.least_mass, 1, 0, large},
-        {"payload_share", &watch.least_share, 1, 0, 1},
-        {"payload_change", &watch.least_change, 1, 0, 1},
+        {"payload_least", &watch.min_mass, 1, 0, large},
+        {"payload_share", &watch.min_share, 1, 0, 1},
+        {"payload_change", &watch.min_change, 1, 0, 1},
         {"constant", law.constant.data(), -1, 1e-300, inf},
         {"speed", law.speed.data(), -1, 0, large},
         {"acceleration", law.acceleration.data(), -1, 0, large},
@@ -183,14 +183,14 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     if (out.joints.size() != wanted || out.errors.size() != wanted)
         return wrong("wanted " + std::to_string(wanted) + " lines 'joint_torque' and 'joint_errors'");
     if (!(decision.low_hz < decision.high_hz)) return wrong("'low_hz' is not below 'high_hz'");
-    for (const double whole : {degree, measured_rates, unknown, unwatched, endless, contact[0]})
+    for (const double whole : {degree, measured_rates, unknown, unmonitored, endless, contact[0]})
         if (whole != std::floor(whole)) return wrong("a number that counts is not whole");
     if (!(contact[0] >= 0 && contact[0] < n)) return wrong("'contact' names no link");
     if (!detail::is_unit_vector(s.direction)) return wrong("'direction' wants a unit vector");
     if (!(payload[0] >= 0)) return wrong("'payload' has a negative mass");
     s.degree = int(degree);
     samples.measured_rates = measured_rates != 0;
-    samples.unwatched = std::uint32_t(unwatched);
+    samples.unmonitored = std::uint32_t(unmonitored);
     samples.endless = std::uint32_t(endless);
     s.unknown = std::uint32_t(unknown);
     s.contact = link_point(robot->chain(), int(contact[0]), {contact[1], contact[2], contact[3]});

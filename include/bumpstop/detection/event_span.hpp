@@ -16,7 +16,7 @@ struct EventSpan {
         largest{};             ///< by joint: the residual of the largest magnitude, with its sign [Nm or N]
     double largest_share = 0;  ///< the largest residual of any joint in units of its threshold
     double largest_time = 0;   ///< when that was
-    int largest_joint = -1;    ///< whose it was, from 0; -1: no joint is watched
+    int largest_joint = -1;    ///< whose it was, from 0; -1: no joint is monitored
 
     /// The event begins at time t with residuals and thresholds of `joints` joints.
     void start(double t, const double* residual, const double* threshold, int joints) noexcept {

@@ -11,13 +11,13 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// What a residual says of a contact. Residuals are minus the contact's torques, so forces here are those of the arm on
 /// the body: along +n where the arm pushes.
 struct ContactEstimate {
-    int link = -1;               ///< likeliest, from 0; -1: no joint is watched
+    int link = -1;               ///< likeliest, from 0; -1: no joint is monitored
     std::uint32_t possible = 0;  ///< link i as bit i: a contact there could explain the residual
     double force_along = 0;      ///< least squares, along the direction asked for [N]
     /// Standard deviation of force_along; infinite where no joint that says something feels the direction [N].
     double force_along_sd = std::numeric_limits<double>::infinity();
     Vector3 force{};                          ///< least squares at the point, shortest [N, base frame]
-    double leftover = 0;                      ///< of that force: largest |r_j - fit_j| / sd_j over watched joints
+    double leftover = 0;                      ///< of that force: largest |r_j - fit_j| / sd_j over monitored joints
     std::array<double, max_joints> misfit{};  ///< by link: sum ((r_j - fit_j) / sd_j)^2 of the best wrench there
 };
 
@@ -113,11 +113,11 @@ inline std::array<double, max_joints> contact_noise(int joints, const double* re
     return out;
 }
 
-/// `sd`: noise of the residual by joint, above 0; infinite: the joint is not watched and says nothing. `point` and the
+/// `sd`: noise of the residual by joint, above 0; infinite: the joint is not monitored and says nothing. `point` and the
 /// unit vector `direction` (base frame) are where and how a contact is asked for.
 ///
 /// A contact on link i cannot load the joints beyond it: their residuals must be noise. What it does to the joints up to
-/// i is the torque of some wrench, fitted by least squares. Link i is possible where no watched joint is left with more
+/// i is the torque of some wrench, fitted by least squares. Link i is possible where no monitored joint is left with more
 /// than three sd; the likeliest has the least misfit plus twice the rank of its fit (Akaike 1974), as an outer link can
 /// always explain more.
 inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double>& posture, const double* residual,
@@ -125,7 +125,7 @@ inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double
     ContactEstimate out;
     const int n = chain.dof;
     double weight[max_joints];
-    for (int j = 0; j < n; ++j) weight[j] = 1 / sd[j];  // 0: not watched
+    for (int j = 0; j < n; ++j) weight[j] = 1 / sd[j];  // 0: not monitored
 
     const Point3<double> p = posture.position(point);
     Matrix3 normal{};

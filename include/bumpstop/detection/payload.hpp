@@ -32,12 +32,12 @@ inline LinkInertia with_payload(const LinkInertia& link, const Payload& payload)
     return sum;
 }
 
-struct PayloadWatchSettings {
-    double window = 5;            ///< time over which the past fades [s]
-    double interval = 0.02;       ///< between looks [s]
-    double least_mass = 0;        ///< change that counts [kg]; 0: none is looked for
-    double least_share = 0.8;     ///< of the residual's square that the mass must explain
-    double least_change = 0.005;  ///< by how much the mass's torques must have varied: variance over mean square
+struct PayloadMonitorSettings {
+    double window = 5;          ///< time over which the past fades [s]
+    double interval = 0.02;     ///< between looks [s]
+    double min_mass = 0;        ///< change that counts [kg]; 0: none is looked for
+    double min_share = 0.8;     ///< of the residual's square that the mass must explain
+    double min_change = 0.005;  ///< by how much the mass's torques must have varied: variance over mean square
 };
 
 /// Fits r = g_m(q) m, the torques that one more kilogram at the payload's point asks for, to the residuals of the last
@@ -45,10 +45,11 @@ struct PayloadWatchSettings {
 /// change counts only once the pose has varied.
 class PayloadMonitor {
   public:
-    PayloadMonitor(const PayloadWatchSettings& settings, int joints) noexcept : settings_(settings), joints_(joints) {}
+    PayloadMonitor(const PayloadMonitorSettings& settings, int joints) noexcept
+        : settings_(settings), joints_(joints) {}
 
     /// A look is due at time t [s].
-    bool due(double t) const noexcept { return settings_.least_mass > 0 && !(t - looked_ < settings_.interval); }
+    bool due(double t) const noexcept { return settings_.min_mass > 0 && !(t - looked_ < settings_.interval); }
 
     /// `per_kilogram`: g_m by joint [Nm/kg or N/kg]; `sd` as for estimate_contact.
     void look(double t, const double* residual, const double* per_kilogram, const double* sd) noexcept {
@@ -73,11 +74,11 @@ class PayloadMonitor {
     double share() const noexcept { return aa_ > 0 && rr_ > 0 ? ar_ * ar_ / (aa_ * rr_) : 0; }
     /// The payload has changed, as far as the residuals of different poses tell.
     bool recognised() const noexcept {
-        if (!(settings_.least_mass > 0) || !(std::fabs(change()) >= settings_.least_mass)) return false;
+        if (!(settings_.min_mass > 0) || !(std::fabs(change()) >= settings_.min_mass)) return false;
         double squares = 0;
         for (int j = 0; j < joints_; ++j) squares += mean_[j] * mean_[j];
-        const bool varied = aa_ - squares / weight_ >= settings_.least_change * aa_;
-        return varied && share() >= settings_.least_share;
+        const bool varied = aa_ - squares / weight_ >= settings_.min_change * aa_;
+        return varied && share() >= settings_.min_share;
     }
     void reset() noexcept {
         aa_ = ar_ = rr_ = weight_ = 0;
@@ -86,7 +87,7 @@ class PayloadMonitor {
     }
 
   private:
-    PayloadWatchSettings settings_;
+    PayloadMonitorSettings settings_;
     int joints_;
     double looked_ = -std::numeric_limits<double>::infinity();
     double aa_ = 0, ar_ = 0, rr_ = 0, weight_ = 0;

@@ -48,7 +48,7 @@ struct SampleLimits {
     bool measured_rates = false;
     /// All positions and signals may repeat for so long while the arm rests [s]; infinite: for ever, even in motion.
     double frozen_time = 0.1;
-    std::uint32_t unwatched = 0;  ///< joint j as bit j: its signal may be anything
+    std::uint32_t unmonitored = 0;  ///< joint j as bit j: its signal may be anything
     /// Joint j as bit j: it turns without end. Its position may leave the limits, and jump by whole turns, as that of an
     /// encoder that tells -pi to pi does.
     std::uint32_t endless = 0;
@@ -67,7 +67,7 @@ class SampleValidator {
         constexpr double inf = std::numeric_limits<double>::infinity();
         for (int j = 0; j < max_joints; ++j) {
             ours_[j] = j < joints ? 1 : 0;
-            needed_[j] = j < joints && !(limits.unwatched >> j & 1) ? 1 : 0;
+            needed_[j] = j < joints && !(limits.unmonitored >> j & 1) ? 1 : 0;
             endless_[j] = j < joints && limits.endless >> j & 1 ? 1 : 0;
             if (endless_[j] > 0) limits_.upper[j] = most_turned, limits_.lower[j] = -most_turned;
             if (j < joints) continue;
@@ -160,7 +160,7 @@ class SampleValidator {
     /// Positions of the last sample that was believed, max_joints numbers; zero beyond the last joint. Those of endless
     /// joints go on over whole turns.
     const double* position() const noexcept { return position_.data(); }
-    /// Signals of the last sample that was believed, likewise; zero where that of an unwatched joint was no number.
+    /// Signals of the last sample that was believed, likewise; zero where that of an unmonitored joint was no number.
     const double* signal() const noexcept { return signal_.data(); }
     /// Of the last sample that was believed [s]; -infinity: none yet.
     double last_time() const noexcept { return known_ ? before_ : -std::numeric_limits<double>::infinity(); }

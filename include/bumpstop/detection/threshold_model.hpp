@@ -14,14 +14,14 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 ///
 /// with f 1 up to rest_speed_j, falling to 0 at twice that, and sd_j the standard error of the estimated torque.
 struct ThresholdModel {
-    static constexpr double unwatched = std::numeric_limits<double>::infinity();
+    static constexpr double unmonitored = std::numeric_limits<double>::infinity();
 
-    std::array<double, max_joints> constant{};      ///< Nm or N; infinite: the joint is not watched
+    std::array<double, max_joints> constant{};      ///< Nm or N; infinite: the joint is not monitored
     std::array<double, max_joints> speed{};         ///< Nm s/rad or N s/m
     std::array<double, max_joints> acceleration{};  ///< Nm s2/rad or N s2/m
     std::array<double, max_joints> rest{};          ///< Nm or N, at standstill
     std::array<double, max_joints> rest_speed{};    ///< rad/s or m/s, above 0
-    std::array<double, max_joints> fast{};          ///< of the fast channel [Nm or N]; infinite: not watched
+    std::array<double, max_joints> fast{};          ///< of the fast channel [Nm or N]; infinite: not monitored
     double model_errors = 0;                        ///< standard errors of the torque to add
 };
 

@@ -9,35 +9,35 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// How far the residual of one joint may go unnoticed: from `low` to `high` [Nm or N], low < 0 < high. Both are infinite
+/// How far the residual of one joint may stay undetected: from `low` to `high` [Nm or N], low < 0 < high. Both are infinite
 /// for a joint without a threshold. A force f that the arm exerts adds (J_v' f)_j to the residual, so faces are
 /// low = -(threshold + z sd) - mean and high = threshold + z sd - mean.
 struct ResidualBand {
     double low = -std::numeric_limits<double>::infinity();
     double high = std::numeric_limits<double>::infinity();
-    bool watched() const noexcept { return high < std::numeric_limits<double>::infinity(); }
+    bool monitored() const noexcept { return high < std::numeric_limits<double>::infinity(); }
 };
 
 /// The forces { f : low_j <= (J_v' f)_j <= high_j for every j } at a pose.
-struct BlindForce {
-    /// Of the farthest one [N]; infinite where some direction is not felt at all; NaN for a Jacobian that is none.
+struct UndetectableForce {
+    /// Of the farthest one [N]; infinite where some direction is not detectable at all; NaN for a Jacobian that is none.
     double largest = std::numeric_limits<double>::infinity();
-    double largest_felt = 0;  ///< [N] the same among forces without a component in the null space
-    Vector3 farthest{};       ///< [N] B; that force
-    Vector3 singular{};       ///< of the watched columns of J_v, largest first [m or 1]
-    int rank = 0;             ///< directions that are felt, 0 to 3
-    /// B; unit vectors, orthogonal. The first `rank` are felt, best first; the others are the null space.
+    double largest_detectable = 0;  ///< [N] the same among forces without a component in the null space
+    Vector3 farthest{};             ///< [N] B; that force
+    Vector3 singular{};             ///< of the monitored columns of J_v, largest first [m or 1]
+    int rank = 0;                   ///< directions that are detectable, 0 to 3
+    /// B; unit vectors, orthogonal. The first `rank` are detectable, best first; the others are the null space.
     Vector3 axis[3]{};
 };
 
 /// A singular value this small beside the largest is zero: joint angles are known to some 1e-16, levers to some 1e-15.
-inline constexpr double blind_rank = 1e-12;
+inline constexpr double rank_tolerance = 1e-12;
 
 namespace detail {
 
 /// The polytope in coordinates in which the faces' normals are the columns of a matrix with orthonormal rows. There
 /// neighbouring faces are as far from parallel as they can be, however near the pose is to a singular one.
-struct BlindPolytope {
+struct ForcePolytope {
     int faces = 0, rank = 0;
     double normal[max_joints][3];
     double low[max_joints], high[max_joints], length[max_joints];
@@ -138,15 +138,16 @@ struct BlindPolytope {
 /// One pose at a time, as poses differ in rank and in which faces meet.
 ///
 /// @param column of each joint, B [m or 1].
-inline BlindForce blind_force(const Point3<double>* column, const ResidualBand* band, int joints) noexcept {
+inline UndetectableForce undetectable_force(const Point3<double>* column, const ResidualBand* band,
+                                            int joints) noexcept {
     constexpr int width = max_joints + 3;
-    BlindForce out;
-    detail::BlindPolytope polytope;
+    UndetectableForce out;
+    detail::ForcePolytope polytope;
     double row[3][width] = {};
     int joint[max_joints];
     bool finite = true;
     for (int j = 0; j < joints; ++j) {
-        if (!band[j].watched()) continue;
+        if (!band[j].monitored()) continue;
         const double sum = column[j].x + column[j].y + column[j].z;
         finite = finite && std::fabs(sum) < std::numeric_limits<double>::infinity();
         row[0][polytope.faces] = column[j].x;
@@ -155,7 +156,7 @@ inline BlindForce blind_force(const Point3<double>* column, const ResidualBand* 
         joint[polytope.faces++] = j;
     }
     if (!finite) {
-        out.largest = out.largest_felt = std::numeric_limits<double>::quiet_NaN();
+        out.largest = out.largest_detectable = std::numeric_limits<double>::quiet_NaN();
         return out;
     }
     const int n = polytope.faces;
@@ -173,7 +174,7 @@ inline BlindForce blind_force(const Point3<double>* column, const ResidualBand* 
         const double* turned = row[order[k]] + n;
         out.singular[k] = length[order[k]];
         out.axis[k] = {turned[0], turned[1], turned[2]};
-        if (out.singular[k] > 0 && out.singular[k] > blind_rank * out.singular[0]) {
+        if (out.singular[k] > 0 && out.singular[k] > rank_tolerance * out.singular[0]) {
             polytope.scale[k] = 1 / out.singular[k];
             out.rank = k + 1;
         }
@@ -191,24 +192,24 @@ inline BlindForce blind_force(const Point3<double>* column, const ResidualBand* 
         polytope.high[f] = band[joint[f]].high;
     }
     polytope.search();
-    out.largest_felt = std::sqrt(std::max(0.0, polytope.best));
-    if (out.rank == 3) out.largest = out.largest_felt;
+    out.largest_detectable = std::sqrt(std::max(0.0, polytope.best));
+    if (out.rank == 3) out.largest = out.largest_detectable;
     for (int k = 0; k < out.rank; ++k)
         for (int c = 0; c < 3; ++c) out.farthest[c] += polytope.at[k] * polytope.scale[k] * out.axis[k][c];
     return out;
 }
 
 /// Largest force F >= 0 along the unit vector n that no threshold notices: the smallest of high_j / (J_v' n)_j, or of
-/// low_j / (J_v' n)_j where that is negative [N]; infinite where no watched joint feels it. A lever below 1e-12 of the
+/// low_j / (J_v' n)_j where that is negative [N]; infinite where no monitored joint feels it. A lever below 1e-12 of the
 /// longest is none.
-inline double blind_force_along(const Point3<double>* column, const ResidualBand* band, int joints,
-                                const Point3<double>& n) noexcept {
+inline double undetectable_force_along(const Point3<double>* column, const ResidualBand* band, int joints,
+                                       const Point3<double>& n) noexcept {
     double force = std::numeric_limits<double>::infinity(), longest = 0;
     for (int j = 0; j < joints; ++j)
-        if (band[j].watched()) longest = std::max(longest, dot(column[j], column[j]));
-    const double none = blind_rank * std::sqrt(longest);
+        if (band[j].monitored()) longest = std::max(longest, dot(column[j], column[j]));
+    const double none = rank_tolerance * std::sqrt(longest);
     for (int j = 0; j < joints; ++j) {
-        if (!band[j].watched()) continue;
+        if (!band[j].monitored()) continue;
         const double torque = dot(column[j], n);
         if (torque != torque) return torque;  // of such a pose nothing is known
         if (std::fabs(torque) > none) force = std::min(force, (torque < 0 ? band[j].low : band[j].high) / torque);
@@ -217,13 +218,13 @@ inline double blind_force_along(const Point3<double>* column, const ResidualBand
 }
 
 /// What a UndetectablePoseMonitor says of a pose.
-struct BlindPoseState {
-    double force = 0;      ///< largest force that goes unnoticed [N]; infinite or NaN: any, or nobody knows
-    bool warning = false;  ///< more than the limit goes unnoticed
+struct PoseWarning {
+    double force = 0;      ///< largest undetectable force [N]; infinite or NaN: any, or nobody knows
+    bool warning = false;  ///< more than the limit stays undetected
     bool entered = false;  ///< and did not at the call before
 };
 
-/// Tells, in the loop, when the arm enters a pose where more than a given force at a point can go unnoticed. Fixed
+/// Tells, in the loop, when the arm enters a pose where more than a given force at a point stays undetected. Fixed
 /// memory. A warning ends when the force is 5 % below the limit, so that a pose at the edge does not warn at every
 /// tick. Joint positions that are not finite warn: nothing is known of such a pose.
 class UndetectablePoseMonitor {
@@ -235,7 +236,7 @@ class UndetectablePoseMonitor {
     }
 
     /// @param q joint positions [rad or m], as many as the chain has joints.
-    BlindPoseState update(const double* q) noexcept {
+    PoseWarning update(const double* q) noexcept {
         JointAngles<double> angle;
         angle.set(chain_, q);
         Posture<double> posture;
@@ -243,11 +244,11 @@ class UndetectablePoseMonitor {
         const Point3<double> p = posture.position(point_);
         Point3<double> column[max_joints];
         for (int j = 0; j <= point_.link; ++j) column[j] = linear_column(chain_, posture, p, j);
-        return judge(blind_force(column, band_.data(), point_.link + 1).largest);
+        return judge(undetectable_force(column, band_.data(), point_.link + 1).largest);
     }
 
   private:
-    BlindPoseState judge(double force) noexcept {
+    PoseWarning judge(double force) noexcept {
         const bool before = warning_;
         warning_ = !(force <= (before ? 0.95 * limit_ : limit_));
         return {force, warning_, warning_ && !before};

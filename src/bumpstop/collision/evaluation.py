@@ -185,10 +185,12 @@ def monte_carlo(
     force = K * np.maximum(0.0, at_tick(curve.tick_distance) - offset)
     transient_contact_duration = None
     # From the first tick in contact on, also where the arm falls back from the body again.
-    felt = detected & (tick >= np.searchsorted(np.maximum.accumulate(curve.tick_distance), offset, side="right"))
+    after_contact = detected & (
+        tick >= np.searchsorted(np.maximum.accumulate(curve.tick_distance), offset, side="right")
+    )
     if problem.body_mass is not None:
         peak, force = runs["peak_force"], np.where(detected, runs["force_at_detection"], 0.0)
-        felt = detected & (force > 0)
+        after_contact = detected & (force > 0)
         transient_contact_duration = SampledDistribution(runs["duration"][runs["duration"] > 0])
     delay = at_tick(curve.tick_time) - first_passage_times(curve.distance, offset, step)
     dof = problem.robot.dof
@@ -200,16 +202,16 @@ def monte_carlo(
         kind="sampled",
         peak_force=SampledDistribution(peak, None if problem.body_mass is not None or curve.end in AT_REST else missed),
         transient_contact_duration=transient_contact_duration,
-        force_at_detection=SampledDistribution(force[felt]),
-        detection_delay=SampledDistribution(delay[felt]),
+        force_at_detection=SampledDistribution(force[after_contact]),
+        detection_delay=SampledDistribution(delay[after_contact]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(dof, math.nan),
         multi_joint_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
-        false_alarm_probability=float((detected & ~felt).mean()),
+        false_alarm_probability=float((detected & ~after_contact).mean()),
         undetected_probability=float(missed.mean()),
         no_contact_probability=float((~detected & ~touches).mean()),
         samples=samples,
         seed=seed,
-        runs=runs | {"peak_force": peak, "force_at_detection": force, "felt": felt},
+        runs=runs | {"peak_force": peak, "force_at_detection": force, "detected_after_contact": after_contact},
     )
 
 

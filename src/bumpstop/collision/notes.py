@@ -44,9 +44,9 @@ def notes_of(law: CollisionResult) -> list[str]:
     notes.extend(law.end_notes())
     notes.extend(line_end_notes(law))
     notes.extend(swing_notes(law))
-    unwatched = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
-    if unwatched:
-        notes.append(f"Not monitored: joint {', '.join(unwatched)}.")
+    unmonitored = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
+    if unmonitored:
+        notes.append(f"Not monitored: joint {', '.join(unmonitored)}.")
     if detector.arming_delay_s > 0:
         notes.append(f"The detector is not armed for the first {detector.arming_delay_s:g} s.")
     notes.append("This is an engineering estimate, not a certified safety function.")

@@ -52,7 +52,7 @@ class CollisionResult:
         undetected_probability: contact, but no detection by the end of the motion.
         no_contact_probability: neither contact nor alarm by the end of the motion.
         runs: of the sampled law: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and residual, and
-            whether it was ``felt``: detected after contact.
+            whether it was ``detected_after_contact``.
         transient_contact_duration: of free contact, until the body has got away [s].
     """
 

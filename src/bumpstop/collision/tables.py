@@ -60,7 +60,7 @@ def _run_table(law: CollisionResult) -> pl.DataFrame:
         "detected": detected,
         "detection_tick": tick,
         "detection_time_s": np.where(detected, curve.tick_time[at], nothing),
-        "false_alarm": detected & ~runs["felt"],
+        "false_alarm": detected & ~runs["detected_after_contact"],
         "force_at_detection_N": np.where(detected, runs["force_at_detection"], nothing),
         "peak_force_N": peak,
         "pressure_N_cm2": peak * scenario.contact.peak_factor / scenario.contact.area_cm2,

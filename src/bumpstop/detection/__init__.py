@@ -1,4 +1,4 @@
-"""Detection: residuals, thresholds and their tuning, the detector, where the arm is blind, and scores."""
+"""Detection: residuals, thresholds and their tuning, the detector, undetectable forces, and scores."""
 
 from bumpstop.detection.detector import Detector
 from bumpstop.detection.detector_file import describe_detector, save_detector

@@ -74,8 +74,9 @@ class Detector:
         Without settings they are those that the thresholds say they were found with, and else the defaults.
 
         Raises:
-            InputError: joints of the model that the robot has not, joints without a model that are watched, thresholds
-                of another length or found for another residual or rate, no inertia, a link that does not exist.
+            InputError: joints of the model that the robot has not, joints without a model that are monitored,
+                thresholds of another length or found for another residual or rate, no inertia, a link that does not
+                exist.
         """
         self.robot = robot
         self.model = model
@@ -84,7 +85,7 @@ class Detector:
         self.thresholds.check_residual(self.settings.residual, self.settings.observer_gain_1_s)
         check_rates(self.settings, self.thresholds)
         self.notes: tuple[str, ...] = ()
-        self._drives = MatchedDrives(robot, model, self.thresholds.watched)
+        self._drives = MatchedDrives(robot, model, self.thresholds.monitored)
         _ = robot.dynamics  # says which link has no inertia
         number, point = robot.frame(self.settings.link, self.settings.point)
         self._contact = number, point
@@ -109,7 +110,7 @@ class Detector:
         return self._drives.dead_zone() if stated is None else checked_stiction(stated, self.robot.dof)
 
     def smallest_torque(self, *, resting: bool = False) -> FloatArray:
-        """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not watched.
+        """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not monitored.
 
         Moving: the constant threshold. Resting: the threshold at rest and the dead zone that may hide as much of the
         torque; a clamped arm that stands still feels nothing below. What speed, acceleration and ``model_errors`` add
@@ -132,8 +133,8 @@ class Detector:
     ) -> float:
         """Force along a direction at a point that passes some threshold for sure, without noise [N].
 
-        min_j torque_j / |(J_v' n)_j| with the torques of :meth:`smallest_torque`; infinite where no watched joint feels
-        that direction.
+        min_j torque_j / |(J_v' n)_j| with the torques of :meth:`smallest_torque`; infinite where no monitored joint
+        feels that direction.
 
         Args:
             q: (n,) pose [rad or m].
@@ -217,7 +218,7 @@ class Detector:
             fault=fault,
             stop=(flags & 1) != 0,
             late=(flags & 2) != 0,
-            unseen=(flags & 4) != 0,
+            masked_while_arming=(flags & 4) != 0,
             payload_changed=(flags & 8) != 0,
             events=tuple(self._event(event) for event in events),
             notes=(
@@ -227,11 +228,11 @@ class Detector:
                 *frozen_notes(times, fault == FAULTS.index("frozen")),
             ),
             settings=self.summary(period),
-            watched=tuple(self.thresholds.watched),
+            monitored=tuple(self.thresholds.monitored),
         )
 
     def _beyond_limits(self, rows: FloatArray) -> list[str]:
-        """Joints that were where the detector takes no position for true, as they blind it."""
+        """Joints that were where the detector takes no position for true, as they take its data away."""
         margin, notes = self.settings.limit_margin, []
         for j, joint in enumerate(self.robot.joints):
             if j not in self._limited:
@@ -241,7 +242,7 @@ class Detector:
             if beyond.any():
                 notes.append(
                     f"{joint.name}: at {rows[beyond, j][0]:.4g}, beyond its limits {low:.4g} to {high:.4g} by more "
-                    f"than limit_margin = {margin:g}, in {np.count_nonzero(beyond)} of {len(rows)} rows: blind there."
+                    f"than limit_margin = {margin:g}, in {np.count_nonzero(beyond)} of {len(rows)} rows: no data there."
                 )
         return notes
 
@@ -290,7 +291,7 @@ class Detector:
         out.observer_gain = given.observer_gain_1_s
         out.window, out.degree = given.window_s, int(given.degree)
         out.gravity = list(given.gravity)
-        out.grace = given.grace_s
+        out.max_no_data_time = given.max_no_data_s
         out.unknown = sum(1 << j for j in self._drives.unknown)
         out.noise_sd = padded(self.noise_sd, 1.0)
         out.dead_zone = padded(self.dead_zone)
@@ -305,19 +306,19 @@ class Detector:
         limited = np.isin(np.arange(n), self._limited)
         samples.lower = padded(np.where(limited, robot.lower - given.limit_margin, -math.inf))
         samples.upper = padded(np.where(limited, robot.upper + given.limit_margin, math.inf))
-        # Of a joint that is not watched only what would spoil the torques of others is impossible.
+        # Of a joint that is not monitored only what would spoil the torques of others is impossible.
         fast = np.maximum(_UNWATCHED_TIMES * robot.velocity, _UNWATCHED_SPEED)
         samples.velocity = padded(np.where(self._counts, robot.velocity, fast))
         samples.signal = padded(np.full(n, math.inf) if given.largest_signal is None else given.largest_signal)
         samples.measured_rates = given.measured_rates
         samples.frozen_time = given.frozen_s
-        samples.unwatched = sum(1 << j for j in range(n) if not self._counts[j])
+        samples.unmonitored = sum(1 << j for j in range(n) if not self._counts[j])
         samples.endless = sum(1 << j for j in self.endless)
         self.fill_decision(out.decision)
         out.payload.mass = given.payload_kg
         out.payload.center = self.payload_center.tolist()
-        out.payload_watch.least_mass = given.payload_change_kg
-        out.payload_watch.window = given.payload_window_s
+        out.payload_monitor.min_mass = given.payload_change_kg
+        out.payload_monitor.window = given.payload_window_s
         return out
 
     def fill_decision(self, out: core.DecisionSettings) -> None:
@@ -362,9 +363,9 @@ class Detector:
 
     @property
     def _counts(self) -> list[bool]:
-        """Joints whose samples must be believable: those watched; all, where none is, as then residuals are wanted."""
-        watched = list(self.thresholds.watched)
-        return watched if any(watched) else [True] * self.robot.dof
+        """Joints whose samples must be believable: those monitored; all, where none is: residuals count then."""
+        monitored = list(self.thresholds.monitored)
+        return monitored if any(monitored) else [True] * self.robot.dof
 
     @property
     def _limited(self) -> list[int]:
@@ -378,12 +379,12 @@ class Detector:
 
     @property
     def noise_sd(self) -> FloatArray:
-        """(n,) of the residual [Nm or N]; infinite: the joint is not watched and says nothing of contacts."""
-        watched = np.array(self.thresholds.watched)
+        """(n,) of the residual [Nm or N]; infinite: the joint is not monitored and says nothing of contacts."""
+        monitored = np.array(self.thresholds.monitored)
         assert self.thresholds.fast is not None
         level = np.minimum(self.thresholds.constant, self.thresholds.fast)
         noise = level / _NOISE_PER_THRESHOLD if self.settings.noise_sd is None else np.array(self.settings.noise_sd)
-        return np.where(watched, noise, np.inf)
+        return np.where(monitored, noise, np.inf)
 
     @property
     def payload_center(self) -> FloatArray:
@@ -453,7 +454,7 @@ class Detector:
 
     def _note(self) -> None:
         notes = self.thresholds.differences(self.settings)
-        if not any(self.thresholds.watched):
+        if not any(self.thresholds.monitored):
             notes.append("No joint is monitored: no contact can be detected.")
         notes += self._drives.notes()
         if self.model is not None or self.settings.stiction is not None:

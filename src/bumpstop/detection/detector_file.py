@@ -27,7 +27,7 @@ _OF_SAMPLES = (
 )
 _OF_THRESHOLDS = ("constant", "speed", "acceleration", "rest", "rest_speed", "fast")
 _OF_DECISION = ("arming_delay", "rest_time", "low_hz", "high_hz", "event_pause")
-_OF_DETECTOR = ("observer_gain", "window", "degree", "grace", "unknown")
+_OF_DETECTOR = ("observer_gain", "window", "degree", "max_no_data_time", "unknown")
 _RANGES = ("rest_speed", "current_low", "current_high", "speed_high")
 
 
@@ -56,7 +56,7 @@ def describe_detector(detector: Detector) -> str:
         ),
     )
     kernel, n = detector.kernel_settings(detector.settings.period_s), robot.dof
-    samples, decision, watch = kernel.samples, kernel.decision, kernel.payload_watch
+    samples, decision, watch = kernel.samples, kernel.decision, kernel.payload_monitor
     law = decision.thresholds
     number, point = robot.frame(detector.settings.link, detector.settings.point)
     lines = [
@@ -68,7 +68,7 @@ def describe_detector(detector: Detector) -> str:
         figures = _numbers(getattr(parameters, name) for name in (*_TORQUE, *_RANGES))
         lines.append(f"joint_torque {parameters.map.name} {parameters.friction.name} {figures}")
         lines.append(f"joint_errors {_numbers(getattr(error, name) for name in (*_TORQUE, 'friction'))}")
-    lines += [f"{name} {_numbers([getattr(samples, name)])}" for name in (*_OF_SAMPLES, "unwatched", "endless")]
+    lines += [f"{name} {_numbers([getattr(samples, name)])}" for name in (*_OF_SAMPLES, "unmonitored", "endless")]
     lines += [f"{name} {_first(getattr(samples, name), n)}" for name in ("lower", "upper", "velocity", "signal")]
     lines += [f"{name} {_first(getattr(law, name), n)}" for name in _OF_THRESHOLDS]
     lines += [f"{name} {_numbers([getattr(decision, name)])}" for name in _OF_DECISION]
@@ -81,11 +81,11 @@ def describe_detector(detector: Detector) -> str:
         f"direction {_numbers(kernel.direction)}",
         f"contact {number} {_numbers(point)}",
         f"payload {_numbers([kernel.payload.mass, *kernel.payload.center])}",
-        f"payload_watch {_numbers([watch.window])}",
+        f"payload_monitor {_numbers([watch.window])}",
         f"payload_interval {_numbers([watch.interval])}",
-        f"payload_least {_numbers([watch.least_mass])}",
-        f"payload_share {_numbers([watch.least_share])}",
-        f"payload_change {_numbers([watch.least_change])}",
+        f"payload_least {_numbers([watch.min_mass])}",
+        f"payload_share {_numbers([watch.min_share])}",
+        f"payload_change {_numbers([watch.min_change])}",
         "end",
     ]
     return describe(robot) + "\n".join(lines) + "\n"

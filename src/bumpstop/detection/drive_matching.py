@@ -26,16 +26,16 @@ class MatchedDrives:
         unknown: numbers from 0 of these joints; none without a model.
     """
 
-    def __init__(self, robot: Robot, model: JointTorqueModel | None, watched: Sequence[bool]) -> None:
+    def __init__(self, robot: Robot, model: JointTorqueModel | None, monitored: Sequence[bool]) -> None:
         """Match by name.
 
         Args:
             robot: the arm.
             model: of currents, or None.
-            watched: (dof,) joints with a threshold.
+            monitored: (dof,) joints with a threshold.
 
         Raises:
-            InputError: a joint of the model that the robot has not, or a watched joint that the model has not, or has
+            InputError: a joint of the model that the robot has not, or a monitored joint that the model has not, or has
                 without a gain.
         """
         self.robot = robot
@@ -56,7 +56,7 @@ class MatchedDrives:
         self._kernels = [kernels.get(name) for name in own]
         self.unknown = [] if model is None else [j for j, joint in enumerate(self.joints) if joint is None]
         for j in self.unknown:
-            if watched[j]:
+            if monitored[j]:
                 lacks = "does not know the gain B of" if own[j] in self._gainless else "has no"
                 raise InputError(
                     "model", f"{lacks} joint {own[j]!r}, which is monitored", "threshold inf leaves a joint unmonitored"

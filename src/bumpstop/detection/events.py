@@ -1,4 +1,4 @@
-"""What a detector finds in a recording: alarms, residuals, and when it was blind."""
+"""What a detector finds in a recording: alarms, residuals, and when it had no data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-STATES = ("blind", "arming", "watching", "alarm")
+STATES = ("no_data", "arming", "monitoring", "alarm")
 """Names of the detector's states; a state is its place here."""
 FAULTS = (
     "none",
@@ -32,8 +32,8 @@ FAULTS = (
     "impossible_signal",
     "frozen",
 )
-"""Why a tick is blind; a fault is its place here."""
-BLIND = STATES.index("blind")
+"""Why a tick has no data; a fault is its place here."""
+NO_DATA = STATES.index("no_data")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +59,7 @@ class Event:
         force_along_sd: its standard deviation; infinite: no joint that tells anything feels that direction [N].
         force: (3,) shortest force at the point asked for that fits best, base frame [N].
         leftover: what that force leaves over, in standard deviations of the noise, of the worst joint.
-        link: name of the likeliest link; None: no joint is watched.
+        link: name of the likeliest link; None: no joint is monitored.
         possible_links: all whose contact could explain the residual within three standard deviations.
         payload_change_kg: mass that explains the residuals of the last seconds, or None where none does.
     """
@@ -124,19 +124,19 @@ class DetectionRun:
 
     Attributes:
         t: (N,) [s].
-        residual: (N, n), estimated minus predicted motor torque [Nm or N]; NaN in blind rows.
+        residual: (N, n), estimated minus predicted motor torque [Nm or N]; NaN in rows without data.
         fast: (N, n) of the fast channel, likewise.
-        threshold: (N, n) of the residual; in blind rows that of the row before.
+        threshold: (N, n) of the residual; in rows without data that of the row before.
         state: (N,) places in ``STATES``.
-        fault: (N,) places in ``FAULTS``; 0 in rows that are not blind.
+        fault: (N,) places in ``FAULTS``; 0 in rows with data.
         stop: (N,) the detector asked for a stop.
         late: (N,) samples were missing before the row.
-        unseen: (N,) over a threshold while arming.
+        masked_while_arming: (N,) over a threshold while arming.
         payload_changed: (N,) the payload is recognised to have changed.
         events: alarms, and what came after a pause while they stood.
         notes: what is unusual.
         settings: of the detector, by name, with the rate and the samples in its window.
-        watched: (n,) joints with a threshold; empty: not said, all.
+        monitored: (n,) joints with a threshold; empty: not said, all.
     """
 
     t: FloatArray
@@ -147,44 +147,44 @@ class DetectionRun:
     fault: npt.NDArray[np.uint8]
     stop: npt.NDArray[np.bool_]
     late: npt.NDArray[np.bool_]
-    unseen: npt.NDArray[np.bool_]
+    masked_while_arming: npt.NDArray[np.bool_]
     payload_changed: npt.NDArray[np.bool_]
     events: tuple[Event, ...]
     notes: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
-    watched: tuple[bool, ...] = ()
+    monitored: tuple[bool, ...] = ()
 
     @property
     def judged(self) -> npt.NDArray[np.bool_]:
-        """(N,) rows in which the detector watched: neither blind nor arming."""
-        found: npt.NDArray[np.bool_] = (self.state != BLIND) & (self.state != STATES.index("arming"))
+        """(N,) rows in which the detector monitored: neither without data nor arming."""
+        found: npt.NDArray[np.bool_] = (self.state != NO_DATA) & (self.state != STATES.index("arming"))
         return found
 
     @property
-    def watched_s(self) -> float:
-        """How long it watched: the intervals that end in judged rows [s]."""
+    def monitored_s(self) -> float:
+        """How long it monitored: the intervals that end in judged rows [s]."""
         return self._seconds(self.judged)
 
     @property
     def inactive(self) -> str:
-        """Why it cannot have noticed anything in the whole recording; empty: it watched, for a while at least."""
-        if self.watched and not any(self.watched):
+        """Why it cannot have noticed anything in the whole recording; empty: it monitored, for a while at least."""
+        if self.monitored and not any(self.monitored):
             return "no joint is monitored"
         if self.judged.any():
             return ""
-        reasons = {**self.blind_rows(), "arming": int(np.count_nonzero(self.state == STATES.index("arming")))}
+        reasons = {**self.no_data_rows(), "arming": int(np.count_nonzero(self.state == STATES.index("arming")))}
         return ", ".join(f"{name} {rows} rows" for name, rows in reasons.items() if rows)
 
     @property
-    def blind(self) -> npt.NDArray[np.bool_]:
+    def no_data(self) -> npt.NDArray[np.bool_]:
         """(N,) rows in which the detector could not tell."""
-        found: npt.NDArray[np.bool_] = self.state == BLIND
+        found: npt.NDArray[np.bool_] = self.state == NO_DATA
         return found
 
     @property
-    def blind_s(self) -> float:
-        """How long it was blind: the intervals that end in blind rows [s]."""
-        return self._seconds(self.blind)
+    def no_data_s(self) -> float:
+        """How long it had no data: the intervals that end in rows without data [s]."""
+        return self._seconds(self.no_data)
 
     @property
     def arming_s(self) -> float:
@@ -203,17 +203,17 @@ class DetectionRun:
         clock = self._clock
         return float(np.diff(clock, prepend=clock[0])[rows].sum())
 
-    def blind_intervals(self) -> list[tuple[float, float]]:
-        """Times from and to when it was blind: from the last row that was not to the last that was [s]."""
+    def no_data_intervals(self) -> list[tuple[float, float]]:
+        """Times from and to when it had no data: from the last row that was not to the last that was [s]."""
         clock = self._clock
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.blind, [False]]).astype(np.int8)))
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.no_data, [False]]).astype(np.int8)))
         return [
             (float(clock[max(0, first - 1)]), float(clock[end - 1]))
             for first, end in zip(edges[::2], edges[1::2], strict=True)
         ]
 
-    def blind_rows(self) -> dict[str, int]:
-        """Blind rows by fault."""
+    def no_data_rows(self) -> dict[str, int]:
+        """Rows without data by fault."""
         return {name: int(n) for k, name in enumerate(FAULTS) if k and (n := np.count_nonzero(self.fault == k))}
 
     def to_json(self) -> dict[str, Any]:
@@ -223,29 +223,29 @@ class DetectionRun:
             "events": [event.to_json() for event in self.events],
             "start_s": float(self._clock[0]),
             "end_s": float(self._clock[-1]),
-            "watched_s": self.watched_s,
-            "blind": [list(interval) for interval in self.blind_intervals()],
-            "blind_s": self.blind_s,
-            "blind_rows": self.blind_rows(),
+            "monitored_s": self.monitored_s,
+            "no_data": [list(interval) for interval in self.no_data_intervals()],
+            "no_data_s": self.no_data_s,
+            "no_data_rows": self.no_data_rows(),
             "arming_s": self.arming_s,
             "late_rows": int(self.late.sum()),
-            "unseen_rows": int(self.unseen.sum()),
+            "masked_rows": int(self.masked_while_arming.sum()),
             "rows": int(self.t.size),
             "settings": dict(self.settings),
             "notes": list(self.notes),
         }
 
     def save_residuals(self, path: str | Path) -> None:
-        """Write ``t, residual_1 .. residual_n`` as Parquet, blind rows left out.
+        """Write ``t, residual_1 .. residual_n`` as Parquet, rows without data left out.
 
         Raises:
             InputError: the file cannot be written.
         """
         from bumpstop.detection.tuning.residual_record import write_residuals
 
-        seen = ~self.blind
+        seen = ~self.no_data
         if not seen.any():
-            raise InputError("residuals", "the detector was blind all the time", "nothing is left to write")
+            raise InputError("residuals", "the detector had no data all the time", "nothing is left to write")
         write_residuals(path, self.t[seen], self.residual[seen])
 
 

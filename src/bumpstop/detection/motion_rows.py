@@ -45,7 +45,7 @@ def with_motion(
     Raises:
         InputError: as :func:`detect`.
     """
-    # A joint whose gain is not known must not be watched; nothing is said of its motion.
+    # A joint whose gain is not known must not be monitored; nothing is said of its motion.
     known = _watchable(robot, model)
 
     def sizes(law: Thresholds) -> FloatArray:

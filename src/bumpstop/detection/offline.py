@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.detection.detector import Detector
-from bumpstop.detection.events import BLIND, FAULTS, STATES, DetectionRun, check_rearm, frozen_notes
+from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, check_rearm, frozen_notes
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.standing import hidden_torques
@@ -45,9 +45,9 @@ def detect(
     """Run a detector over a recording.
 
     With fitted dynamics the residual is recorded minus predicted torque. Prediction uses zero-phase filters, which look
-    ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct. It is
-    blind inside a gap, where rows are made up, and within a period of the cut-off beside one of more than 0.1 s and ten
-    intervals, where the filter knows one side of the motion only.
+    ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct. It has
+    no data inside a gap, where rows are made up, and within a period of the cut-off beside one of more than 0.1 s and
+    ten intervals, where the filter knows one side of the motion only.
 
     Args:
         recording: with currents for a joint model, with joint torque otherwise.
@@ -114,13 +114,13 @@ def detect(
         rearm_s,
     )
     *columns, rows, over, over_fast, spans = judged
-    # In a blind row: no residual, and the threshold of the row before, none at the beginning.
+    # In a row without data: no residual, and the threshold of the row before, none at the beginning.
     before = np.cumsum(~dark)
-    fast, threshold, state, unseen = (
+    fast, threshold, state, masked = (
         np.concatenate([np.zeros_like(c, shape=(1, *c.shape[1:])), c])[before] for c in columns
     )
     residual[dark] = fast[dark] = math.nan
-    state[dark] = BLIND
+    state[dark] = NO_DATA
     fault = np.where(dark, FAULTS.index("gap"), 0).astype(np.uint8)
     fault[frozen] = FAULTS.index("frozen")
     events = tuple(
@@ -152,7 +152,7 @@ def detect(
         fault=fault,
         stop=state == STATES.index("alarm"),
         late=nothing,
-        unseen=(unseen != 0) & ~dark,
+        masked_while_arming=(masked != 0) & ~dark,
         payload_changed=nothing,
         events=events,
         notes=(
@@ -165,7 +165,7 @@ def detect(
         settings={
             name: detector.summary(period)[name] for name in ("residual", "period_s", "frozen_s", "arming_delay_s")
         },
-        watched=tuple(law.watched),
+        monitored=tuple(law.monitored),
     )
 
 
@@ -203,20 +203,20 @@ def residual_record(
         feedback_period_s: keep a row every so often, a whole number of the recording's periods [s]; None: all.
 
     Returns:
-        Rows with their times; blind rows are left out, and a note counts them.
+        Rows with their times; rows without data are left out, and a note counts them.
 
     Raises:
-        InputError: as :func:`detect`; fewer than 100 rows that are not blind; a feedback period that is no multiple of
+        InputError: as :func:`detect`; fewer than 100 rows with data; a feedback period that is no multiple of
             the recording's.
     """
     from bumpstop.identification.segments.torque_samples import STILL
 
     run = detect(recording, robot, model, np.full(robot.dof, math.inf), settings)
-    seen = np.flatnonzero(~run.blind)
+    seen = np.flatnonzero(~run.no_data)
     if not seen.size:
-        why = ", ".join(f"{name} {rows}" for name, rows in run.blind_rows().items())
+        why = ", ".join(f"{name} {rows}" for name, rows in run.no_data_rows().items())
         beyond = " ".join(note for note in run.notes if "beyond its limits" in note)
-        raise InputError("recording", f"the detector is blind in all {run.t.size} rows ({why})", beyond)
+        raise InputError("recording", f"the detector has no data in all {run.t.size} rows ({why})", beyond)
     notes = tuple(note for note in run.notes if not note.startswith("No joint is monitored"))
     still = np.flatnonzero(np.ptp(recording.q, axis=0) < STILL)
     if still.size:
@@ -226,7 +226,7 @@ def residual_record(
             f"{names}: hardly moved in this recording; what motion adds to residuals is not in it.",
         )
     if seen.size < run.t.size:
-        notes = (*notes, f"{run.t.size - seen.size} of {run.t.size} rows are left out: the detector was blind.")
+        notes = (*notes, f"{run.t.size - seen.size} of {run.t.size} rows are left out: the detector had no data.")
     if feedback_period_s is not None:
         period = float(np.median(np.diff(run.t)))
         stride = max(1, round(feedback_period_s / period))

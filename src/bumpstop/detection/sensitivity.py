@@ -1,4 +1,4 @@
-"""Where the arm is blind: forces that no threshold notices at a pose."""
+"""Undetectable forces: those that raise no residual of a pose over its threshold."""
 
 from __future__ import annotations
 
@@ -21,20 +21,21 @@ _WARNING_ENDS = 0.95
 
 @dataclass(frozen=True, eq=False)
 class UndetectableForces:
-    """Forces that go unnoticed at N poses, in any direction; without the leading N for a single pose.
+    """Forces that stay undetected at N poses, in any direction; without the leading N for a single pose.
 
     Attributes:
-        largest: (N,) largest force of all that go unnoticed [N]; infinite where some direction is not felt at all.
-        largest_felt: (N,) the same among forces without a component along such a direction [N].
-        farthest: (N, 3) the force that ``largest_felt`` is the size of, in B, as the arm exerts it [N].
-        rank: (N,) directions that are felt, 0 to 3.
-        axes: (N, 3, 3) rows are orthogonal unit vectors in B, the best felt first; those from ``rank`` on span the null
-            space: forces along them turn no watched joint.
-        singular_values: (N, 3) of the linear Jacobian's columns of the watched joints, largest first [m or 1].
+        largest: (N,) largest undetectable force [N]; infinite where some direction is not detectable at all.
+        largest_detectable: (N,) the same among forces without a component along such a direction [N].
+        farthest: (N, 3) the force that ``largest_detectable`` is the size of, in B, as the arm exerts it [N].
+        rank: (N,) directions that are detectable, 0 to 3.
+        axes: (N, 3, 3) rows are orthogonal unit vectors in B, the best detectable first; those from ``rank`` on span
+            the null
+            space: forces along them turn no monitored joint.
+        singular_values: (N, 3) of the linear Jacobian's columns of the monitored joints, largest first [m or 1].
     """
 
     largest: FloatArray
-    largest_felt: FloatArray
+    largest_detectable: FloatArray
     farthest: FloatArray
     rank: npt.NDArray[np.int64]
     axes: FloatArray
@@ -49,7 +50,7 @@ class UndetectableForces:
 
     @property
     def null_space(self) -> FloatArray:
-        """(3 - rank, 3) unit vectors in B along which no force is felt; of a single pose.
+        """(3 - rank, 3) unit vectors in B along which no force is detectable; of a single pose.
 
         Raises:
             InputError: of several poses, whose null spaces may differ in size.
@@ -70,7 +71,7 @@ def undetectable_forces(
     noise_sd: PerJoint = 0.0,
     z: float = 0.0,
 ) -> UndetectableForces:
-    """Largest force at a point of a link that no threshold notices: the farthest vertex of a polytope.
+    """Largest force at a point of a link that no threshold detects: the farthest vertex of a polytope.
 
     The forces are ``{ f : -(theta_j + z sigma_j) <= (J_v' f)_j + mu_j <= theta_j + z sigma_j }``, f being what the arm
     exerts on what it touches. With z = 0 a force outside reaches a threshold when the noise is at its mean; with larger
@@ -79,7 +80,7 @@ def undetectable_forces(
     Args:
         robot: with or without inertia.
         q: joint positions, (dof,) or (N, dof) [rad or m].
-        thresholds: theta, one or (dof,), positive [Nm or N]; infinite: that joint is not watched.
+        thresholds: theta, one or (dof,), positive [Nm or N]; infinite: that joint is not monitored.
         link: name of the link the force acts on; default: the tip.
         point: in that link's frame [m].
         noise_mean: mu of the residual without contact, one or (dof,) [Nm or N]; inside the thresholds.
@@ -93,17 +94,17 @@ def undetectable_forces(
     low, high = residual_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
     jacobian = robot.jacobian(rows, link, point)[:, :3]
     found = core.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
-    largest, felt, farthest, singular, rank, axes = (value[0] if single else value for value in found)
-    return UndetectableForces(largest, felt, farthest, rank, axes, singular)
+    largest, detectable, farthest, singular, rank, axes = (value[0] if single else value for value in found)
+    return UndetectableForces(largest, detectable, farthest, rank, axes, singular)
 
 
 @dataclass(frozen=True)
 class UndetectableStretch:
-    """A part of a motion in which more than a given force can go unnoticed.
+    """A part of a motion in which more than a given force stays undetected.
 
     Attributes:
         start_s, end_s: first and last of its times [s].
-        largest_N: largest force that goes unnoticed in it, in any direction [N]; infinite: any.
+        largest_N: largest undetectable force in it, in any direction [N]; infinite: any.
     """
 
     start_s: float
@@ -203,7 +204,7 @@ def undetectable_force_along(
         z: standard deviations by which the faces are moved out.
 
     Returns:
-        () or (N,) [N]; infinite where no watched joint feels it.
+        () or (N,) [N]; infinite where no monitored joint feels it.
 
     Raises:
         InputError: a direction that is no unit vector, or arrays of other shapes.
@@ -217,14 +218,14 @@ def undetectable_force_along(
     low, high = residual_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
     jacobian = np.ascontiguousarray(robot.jacobian(rows, link, point)[:, :3])
     along = np.ascontiguousarray(np.broadcast_to(along, (len(rows), 3)))
-    forces: FloatArray = core.blind_forces_along(jacobian, low, high, along)
+    forces: FloatArray = core.undetectable_forces_along(jacobian, low, high, along)
     return forces[0] if single else forces
 
 
 def residual_band(
     dof: int, thresholds: PerJoint, *, noise_mean: PerJoint = 0.0, noise_sd: PerJoint = 0.0, z: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Contact torques of each joint that may go unnoticed, lowest and highest, each (dof,) [Nm or N].
+    """Contact torques of each joint that may stay undetected, lowest and highest, each (dof,) [Nm or N].
 
     Args:
         dof: joints of the robot.

@@ -29,12 +29,12 @@ class DetectorSettings:
         measured_rates: take rates from the recording, and accelerations from them, instead of both from positions.
         period_s: between samples, 1e-5 to 1 [s]; None: that of the recording.
         late_periods: an interval longer than this many periods means lost samples: counted and said.
-        longest_periods: beyond it the past is forgotten, and the detector blind until the window is full again.
+        longest_periods: beyond it the past is forgotten, and the detector without data until the window is full again.
         frozen_s: positions and signals of all joints may repeat for so long while the arm rests [s], and for three rows
             at least; while it moves, a repeat that its speed does not allow is frozen at once. Infinite: never frozen.
         limit_margin: positions this far outside their limits are impossible [rad or m].
         largest_signal: (n,) currents or torques beyond are impossible; None: any finite one will do.
-        grace_s: how long the detector may be blind before it asks for a stop [s].
+        max_no_data_s: how long the detector may have no data before it asks for a stop [s].
         arming_delay_s: after a motion begins nothing is judged for so long [s]; Schroeder (2013) has 0.5.
         event_pause_s: while an alarm stands, a residual that passes its threshold after so long below is another event
             [s]; infinite: it never is.
@@ -63,7 +63,7 @@ class DetectorSettings:
     frozen_s: float = 0.1
     limit_margin: float = 0.1
     largest_signal: tuple[float, ...] | None = None
-    grace_s: float = 0.0
+    max_no_data_s: float = 0.0
     arming_delay_s: float = 0.0
     event_pause_s: float = 0.1
     rest_time_s: float = 0.1
@@ -92,7 +92,7 @@ class DetectorSettings:
             ("late_periods", 1.0, math.inf),
             ("longest_periods", 1.0, math.inf),
             ("limit_margin", 0.0, math.inf),
-            ("grace_s", 0.0, math.inf),
+            ("max_no_data_s", 0.0, math.inf),
             ("arming_delay_s", 0.0, math.inf),
             ("rest_time_s", 0.0, math.inf),
             ("rest_speed", 1e-6, math.inf),

@@ -54,11 +54,11 @@ class Thresholds:
     slow clamp is not learned away.
 
     Attributes:
-        constant: (n,) [Nm or N], above 0; infinite: the joint is not watched.
+        constant: (n,) [Nm or N], above 0; infinite: the joint is not monitored.
         speed: (n,) [Nm s/rad], not negative; default: zero.
         acceleration: (n,) [Nm s2/rad], likewise.
         rest: (n,) at standstill [Nm], likewise.
-        fast: (n,) of the band-passed channel [Nm], above 0; default: infinite, not watched.
+        fast: (n,) of the band-passed channel [Nm], above 0; default: infinite, not monitored.
         model_errors: standard errors of the joint model's torque to add.
         period_s: between the samples they were found for [s]; None: not said.
         residual: kind of residual they were found for; None: not said.
@@ -218,7 +218,7 @@ class Thresholds:
         write_text(path, "\n".join(lines) + "\n")
 
     @property
-    def watched(self) -> Sequence[bool]:
+    def monitored(self) -> Sequence[bool]:
         """Whether any channel watches a joint."""
         assert self.fast is not None
         return [bool(seen) for seen in np.isfinite(self.constant) | np.isfinite(self.fast)]

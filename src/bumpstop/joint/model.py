@@ -331,9 +331,9 @@ class JointTorqueModel:
     def notes(self, state: TorqueState | None = None) -> tuple[str, ...]:
         """What is unknown about the model and, with a state, how often it was used outside its fitted range."""
         notes = [self.note] if self.note else []
-        blind = [joint.name for joint in self.joints if joint.parameters["B"] is None]
-        if blind:
-            notes.append(f"{', '.join(blind)}: no B: the torque is unknown (NaN)")
+        unknown = [joint.name for joint in self.joints if joint.parameters["B"] is None]
+        if unknown:
+            notes.append(f"{', '.join(unknown)}: no B: the torque is unknown (NaN)")
         for name, words in (
             *((name, f"no {name}: it counts as zero") for name in COMMON),
             ("current_range", "unknown fitted range of current: extrapolation cannot be told"),

@@ -287,12 +287,12 @@ def _hazard(
     """
     from scipy.special import log_ndtr
 
-    watched = np.isfinite(problem.thresholds)
+    monitored = np.isfinite(problem.thresholds)
     first = np.minimum(np.maximum(_threshold_force(problem, torque, -_FAR, mean), 0.0), last)
     force = first[:, None] + (last - first)[:, None] * np.linspace(0, 1, _POINTS)
-    room = np.broadcast_to(problem.thresholds + mean, torque.shape)[:, None, watched]
-    sd = np.maximum(problem.noise_sd, 1e-9 * problem.thresholds)[watched]
-    z = (room - np.abs(torque)[:, None, watched] * force[:, :, None]) / sd
+    room = np.broadcast_to(problem.thresholds + mean, torque.shape)[:, None, monitored]
+    sd = np.maximum(problem.noise_sd, 1e-9 * problem.thresholds)[monitored]
+    z = (room - np.abs(torque)[:, None, monitored] * force[:, :, None]) / sd
     hazard = np.asarray(-log_ndtr(z).sum(axis=2))
     steps = np.diff(force, axis=1) * (hazard[:, 1:] + hazard[:, :-1]) / 2
     return force, hazard, np.concatenate([np.zeros((len(force), 1)), np.cumsum(steps, axis=1)], axis=1)

@@ -35,7 +35,7 @@ def test_correlation_zero_is_the_white_law(kind: str) -> None:
 
 @pytest.mark.parametrize("correlation", [-0.6, 0.3, 0.9])
 def test_detection_tick_by_tick_against_the_multivariate_normal(correlation: float) -> None:
-    """One watched joint and a fixed offset: survival is the mass of a box under a normal law of several ticks."""
+    """One monitored joint and a fixed offset: survival is the mass of a box under a normal law of several ticks."""
     scenario = control_group(
         contact__offset_law="fixed",
         contact__offset_mm=0.05,

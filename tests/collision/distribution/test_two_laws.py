@@ -54,7 +54,9 @@ def compare(scenario: bs.Scenario, runs: int, seed: int) -> dict[str, float]:
                     )
 
     detected = runs * (1 - drawn.undetected_probability - drawn.no_contact_probability)
-    felt = runs * (1 - drawn.undetected_probability - drawn.no_contact_probability - drawn.false_alarm_probability)
+    after_contact = runs * (
+        1 - drawn.undetected_probability - drawn.no_contact_probability - drawn.false_alarm_probability
+    )
     check_probability("false alarm", exact.false_alarm_probability, drawn.false_alarm_probability, runs)
     check_probability("undetected", exact.undetected_probability, drawn.undetected_probability, runs)
     check_probability("no contact", exact.no_contact_probability, drawn.no_contact_probability, runs)
@@ -64,10 +66,10 @@ def compare(scenario: bs.Scenario, runs: int, seed: int) -> dict[str, float]:
     ):
         check_probability(f"joint {j}", p, share, detected)
     check_moments("peak force", exact.peak_force, drawn.peak_force, runs)
-    check_moments("force at detection", exact.force_at_detection, drawn.force_at_detection, felt)
-    check_moments("delay", exact.detection_delay, drawn.detection_delay, felt)
+    check_moments("force at detection", exact.force_at_detection, drawn.force_at_detection, after_contact)
+    check_moments("delay", exact.detection_delay, drawn.detection_delay, after_contact)
     if exact.contact_duration is not None and drawn.contact_duration is not None:
-        check_moments("contact time", exact.contact_duration, drawn.contact_duration, felt)
+        check_moments("contact time", exact.contact_duration, drawn.contact_duration, after_contact)
     return scores
 
 

@@ -92,7 +92,7 @@ def test_every_armed_tick_before_contact_counts_once(delay: float, first: int) -
 @pytest.mark.parametrize(("delay", "first"), DELAYS)
 @pytest.mark.parametrize("offset_law", ["half_normal", "uniform"])
 def test_batches_arm_at_the_same_tick(delay: float, first: int, offset_law: str) -> None:
-    """Among bodies touched before the detector is armed: a tick more of them would go unnoticed by a tick longer."""
+    """Among bodies touched before the detector is armed: a tick more of them would stay undetected by a tick longer."""
     scenario = control_group(
         contact__offset_law=offset_law,
         contact__offset_sd_s=0.02,

@@ -284,7 +284,7 @@ def test_an_alarm_after_the_point_turned_back_is_a_detection(tmp_path: Path) -> 
     path = scenario(
         tmp_path,
         trajectory_motion(contact_onset_s=begin),
-        contact={"stiffness_N_m": 100},  # hardly felt: most alarms come by themselves, later than contact
+        contact={"stiffness_N_m": 100},  # hardly detected: most alarms come by themselves, later than contact
         detector={"thresholds_Nm": [threshold] * 3, "noise_sd_Nm": sd},
     )
     exact, drawn = bs.evaluate(path), bs.evaluate(path, samples=20_000, seed=3)
@@ -296,7 +296,7 @@ def test_an_alarm_after_the_point_turned_back_is_a_detection(tmp_path: Path) -> 
     error = math.sqrt(exact.false_alarm_probability / 20_000)
     assert drawn.false_alarm_probability == pytest.approx(exact.false_alarm_probability, abs=4 * error)
     assert drawn.runs is not None
-    late = drawn.runs["felt"] & (drawn.runs["force_at_detection"] == 0)
+    late = drawn.runs["detected_after_contact"] & (drawn.runs["force_at_detection"] == 0)
     assert late.mean() > 0.03
     # What was detected is detected by some joint, and no probability is lost.
     assert exact.trigger_joint_probability.sum() - exact.multi_joint_probability == pytest.approx(1, abs=0.02)

@@ -109,7 +109,7 @@ def test_an_arm_that_swings_forward_again_is_judged_by_that(offset_mm: float, ti
     )
     assert late > first > 500
     assert deepest(law) == pytest.approx((first, late), rel=1e-9)
-    # Nothing is felt later, and nothing harder.
+    # Nothing is touched later, and nothing harder.
     assert law.contact_duration is not None
     assert law.contact_duration.mean == pytest.approx(
         float(reference.time_s[reference.force_N > 0].max()) - touch, abs=1e-3

@@ -189,8 +189,8 @@ void a_contact_is_where_it_was() {
 // A mass shows in every pose; a constant torque, as of a clamp, does not pass for one.
 void a_changed_payload_is_recognised() {
     for (bool mass : {true, false}) {
-        PayloadWatchSettings settings;
-        settings.least_mass = 0.5;
+        PayloadMonitorSettings settings;
+        settings.min_mass = 0.5;
         PayloadMonitor watch(settings, 2);
         const double sd[2] = {1, 1};
         bool recognised = false;
@@ -224,7 +224,7 @@ void a_lost_sample_makes_no_spike() {
         const DetectorOutput& out = detector.update(sample);
         late += out.late;
         CHECK(out.late == (i == 101));
-        if (out.state == DetectorState::blind) continue;
+        if (out.state == DetectorState::no_data) continue;
         for (int j = 0; j < 7; ++j) worst = std::max(worst, std::fabs(out.residual[j] - whole.residual[j]));
     }
     // Window and delay differ by a sample for eight ticks; naive second differences would be off by qd / dt = 1000.
@@ -264,7 +264,7 @@ void rotors_count_alike_in_observer_and_direct_residual() {
                 sample.signal[j] = 1;
             }
             for (Detector& detector : made) detector.update(sample);
-            if (i < 500 || made[3].output().state == DetectorState::blind) continue;
+            if (i < 500 || made[3].output().state == DetectorState::no_data) continue;
             ++judged;
             for (int j = 0; j < n; ++j) {
                 const double torque = -2 * -8 * std::sin(4 * sample.t + j);
@@ -331,8 +331,8 @@ void a_detector_that_is_reset_is_as_new() {
         s.residual = k % 2 ? ResidualKind::observer : ResidualKind::direct;
         s.source = k % 3 ? TorqueSource::current : TorqueSource::torque;
         s.decision.arming_delay = 0.01;
-        s.payload_watch.least_mass = 0.1;
-        s.payload_watch.interval = 0;
+        s.payload_monitor.min_mass = 0.1;
+        s.payload_monitor.interval = 0;
         Detector used = arm.detector(), fresh = arm.detector();
         const int n = used.joints();
         const auto sample_at = [&](int i, double speed) {
@@ -353,7 +353,7 @@ void a_detector_that_is_reset_is_as_new() {
             const DetectorSample sample = sample_at(i, i < 30 ? 0.0 : 0.5);
             const DetectorOutput &a = used.update(sample), &b = fresh.update(sample);
             CHECK(a.state == b.state && a.fault == b.fault && a.stop == b.stop && a.late == b.late);
-            CHECK(a.unseen == b.unseen && a.payload_changed == b.payload_changed);
+            CHECK(a.masked_while_arming == b.masked_while_arming && a.payload_changed == b.payload_changed);
             CHECK(a.over == b.over && a.over_fast == b.over_fast);
             for (int j = 0; j < n; ++j)
                 CHECK(same(a.residual[j], b.residual[j]) && same(a.fast[j], b.fast[j]) &&
@@ -363,7 +363,7 @@ void a_detector_that_is_reset_is_as_new() {
     }
 }
 
-// Any order, gaps, repeats, infinities, jumps: a finite residual or blind, never neither; and memory stays.
+// Any order, gaps, repeats, infinities, jumps: a finite residual or no data, never neither; and memory stays.
 void no_sequence_breaks_it(long sequences) {
     std::vector<Arm> arms;
     for (int k = 0; k < 12; ++k) {
@@ -375,11 +375,11 @@ void no_sequence_breaks_it(long sequences) {
         s.decision.arming_delay = k % 5 == 0 ? 0.003 : 0;
         s.decision.thresholds.model_errors = k % 3;
         s.window = 0.001 * (2 + k % 6);
-        s.samples.unwatched = k % 3 == 1 ? 2 : 0;
+        s.samples.unmonitored = k % 3 == 1 ? 2 : 0;
         s.samples.endless = k % 4 == 2 ? 1 : 0;
         s.samples.frozen_time = k % 5 == 3 ? inf : 0.004;
-        s.payload_watch.least_mass = k % 2;
-        s.payload_watch.interval = 0;
+        s.payload_monitor.min_mass = k % 2;
+        s.payload_monitor.interval = 0;
         // Without limits everything finite is possible, and only the arithmetic is left to refuse.
         if (k >= 9)
             for (int j = 0; j < max_joints; ++j) {
@@ -395,7 +395,7 @@ void no_sequence_breaks_it(long sequences) {
         if (u < 0.94) return x;
         return u < 0.97 ? odd[int(checks::uniform(0, 10))] : x + checks::normal();
     };
-    long alarms = 0, blind = 0, seen = 0, frozen = 0;
+    long alarms = 0, no_data = 0, seen = 0, frozen = 0;
     const long before = allocations;
     for (long sequence = 0; sequence < sequences; ++sequence) {
         const std::size_t k = std::size_t(sequence) % detectors.size();
@@ -426,8 +426,8 @@ void no_sequence_breaks_it(long sequences) {
             last = sample;
             const bool alarmed = detector.alarmed();
             const DetectorOutput& out = detector.update(sample);
-            if (out.state == DetectorState::blind) {
-                ++blind;
+            if (out.state == DetectorState::no_data) {
+                ++no_data;
                 CHECK(out.stop && out.fault != SampleFault::none);
                 for (int j = 0; j < n; ++j) CHECK(std::isnan(out.residual[j]));
             } else {
@@ -451,7 +451,7 @@ void no_sequence_breaks_it(long sequences) {
         CHECK(detector.overdue(nan_) && detector.overdue(inf));
     }
     CHECK(allocations == before);
-    CHECK(alarms > sequences / 100 && blind > 0 && seen > blind / 10 && frozen > 0);
+    CHECK(alarms > sequences / 100 && no_data > 0 && seen > no_data / 10 && frozen > 0);
 }
 
 }  // namespace

@@ -100,12 +100,12 @@ static void feedback_that_stands_still_is_frozen() {
     }
 }
 
-// The signal of a joint that is not watched may be anything; an endless one may jump by whole turns, but no farther.
-static void joints_that_do_not_matter_blind_nothing() {
+// The signal of a joint that is not monitored may be anything; an endless one may jump by whole turns, but no farther.
+static void joints_that_do_not_matter_take_no_data_away() {
     SampleLimits limits;
     limits.period = 0.01;
     limits.longest_interval = 0.05;
-    limits.unwatched = 2;
+    limits.unmonitored = 2;
     limits.endless = 1;
     for (int j = 0; j < 2; ++j) {
         limits.lower[j] = -3;
@@ -141,7 +141,7 @@ static void joints_that_do_not_matter_blind_nothing() {
 
 int main() {
     feedback_that_stands_still_is_frozen();
-    joints_that_do_not_matter_blind_nothing();
+    joints_that_do_not_matter_take_no_data_away();
     a_sample_is_believed_up_to_its_limits();
     return checks::result();
 }

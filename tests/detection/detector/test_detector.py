@@ -1,4 +1,4 @@
-"""The detector: residuals against closed forms, noise, blindness, and what does not belong together."""
+"""The detector: residuals against closed forms, noise, missing data, and what does not belong together."""
 
 from __future__ import annotations
 
@@ -257,8 +257,8 @@ def gainless(model: JointTorqueModel, number: int) -> JointTorqueModel:
     return replace(model, joints=tuple(joints))
 
 
-def test_a_joint_of_unknown_gain_is_not_watched_and_blinds_nothing() -> None:
-    """As if the model had not the joint at all: the others are watched as ever."""
+def test_a_joint_of_unknown_gain_is_not_monitored_and_takes_no_data_away() -> None:
+    """As if the model had not the joint at all: the others are monitored as ever."""
     whole, t = JointTorqueModel.load("sia5d"), DT * np.arange(300)
     phase = t[:, None] + np.arange(7)
     log = Recording(t=t, q=0.3 * np.sin(phase), current=np.random.default_rng(2).normal(0, 9, (300, 7)))
@@ -267,7 +267,7 @@ def test_a_joint_of_unknown_gain_is_not_watched_and_blinds_nothing() -> None:
     detector = Detector(SIA5D, model, limits)
     run, wanted = detector.run(log), Detector(SIA5D, whole, limits).run(log)
     others = [0, 1, 2, 4, 5, 6]
-    assert not run.blind[FILLING:].any()
+    assert not run.no_data[FILLING:].any()
     np.testing.assert_array_equal(run.residual[:, others], wanted.residual[:, others])
     assert not run.residual[FILLING:, 3].any()
     assert "joint_u: the joint model does not know its gain B, not monitored." in detector.notes
@@ -302,7 +302,7 @@ def test_a_declared_payload_is_no_contact_and_an_undeclared_one_is_recognised() 
     assert first > 0.02
 
 
-# --- Blindness --------------------------------------------------------------------------------------------------------
+# --- No data --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -326,12 +326,12 @@ def test_a_bad_sample_is_told_and_makes_no_spike(fault: str, spoil: object) -> N
     given_settings = DetectorSettings(largest_signal=(500.0,) * 6)
     run = Detector(UR5E, None, [100.0] * 6, given_settings).run_rows(t, q, tau)
     assert FAULTS[run.fault[100]] == fault
-    assert run.blind[100]
+    assert run.no_data[100]
     assert run.stop[100]
     assert np.isnan(run.residual[100]).all()
     lost = FILLING if fault == "gap" else 1
-    assert run.blind[FILLING:].sum() == lost
-    assert not run.blind[100 + lost :].any()
+    assert run.no_data[FILLING:].sum() == lost
+    assert not run.no_data[100 + lost :].any()
     # One sample less in the window: off by what a sample of delay makes of the motion.
     worst = np.nanmax(np.abs(run.residual[100 + FILLING + 1 :] - clean.residual[100 + FILLING + 1 :]))
     assert worst < 1e-6
@@ -352,29 +352,29 @@ def test_a_rate_that_no_joint_has_is_not_believed_at_a_beginning_either(first: i
     assert FAULTS[run.fault[first]] == "impossible_jump"
     assert run.events == ()
     # The row after it is the first that counts.
-    assert run.blind.sum() == clean.blind.sum() + 1
+    assert run.no_data.sum() == clean.no_data.sum() + 1
 
 
 def test_rows_without_a_time_of_their_own_leave_the_others_theirs() -> None:
-    """How long it was blind is a number, and one that JSON has, whatever times rows came with."""
+    """How long it had no data is a number, and one that JSON has, whatever times rows came with."""
     t, q, _, _, tau = moving(UR5E, 300)
     clean = Detector(UR5E, None, [50.0] * 6).run_rows(t, q, tau)
     spoilt = t.copy()
     spoilt[[0, 100, 150, 200, 299]] = math.nan, math.nan, math.inf, t[20], -math.inf
     run = Detector(UR5E, None, [50.0] * 6).run_rows(spoilt, q, tau)
-    assert run.blind[[100, 150, 200]].all()
+    assert run.no_data[[100, 150, 200]].all()
     # The first time is that of the second row; the intervals that end in judged rows count whole.
-    assert run.blind_s == pytest.approx(clean.blind_s)
+    assert run.no_data_s == pytest.approx(clean.no_data_s)
     found = json.loads(json.dumps(run.to_json(), allow_nan=False))
     assert (found["start_s"], found["end_s"]) == (t[1], t[298])
-    assert all(t[1] <= a <= b <= t[298] for a, b in found["blind"])
+    assert all(t[1] <= a <= b <= t[298] for a, b in found["no_data"])
 
 
 def test_grace_delays_the_request_to_stop() -> None:
     t, q, _, _, tau = moving(UR5E, 200)
     tau[100:110] = np.nan
-    run = Detector(UR5E, None, [100.0] * 6, DetectorSettings(grace_s=3.5 * DT)).run_rows(t, q, tau)
-    assert run.blind[100:110].all()
+    run = Detector(UR5E, None, [100.0] * 6, DetectorSettings(max_no_data_s=3.5 * DT)).run_rows(t, q, tau)
+    assert run.no_data[100:110].all()
     assert not run.stop[100:103].any()
     assert run.stop[103:110].all()
     assert not run.stop[110 + FILLING :].any()

@@ -34,12 +34,12 @@ def rows(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     ("delay", "ticks"), [(0.0, 0), (DT, 1), (50 * DT, 50), (50 * DT / ABOVE, 50), (50 * DT * ABOVE, 51)]
 )
 def test_the_first_armed_tick(delay: float, ticks: int) -> None:
-    """So many after the motion began for the detector, which is its first tick that is not blind."""
+    """So many after the motion began for the detector, which is its first tick with data."""
     run = Detector(UR5E, None, [12.0] * 6, DetectorSettings(arming_delay_s=delay)).run_rows(*rows(DT * np.arange(200)))
-    begun = int(np.flatnonzero(run.state != STATES.index("blind"))[0])
+    begun = int(np.flatnonzero(run.state != STATES.index("no_data"))[0])
     assert run.events[0].t == run.t[begun + ticks]
     assert np.flatnonzero(run.state == STATES.index("arming")).tolist() == list(range(begun, begun + ticks))
-    assert int(run.unseen.sum()) == ticks
+    assert int(run.masked_while_arming.sum()) == ticks
 
 
 @pytest.mark.parametrize(("periods", "fault"), [(5.0, "none"), (5.0 * ABOVE, "gap"), (4.0, "none"), (6.0, "gap")])
@@ -49,8 +49,8 @@ def test_an_interval_longer_than_five_periods_is_a_gap(periods: float, fault: st
     run = Detector(UR5E, None, [12.0] * 6).run_rows(*rows(t))
     assert FAULTS[run.fault[100]] == fault
     # After a gap the window fills again.
-    blind = run.state[100:] == STATES.index("blind")
-    assert blind.any() == (fault == "gap")
+    no_data = run.state[100:] == STATES.index("no_data")
+    assert no_data.any() == (fault == "gap")
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_residuals_have_the_same_gaps(periods: float, parts: int) -> None:
     assert series.period == DT
     assert len(series.stretches()) == parts
     assert gaps(series) == [(float(t[59]), float(t[60]))][: parts - 1]
-    assert series.watched_s == 100 * DT
+    assert series.monitored_s == 100 * DT
 
 
 @pytest.mark.parametrize(
@@ -90,6 +90,6 @@ def test_quantiles_of_delays_are_the_smallest_that_so_many_do_not_exceed(count: 
     late = np.append(np.random.default_rng(count).permutation(np.arange(1.0, count + 1)), math.nan)
     label = Label(0.0, 1.0)
     none = np.zeros(late.size, dtype=bool)
-    score = Score((label,) * late.size, late, none, np.empty(0), repeated=0, hours=1.0, blind_s=0.0, outside=0)
+    score = Score((label,) * late.size, late, none, np.empty(0), repeated=0, hours=1.0, no_data_s=0.0, outside=0)
     delay = score.to_json()["delay_s"]
     assert (delay["p50"], delay["p95"], delay["max"]) == (p50, p95, count)

@@ -60,7 +60,7 @@ def test_a_contact_that_flickers_about_its_threshold_is_one_event() -> None:
     assert whole.largest_residual[1] == pytest.approx(50, abs=1e-5)
 
 
-def test_a_blind_time_is_no_pause() -> None:
+def test_time_without_data_is_no_pause() -> None:
     """Pushed before and behind a gap of half a second: nobody knows whether it was quiet in there."""
     t = DT * np.arange(600)
     q = 0.1 + 0.2 * t[:, None] * np.ones(6)
@@ -68,13 +68,13 @@ def test_a_blind_time_is_no_pause() -> None:
     tau[200:, 1] += 20
     kept = np.r_[0:250, 500:600]
     run = Detector(UR5E, None, [THETA] * 6).run_rows(t[kept], q[kept], tau[kept])
-    assert run.blind[250 : 250 + FILLING].all()
+    assert run.no_data[250 : 250 + FILLING].all()
     (event,) = run.events
     assert event.end == pytest.approx(t[-1])
 
 
 def test_the_largest_is_that_of_its_threshold() -> None:
-    """40 Nm of 50 are less than 14 of 12; joints that are not watched count for nothing."""
+    """40 Nm of 50 are less than 14 of 12; joints that are not monitored count for nothing."""
     t = DT * np.arange(400)
     q = 0.1 + 0.2 * t[:, None] * np.ones(6)
     tau = inverse_dynamics(UR5E, q, np.full_like(q, 0.2), np.zeros_like(q))

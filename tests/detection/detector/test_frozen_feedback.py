@@ -38,8 +38,8 @@ def test_a_push_that_feedback_hides_is_not_quiet() -> None:
     assert (told[0], told[-1]) == (390 + round(0.1 / DT) + 1, 699)
     assert run.stop[told].all()
     # What came before is forgotten, as behind any gap.
-    assert run.blind[700 : 700 + FILLING].all()
-    assert not run.blind[700 + FILLING :].any()
+    assert run.no_data[700 : 700 + FILLING].all()
+    assert not run.no_data[700 + FILLING :].any()
     (note,) = (note for note in run.notes if note.startswith("Frozen feedback"))
     assert f"in {told.size} rows, the first at {t[told[0]]:.4f} s" in note
     assert run.settings["frozen_s"] == 0.1
@@ -52,7 +52,7 @@ def test_the_time_is_an_option_and_takes_five_rows_at_least(frozen_s: float, row
     run = Detector(UR5E, None, [50.0] * 6, DetectorSettings(frozen_s=frozen_s)).run_rows(t, q, tau)
     assert int((run.fault == FROZEN).argmax()) == 200 + rows
     never = Detector(UR5E, None, [50.0] * 6, DetectorSettings(frozen_s=math.inf)).run_rows(t, q, tau)
-    assert not never.blind[FILLING:].any()
+    assert not never.no_data[FILLING:].any()
     assert never.settings["frozen_s"] is None
 
 
@@ -64,7 +64,7 @@ def test_one_channel_that_lives_is_no_frozen_feedback(alive: str) -> None:
         q[:, 5] += STEP * np.arange(600)  # one joint
     else:
         tau[:, 1:] = tau[0, 1:]
-    assert not Detector(UR5E, None, [50.0] * 6).run_rows(t, q, tau).blind[FILLING:].any()
+    assert not Detector(UR5E, None, [50.0] * 6).run_rows(t, q, tau).no_data[FILLING:].any()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -78,7 +78,7 @@ def test_coarse_sensors_of_a_standing_arm_may_repeat(seed: int) -> None:
     same = (np.diff(q, axis=0) == 0).all(axis=1) & (np.diff(tau, axis=0) == 0).all(axis=1)
     assert same.mean() > 0.25
     run = Detector(UR5E, None, [50.0] * 6).run_rows(t, q, tau)
-    assert not run.blind[FILLING:].any()
+    assert not run.no_data[FILLING:].any()
 
 
 @pytest.mark.parametrize("repeats", [1, 2, 4, 5, 40])
@@ -93,11 +93,11 @@ def test_rows_that_repeat_in_motion_make_no_spike(kind: str, repeats: int) -> No
     run = Detector(UR5E, None, [1e3] * 6, settings).run_rows(t, q, tau)
     told = np.flatnonzero(run.fault == FROZEN)
     np.testing.assert_array_equal(told, [*range(150, 150 + repeats), *range(333, 333 + repeats)])
-    seen = ~(run.blind | clean.blind)
+    seen = ~(run.no_data | clean.no_data)
     assert np.abs(run.residual - clean.residual)[seen].max() < 1.0
     # Longer than five periods is a gap.
     filled = FILLING + (kind == "observer") if repeats >= 5 else 0
-    assert np.count_nonzero(run.blind[FILLING + 1 :]) == 2 * (repeats + filled)
+    assert np.count_nonzero(run.no_data[FILLING + 1 :]) == 2 * (repeats + filled)
 
 
 def test_a_constant_speed_without_noise_is_known_by_its_rows() -> None:
@@ -128,10 +128,10 @@ def test_slow_motion_on_coarse_encoders_is_no_frozen_feedback() -> None:
     t = DT * np.arange(2000)
     q = np.round((0.3 + 0.1 * STEP / DT * t[:, None] * np.ones(6)) / STEP) * STEP
     tau = np.random.default_rng(2).normal(size=q.shape)
-    assert not Detector(UR5E, None, [500.0] * 6).run_rows(t, q, tau).blind[FILLING:].any()
+    assert not Detector(UR5E, None, [500.0] * 6).run_rows(t, q, tau).no_data[FILLING:].any()
     # Even with torques that are all the same: it is as slow as rows repeat.
     tau[:] = 0.0
-    assert not Detector(UR5E, None, [500.0] * 6).run_rows(t, q, tau).blind[FILLING:].any()
+    assert not Detector(UR5E, None, [500.0] * 6).run_rows(t, q, tau).no_data[FILLING:].any()
 
 
 def test_measured_rates_are_a_channel_too() -> None:
@@ -139,5 +139,5 @@ def test_measured_rates_are_a_channel_too() -> None:
     tau[:] = tau[0]
     qd = 1e-6 * np.random.default_rng(1).normal(size=q.shape)
     settings = DetectorSettings(measured_rates=True)
-    assert not Detector(UR5E, None, [50.0] * 6, settings).run_rows(t, q, tau, qd=qd).blind[FILLING:].any()
+    assert not Detector(UR5E, None, [50.0] * 6, settings).run_rows(t, q, tau, qd=qd).no_data[FILLING:].any()
     assert (Detector(UR5E, None, [50.0] * 6, settings).run_rows(t, q, tau, qd=0 * qd).fault == FROZEN).any()

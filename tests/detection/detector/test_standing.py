@@ -1,4 +1,4 @@
-"""Joints that stand still hide what their friction holds: forces that go unnoticed, and what an alarm can tell."""
+"""Joints that stand still hide what their friction holds: forces that stay undetected, and what an alarm can tell."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def pushed(force: np.ndarray, wrist_feels: bool) -> Recording:
     q = POSE + qd * t[:, None]
     tau = inverse_dynamics(UR5E, q, qd, 0 * q)
     rows = t >= 1.0
-    felt = np.einsum("nij,i->nj", UR5E.jacobian(q[rows])[:, :3], force)
+    turned = np.einsum("nij,i->nj", UR5E.jacobian(q[rows])[:, :3], force)
     if not wrist_feels:
-        felt[:, 3:] = 0.0
-    tau[rows] += felt
+        turned[:, 3:] = 0.0
+    tau[rows] += turned
     return Recording(t=t, q=q, tau=tau)
 
 

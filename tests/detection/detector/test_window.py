@@ -39,7 +39,7 @@ def test_samples_of_the_window_are_those_of_the_time(rate_hz: int) -> None:
     t, q, _, _, tau = moving(UR5E, 800, period, pace=0.1)
     run = Detector(UR5E, None, [1e3] * 6).run_rows(t, q, tau)
     samples = run.settings["window_samples"]
-    assert run.blind_rows() == {"filling": samples - 1}
+    assert run.no_data_rows() == {"filling": samples - 1}
     assert samples == max(3, 1 + math.floor(0.07 * rate_hz + 0.45))
     assert DetectorSettings().window_samples(period) == samples
     # Nor does a clock that is off by a thousandth change it.

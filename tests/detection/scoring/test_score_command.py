@@ -1,4 +1,4 @@
-"""``bumpstop score`` of recordings in which the detector was blind, and of clocks that count from long ago."""
+"""``bumpstop score`` of recordings in which the detector had no data, and of clocks that count from long ago."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from detection.moving_arms import UR5E
 ARM = ("--robot", "ur5e", "--thresholds", "20,20,20,9,9,9")
 
 
-def pushed(path: Path, blind_until_s: float = 0.0, start_s: float = 0.0) -> Path:
-    """Two seconds with a push from 1.5 s on; before, the elbow may be beyond its limits: blind there."""
+def pushed(path: Path, no_data_until_s: float = 0.0, start_s: float = 0.0) -> Path:
+    """Two seconds with a push from 1.5 s on; before, the elbow may be beyond its limits: no data there."""
     t = 0.004 * np.arange(501)
     q = 0.2 + 0.3 * t[:, None] * np.ones(6)
     tau = inverse_dynamics(UR5E, q, np.full_like(q, 0.3), 0 * q)
     tau[375:400, 1] += 30
-    q[t < blind_until_s, 2] += 10
+    q[t < no_data_until_s, 2] += 10
     Recording(t=start_s + t, q=q, tau=tau).save(path)
     return path
 
@@ -35,17 +35,17 @@ def scored(tmp_path: Path, *given: object) -> dict[str, Any]:
     return strict_json(done.out)
 
 
-@pytest.mark.parametrize(("blind_until_s", "missed"), [(0.0, 1), (1.0, 1), (2.5, 2), (1.999, 2)])
-def test_a_recording_scores_as_its_events_do_also_where_the_detector_was_blind(
-    blind_until_s: float, missed: int, tmp_path: Path
+@pytest.mark.parametrize(("no_data_until_s", "missed"), [(0.0, 1), (1.0, 1), (2.5, 2), (1.999, 2)])
+def test_a_recording_scores_as_its_events_do_also_where_the_detector_had_no_data(
+    no_data_until_s: float, missed: int, tmp_path: Path
 ) -> None:
-    log, events = pushed(tmp_path / "log.parquet", blind_until_s), tmp_path / "events.json"
+    log, events = pushed(tmp_path / "log.parquet", no_data_until_s), tmp_path / "events.json"
     events.write_text(run("detect", log, *ARM, "--json").out)
     found, wanted = scored(tmp_path, log, *ARM), scored(tmp_path, events)
-    assert (found["missed"], found["missed_blind"]) == (missed, missed if blind_until_s else 0)
+    assert (found["missed"], found["missed_without_data"]) == (missed, missed if no_data_until_s else 0)
     counted = set(wanted) - {"notes"}
     assert {key: found[key] for key in counted} == {key: wanted[key] for key in counted}
-    if blind_until_s < 1.5:
+    if no_data_until_s < 1.5:
         (here,) = (row for row in found["roc"] if row["factor"] == 1)
         assert {key: here[key] for key in ("detected", "missed", "false_alarms_per_hour")} == {
             key: found[key] for key in ("detected", "missed", "false_alarms_per_hour")
@@ -54,8 +54,8 @@ def test_a_recording_scores_as_its_events_do_also_where_the_detector_was_blind(
         assert "roc" not in found
         (note,) = (note for note in found["notes"] if "Other thresholds" in note)
         # A single last row where the elbow is elsewhere is garbage, and is dropped.
-        rows = 501 if blind_until_s > 2 else 500
-        assert f"blind in {rows} of {rows} rows" in note
+        rows = 501 if no_data_until_s > 2 else 500
+        assert f"no data in {rows} of {rows} rows" in note
         assert any("elbow_joint: at 10.2, beyond its limits" in note for note in found["notes"])
 
 

@@ -26,7 +26,7 @@ LABELS = (Label(10, 11, "hand"), Label(20, 22, "elbow"), Label(30, 30.5))
 
 
 def scored(events: list[float], **given: object) -> dict[str, object]:
-    arguments: dict[str, object] = {"labels": LABELS, "watched": (0.0, 3600.0)} | given
+    arguments: dict[str, object] = {"labels": LABELS, "monitored": (0.0, 3600.0)} | given
     return score(events, **arguments).to_json()  # type: ignore[arg-type]
 
 
@@ -78,18 +78,18 @@ def test_event_between_two_labels_belongs_to_the_nearer() -> None:
     assert np.isfinite(score([11.1], close, (0, 100), tolerance=wide).delay_s).tolist() == [False, True]
 
 
-def test_blind_time_costs_misses_and_hours() -> None:
-    found = scored([10.1], blind=[(19.5, 23.0), (22.5, 24.0), (3590.0, 4000.0)])
-    assert (found["detected"], found["missed"], found["missed_blind"]) == (1, 2, 1)
-    assert found["blind_s"] == pytest.approx(4.5 + 10)
-    # Two labels and their tolerance lie outside blind time, the third inside.
+def test_time_without_data_costs_misses_and_hours() -> None:
+    found = scored([10.1], no_data=[(19.5, 23.0), (22.5, 24.0), (3590.0, 4000.0)])
+    assert (found["detected"], found["missed"], found["missed_without_data"]) == (1, 2, 1)
+    assert found["no_data_s"] == pytest.approx(4.5 + 10)
+    # Two labels and their tolerance lie outside time without data, the third inside.
     assert found["hours"] == pytest.approx((3600 - 14.5 - 1.3 - 0.8) / 3600)
-    # An event in a label that was partly blind is a detection.
-    assert scored([21.9], blind=[(20.0, 21.8)])["missed_blind"] == 0
+    # An event in a label that was partly without data is a detection.
+    assert scored([21.9], no_data=[(20.0, 21.8)])["missed_without_data"] == 0
 
 
 def test_labels_outside_are_left_out_with_their_events() -> None:
-    found = scored([10.1, 20.1], watched=(10.05, 25.0))
+    found = scored([10.1, 20.1], monitored=(10.05, 25.0))
     assert (found["detected"], found["missed"], found["labels_outside"], found["false_alarms"]) == (1, 0, 2, 0)
 
 
@@ -100,7 +100,7 @@ def test_nothing_to_compare() -> None:
     low, high = found["false_alarms_per_hour_interval"]  # type: ignore[misc]
     # No event in an hour: the exact upper end is -log(0.025).
     assert (low, high) == (0.0, pytest.approx(-math.log(0.025)))
-    whole = scored([5.0], labels=(Label(0.0, 100.0),), watched=(0.0, 100.0))
+    whole = scored([5.0], labels=(Label(0.0, 100.0),), monitored=(0.0, 100.0))
     assert whole["hours"] == 0
     assert whole["false_alarms_per_hour"] is None
 
@@ -109,11 +109,11 @@ def test_refusals() -> None:
     for events, given, message in (
         ([-1.0], {}, "events: one is at -1 s; the recording is from 0 to 3600 s"),
         ([math.nan], {}, "events.0.: is nan"),
-        ([], {"watched": (5.0, 5.0)}, "watched: 5 to 5 s is no time"),
-        ([], {"watched": (-1e308, 1e308)}, "watched: -1e.308 to 1e.308 s is no time"),
+        ([], {"monitored": (5.0, 5.0)}, "monitored: 5 to 5 s is no time"),
+        ([], {"monitored": (-1e308, 1e308)}, "monitored: -1e.308 to 1e.308 s is no time"),
         ([], {"labels": (Label(1, 3), Label(2, 4))}, "the contact at 2 s begins before that at 1 s ends"),
         ([], {"labels": (Label(3, 3),)}, "a contact from 3 to 3 s"),
-        ([], {"blind": [(5.0, 4.0)]}, "blind: from 5 to 4 s"),
+        ([], {"no_data": [(5.0, 4.0)]}, "no_data: from 5 to 4 s"),
     ):
         with pytest.raises(bs.InputError, match=message):
             scored(events, **given)  # type: ignore[arg-type]
@@ -203,7 +203,7 @@ def test_events_of_residuals_are_those_of_the_detector_that_made_them(seed: int)
     rearm_s = float(rng.choice([0.0, 0.02, 0.1, 0.5]))
     noisy = tau + rng.normal(0, 0.5, tau.shape)
     run = Detector(UR5E, None, thresholds).run_rows(t[kept], q[kept], noisy[kept], rearm_s=rearm_s)
-    series = ResidualSeries(run.t[~run.blind], run.residual[~run.blind])
+    series = ResidualSeries(run.t[~run.no_data], run.residual[~run.no_data])
     # While an alarm stands, what comes after the pause is another event.
     found = event_times(series, scaled_residual(series, thresholds), 1.0, min(rearm_s, 0.1))
     assert len(found) >= 2

@@ -48,7 +48,7 @@ def test_singular_poses(dof: int, rank: int) -> None:
     searched = farthest(
         flat, np.concatenate([low, -walls], axis=1), np.concatenate([high, walls], axis=1), directions(64)
     )
-    np.testing.assert_allclose(found["felt"], searched, rtol=1e-9)
+    np.testing.assert_allclose(found["detectable"], searched, rtol=1e-9)
     for axes, own in zip(found["axes"], lost, strict=True):
         null = axes[rank:]
         np.testing.assert_allclose(null @ null.T, np.eye(3 - rank), atol=1e-12)
@@ -57,7 +57,7 @@ def test_singular_poses(dof: int, rank: int) -> None:
 
 def kernel(columns: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, np.ndarray]:
     """Of cases with bands of their own."""
-    names = ("largest", "felt", "farthest", "singular", "rank", "axes")
+    names = ("largest", "detectable", "farthest", "singular", "rank", "axes")
     rows = [
         core.undetectable_forces(np.ascontiguousarray(c[None]), a, b)
         for c, a, b in zip(columns, low, high, strict=True)
@@ -69,12 +69,12 @@ def test_the_farthest_force_lies_on_three_faces_and_inside_the_others() -> None:
     robot = Robot.load("iiwa14")
     q = np.random.default_rng(5).uniform(-1.5, 1.5, (200, 7))
     theta, mean = np.array([20.0, 10, 15, 8, 5, 4, 3]), np.array([1.0, -2, 0, 1, 0.5, 0, -0.5])
-    blind = undetectable_forces(robot, q, theta, noise_mean=mean)
-    residual = np.einsum("nij,ni->nj", robot.jacobian(q)[:, :3], blind.farthest) + mean
+    forces = undetectable_forces(robot, q, theta, noise_mean=mean)
+    residual = np.einsum("nij,ni->nj", robot.jacobian(q)[:, :3], forces.farthest) + mean
     share = np.sort(np.abs(residual) / theta, axis=1)
     assert (share[:, -1] < 1 + ROUNDING).all()
     np.testing.assert_allclose(share[:, -3:], 1, rtol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(blind.farthest, axis=1), blind.largest, rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(forces.farthest, axis=1), forces.largest, rtol=1e-12)
 
 
 def test_three_prismatic_joints_make_a_box() -> None:
@@ -85,16 +85,16 @@ def test_three_prismatic_joints_make_a_box() -> None:
     box = Robot(name="gantry", joints=joints)
     assert float(undetectable_forces(box, [0, 0, 0], [3, 4, 12]).largest) == pytest.approx(13, rel=ROUNDING)
     # A mean takes from one side what it gives to the other; z sigma moves both out.
-    blind = undetectable_forces(box, [0, 0, 0], [3, 4, 12], noise_mean=[1, 0, 0])
-    np.testing.assert_allclose(np.abs(blind.farthest), [4, 4, 12], rtol=ROUNDING)
-    assert blind.farthest[0] < 0
+    forces = undetectable_forces(box, [0, 0, 0], [3, 4, 12], noise_mean=[1, 0, 0])
+    np.testing.assert_allclose(np.abs(forces.farthest), [4, 4, 12], rtol=ROUNDING)
+    assert forces.farthest[0] < 0
     wide = undetectable_forces(box, [0, 0, 0], [3, 4, 12], noise_sd=[1, 2, 3], z=2)
     assert float(wide.largest) == pytest.approx(math.sqrt(5**2 + 8**2 + 18**2), rel=ROUNDING)
     # A joint without a threshold drops out, and its direction with it.
-    blind = undetectable_forces(box, [0, 0, 0], [3, math.inf, 4])
-    assert math.isinf(blind.largest)
-    assert float(blind.largest_felt) == pytest.approx(5, rel=ROUNDING)
-    np.testing.assert_allclose(np.abs(blind.null_space), [[0, 1, 0]], atol=1e-15)
+    forces = undetectable_forces(box, [0, 0, 0], [3, math.inf, 4])
+    assert math.isinf(forces.largest)
+    assert float(forces.largest_detectable) == pytest.approx(5, rel=ROUNDING)
+    np.testing.assert_allclose(np.abs(forces.null_space), [[0, 1, 0]], atol=1e-15)
     nothing = undetectable_forces(box, [0, 0, 0], math.inf)
     assert nothing.rank == 0
     assert math.isinf(nothing.largest)
@@ -111,13 +111,13 @@ def test_along_a_direction() -> None:
     # The first tick comes a step after the start: the lever has moved by less than a ten-thousandth.
     assert float(along) == pytest.approx(np.min(problem.thresholds / np.maximum(share, 1e-300)), rel=1e-3)
     # No direction passes the farthest vertex, and its own direction reaches it.
-    blind = undetectable_forces(robot, problem.q, problem.thresholds)
+    forces = undetectable_forces(robot, problem.q, problem.thresholds)
     n = directions(500)
     rows = np.tile(problem.q, (500, 1))
     forces = undetectable_force_along(robot, rows, n, problem.thresholds)
-    assert forces.max() <= float(blind.largest) * (1 + ROUNDING)
-    own = undetectable_force_along(robot, problem.q, blind.farthest / blind.largest, problem.thresholds)
-    assert float(own) == pytest.approx(float(blind.largest), rel=1e-9)
+    assert forces.max() <= float(forces.largest) * (1 + ROUNDING)
+    own = undetectable_force_along(robot, problem.q, forces.farthest / forces.largest, problem.thresholds)
+    assert float(own) == pytest.approx(float(forces.largest), rel=1e-9)
 
 
 def test_mean_shifts_the_side_that_is_pushed_to() -> None:
@@ -127,8 +127,8 @@ def test_mean_shifts_the_side_that_is_pushed_to() -> None:
     mean = np.array([1.0, -2, 0.5, 1, 0, 0])
     theta = np.full(6, 10.0)
     room = np.where(per_newton > 0, theta - mean, theta + mean)
-    felt = np.abs(per_newton) > 1e-6
-    wanted = np.min(room[felt] / np.abs(per_newton[felt]))
+    turned = np.abs(per_newton) > 1e-6
+    wanted = np.min(room[turned] / np.abs(per_newton[turned]))
     assert float(undetectable_force_along(robot, q, n, theta, noise_mean=mean)) == pytest.approx(wanted, rel=1e-12)
 
 
@@ -170,7 +170,7 @@ def test_refusals(given: dict[str, object], message: str) -> None:
         undetectable_forces(Robot.load("ur5e"), **arguments)  # type: ignore[arg-type]
 
 
-def test_stretches_of_a_motion_in_which_much_goes_unnoticed() -> None:
+def test_stretches_of_a_motion_with_large_undetectable_forces() -> None:
     """The elbow is stretched out twice; a stretch ends only 5 % below the limit, as the C++ monitor warns."""
     robot, t = Robot.load("ur5e"), np.linspace(0, 2, 801)
     q = np.radians([0, -60, 0, -80, 50, 0]) + np.outer(np.cos(2 * np.pi * t), [0, 0, 1.5, 0, 0, 0])
@@ -192,7 +192,8 @@ def test_stretches_of_a_motion_in_which_much_goes_unnoticed() -> None:
     assert added.any()
     assert (largest[added] > 0.95 * limit).all()
     assert undetectable_stretches(robot, t, q, limits, 2 * float(largest.max())) == ()
-    # A joint less, and a direction is not felt at all: any force goes unnoticed, from the first row to the last.
+    # A joint less, and a direction is not detectable at all: any force stays undetected, from the first row to the
+    # last.
     nothing = np.array([20.0, 20, *[np.inf] * 4])
     (whole,) = undetectable_stretches(robot, t, q, nothing, 1e9)
     assert (whole.start_s, whole.end_s, whole.to_json()["largest_N"]) == (t[0], t[-1], None)

@@ -39,7 +39,7 @@ def test_sensitivity() -> None:
     [
         ("sia5d", [12, 30, -25, -20, 40, -40, 5], [20, 10, 17, 20, math.inf, 20, 13]),
         ("ur10e", [10, -80, 110, -120, -90, 20], [40, 40, math.inf, 12, 12, 12]),
-        # Two joints watched: a direction is left that none feels.
+        # Two joints monitored: a direction is left that none feels.
         ("ur10e", [10, -80, 110, -120, -90, 20], [math.inf, 40, 30, math.inf, math.inf, math.inf]),
     ],
 )
@@ -65,16 +65,16 @@ def test_sensitivity_is_what_linear_programmes_and_levers_say(
     q, step = np.radians(pose), 1e-6
     levers = np.array([(place(q + step * e) - place(q - step * e)) / (2 * step) for e in np.eye(dof)])
     theta = np.array(thresholds)
-    watched = np.isfinite(theta)
-    faces = np.vstack([levers[watched], -levers[watched]])
-    bounds = np.concatenate([(theta + z * sd - mean)[watched], (theta + z * sd + mean)[watched]])
+    monitored = np.isfinite(theta)
+    faces = np.vstack([levers[monitored], -levers[monitored]])
+    bounds = np.concatenate([(theta + z * sd - mean)[monitored], (theta + z * sd + mean)[monitored]])
 
     along = (faces @ (way / np.linalg.norm(way)))[:, None]
     assert found["force_along_N"] == pytest.approx(-linprog([-1.0], along, bounds, bounds=(None, None)).fun, rel=1e-6)
-    if watched.sum() < 3:
+    if monitored.sum() < 3:
         assert found["largest_force_N"] is None
-        (unfelt,) = found["null_space"]
-        np.testing.assert_allclose(faces @ unfelt, 0, atol=1e-8)
+        (undetectable,) = found["null_space"]
+        np.testing.assert_allclose(faces @ undetectable, 0, atol=1e-8)
         return
     # The farthest point is a corner: from each of many directions on to the corner farthest in that of the last.
     largest = 0.0

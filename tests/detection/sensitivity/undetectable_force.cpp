@@ -1,4 +1,4 @@
-// The watch for blind poses, as a control loop uses it.
+// The monitor of poses with undetectable forces, as a control loop uses it.
 #include "bumpstop/detection/undetectable_force.hpp"
 
 #include <cstdlib>
@@ -40,7 +40,7 @@ void warns_once_when_it_enters() {
     const long before = allocations;
     for (double bend = 1.2; bend >= -1.2; bend -= 0.001, ++ticks) {
         const double q[3] = {0.3, 0.2, bend};
-        const BlindPoseState state = watch.update(q);
+        const PoseWarning state = watch.update(q);
         entered += state.entered;
         warned += state.warning;
         // A warning lasts until the force is 5 % below the limit.
@@ -62,18 +62,18 @@ void what_is_not_known_warns() {
     CHECK(!watch.update(good).warning);
     for (const double bad : {nan, infinity, -infinity}) {
         const double q[3] = {0.1, bad, 1.0};
-        const BlindPoseState state = watch.update(q);
+        const PoseWarning state = watch.update(q);
         CHECK(state.warning);
         CHECK(!(state.force <= 1e6));
         CHECK(!watch.update(good).warning);
     }
-    // Straight: a force along the arm is not felt at all.
+    // Straight: a force along the arm is not detectable at all.
     const double straight[3] = {0, 0, 0};
     CHECK(watch.update(straight).force == infinity);
     // Nobody watches.
     const ResidualBand none[3];
-    UndetectablePoseMonitor blind(chain, tip, none, 1e6);
-    CHECK(blind.update(good).warning);
+    UndetectablePoseMonitor monitor(chain, tip, none, 1e6);
+    CHECK(monitor.update(good).warning);
 }
 
 // The elbow's polytope worked out by hand: about z only joint 1 acts, in the plane of the arm joints 2 and 3.

@@ -52,8 +52,8 @@ def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) ->
     forces = [point["scenarios"][str(EXAMPLE)]["p95"] for point in trade]
     assert forces == sorted(forces, reverse=True)
     assert forces[0] > 1.1 * forces[-1]
-    blind = [point["scenarios"][str(EXAMPLE)]["anywhere"] for point in trade]
-    assert blind == sorted(blind, reverse=True)
+    undetectable = [point["scenarios"][str(EXAMPLE)]["anywhere"] for point in trade]
+    assert undetectable == sorted(undetectable, reverse=True)
     assert {path.name for path in out.iterdir()} == {
         "report.html", "alarm_rate.svg", "alarm_rate.png", "alarms_against_newtons.svg", "alarms_against_newtons.png",
     }  # fmt: skip
@@ -190,7 +190,7 @@ def test_tune_on_the_first_part_and_score_the_rest(kind: str, loop: tuple[Path, 
     assert tuned.status == 0, tuned.err
     assert "1 shoulder_pan_joint" in tuned.out
     filling = 17 if kind == "direct" else 18  # the observer begins at the first row with rates
-    assert f"{filling} of 5001 rows are left out: the detector was blind" in tuned.out
+    assert f"{filling} of 5001 rows are left out: the detector had no data" in tuned.out
     found = run("score", *of, "--from", 20, "--labels", labels, "--thresholds", saved, "--json")
     score = strict_json(found.out)
     assert (score["detected"], score["missed"], score["false_alarms"]) == (1, 0, 0)
@@ -268,7 +268,7 @@ def test_a_joint_beyond_its_limits_is_told(loop: tuple[Path, Path], tmp_path: Pa
     replace(log, q=q).save(far)
     refused = run("tune", far, "--robot", "ur5e")
     assert refused.status == 2
-    assert "the detector is blind in all 10000 rows (outside_limits 10000); elbow_joint: at " in refused.err
+    assert "the detector has no data in all 10000 rows (outside_limits 10000); elbow_joint: at " in refused.err
     assert "beyond its limits -6.283 to 6.283 by more than limit_margin = 0.1, in 10000 of 10000 rows" in refused.err
     thresholds = [
         strict_json(run("tune", path, "--robot", "ur5e", "--limit-margin", margin, "--until", 20, "--json").out)
@@ -405,7 +405,7 @@ def test_refusals(
     damaged.write_bytes(noise.read_bytes()[:1000])
     events.write_text('{"events": []}')
     huge = tmp_path / "huge.json"
-    huge.write_text(f'{{"events": [], "start_s": 0, "end_s": {10**400}, "blind": []}}')
+    huge.write_text(f'{{"events": [], "start_s": 0, "end_s": {10**400}, "no_data": []}}')
     slow = tmp_path / "slow.toml"
     slow.write_text(f"thresholds_Nm = {[9] * 7}\nperiod_s = 0.02\n")
     places = {

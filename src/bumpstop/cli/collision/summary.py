@@ -67,12 +67,12 @@ def print_summary(law: CollisionResult, report: Path | None) -> None:
     if math.isinf(law.peak_force.mean):
         mean = finite_mean(law.peak_force)
         console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")
-    felt = [
+    triggers = [
         f"{j} ({100 * p:.3g} %)"
         for j, p in sorted(enumerate(law.trigger_joint_probability, start=1), key=lambda item: -item[1])
         if p >= 0.0005
     ]
-    console.print("triggered by joint " + ", ".join(felt) if felt else "triggered by no joint", end="")
+    console.print("triggered by joint " + ", ".join(triggers) if triggers else "triggered by no joint", end="")
     console.print(
         f"; false alarm before contact {_probability(law.false_alarm_probability, law)}; "
         f"never detected {_probability(law.undetected_probability, law)}"

@@ -52,9 +52,9 @@ def detect(
     direction: Direction = "0,0,-1",
     link: At = None,
     point_m: Where = "0,0,0",
-    blind_force: Annotated[
+    undetectable_force: Annotated[
         float | None,
-        typer.Option("--blind-force", help="Report poses where more than this could stay undetected [N]."),
+        typer.Option("--undetectable-force", help="Report poses where more than this could stay undetected [N]."),
     ] = None,
     stiction: Annotated[
         str | None,
@@ -68,7 +68,7 @@ def detect(
         Path | None, typer.Option("--out", "-o", help="Write report.html, figures, events and residuals into it.")
     ] = None,
 ) -> int:
-    """Run a collision detector over a recording: alarms, and when it was blind."""
+    """Run a collision detector over a recording: alarms, and when it had no data."""
     from bumpstop.cli.detection.sensitivity import stiction_of
     from bumpstop.detection import detect as run_detector
     from bumpstop.detection import undetectable_stretches
@@ -84,16 +84,16 @@ def detect(
     with as_options(DETECTOR_OPTIONS), progress("running the detector"):
         run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
     stretches = None
-    if blind_force is not None:
-        if not 0 < blind_force < math.inf:
-            raise InputError("--blind-force", f"is {blind_force}", "wanted more than zero")
+    if undetectable_force is not None:
+        if not 0 < undetectable_force < math.inf:
+            raise InputError("--undetectable-force", f"is {undetectable_force}", "wanted more than zero")
         hidden = hidden_torques(arm, given, settings.stiction)
         stretches = undetectable_stretches(
-            arm, log.t, log.q, law.constant, blind_force, link=link, point=settings.point, dead_zone=hidden
+            arm, log.t, log.q, law.constant, undetectable_force, link=link, point=settings.point, dead_zone=hidden
         )
     more = {
         "rows_dropped": log.report.rows_dropped,
-        "blind_poses": None if stretches is None else [one.to_json() for one in stretches],
+        "undetectable_poses": None if stretches is None else [one.to_json() for one in stretches],
     }
     text = json.dumps(run.to_json() | more, allow_nan=False, indent=2)
     if out is not None:
@@ -110,11 +110,11 @@ def detect(
             else f"from {one.start_s:.4f} to {one.end_s:.4f} s any force could stay undetected in some direction"
         )
     if stretches == ():
-        typer.echo(f"at no time could more than {blind_force:g} N stay undetected")
+        typer.echo(f"at no time could more than {undetectable_force:g} N stay undetected")
     if log.report.rows_dropped:
         typer.echo(f"rows dropped while reading: {log.report.rows_dropped} of {log.report.rows_read}")
     if out is not None:
-        missing = ", no residuals.parquet: the detector was blind all the time" if run.blind.all() else ""
+        missing = ", no residuals.parquet: the detector had no data all the time" if run.no_data.all() else ""
         typer.echo(f"report: {out / 'report.html'}{missing}")
     return status
 
@@ -242,11 +242,13 @@ def _print(run: DetectionRun, arm: Robot, settings: DetectorSettings) -> None:
         console.print(
             f"force at {settings.link or arm.tip_name} along {list(settings.direction)}, of the arm on the body"
         )
-    why = ", ".join(f"{name} {rows}" for name, rows in run.blind_rows().items())
-    console.print(f"blind: {run.blind_s:.4g} s" + (f" ({why})" if why else ""))
+    why = ", ".join(f"{name} {rows}" for name, rows in run.no_data_rows().items())
+    console.print(f"no data: {run.no_data_s:.4g} s" + (f" ({why})" if why else ""))
     console.print(f"settings: {', '.join(f'{name} {_said(value)}' for name, value in run.settings.items())}")
     if run.arming_s:
-        console.print(f"arming: {run.arming_s:.4g} s; over a threshold meanwhile: {int(run.unseen.sum())} rows")
+        console.print(
+            f"arming: {run.arming_s:.4g} s; over a threshold meanwhile: {int(run.masked_while_arming.sum())} rows"
+        )
     if run.late.any():
         console.print(f"late: {int(run.late.sum())} rows came after lost ones")
     if run.payload_changed.any():
@@ -271,5 +273,5 @@ def _write(run: DetectionRun, arm: Robot, events: str, folder: Path, asked: dict
         (folder / "events.json").write_text(events + "\n", encoding="utf-8")
         # Those of an earlier run are none of this one.
         (folder / "residuals.parquet").unlink(missing_ok=True)
-        if not run.blind.all():
+        if not run.no_data.all():
             run.save_residuals(folder / "residuals.parquet")

@@ -103,8 +103,8 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
     law = evaluate(scenario.with_values({"detector.thresholds_Nm": thresholds.tolist()}), samples=samples)
     problem, contact, verdict = law.problem, scenario.contact, law.verdict
     peak = law.peak_force.to_json()
-    blind = undetectable_forces(problem.robot, problem.q, thresholds, link=contact.link, point=contact.point_m)
-    largest = float(blind.largest)
+    forces = undetectable_forces(problem.robot, problem.q, thresholds, link=contact.link, point=contact.point_m)
+    largest = float(forces.largest)
     return {
         **{key: peak[key] for key in ("p50", "p95", "p999")},
         "anywhere": largest if largest < float("inf") else None,

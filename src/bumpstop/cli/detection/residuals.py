@@ -76,7 +76,7 @@ def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
 def load_run(
     path: Path, thresholds: Thresholds, origin: Origin, arming_delay_s: float, rearm_s: float, log: Recording
 ) -> tuple[ResidualSeries | None, DetectionRun, list[str]]:
-    """Residuals of a recording without its blind rows, what the detector made of them, and what to know of them.
+    """Residuals of a recording without its rows of no data, what the detector made of them, and what to know of them.
 
     There are none where fewer than two rows are left.
     """
@@ -87,10 +87,10 @@ def load_run(
     settings = origin.settings_for(thresholds, arming_delay_s=arming_delay_s)
     with as_options(DETECTOR_OPTIONS):
         run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
-    seen, notes = ~run.blind, [*dropped(log, path), *run.notes]
+    seen, notes = ~run.no_data, [*dropped(log, path), *run.notes]
     if seen.sum() < 2:
         dark = f"{run.t.size - seen.sum()} of {run.t.size} rows"
-        return None, run, [*notes, f"Other thresholds are not compared: the detector was blind in {dark}."]
+        return None, run, [*notes, f"Other thresholds are not compared: the detector had no data in {dark}."]
     return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run, notes
 
 

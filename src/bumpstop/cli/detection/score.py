@@ -114,19 +114,19 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> t
     """Score, and why the detector was inactive all the time; empty: it was not, or the file does not say."""
     from bumpstop.detection import score
 
-    wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, blind"
+    wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, no_data"
     text = read_text(file, wanted, most_bytes=_MAX_BYTES)
     try:
         data: Any = json.loads(text)
         events = [float(event["t"]) for event in data["events"]]
-        watched = (float(data["start_s"]), float(data["end_s"]))
-        blind: list[Interval] = [(float(a), float(b)) for a, b in data["blind"]]
+        monitored = (float(data["start_s"]), float(data["end_s"]))
+        no_data: list[Interval] = [(float(a), float(b)) for a, b in data["no_data"]]
     except KeyError as error:
         raise InputError(str(file), f"has no {error.args[0]!r}", wanted) from None
     except (ValueError, TypeError, OverflowError, RecursionError):
         raise InputError(str(file), "holds no events", wanted) from None
     inactive = "as the file of events says" if data.get("active") is False else ""
-    return score(events, labels, watched, blind=blind, tolerance=tolerance), inactive
+    return score(events, labels, monitored, no_data=no_data, tolerance=tolerance), inactive
 
 
 def _print(found: Score, roc: Roc | None) -> None:
@@ -139,11 +139,11 @@ def _print(found: Score, roc: Roc | None) -> None:
     console = Console(highlight=False, markup=False, soft_wrap=True)
     data = found.to_json()
     low, high = found.false_alarms_per_hour_interval()
-    dark = f" ({data['missed_blind']} while blind)" if data["missed_blind"] else ""
+    dark = f" ({data['missed_without_data']} without data)" if data["missed_without_data"] else ""
     console.print(f"detected {found.detected} of {len(found.labels)}; missed {found.missed}{dark}")
     console.print(
         f"false alarms: {found.false_alarms.size} in {hours_in_words(found.hours)} without contact, "
-        f"95 % interval {low:.3g} to {high:.3g} an hour; blind {found.blind_s:.4g} s"
+        f"95 % interval {low:.3g} to {high:.3g} an hour; no data for {found.no_data_s:.4g} s"
     )
     if found.detected:
         delays = ", ".join(f"{key} {1e3 * value:.4g}" for key, value in data["delay_s"].items())
@@ -207,20 +207,27 @@ def _of_residuals(
         given = thresholds_of(thresholds, series.dof)
         period_of(series.t, DetectorSettings(), given)
         times = event_times(series, scaled_residual(series, given.constant), 1.0, apart_s)
-        watched, blind = (float(series.t[0]), float(series.t[-1])), gaps(series)
+        monitored, no_data = (float(series.t[0]), float(series.t[-1])), gaps(series)
     else:
         given = thresholds_of(thresholds, origin.parts[1])
         log = origin.recording(file)
         series, run, notes = load_run(file, given, origin, arming_delay_s, rearm_s, log)
         inactive = run.inactive
         times = np.array([event.t for event in run.events])
-        watched, blind = (float(run.t[0]), float(run.t[-1])), run.blind_intervals()
-    whole = score(times, labels, watched, blind=blind, tolerance=tolerance)
+        monitored, no_data = (float(run.t[0]), float(run.t[-1])), run.no_data_intervals()
+    whole = score(times, labels, monitored, no_data=no_data, tolerance=tolerance)
     if log is not None and log.wrench is not None:
         whole = replace(whole, forces=contact_forces(whole.labels, whole.delay_s, log.t, log.wrench))
     if series is None:
         return whole, None, inactive, notes
     factors = roc(
-        series, given.constant, labels, _FACTORS, rearm_s=apart_s, tolerance=tolerance, watched=watched, blind=blind
+        series,
+        given.constant,
+        labels,
+        _FACTORS,
+        rearm_s=apart_s,
+        tolerance=tolerance,
+        monitored=monitored,
+        no_data=no_data,
     )
     return whole, factors, inactive, notes

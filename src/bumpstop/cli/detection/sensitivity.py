@@ -133,11 +133,11 @@ def _standing(
     from bumpstop.detection import undetectable_force_along, undetectable_forces
 
     wide = limits + hidden
-    blind = undetectable_forces(arm, q, wide, **about)
+    forces = undetectable_forces(arm, q, wide, **about)
     return {
         "dead_zone_Nm": hidden.tolist(),
-        "largest_force_N": float(blind.largest),
-        "largest_felt_force_N": float(blind.largest_felt),
+        "largest_force_N": float(forces.largest),
+        "largest_detectable_force_N": float(forces.largest_detectable),
         "force_along_N": float(undetectable_force_along(arm, q, along, wide, **about)),
     }
 
@@ -205,7 +205,7 @@ def _found(
 
     link, point = about["link"], about["point"]
     along = np.array(direction)
-    blind = undetectable_forces(robot, q, thresholds, **about)
+    undetectable = undetectable_forces(robot, q, thresholds, **about)
     columns = robot.jacobian(q, link, point)[:3]
     per_newton = columns.T @ along
     # What is left of a lever that is none is a rounding.
@@ -216,14 +216,14 @@ def _found(
     six = singular_values(robot, q, link, point, rows="all")
     joints = zip(robot.joints, thresholds, per_newton, torques, forces, strict=True)
     return {
-        "largest_force_N": float(blind.largest),
-        "largest_felt_force_N": float(blind.largest_felt),
-        "farthest_force_N": blind.farthest.tolist(),
-        "null_space": blind.null_space.tolist(),
+        "largest_force_N": float(undetectable.largest),
+        "largest_detectable_force_N": float(undetectable.largest_detectable),
+        "farthest_force_N": undetectable.farthest.tolist(),
+        "null_space": undetectable.null_space.tolist(),
         "direction": along.tolist(),
         "force_along_N": float(undetectable_force_along(robot, q, along, thresholds, **about)),
         "worst_case_force_along_N": float(forces.min()),
-        "singular_values_watched": blind.singular_values.tolist(),
+        "singular_values_monitored": undetectable.singular_values.tolist(),
         "singular_values_linear": linear.tolist(),
         "condition_number_linear": _ratio(linear.tolist()),
         "singular_values_six_rows": six.tolist(),
@@ -267,8 +267,8 @@ def _print(found: dict[str, Any], arm: Robot) -> None:
         console.print("largest undetectable force: unbounded")
         for axis in found["null_space"]:
             console.print(f"  not detectable at all: along ({_row(axis)})")
-        if found["largest_felt_force_N"] > 0:
-            console.print(f"  across that: {found['largest_felt_force_N']:.4g} N, as ({farthest}) N")
+        if found["largest_detectable_force_N"] > 0:
+            console.print(f"  across that: {found['largest_detectable_force_N']:.4g} N, as ({farthest}) N")
     console.print(
         f"along ({_row(found['direction'])}): {_newtons(found['force_along_N'])}; from anywhere between thresholds "
         f"{_newtons(found['worst_case_force_along_N'])}"

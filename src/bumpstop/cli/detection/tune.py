@@ -82,10 +82,10 @@ def command(
     series = [_trimmed(one, trim_start, trim_end) for one, _ in loaded]
     check_joints(scenarios, series[0].dof)
     recorded = not all(holds_residuals(path) for path in recordings)
-    watched = joint_numbers(joints, series[0].dof) if joints is not None else None
+    monitored = joint_numbers(joints, series[0].dof) if joints is not None else None
     try:
         with progress("tuning"):
-            tuning = tune(series, per_hour, joints=watched, confidence=confidence, terms=wanted)
+            tuning = tune(series, per_hour, joints=monitored, confidence=confidence, terms=wanted)
     except InputError as error:
         options = {"per_hour": "--per-hour", "confidence": "--confidence", "terms": "--terms"}
         option = options.get(error.field, error.field)

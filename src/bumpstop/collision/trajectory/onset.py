@@ -120,9 +120,9 @@ def _panels(problem: CollisionProblem, trajectory: Trajectory, order: int) -> Fl
     middle, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
     normal, speed = approach(problem, middle)
     _, jacobian = point_motion(trajectory, problem.robot, problem.contact_point, middle)
-    watched = np.isfinite(problem.thresholds)
+    monitored = np.isfinite(problem.thresholds)
     with np.errstate(divide="ignore", invalid="ignore"):
-        growth = np.abs(np.einsum("nij,ni->nj", jacobian, normal))[:, watched] / problem.noise_sd[watched]
+        growth = np.abs(np.einsum("nij,ni->nj", jacobian, normal))[:, monitored] / problem.noise_sd[monitored]
     # A joint that feels nothing of the contact has no need of any panel, even without noise.
     growth = np.nan_to_num(growth, nan=0.0, posinf=1e6).max(axis=1, initial=0.0) * problem.stiffness
     wanted = np.maximum(np.ceil(growth * np.maximum(speed, 0.0) * width / _GROWTH), 1.0)

@@ -302,7 +302,7 @@ def monte_carlo_trajectory(
     peak = K * np.where(detected, runs["farthest"], runs["greatest"])
     tick_time = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s
     # From the first tick in contact on, also where the point falls back from the body again.
-    felt = detected & (runs["distance"] >= 0)
+    after_contact = detected & (runs["distance"] >= 0)
     force = K * np.maximum(0.0, runs["distance"])
     free = problem.body_mass is not None
     if free:
@@ -319,11 +319,11 @@ def monte_carlo_trajectory(
         curve=trajectory_curve(problem, kernel, hardest),
         kind="sampled",
         peak_force=SampledDistribution(peak, undetected if not free and stops_short(trajectory_of(problem)) else None),
-        force_at_detection=SampledDistribution(force[felt]),
-        detection_delay=SampledDistribution((tick_time - begin)[felt]),
+        force_at_detection=SampledDistribution(force[after_contact]),
+        detection_delay=SampledDistribution((tick_time - begin)[after_contact]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(problem.robot.dof, math.nan),
         multi_joint_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
-        false_alarm_probability=float((detected & ~felt).mean()),
+        false_alarm_probability=float((detected & ~after_contact).mean()),
         undetected_probability=float(undetected.mean()),
         no_contact_probability=float((~detected & ~undetected).mean()),
         samples=samples,
@@ -337,7 +337,7 @@ def monte_carlo_trajectory(
             "residual": runs["residual"],
             "peak_force": peak,
             "force_at_detection": force,
-            "felt": felt,
+            "detected_after_contact": after_contact,
         },
         kernel=kernel,
         times=times,

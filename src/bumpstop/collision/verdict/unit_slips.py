@@ -184,8 +184,8 @@ def _mass(law: CollisionResult) -> list[str]:
 def _thresholds(law: CollisionResult) -> list[str]:
     """A residual without noise never alarms by itself, which no detector does."""
     problem = law.problem
-    watched = np.isfinite(problem.thresholds)
-    silent = [str(j + 1) for j in np.flatnonzero(watched & (problem.noise_sd <= 0))]
+    monitored = np.isfinite(problem.thresholds)
+    silent = [str(j + 1) for j in np.flatnonzero(monitored & (problem.noise_sd <= 0))]
     if not silent:
         return []
     joints = f"joint {silent[0]}" if len(silent) == 1 else f"joints {', '.join(silent)}"

@@ -44,24 +44,24 @@ class Score:
     """Events against labels.
 
     Attributes:
-        labels: contacts inside the time watched, in order.
+        labels: contacts inside the time monitored, in order.
         delay_s: (labels,) from a label's start to its first event [s], negative for an event before it; NaN: missed.
-        blind: (labels,) whether the detector was blind during the whole of the label; such a label is missed.
+        no_data: (labels,) whether the detector had no data during the whole of the label; such a label is missed.
         false_alarms: times of events that belong to no label [s].
         repeated: events after the first of a label; they count as nothing.
-        hours: watched without contact: the time in which an event would be false [h].
-        blind_s: time in which the detector was blind [s].
-        outside: labels that lie outside the time watched and are left out.
+        hours: monitored without contact: the time in which an event would be false [h].
+        no_data_s: time in which the detector had no data [s].
+        outside: labels that lie outside the time monitored and are left out.
         forces: of a sensor at the labels; None: there was none.
     """
 
     labels: tuple[Label, ...]
     delay_s: FloatArray
-    blind: npt.NDArray[np.bool_]
+    no_data: npt.NDArray[np.bool_]
     false_alarms: FloatArray
     repeated: int
     hours: float
-    blind_s: float
+    no_data_s: float
     outside: int
     forces: ContactForces | None = None
 
@@ -107,14 +107,14 @@ class Score:
         return {
             "detected": self.detected,
             "missed": self.missed,
-            "missed_blind": int(self.blind.sum()),
+            "missed_without_data": int(self.no_data.sum()),
             "false_alarms": int(self.false_alarms.size),
             "false_alarm_times_s": self.false_alarms.tolist(),
             "repeated": self.repeated,
             "hours": self.hours,
             "false_alarms_per_hour": _finite(self.false_alarms_per_hour),
             "false_alarms_per_hour_interval": [_finite(x) for x in self.false_alarms_per_hour_interval()],
-            "blind_s": self.blind_s,
+            "no_data_s": self.no_data_s,
             "labels_outside": self.outside,
             "delay_s": delay,
             "kinds": kinds,
@@ -157,9 +157,9 @@ class Roc:
 def score(
     events: npt.ArrayLike,
     labels: Sequence[Label],
-    watched: Interval,
+    monitored: Interval,
     *,
-    blind: Sequence[Interval] = (),
+    no_data: Sequence[Interval] = (),
     tolerance: Tolerance | None = None,
 ) -> Score:
     """Compare the times of events with labels.
@@ -168,32 +168,32 @@ def score(
       that holds for two labels, it belongs to the one it lies inside, else to the one whose edge is nearer, the earlier
       one of two as near.
     - The first event of a label is its detection; more of them count as nothing. Events of no label are false alarms.
-    - A label without an event is missed, also where the detector was blind meanwhile: that is what blindness costs.
-    - Labels not wholly inside the time watched are left out, and so are the events that belong to them.
-    - Hours are the time watched without labels, their tolerance, and blind time.
+    - A label without an event is missed, also where the detector had no data meanwhile: that is what missing data cost.
+    - Labels not wholly inside the time monitored are left out, and so are the events that belong to them.
+    - Hours are the time monitored without labels, their tolerance, and time without data.
 
     Args:
         events: (K,) times, any order [s].
         labels: contacts.
-        watched: first and last time of the recording [s].
-        blind: times from and to when the detector was blind, any order; may overlap [s].
+        monitored: first and last time of the recording [s].
+        no_data: times from and to when the detector had no data, any order; may overlap [s].
         tolerance: default: 0.05 s early, 0.25 s late.
 
     Raises:
-        InputError: an event outside the time watched, times that run backwards, labels that overlap.
+        InputError: an event outside the time monitored, times that run backwards, labels that overlap.
     """
     times = np.sort(as_float_array(events, "events", (None,)))
     edges = tolerance or Tolerance()
-    begin, end = (as_number(value, "watched") for value in watched)
+    begin, end = (as_number(value, "monitored") for value in monitored)
     if not 0 < end - begin < math.inf:
         raise InputError(
-            "watched", f"{time_text(begin)} to {time_text(end)} s is no time", "wanted an end after its start"
+            "monitored", f"{time_text(begin)} to {time_text(end)} s is no time", "wanted an end after its start"
         )
     if times.size and not begin <= times[0] <= times[-1] <= end:
         wrong = times[0] if times[0] < begin else times[-1]
         valid = f"the recording is from {time_text(begin)} to {time_text(end)} s"
         raise InputError("events", f"one is at {time_text(wrong)} s", valid)
-    dark = _merged(blind, begin, end)
+    dark = _merged(no_data, begin, end)
     ordered = checked_labels(labels)
     inside = np.array([begin <= label.start_s and label.end_s <= end for label in ordered], dtype=bool)
     owner = np.array([_owner(time, ordered, edges) for time in times], dtype=np.int64)
@@ -230,8 +230,8 @@ def roc(
     *,
     rearm_s: float = 0.5,
     tolerance: Tolerance | None = None,
-    watched: Interval | None = None,
-    blind: Sequence[Interval] | None = None,
+    monitored: Interval | None = None,
+    no_data: Sequence[Interval] | None = None,
 ) -> Roc:
     """Score the residuals of a recording at thresholds times each of several factors.
 
@@ -239,13 +239,13 @@ def roc(
 
     Args:
         series: residuals.
-        thresholds: (dof,) [Nm or N]; infinite: not watched.
+        thresholds: (dof,) [Nm or N]; infinite: not monitored.
         labels: contacts.
         factors: (M,) positive.
         rearm_s: quiet time after which there may be another event [s].
         tolerance: as of :func:`score`.
-        watched: first and last time of the recording, where not all its rows are residuals; default: theirs [s].
-        blind: times from and to when there are no residuals; default: the gaps between them [s].
+        monitored: first and last time of the recording, where not all its rows are residuals; default: theirs [s].
+        no_data: times from and to when there are no residuals; default: the gaps between them [s].
 
     Raises:
         InputError: no factor, one that is not positive, or thresholds of another number of joints.
@@ -258,8 +258,8 @@ def roc(
         score(
             event_times(series, scaled, float(factor), rearm_s),
             labels,
-            watched or (float(series.t[0]), float(series.t[-1])),
-            blind=gaps(series) if blind is None else blind,
+            monitored or (float(series.t[0]), float(series.t[-1])),
+            no_data=gaps(series) if no_data is None else no_data,
             tolerance=tolerance,
         )
         for factor in steps
@@ -279,7 +279,7 @@ def scaled_residual(series: ResidualSeries, thresholds: npt.ArrayLike) -> FloatA
 
     Args:
         series: residuals.
-        thresholds: (dof,) [Nm or N]; infinite: not watched.
+        thresholds: (dof,) [Nm or N]; infinite: not monitored.
     """
     theta = Thresholds.of(thresholds, series.dof).constant
     largest: FloatArray = np.abs(series.rows / theta).max(axis=1)
@@ -344,7 +344,7 @@ def _merged(intervals: Sequence[Interval], begin: float, end: float) -> list[Int
     merged: list[Interval] = []
     for a, b in sorted(intervals):
         if not a <= b:
-            raise InputError("blind", f"from {time_text(a)} to {time_text(b)} s", "wanted an end after its start")
+            raise InputError("no_data", f"from {time_text(a)} to {time_text(b)} s", "wanted an end after its start")
         low, high = max(a, begin), min(b, end)
         if low >= high:
             continue

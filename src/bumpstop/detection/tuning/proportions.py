@@ -21,7 +21,7 @@ _MIN_RUNS = 3  # from which on a fold is made of whole runs
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Rows without a gap, of watched joints.
+    """Rows without a gap, of monitored joints.
 
     Attributes:
         run: number of the run they are of, from 0.
@@ -50,7 +50,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Proportions:
-    """Thresholds at a common factor of 1, of watched joints.
+    """Thresholds at a common factor of 1, of monitored joints.
 
     Attributes:
         constant: (dof,) [Nm or N].

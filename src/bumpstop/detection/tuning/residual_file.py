@@ -61,7 +61,7 @@ class ResidualSeries:
         return float(np.median(np.diff(self.t)))
 
     @property
-    def watched_s(self) -> float:
+    def monitored_s(self) -> float:
         """Time in which there are residuals: a period for each row, so that gaps do not count [s]."""
         return self.t.size * self.period
 

@@ -37,7 +37,7 @@ class Tuning:
     """Thresholds, the rate of false alarms they stand for, and how well both are known.
 
     Attributes:
-        shares: (dof,) constant thresholds at factor 1 [Nm or N]; infinite: that joint is not watched.
+        shares: (dof,) constant thresholds at factor 1 [Nm or N]; infinite: that joint is not monitored.
         growth: (2, dof) what a joint's speed and acceleration add to them at factor 1 [Nm s/rad, Nm s2/rad].
         fast_shares: (dof,) thresholds of the fast channel at factor 1 [Nm or N]; infinite: not tuned.
         tail: of the largest residual of any joint in units of its threshold at factor 1.
@@ -157,7 +157,7 @@ def tune(
     """Choose thresholds that residuals of contact-free motion pass a wanted number of times an hour.
 
     1. The proportion of the thresholds: each joint's is the level that its own residuals pass as often as those of any
-       other joint, ``per_hour / n`` times an hour, n being the number of watched joints and channels (see
+       other joint, ``per_hour / n`` times an hour, n being the number of monitored joints and channels (see
        ``joint_scales``).
     2. The largest residual of any joint, each in units of its threshold, is one series. Its tail gives the factor at
        which any joint alarms ``per_hour`` times an hour, whatever the joints have in common. The units of a part of the
@@ -192,21 +192,21 @@ def tune(
     if not as_number(per_hour, "per_hour") > 0:
         raise InputError("per_hour", f"is {per_hour}", "wanted more than 0")
     still = [j for j in range(dof) if not np.ptp(np.concatenate([part.rows[:, j] for part in parts])) > 0]
-    watched = sorted(set([j for j in range(dof) if j not in still] if joints is None else joints))
+    monitored = sorted(set([j for j in range(dof) if j not in still] if joints is None else joints))
     if len(still) == dof:
         raise InputError("residuals", "of no joint ever change", "wanted those of contact-free motion")
-    if not watched or not 0 <= watched[0] <= watched[-1] < dof:
-        raise InputError("joints", f"{[j + 1 for j in watched]} are not all joints", f"wanted some of 1 to {dof}")
+    if not monitored or not 0 <= monitored[0] <= monitored[-1] < dof:
+        raise InputError("joints", f"{[j + 1 for j in monitored]} are not all joints", f"wanted some of 1 to {dof}")
     for j in still:
-        if j in watched:
+        if j in monitored:
             raise InputError(f"residual of joint {j + 1}", "never changes", "leave that joint out")
-    rows = [one for number, part in enumerate(parts) for one in _stretches(part, number, watched, wanted)]
+    rows = [one for number, part in enumerate(parts) for one in _stretches(part, number, monitored, wanted)]
     found, tail, units = _tail(rows, period, per_hour)
     lengths = [sum(len(one.t) for one in rows if one.run == number) for number in range(len(parts))]
     tuning = Tuning(
-        _of_all(found.constant, watched, dof, math.inf),
-        np.stack([_of_all(found.speed, watched, dof, 0.0), _of_all(found.acceleration, watched, dof, 0.0)]),
-        _of_all(found.fast, watched, dof, math.inf),
+        _of_all(found.constant, monitored, dof, math.inf),
+        np.stack([_of_all(found.speed, monitored, dof, 0.0), _of_all(found.acceleration, monitored, dof, 0.0)]),
+        _of_all(found.fast, monitored, dof, math.inf),
         tail,
         replace(RunSpread.of(tail, lengths), units=units),
         float(per_hour),
@@ -215,14 +215,14 @@ def tune(
         wanted,
     )
     thresholds = tuning.thresholds()
-    notes = _notes(tuning, thresholds, rows, watched, parts)
+    notes = _notes(tuning, thresholds, rows, monitored, parts)
     notes += [f"The residual of joint {j + 1} never changes." for j in still]
 
     def without(left: list[Stretch]) -> FloatArray:
         fewer, its_tail, _ = _tail(left, period, per_hour)
         return fewer.constant * its_tail.level_of(per_hour)
 
-    notes += ruling_moments(rows, [part.source for part in parts], watched, thresholds[watched], without)
+    notes += ruling_moments(rows, [part.source for part in parts], monitored, thresholds[monitored], without)
     if asked is None and supported > _DEFAULT_PER_HOUR:
         notes.append(
             f"No rate was given: {tail.hours:.3g} h carry one alarm in {_DEFAULT_REACH:g} times that, {supported:.3g}"
@@ -260,10 +260,10 @@ def _tail(rows: Sequence[Stretch], period: float, per_hour: float) -> tuple[Prop
     return whole, tail, abs(math.log(unseen.level_of(per_hour) / tail.level_of(per_hour)))
 
 
-def _stretches(part: ResidualSeries, run: int, watched: Sequence[int], terms: Sequence[Term]) -> list[Stretch]:
+def _stretches(part: ResidualSeries, run: int, monitored: Sequence[int], terms: Sequence[Term]) -> list[Stretch]:
     """Rows of a recording between its gaps, with what the terms need."""
     fast = band_pass_channel(part) if "fast" in terms else None
-    columns = list(watched)
+    columns = list(monitored)
 
     def of(values: FloatArray | None, rows: slice, wanted: bool) -> FloatArray | None:
         return np.abs(values[rows][:, columns]) if wanted and values is not None else None
@@ -293,9 +293,9 @@ def _terms(given: Sequence[Term], parts: Sequence[ResidualSeries]) -> tuple[Term
     return tuple(term for term in known if term in given)
 
 
-def _of_all(values: FloatArray, watched: Sequence[int], dof: int, otherwise: float) -> FloatArray:
+def _of_all(values: FloatArray, monitored: Sequence[int], dof: int, otherwise: float) -> FloatArray:
     found = np.full(dof, otherwise)
-    found[list(watched)] = values
+    found[list(monitored)] = values
     return found
 
 
@@ -329,7 +329,7 @@ def _notes(
     tuning: Tuning,
     thresholds: FloatArray,
     rows: Sequence[Stretch],
-    watched: Sequence[int],
+    monitored: Sequence[int],
     parts: Sequence[ResidualSeries],
 ) -> list[str]:
     tail, spread = tuning.tail, tuning.spread
@@ -360,7 +360,7 @@ def _notes(
             f"more than {MAX_EXTRAPOLATION} times. Record for at least {1 / tuning.target / MAX_EXTRAPOLATION:.3g} h."
         )
     mean = np.concatenate([one.residual for one in rows]).mean(axis=0)
-    for j, bias in zip(watched, mean, strict=True):
+    for j, bias in zip(monitored, mean, strict=True):
         if abs(bias) > _BIASED * thresholds[j]:
             notes.append(
                 f"The residual of joint {j + 1} has a mean of {bias:.3g}, much of its threshold of "
@@ -369,9 +369,9 @@ def _notes(
     gaps = sum(len(part.stretches()) - 1 for part in parts)
     if gaps:
         notes.append(f"{gaps} gaps in time: peaks on either side count as separate, and the gaps not as hours.")
-    unwatched = [str(j + 1) for j in np.flatnonzero(np.isinf(tuning.shares))]
-    if unwatched:
-        notes.append(f"Not monitored: joint {', '.join(unwatched)}.")
+    unmonitored = [str(j + 1) for j in np.flatnonzero(np.isinf(tuning.shares))]
+    if unmonitored:
+        notes.append(f"Not monitored: joint {', '.join(unmonitored)}.")
     return notes
 
 

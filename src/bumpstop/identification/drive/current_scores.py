@@ -194,7 +194,7 @@ def _current_by_free_gain(
     left says how well friction and the shape of the torque are known, and nothing of the scale.
     """
     values = {name: joint.value(name) for name in joint.parameters}
-    law = DriveModel("blind", joint.friction, ("torque", "acceleration"), values, joint.rest_speed)
+    law = DriveModel("unknown_gain", joint.friction, ("torque", "acceleration"), values, joint.rest_speed)
     friction, columns = law.current(np.zeros(2), motion)
     smooth = rows.filtered(np.column_stack([columns, measured - friction]), cutoff_hz)
     length = np.maximum(np.linalg.norm(smooth[:, :2], axis=0), 1e-300)

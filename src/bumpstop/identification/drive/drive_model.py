@@ -67,8 +67,8 @@ class DriveModel:
     """A map and a friction law, and which of their parameters are free.
 
     Attributes:
-        map: of joint current to torque; ``"blind"`` stands for currents proportional to torque and acceleration, for a
-            joint whose gain cannot be seen.
+        map: of joint current to torque; ``"unknown_gain"`` stands for currents proportional to torque and acceleration,
+            for a joint whose gain cannot be seen.
         friction: how friction depends on the rate.
         names: of the free parameters, in the order of the columns of derivatives.
         fixed: values of the others; those named nowhere are zero.
@@ -86,8 +86,8 @@ class DriveModel:
         cls, kind: str, friction: str, rest_speed: float, fixed: Mapping[str, float], *, hysteresis: bool
     ) -> DriveModel:
         """All parameters of a map and a friction law but the fixed ones."""
-        own = ("torque", "acceleration") if kind == "blind" else (*OF_MAP[kind], "inertia")
-        own = (*own, *OF_FRICTION[friction], *(("hysteresis",) if hysteresis and kind != "blind" else ()))
+        own = ("torque", "acceleration") if kind == "unknown_gain" else (*OF_MAP[kind], "inertia")
+        own = (*own, *OF_FRICTION[friction], *(("hysteresis",) if hysteresis and kind != "unknown_gain" else ()))
         return cls(kind, friction, tuple(name for name in own if name not in fixed), dict(fixed), rest_speed)
 
     def current(self, values: FloatArray, motion: JointMotion) -> tuple[FloatArray, FloatArray]:
@@ -110,7 +110,7 @@ class DriveModel:
     def _joint_current(
         self, p: Mapping[str, float], motion: JointMotion, sign: FloatArray, derivative: dict[str, FloatArray]
     ) -> FloatArray:
-        if self.map == "blind":
+        if self.map == "unknown_gain":
             derivative["torque"], derivative["acceleration"] = motion.torque, motion.qdd
             return p["torque"] * motion.torque + p["acceleration"] * motion.qdd
         A, B = p.get("A", 0.0), p["B"]
@@ -177,6 +177,8 @@ def motor_current(joint: JointParameters, motion: JointMotion) -> FloatArray:
             tangent = edge + (wanted - edge * (B + bend)) / (B + 2 * bend)
             current = np.where(beyond(tangent, edge), tangent, current)
     values = {name: joint.value(name) for name in joint.parameters}
-    law = DriveModel("blind", joint.friction, (), {**values, "torque": 1.0, "acceleration": 0.0}, joint.rest_speed)
+    law = DriveModel(
+        "unknown_gain", joint.friction, (), {**values, "torque": 1.0, "acceleration": 0.0}, joint.rest_speed
+    )
     still = JointMotion(current, motion.qd, motion.qdd, motion.held)
     return law.current(np.empty(0), still)[0]

@@ -165,7 +165,7 @@ def fit_joint(
     start = starting_values(sight, fixed)
     candidates: list[Candidate] = []
     if sight.gain_unobservable:
-        kind, friction = "blind", "power"
+        kind, friction = "unknown_gain", "power"
     else:
         kind, friction, near = _choose(
             rows, j, sight, fixed, start, maps, frictions, rest_speed, joint.name, candidates
@@ -175,9 +175,9 @@ def fit_joint(
         law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
         fit = task.fit(law, start, sight)
         more = sight.ambiguous(law, fit)
-        blinder = None if more else sight.without_gain(law, fit)
-        if blinder is not None:
-            sight, kind, friction = blinder, "blind", "power"
+        gainless = None if more else sight.without_gain(law, fit)
+        if gainless is not None:
+            sight, kind, friction = gainless, "unknown_gain", "power"
             unseen, fixed = dict(sight.unseen), {**sight.fixed, **known}
             start = starting_values(sight, fixed)
             continue
@@ -328,15 +328,15 @@ def _parameters(
     """The fit as a joint of a model, which refuses a map that is not monotone over the currents of the fit."""
     values = {**law.fixed, **dict(zip(law.names, found.tolist(), strict=True))}
     errors = dict(zip(law.names, standard_errors.tolist(), strict=True))
-    blind = law.map == "blind"
-    kind = "linear" if blind else law.map
+    unknown_gain = law.map == "unknown_gain"
+    kind = "linear" if unknown_gain else law.map
     parameters: dict[str, Parameter | None] = {}
     for own in (*OF_MAP[kind], *OF_FRICTION[law.friction], *COMMON):
         if own in known:
             parameters[own] = Parameter(known[own])
         elif own in errors:
             parameters[own] = Parameter(values[own], errors[own])
-        elif own in COMMON or (own == "B" and blind):
+        elif own in COMMON or (own == "B" and unknown_gain):
             parameters[own] = None
         else:
             parameters[own] = Parameter(values[own])
@@ -345,7 +345,7 @@ def _parameters(
         map=kind,  # type: ignore[arg-type]
         friction=law.friction,  # type: ignore[arg-type]
         parameters=parameters,
-        current_range=None if blind else _current_range(law, found, task),
+        current_range=None if unknown_gain else _current_range(law, found, task),
         speed_range=sight.speed_range,
         rest_speed=law.rest_speed,
     )

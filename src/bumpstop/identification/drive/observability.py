@@ -151,8 +151,8 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
     if held and float(raw[:, 0].std()) >= _SAME * float(np.abs(raw[:, 0]).max()):
         beside, unsure = _linear_fit(rows, j, raw, hysteresis, known, constant=True)
         held = not unsure[0] < SURE_GAIN * abs(float(beside[0]))
-    blind = "B" not in known and (held or not (gain > 0 and errors[0] < SURE_GAIN * gain))
-    if blind:
+    unobservable = "B" not in known and (held or not (gain > 0 and errors[0] < SURE_GAIN * gain))
+    if unobservable:
         unseen["B"] = _HELD_STILL if held else _why_blind(gain, float(errors[0]), raw)
         unseen["inertia"] = _NOT_FROM_GAIN
     near = rows.q[:: max(1, rows.t.size // 50)]
@@ -162,7 +162,7 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
         acceleration=float(values[1]),
         coulomb=max(float(values[2]), 0.0),
         viscous=max(float(values[3]), 0.0),
-        gain_unobservable=blind,
+        gain_unobservable=unobservable,
         single_speed=single_speed,
         static=never,
         hysteresis=hysteresis,

@@ -73,17 +73,17 @@ class DetectionSection(Section):
             unit = unit_of(joint)
             lever = abs(float(law.curve.torque_per_newton[first, j])) if law.curve.ticks else math.nan
             threshold = float(problem.thresholds[j])
-            watched = math.isfinite(threshold)
+            monitored = math.isfinite(threshold)
             # Dust of the arithmetic is no lever: a joint that cannot feel the force needs an infinite one.
             needed = threshold / lever if lever > 1e-9 else math.inf
             rows.append(
                 (
                     str(j + 1),
-                    quantity(threshold, unit) if watched else "not monitored",
+                    quantity(threshold, unit) if monitored else "not monitored",
                     quantity(float(problem.noise_sd[j]), unit),
                     quantity(float(problem.noise_mean[j]), unit),
                     quantity(100 * lever if lever > 1e-9 else 0.0, unit),
-                    (quantity(needed, "N") if math.isfinite(needed) else "not detectable") if watched else "",
+                    (quantity(needed, "N") if math.isfinite(needed) else "not detectable") if monitored else "",
                     percent(float(law.trigger_joint_probability[j])),
                 )
             )
@@ -142,11 +142,11 @@ class DetectionSection(Section):
         numbers = np.arange(1, problem.robot.dof + 1)
         panel.barh(numbers, 100 * shares, height=0.66, color=AREA, edgecolor=LAW, hatch="//")
         for j, share in zip(numbers, shares, strict=True):
-            watched = math.isfinite(problem.thresholds[j - 1])
-            text = percent(float(share)) if watched else "not monitored"
+            monitored = math.isfinite(problem.thresholds[j - 1])
+            text = percent(float(share)) if monitored else "not monitored"
             panel.annotate(
                 text, (100 * share, j), (4, 0), textcoords="offset points", va="center", fontsize=8.5,
-                color=INK if watched else FAINT,
+                color=INK if monitored else FAINT,
             )  # fmt: skip
         panel.set_yticks(numbers, [f"{j} {_short(problem.robot.joints[j - 1].name)}" for j in numbers])
         panel.invert_yaxis()

@@ -44,7 +44,7 @@ class Rollout:
         tick_time: feedback ticks up to the detection (ticks,) [s].
         residual: of that joint at those ticks: contact torque and noise (ticks,) [Nm or N].
         contact_torque: the part of the contact alone (ticks,) [Nm or N].
-        threshold: of that joint [Nm or N]; infinite where it is not watched.
+        threshold: of that joint [Nm or N]; infinite where it is not monitored.
     """
 
     run: int

@@ -37,8 +37,8 @@ def conclusion(run: DetectionRun) -> str:
     alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.6g} s, {run.t.size} rows"
     if run.inactive:
         return f"INACTIVE all the time ({run.inactive}): nothing could be detected. {alarms}"
-    idle = run.blind_s + run.arming_s
-    return alarms + (f"; active for {run.watched_s:.4g} s of them" if idle > 0.05 * seconds else "")
+    idle = run.no_data_s + run.arming_s
+    return alarms + (f"; active for {run.monitored_s:.4g} s of them" if idle > 0.05 * seconds else "")
 
 
 def write_events(
@@ -64,7 +64,7 @@ def _heading(run: DetectionRun) -> str:
 
 
 class AlarmsPart(Part):
-    """The alarms, when the detector was blind, and residuals over time."""
+    """The alarms, when the detector had no data, and residuals over time."""
 
     title = "Alarms"
     anchor = "alarms"
@@ -73,7 +73,7 @@ class AlarmsPart(Part):
         self.run, self.robot, self.units = run, robot, units
 
     def content(self) -> list[Html]:
-        """The conclusion, every event, blind time by its cause, and notes."""
+        """The conclusion, every event, time without data by its cause, and notes."""
         run = self.run
         text = [paragraph(conclusion(run) + ".")]
         if run.events:
@@ -95,11 +95,11 @@ class AlarmsPart(Part):
                     "first row; forces are those of the arm on the body at the first row."
                 )
             )
-        if run.blind.any():
-            reasons = [(name, str(rows), _REMEDIES.get(name, "")) for name, rows in run.blind_rows().items()]
-            text.append(table(("fault", "rows", "meaning"), reasons, caption=f"Blind for {run.blind_s:.4g} s"))
+        if run.no_data.any():
+            reasons = [(name, str(rows), _REMEDIES.get(name, "")) for name, rows in run.no_data_rows().items()]
+            text.append(table(("fault", "rows", "meaning"), reasons, caption=f"No data for {run.no_data_s:.4g} s"))
         if run.arming_s:
-            unseen = int(run.unseen.sum())
+            unseen = int(run.masked_while_arming.sum())
             text.append(paragraph(f"Arming for {run.arming_s:.4g} s; {unseen} rows were over a threshold meanwhile."))
         return [*text, bullets(run.notes)] if run.notes else text
 

@@ -1,4 +1,4 @@
-"""Figure: residuals against their thresholds, with alarms and blind stretches."""
+"""Figure: residuals against their thresholds, with alarms and stretches without data."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ _NAME_SHARE = 0.3  # of a panel's range, above what is drawn in it
 
 
 def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str, ...]) -> Picture:
-    """A panel for every joint: residual, thresholds, alarms, and where the detector was blind or arming."""
+    """A panel for every joint: residual, thresholds, alarms, and where the detector had no data or arming."""
     n = run.residual.shape[1]
-    blind, arming = (_stretches(run.t, rows) for rows in (run.blind, run.state == 1))
+    no_data, arming = (_stretches(run.t, rows) for rows in (run.no_data, run.state == 1))
 
     def draw(figure: Figure) -> None:
         panels = stack(figure, [1.0] * n, left=0.78, right=0.2, top=0.62)
         for j, panel in enumerate(panels):
             t, low, high = _envelope(run.t, run.residual[:, j])
             panel.fill_between(t, low, high, color=LAW, linewidth=0.9, label="residual")
-            # Blind rows have the threshold of the row before: the first ones, of none, have zero.
+            # Rows without data have the threshold of the row before: the first ones, of none, have zero.
             given = run.threshold[:, j]
             limit = np.where(np.isfinite(given) & (given > 0), given, np.nan)
-            watched = bool(np.isfinite(limit).any())
-            if watched:
+            monitored = bool(np.isfinite(limit).any())
+            if monitored:
                 at, lowest, _ = _envelope(run.t, limit)
                 panel.plot(at, lowest, color=LIMIT, linestyle="--", linewidth=1.1, label="threshold")
                 panel.plot(at, -lowest, color=LIMIT, linestyle="--", linewidth=1.1)
@@ -45,7 +45,7 @@ def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str
                     event.t, color=EVENT, linewidth=1.6 if mine else 0.7, linestyle="-" if mine else ":", label="alarm"
                 )
             for (start, end), colour, label in (
-                *((stretch, FAINT, "blind") for stretch in blind),
+                *((stretch, FAINT, "no data") for stretch in no_data),
                 *((stretch, EVENT, "arming") for stretch in arming),
             ):
                 panel.axvspan(start, end, color=colour, alpha=0.25, linewidth=0, label=label)
@@ -56,7 +56,7 @@ def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str
             panel.text(
                 0.01,
                 0.96,
-                names[j] + ("" if watched else ": not monitored"),
+                names[j] + ("" if monitored else ": not monitored"),
                 transform=panel.transAxes,
                 va="top",
                 color=INK,
@@ -79,7 +79,7 @@ def residual_picture(run: DetectionRun, names: tuple[str, ...], units: tuple[str
     alt = f"Residuals of {n} joints over {run.t[-1] - run.t[0]:.4g} s with their thresholds and {alarms}"
     caption = (
         "Estimated minus predicted torque by joint. Dashed: thresholds. Lines across: alarms, thick at the joints that "
-        f"raised them. Grey: the detector was blind, {run.blind_s:.3g} s in all."
+        f"raised them. Grey: the detector had no data, {run.no_data_s:.3g} s in all."
     )
     return Picture("residuals", alt, caption, draw, 1.1 + _PANEL * n)
 

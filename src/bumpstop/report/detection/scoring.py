@@ -69,8 +69,8 @@ class DetectionsPart(Part):
         score = self.score
         low, high = score.false_alarms_per_hour_interval()
         rows: list[tuple[str, ...]] = [
-            (f"{time_text(label.start_s)} s", label.kind or "-", _delay(late), "blind" if dark else "")
-            for label, late, dark in zip(score.labels, score.delay_s, score.blind, strict=True)
+            (f"{time_text(label.start_s)} s", label.kind or "-", _delay(late), "no_data" if dark else "")
+            for label, late, dark in zip(score.labels, score.delay_s, score.no_data, strict=True)
         ]
         headings = ["contact at", "kind", "delay, ms", ""]
         if score.forces is not None:
@@ -86,7 +86,7 @@ class DetectionsPart(Part):
             paragraph(
                 f"{score.detected} detected, {score.missed} missed, {score.false_alarms.size} false alarms in "
                 f"{hours_in_words(score.hours)} without contact: {number(score.false_alarms_per_hour)} an hour, with "
-                f"95 % confidence between {number(low)} and {number(high)}. Blind for {number(score.blind_s)} s."
+                f"95 % confidence between {number(low)} and {number(high)}. No data for {number(score.no_data_s)} s."
             ),
             table(headings, rows, caption="Contacts", numbers=True),
         ]

@@ -135,7 +135,7 @@ class SuggestionPart(Part):
         return [paragraph(text), paragraph("The joint positions are in suggestions.parquet, a row for each waypoint.")]
 
     def pictures(self) -> list[Picture]:
-        """Unnoticed force over time, as programmed and as suggested."""
+        """Undetectable force over time, as programmed and as suggested."""
         return [
             Picture(
                 "suggestions",

@@ -191,7 +191,7 @@ class CollisionExperiment:
 
     @property
     def thresholds(self) -> FloatArray:
-        """(7,) [Nm]; infinite: not watched."""
+        """(7,) [Nm]; infinite: not monitored."""
         return np.array(_tables()[self.name]["thresholds_Nm"], dtype=np.float64)
 
     def rows(self) -> tuple[SourceRow, ...]:

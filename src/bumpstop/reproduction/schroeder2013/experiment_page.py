@@ -136,8 +136,8 @@ class RunsPart(Part):
     def _picture(self, row: SpeedRow) -> Picture:
         run = row.runs[0]
         limits = self.found.experiment.thresholds
-        watched = [j for j in range(len(limits)) if np.isfinite(limits[j])]
-        joint = run.joints[0] if run.joints else watched[1]
+        monitored = [j for j in range(len(limits)) if np.isfinite(limits[j])]
+        joint = run.joints[0] if run.joints else monitored[1]
         start = next((t for t in (run.alarm_s, run.contact_s) if t is not None), 0.0)
         trace, found = run.run.trace, run.detection
 

@@ -226,11 +226,11 @@ class _Formula:
         undetected = undetected_force(problem, torque, problem.scenario.verdict.accepted_probability)
         speed = predicted_speed_limit(problem, undetected, gain, allowed_force(problem))
         # Where the formula misses the limit itself the directions are told apart by how little they feel.
-        unfelt = -1e-9 / np.maximum(_felt(problem, torque), 1e-12)
-        return np.asarray(np.nan_to_num(np.where(speed > 0, speed, unfelt), nan=-1.0).reshape(shape))
+        undetectable = -1e-9 / np.maximum(_residual_per_newton(problem, torque), 1e-12)
+        return np.asarray(np.nan_to_num(np.where(speed > 0, speed, undetectable), nan=-1.0).reshape(shape))
 
 
-def _felt(problem: CollisionProblem, torque: FloatArray) -> FloatArray:
+def _residual_per_newton(problem: CollisionProblem, torque: FloatArray) -> FloatArray:
     """Share of its threshold that a newton gives the joint that feels it best (N,) [1/N]."""
     return np.asarray((np.abs(torque) / problem.thresholds).max(axis=1))
 

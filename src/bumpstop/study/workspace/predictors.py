@@ -81,9 +81,9 @@ def worst_directions(problem: CollisionProblem, q: FloatArray) -> tuple[FloatArr
     jacobian = problem.robot.chain.jacobians(np.ascontiguousarray(q), link, point)[:, :3]
     largest, _, farthest, _, rank, axes = core.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
     length = np.linalg.norm(farthest, axis=1)
-    unfelt = axes[np.arange(len(q)), np.minimum(rank, 2)]
+    undetectable = axes[np.arange(len(q)), np.minimum(rank, 2)]
     safe = np.where(length > 0, length, 1.0)[:, None]
-    return np.where(((rank < 3) | ~(length > 0))[:, None], unfelt, farthest / safe), np.asarray(largest)
+    return np.where(((rank < 3) | ~(length > 0))[:, None], undetectable, farthest / safe), np.asarray(largest)
 
 
 def predictors(rows: pl.DataFrame, unsafe: Any, lowest_limit: float) -> dict[str, dict[str, float]]:

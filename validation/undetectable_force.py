@@ -1,4 +1,4 @@
-"""The largest force that goes unnoticed against a search over directions."""
+"""The largest undetectable force against a search over directions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from detection.direction_search import directions, enumerated, farthest
 from detection.sensitivity_cases import random_cases, singular_cases
 from validation.findings import Cell, Findings
 
-TITLE = "Largest unnoticed force against a search over directions"
+TITLE = "Largest undetectable force against a search over directions"
 ALLOWED = 1e-9
 CHUNK = 1000
 FEW, MANY = 12, 600  # directions a case is searched from, and where that fell short
@@ -19,11 +19,11 @@ def compare(findings: Findings, *, quick: bool) -> None:
     """Random and singular polytopes of three to twelve joints."""
     cases = 2000 if quick else 1_000_000
     findings.say(
-        "The farthest vertex of the polytope of unnoticed forces, as the library finds it, against a search that walks "
-        f"outward on its surface from {FEW} directions, and from {MANY} where that ends nearer. Where that still ends "
-        "elsewhere, all points where three faces meet decide, in long double. Revolute and prismatic joints, "
-        "thresholds over two decades, shifted by means, every fourth case squeezed to nearly singular. In the full "
-        "size one case in ten is singular: rank 1 or 2."
+        "The farthest vertex of the polytope of undetectable forces, as the library finds it, against a search that "
+        f"walks outward on its surface from {FEW} directions, and from {MANY} where that ends nearer. Where that "
+        "still ends elsewhere, all points where three faces meet decide, in long double. Revolute and prismatic "
+        "joints, thresholds over two decades, shifted by means, every fourth case squeezed to nearly singular. In the "
+        "full size one case in ten is singular: rank 1 or 2."
     )
     rows: list[list[Cell]] = []
     worst, total, wrong_rank = 0.0, 0, 0
@@ -59,13 +59,13 @@ def _chunk(rng: np.random.Generator, dof: int, size: int, rank: int) -> tuple[fl
         normals = np.concatenate([columns.transpose(0, 2, 1), lost], axis=1)
         lower, upper = np.concatenate([low, -walls], axis=1), np.concatenate([high, walls], axis=1)
     found = [core.undetectable_forces(columns[i : i + 1], low[i], high[i]) for i in range(size)]
-    felt = np.array([float(one[1][0]) for one in found])
+    found_force = np.array([float(one[1][0]) for one in found])
     wrong = sum(int(one[4][0]) != rank for one in found)
     searched = farthest(normals, lower, upper, directions(FEW))
-    short = np.flatnonzero(searched < felt * (1 - ALLOWED / 2))
+    short = np.flatnonzero(searched < found_force * (1 - ALLOWED / 2))
     if short.size:
         searched[short] = farthest(normals[short], lower[short], upper[short], directions(MANY))
-    doubtful = np.flatnonzero(np.abs(felt / searched - 1) >= ALLOWED)
+    doubtful = np.flatnonzero(np.abs(found_force / searched - 1) >= ALLOWED)
     for i in doubtful:
         searched[i] = enumerated(normals[i], lower[i], upper[i])
-    return float(np.abs(felt / searched - 1).max()), int(short.size), int(doubtful.size), wrong
+    return float(np.abs(found_force / searched - 1).max()), int(short.size), int(doubtful.size), wrong
