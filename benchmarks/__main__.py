@@ -38,8 +38,8 @@ FLAGS = {
 COMMON = ["-std=c++20", "-O3", "-ffp-contract=fast"]
 REFERENCE_RUNS = 1000  # what Schroeder (2013) drew for one distribution
 BATCH = 4000
-# Half of random poses come near a singularity, and arms are followed there as finely as a law needs: these take longer
-# than the others, and set the mean. Measured on AVX-512: 740 and 170 us of processor time.
+# Half of random poses come near a singularity, and arms are followed there as finely as a distribution needs: these
+# take longer than the others, and set the mean. Measured on AVX-512: 740 and 170 us of processor time.
 RANDOM_POSE_US, EASY_POSE_US = 900, 220
 
 
@@ -62,11 +62,11 @@ def row(what: str, value: str, target: str, ok: bool | None, ratio: str = "") ->
 
 
 def whole_law(problem: bs.CollisionProblem) -> object:
-    """A complete law from a checked scenario: curve, distribution, moments, quantiles, probabilities of excess."""
-    law = bs.integrate(problem, bs.stopping_curve(problem))
-    force = law.peak_force
+    """A complete result from a checked scenario: curve, distribution, moments, quantiles, exceedance."""
+    result = bs.integrate(problem, bs.stopping_curve(problem))
+    force = result.peak_force
     figures = [force.mean, force.sd, *(force.quantile(p) for p in (0.5, 0.95, 0.99, 0.999))]
-    return figures, law.trigger_joint_probability
+    return figures, result.trigger_joint_probability
 
 
 def reference_seconds_per_run(scenario: bs.Scenario, runs: int = 12) -> float:
@@ -186,14 +186,14 @@ def detector() -> None:
 
 
 def study_rows() -> None:
-    """Schroeder's workspace, what it takes besides laws, and the speed limits of a trajectory."""
+    """Schroeder's workspace, what it takes besides distributions, and the speed limits of a trajectory."""
     row("", "measured", "target", None)
     rows, page = studies.workspace_command()
     source = f"study workspace, {studies.SOURCE_POSES} poses"
     row(f"{source}, two threads, to its rows", f"{rows:.1f} s", "<= 10 s", rows <= 10)
     row("  to its page", f"{page:.1f} s", "", None)
     took = min(studies.workspace_without_laws() for _ in range(2))
-    row(f"{source}, all but laws", f"{took:.2f} s", "<= 3 s", took <= 3)
+    row(f"{source}, all but distributions", f"{took:.2f} s", "<= 3 s", took <= 3)
     each = studies.predicted_case()
     row("  predicted force of a pose, processor time", f"{each * 1e6:.0f} us", "", None)
     wall, processor = studies.speed_limits_command()
@@ -215,7 +215,13 @@ def main() -> None:
         problem = bs.CollisionProblem.from_scenario(scenario)
         ours = seconds(lambda p=problem: whole_law(p), 30)  # type: ignore[misc]
         theirs = reference_seconds_per_run(scenario) * REFERENCE_RUNS
-        row(f"complete law, {path.stem}", f"{ours * 1e3:.2f} ms", "<= 1 ms", ours <= 1e-3, f"{theirs / ours:.0f}")
+        row(
+            f"complete distribution, {path.stem}",
+            f"{ours * 1e3:.2f} ms",
+            "<= 1 ms",
+            ours <= 1e-3,
+            f"{theirs / ours:.0f}",
+        )
 
     for what, scenario in (
         ("free contact, 4.4 kg", free(4.4)),
@@ -223,7 +229,7 @@ def main() -> None:
         ("correlated noise", control_group(detector__noise_correlation=0.5)),
     ):
         problem = bs.CollisionProblem.from_scenario(scenario)
-        row(f"complete law, {what}", f"{seconds(lambda p=problem: whole_law(p), 5) * 1e3:.1f} ms", "", None)  # type: ignore[misc]
+        row(f"complete distribution, {what}", f"{seconds(lambda p=problem: whole_law(p), 5) * 1e3:.1f} ms", "", None)  # type: ignore[misc]
 
     scenario = control_group(motion__velocity_mm_s=[0, 0, -10])
     q, velocity = random_poses(bs.Robot.load("sia5d"), BATCH)
@@ -232,7 +238,7 @@ def main() -> None:
     each = (time.perf_counter() - begin) / BATCH
     theirs = reference_seconds_per_run(scenario) * REFERENCE_RUNS
     row(
-        f"law in a batch of {BATCH} random poses",
+        f"distribution in a batch of {BATCH} random poses",
         f"{each * 1e6:.0f} us",
         f"<= {RANDOM_POSE_US} us",
         each <= RANDOM_POSE_US * 1e-6,

@@ -31,7 +31,7 @@ COMMAND = (sys.executable, "-c", "from bumpstop.cli.main import main; main()", "
 
 
 def workspace_without_laws() -> float:
-    """Processor time of all but the laws of Schroeder's study [s]: poses, self-collision, files, summary, page."""
+    """CPU time of Schroeder's study besides its distributions [s]: poses, self-collision, files, summary, page."""
     scenario = bs.load_scenario(REPOSITORY / "examples/01_hand_downward.toml")
     slow = scenario.with_values({"motion.velocity_mm_s": [0, 0, -10]})
     study = WorkspaceStudy(

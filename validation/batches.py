@@ -1,4 +1,4 @@
-"""Laws of many poses at once against the law of each pose."""
+"""Distributions of many poses at once against the distribution of each pose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bumpstop.study.directions import draw_directions
 from collision.cases import control_group, ur10e
 from validation.findings import Cell, Findings
 
-TITLE = "Batches against single laws, random poses"
+TITLE = "Batches against single distributions, random poses"
 POSES = 3000
 LIMIT_N = 135.0
 PROBABILITIES = (0.5, 0.95, 0.99, 0.999)
@@ -33,8 +33,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
         "Poses are uniform inside the joint limits, directions uniform on the sphere, speeds 10 mm/s with a standard "
         "deviation of 2 mm/s, as in Schroeder's section 6.2.3. Poses near singularities are among them: there, arms "
         "that react may swing back, and which do hangs on little. Differences of means, standard deviations and "
-        f"quantiles are shares of what a single law says, where its mean is above {FELT_N:g} N; exceedances are those "
-        f"of {LIMIT_N:g} N."
+        f"quantiles are shares of what a single distribution says, where its mean is above {FELT_N:g} N; exceedances "
+        f"are those of {LIMIT_N:g} N."
     )
     rows: list[list[Cell]] = []
     for name, scenario in (("SIA5D", control_group()), ("UR10e", ur10e())):
@@ -50,7 +50,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
                 f"{shares[1]:.1e}, {shares[2]:.1e} and {shares[3]:.1e} of {len(values)}",
             )
     findings.table(
-        "Differences between a batch and single laws",
+        "Differences between a batch and single distributions",
         ["Quantity", "Poses", "Median", "99 of 100", "999 of 1000", "Worst"],
         ["", "", ".1e", ".1e", ".1e", ".1e"],
         rows,
@@ -75,8 +75,8 @@ def _apart(base: bs.Scenario, poses: int) -> dict[str, list[float]]:
         one = base.with_values(
             {"pose_deg": None, "pose_rad": q[i].tolist(), "motion.velocity_mm_s": (velocity[i] * 1e3).tolist()}
         )
-        law = bs.evaluate(one)
-        force = law.peak_force
+        result = bs.evaluate(one)
+        force = result.peak_force
         apart["exceedance"].append(abs(float(laws.exceedance[i, 0]) - force.exceedance(LIMIT_N)))
         if not (math.isfinite(force.mean) and force.mean > FELT_N):
             continue

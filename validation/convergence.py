@@ -1,4 +1,4 @@
-"""The exact law's arithmetic: twice the quadrature, and far tails with forty digits."""
+"""The integrated distribution's arithmetic: twice the quadrature, and far tails with forty digits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from collision.cases import control_group
 from validation.facts import REPOSITORY
 from validation.findings import Cell, Findings
 
-TITLE = "Convergence and far tails of the exact law"
+TITLE = "Convergence and far tails of the integrated distribution"
 # Largest relative change of a mean or a quantile when the quadrature's order doubles.
 CHANGE_ALLOWED = 1e-6
 # Relative difference from 40 digits. Near 1e-100 a probability multiplies the rounding of its argument by 500.
@@ -33,9 +33,9 @@ def compare(findings: Findings, *, quick: bool) -> None:
     # Over the time of contact in a trajectory another rule is used; its own tests say how far it is right.
     examples = [path for path in sorted((REPOSITORY / "examples").glob("*.toml")) if "trajectory" not in path.stem]
     findings.say(
-        "The exact law integrates over the contact offset with Gauss's rule on panels. Doubling the rule's order "
-        "(refinement 2) must not change any probability as it is printed, and means and quantiles only far beyond the "
-        "digits that matter."
+        "The integrated distribution integrates over the contact offset with Gauss's rule on panels. Doubling the "
+        "rule's order (refinement 2) must not change any probability as it is printed, and means and quantiles only "
+        "far beyond the digits that matter."
     )
     rows: list[list[Cell]] = []
     for path in examples[:2] if quick else examples:
@@ -84,20 +84,20 @@ def _refine(findings: Findings, name: str, scenario: bs.Scenario) -> list[list[C
     return rows
 
 
-def _probabilities(law: bs.CollisionResult) -> Iterator[tuple[str, float]]:
+def _probabilities(result: bs.CollisionResult) -> Iterator[tuple[str, float]]:
     """Every probability that is printed, and the peak force's exceedance at 60 forces."""
-    yield "false alarm", law.false_alarm_probability
-    yield "undetected", law.undetected_probability
-    yield "no contact", law.no_contact_probability
-    yield "several joints", law.multi_joint_probability
-    for j, p in enumerate(law.trigger_joint_probability, start=1):
+    yield "false alarm", result.false_alarm_probability
+    yield "undetected", result.undetected_probability
+    yield "no contact", result.no_contact_probability
+    yield "several joints", result.multi_joint_probability
+    for j, p in enumerate(result.trigger_joint_probability, start=1):
         yield f"joint {j}", float(p)
-    if law.verdict.p_over_force is not None:
-        yield "over the force limit", law.verdict.p_over_force
-    if law.verdict.p_over_pressure is not None:
-        yield "over the pressure limit", law.verdict.p_over_pressure
-    for x in np.linspace(0.5, 1.5, 60) * law.peak_force.mean:
-        yield f"peak force over {x:.1f} N", law.peak_force.exceedance(float(x))
+    if result.verdict.p_over_force is not None:
+        yield "over the force limit", result.verdict.p_over_force
+    if result.verdict.p_over_pressure is not None:
+        yield "over the pressure limit", result.verdict.p_over_pressure
+    for x in np.linspace(0.5, 1.5, 60) * result.peak_force.mean:
+        yield f"peak force over {x:.1f} N", result.peak_force.exceedance(float(x))
 
 
 # --- Far tails ------------------------------------------------------------------------------------------------
@@ -124,14 +124,14 @@ def _far_tails(findings: Findings, *, quick: bool) -> None:
     )
     rows: list[list[Cell]] = []
     for name, scenario in (("half-normal offset", small), ("fixed offset", fixed)):
-        law = bs.evaluate(scenario)
+        result = bs.evaluate(scenario)
         if scenario.contact.offset_law == "fixed":
-            forces = _between_atoms(law)
+            forces = _between_atoms(result)
         else:
-            forces = [x for p in (TAILS[2:3] if quick else TAILS) if (x := _force_of_tail(law, p)) is not None]
+            forces = [x for p in (TAILS[2:3] if quick else TAILS) if (x := _force_of_tail(result, p)) is not None]
         near, far, farther = [], [], []  # differences, of the second relative; then probabilities
-        for x, exact in zip(forces, _tails_of_40_digits(law, forces, order), strict=True):
-            ours = law.peak_force.exceedance(x)
+        for x, exact in zip(forces, _tails_of_40_digits(result, forces, order), strict=True):
+            ours = result.peak_force.exceedance(x)
             apart = float(abs(mp.mpf(ours) / exact - 1))
             rows.append([name, x, mp.nstr(exact, 17), f"{ours:.16e}", apart])
             if exact > DIRECT:
@@ -164,60 +164,60 @@ def _far_tails(findings: Findings, *, quick: bool) -> None:
     )
 
 
-def _tail(law: bs.CollisionResult, x: float) -> float:
-    """P(detected, and peak force > x), worked out by itself."""
-    problem = law.problem
+def _tail(result: bs.CollisionResult, x: float) -> float:
+    """P(detected, and peak force > x), computed by itself."""
+    problem = result.problem
     question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
-    return float(law.curve.kernel.tail_directly(*question, x))
+    return float(result.curve.kernel.tail_directly(*question, x))
 
 
-def _force_of_tail(law: bs.CollisionResult, p: float) -> float | None:
+def _force_of_tail(result: bs.CollisionResult, p: float) -> float | None:
     """A force that is exceeded with this probability, by bisection; None where the last tick's is larger."""
-    low, high = 0.0, 10 * law.peak_force.mean
+    low, high = 0.0, 10 * result.peak_force.mean
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if _tail(law, middle) > p else (low, middle)
-    return low if _tail(law, low) < 2 * p else None
+        low, high = (middle, high) if _tail(result, middle) > p else (low, middle)
+    return low if _tail(result, low) < 2 * p else None
 
 
-def _between_atoms(law: bs.CollisionResult) -> list[float]:
+def _between_atoms(result: bs.CollisionResult) -> list[float]:
     """Forces halfway between the possible peaks of a fixed offset, from each of which on the tail is smaller."""
-    assert law.scenario.contact.offset_mm is not None
-    peaks = np.unique(law.problem.stiffness * (law.curve.farthest - law.scenario.contact.offset_mm / 1e3))
+    assert result.scenario.contact.offset_mm is not None
+    peaks = np.unique(result.problem.stiffness * (result.curve.farthest - result.scenario.contact.offset_mm / 1e3))
     peaks = peaks[peaks > 0]
     forces = (peaks[1:] + peaks[:-1]) / 2
-    return [float(x) for x in forces if _tail(law, float(x)) > 0]
+    return [float(x) for x in forces if _tail(result, float(x)) > 0]
 
 
-def _tails_of_40_digits(law: bs.CollisionResult, forces: list[float], order: int) -> list[mp.mpf]:
+def _tails_of_40_digits(result: bs.CollisionResult, forces: list[float], order: int) -> list[mp.mpf]:
     """P(peak force > x) for every x, never detected counted as over, from the curve's doubles by the formula."""
     with mp.workdps(DIGITS):
-        stiffness = mp.mpf(law.problem.stiffness)
-        farthest = [mp.mpf(float(s)) for s in law.curve.farthest]
+        stiffness = mp.mpf(result.problem.stiffness)
+        farthest = [mp.mpf(float(s)) for s in result.curve.farthest]
         depths = [mp.mpf(x) / stiffness for x in forces]
-        contact = law.scenario.contact
+        contact = result.scenario.contact
         if contact.offset_law == "fixed":
             assert contact.offset_mm is not None
             nodes = [(mp.mpf(contact.offset_mm / 1e3), mp.mpf(1))]
         else:
-            nodes = list(_offset_nodes(law, depths, order))
+            nodes = list(_offset_nodes(result, depths, order))
         tails = [mp.mpf(0)] * len(forces)
         for offset, weight in nodes:
-            detected, survived = _detected_at(law, offset)
+            detected, survived = _detected_at(result, offset)
             for i, depth in enumerate(depths):
                 over = mp.fsum(p for p, s in zip(detected, farthest, strict=True) if s - offset > depth)
                 tails[i] += weight * (over + survived)
         return tails
 
 
-def _offset_nodes(law: bs.CollisionResult, depths: list[mp.mpf], order: int) -> Iterator[tuple[mp.mpf, mp.mpf]]:
-    """Offsets and weights of Gauss's rule on all smooth pieces of a half-normal law cut at seven sd."""
-    sd = mp.mpf(law.problem.offset_size)
+def _offset_nodes(result: bs.CollisionResult, depths: list[mp.mpf], order: int) -> Iterator[tuple[mp.mpf, mp.mpf]]:
+    """Offsets and weights of Gauss's rule on all smooth pieces of a half-normal distribution cut at seven sd."""
+    sd = mp.mpf(result.problem.offset_size)
     largest = 7 * sd
     # The integrand breaks where contact begins one tick later, and where a tick's stopping path passes a force.
     breaks = {mp.mpf(0), largest}
-    breaks |= {mp.mpf(float(s)) for s in law.curve.tick_distance}
-    breaks |= {mp.mpf(float(s)) - depth for s in law.curve.farthest for depth in depths}
+    breaks |= {mp.mpf(float(s)) for s in result.curve.tick_distance}
+    breaks |= {mp.mpf(float(s)) - depth for s in result.curve.farthest for depth in depths}
     cuts = sorted(cut for cut in breaks if 0 <= cut <= largest)
     rule = _gauss_rule(order)
     norm = mp.sqrt(2 / mp.pi) / (sd * mp.erf(7 / mp.sqrt(2)))
@@ -242,11 +242,11 @@ def _gauss_rule(order: int) -> list[tuple[mp.mpf, mp.mpf]]:
     return rule
 
 
-def _detected_at(law: bs.CollisionResult, offset: mp.mpf) -> tuple[list[mp.mpf], mp.mpf]:
+def _detected_at(result: bs.CollisionResult, offset: mp.mpf) -> tuple[list[mp.mpf], mp.mpf]:
     """P(detected at tick k) for every tick, and P(never), for one offset."""
-    problem = law.problem
+    problem = result.problem
     survival, detected = mp.mpf(1), []
-    for s, torques in zip(law.curve.tick_distance, law.curve.torque_per_newton, strict=True):
+    for s, torques in zip(result.curve.tick_distance, result.curve.torque_per_newton, strict=True):
         force = problem.stiffness * max(mp.mpf(0), mp.mpf(float(s)) - offset)
         alarm = mp.mpf(0)  # 1 - product of (1 - q_j), without subtracting from one
         for a, threshold, sd in zip(torques, problem.thresholds, problem.noise_sd, strict=True):

@@ -25,8 +25,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.say(
         f"{count} random scenarios: built-in and random arms of six and seven joints, at rest and under way, 1 to 16 "
         "sub-steps, round and other accelerations, either task, joints held, damping, latency, stopping and reversing. "
-        "Of each the exact law, a batch of its pose and three others, and predictions are worked out, in a process "
-        "that would be ended where it stood still."
+        "Of each the integrated distribution, a batch of its pose and three others, and predictions are computed, in a "
+        "process that would be ended where it stood still."
     )
     found = [found for first in range(0, count, TOGETHER) for found in _run(first, min(TOGETHER, count - first))]
     seconds = [one["seconds"] for one in found]

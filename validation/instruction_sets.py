@@ -54,15 +54,15 @@ def compare(findings: Findings, *, quick: bool) -> None:
     runs, along, poses = (70_000, 3000, 20) if quick else (300_000, 300_000, 3000)
     findings.say(
         f"This processor and this build have the kernels {', '.join(targets)}. Each runs all examples in a process of "
-        f"its own: exact laws, {runs} sampled runs ({along} along a trajectory) and {poses} batch laws, the latter two "
-        "with one thread and with two."
+        f"its own: integrated distributions, {runs} sampled runs ({along} along a trajectory) and {poses} batch "
+        "distributions, the latter two with one thread and with two."
     )
     found = {target: _probe(target, runs, along, poses) for target in targets}
     for target, result in found.items():
         same = all(one == two for one, two in result["sampled"].values())
         findings.check(f"{target}: sampled runs of every example are the same bits with 1 and 2 threads", same)
         one, two = result["batch"]
-        findings.check(f"{target}: {poses} batch laws are the same bits with 1 and 2 threads", one == two)
+        findings.check(f"{target}: {poses} batch distributions are the same bits with 1 and 2 threads", one == two)
     if len(targets) == 1:
         findings.say(f"There is nothing to compare {targets[0]} with here.")
         return
@@ -92,7 +92,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
             rows.append([name, pair, *astuple(apart)])
         batches = _batches_apart(found[first]["batch_figures"], found[other]["batch_figures"])
         findings.check(
-            f"{first}, {other}: {poses} batch laws agree to {ALLOWED_IN_BATCHES:g}",
+            f"{first}, {other}: {poses} batch distributions agree to {ALLOWED_IN_BATCHES:g}",
             max(batches.values()) <= ALLOWED_IN_BATCHES,
             ", ".join(f"{name} {apart:.1e}" for name, apart in batches.items()),
         )

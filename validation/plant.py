@@ -1,4 +1,4 @@
-"""The plant beside the force law, beside table 3.1 and beside section 3.2 of Schroeder (2013)."""
+"""The plant beside the force distribution, beside table 3.1 and beside section 3.2 of Schroeder (2013)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _peak_forces(findings: Findings, *, seeds: int, poses: int) -> None:
             figures = (found.stiffness, found.law, found.law_sd, float(peaks.mean()), spread, 100 * (found.ratio - 1))
             rows.append([f"{pose}, {body}", *figures])
     findings.table(
-        f"Peak force of {seeds} runs beside the exact law",
+        f"Peak force of {seeds} runs beside the integrated distribution",
         [
             "Pose, body",
             "Series stiffness [N/m]",

@@ -1,4 +1,4 @@
-"""Forces predicted from the pose alone, against exact laws of random cases and against the source's predictors."""
+"""Predicted forces against integrated distributions of random cases and against predictors of Schroeder (2013)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OBSERVER_GAINS_1_S = (20.0, 60.0, 200.0)
 
 @dataclass(frozen=True)
 class Cases:
-    """Detected cases with their laws and their predictions."""
+    """Detected cases with their distributions and their predictions."""
 
     mean: Floats
     quantile: Floats
@@ -47,7 +47,7 @@ class Cases:
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
-    """Draw cases, work out their laws, and compare."""
+    """Draw cases, compute their distributions, and compare."""
     rng = np.random.default_rng(SEED)
     scenarios, count = (6, 100) if quick else (500, 200)
     varied = _joined([_cases(*draw(rng, number, count)) for number in range(scenarios)])
@@ -114,7 +114,7 @@ def _accuracy(findings: Findings, cases: Cases) -> None:
         ("where the form holds", cases.expected[trusted], cases.mean[trusted]),
         ("elsewhere", cases.expected[~trusted], cases.mean[~trusted]),
         ("all", cases.expected, cases.mean),
-        ("all, the exact law elsewhere", handed, cases.mean),
+        ("all, the integrated distribution elsewhere", handed, cases.mean),
     ):
         error = np.abs(predicted / exact - 1)
         rows.append(
@@ -127,7 +127,7 @@ def _accuracy(findings: Findings, cases: Cases) -> None:
             ]
         )
     findings.table(
-        "Expected peak force against the mean of the exact law",
+        "Expected peak force against the mean of the integrated distribution",
         ["Cases", "Share", "R2 in log force", "Median error", "99 % of errors under"],
         ["", ".3f", ".5f", ".5f", ".4f"],
         rows,

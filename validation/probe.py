@@ -1,8 +1,8 @@
 """Figures of all examples, printed as JSON, for a comparison between processes with different kernels.
 
 ``BUMPSTOP_TARGET=baseline python -m validation.probe RUNS TRAJECTORY_RUNS POSES`` prints exact figures of every
-example, the ticks of RUNS sampled runs (TRAJECTORY_RUNS along a trajectory), figures of POSES batch laws, and digests
-of sampled runs and of batch laws with one and with two threads.
+example, the ticks of RUNS sampled runs (TRAJECTORY_RUNS along a trajectory), figures of POSES batch distributions, and
+digests of sampled runs and of batch distributions with one and with two threads.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.
 NEGLIGIBLE = 1e-15
 
 
-def figures(law: bs.CollisionResult) -> dict[str, float | None]:
-    """Every figure of a law under a name."""
+def figures(result: bs.CollisionResult) -> dict[str, float | None]:
+    """Every figure of a distribution under a name."""
     found: dict[str, float | None] = {}
     for name, quantity in (
-        ("peak force", law.peak_force),
-        ("force at detection", law.force_at_detection),
-        ("detection delay", law.detection_delay),
-        ("contact time", law.contact_duration),
+        ("peak force", result.peak_force),
+        ("force at detection", result.force_at_detection),
+        ("detection delay", result.detection_delay),
+        ("contact time", result.contact_duration),
     ):
         if quantity is not None:
             found |= {f"{name}, {figure}": value for figure, value in quantity.to_json().items()}
-    found |= {f"P(joint {j})": float(p) for j, p in enumerate(law.trigger_joint_probability, start=1)}
-    found["P(several)"] = law.multi_joint_probability
-    found["P(false alarm)"] = law.false_alarm_probability
+    found |= {f"P(joint {j})": float(p) for j, p in enumerate(result.trigger_joint_probability, start=1)}
+    found["P(several)"] = result.multi_joint_probability
+    found["P(false alarm)"] = result.false_alarm_probability
     return found
 
 
-def tails(law: bs.CollisionResult) -> dict[str, tuple[float, float]]:
+def tails(result: bs.CollisionResult) -> dict[str, tuple[float, float]]:
     """P(peak force > x) at many x, and how steep it is: its relative change over a relative change of x."""
     found: dict[str, tuple[float, float]] = {}
     step = 1e-4
-    for x in np.linspace(0.5, 1.5, 41) * law.peak_force.quantile(0.5):
+    for x in np.linspace(0.5, 1.5, 41) * result.peak_force.quantile(0.5):
         x = float(f"{x:.1f}")  # the same in every process
-        p, beyond = law.peak_force.exceedance(x), law.peak_force.exceedance(x * (1 + step))
+        p, beyond = result.peak_force.exceedance(x), result.peak_force.exceedance(x * (1 + step))
         if beyond > NEGLIGIBLE:
             found[f"P(peak force > {x:g} N)"] = (p, math.log(p / beyond) / step)
     return found
@@ -72,7 +72,7 @@ def probe(runs: int, trajectory_runs: int, poses: int) -> dict[str, Any]:
     for name, scenario in scenarios.items():
         count = trajectory_runs if scenario.motion.kind == "trajectory" else runs
         laws = [bs.evaluate(scenario, samples=count, seed=8, threads=threads) for threads in (1, 2)]
-        sampled[name] = [digest(law.runs or {}) for law in laws]
+        sampled[name] = [digest(result.runs or {}) for result in laws]
         assert laws[0].runs is not None
         ticks[name] = laws[0].runs["tick"][:1000].tolist()
     scenario = scenarios["01_hand_downward"]
@@ -85,8 +85,8 @@ def probe(runs: int, trajectory_runs: int, poses: int) -> dict[str, Any]:
     ]
     return {
         "target": kernels.target,
-        "figures": {name: figures(law) for name, law in exact.items()},
-        "tails": {name: tails(law) for name, law in exact.items()},
+        "figures": {name: figures(result) for name, result in exact.items()},
+        "tails": {name: tails(result) for name, result in exact.items()},
         "ticks": ticks,
         "sampled": sampled,
         "batch": [digest(laws) for laws in batches],

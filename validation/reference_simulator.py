@@ -1,4 +1,4 @@
-"""Both laws against the reference simulator, which simulates every collision step by step with code of its own."""
+"""Both methods against the reference simulator, which simulates every collision with code of its own."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OWN_NOISE = ("lower arm at 75", "lateral, two joints feel it")
 
 @dataclass(frozen=True)
 class Differences:
-    """Largest differences between the sampled law and the reference simulator over the same runs.
+    """Largest differences between the sampled distribution and the reference simulator over the same runs.
 
     Attributes:
         runs, undetected: how many; of the latter only the absence of a detection is compared.
@@ -117,12 +117,12 @@ def _same_noise(findings: Findings, name: str, runs: int) -> list[Cell]:
 
 
 def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences:
-    """Simulate the runs of a sampled law again with the reference simulator, with the law's offsets and noise."""
+    """Simulate sampled runs again with the reference simulator, with the same offsets and noise."""
     problem = bs.CollisionProblem.from_scenario(scenario)
-    law = bs.evaluate(scenario, samples=runs, seed=seed)
-    assert law.runs is not None
-    offset, tick = law.runs["offset"], law.runs["tick"]
-    ticks = _ticks_to_simulate(law)
+    result = bs.evaluate(scenario, samples=runs, seed=seed)
+    assert result.runs is not None
+    offset, tick = result.runs["offset"], result.runs["tick"]
+    ticks = _ticks_to_simulate(result)
     settings = replace(
         reference_settings(scenario),
         duration_s=ticks * problem.period_steps * scenario.simulation.step_s,
@@ -149,32 +149,32 @@ def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences
 
     contact_duration = math.nan
     if scenario.reaction.kind == "reverse":
-        ours = monte_carlo_contact_duration(problem, law.curve.kernel, tick, offset)
-        both = same & np.isfinite(ours) & (law.runs["force_at_detection"] > 0)
+        ours = monte_carlo_contact_duration(problem, result.curve.kernel, tick, offset)
+        both = same & np.isfinite(ours) & (result.runs["force_at_detection"] > 0)
         lasts = column("contact_end_s") - column("contact_start_s")
         contact_duration = float(np.abs(lasts - ours)[both].max()) if both.any() else math.nan
     return Differences(
         runs=runs,
         undetected=int((~detected).sum()),
         ticks=int((detected & ~same).sum()),
-        triggers=int((column("trigger_mask") != law.runs["triggers"])[same].sum()),
+        triggers=int((column("trigger_mask") != result.runs["triggers"])[same].sum()),
         missed=int(column("detected")[~detected].sum()),
-        peak=largest("max_force_N", law.runs["peak_force"]),
-        at_detection=largest("force_at_detection_N", law.runs["force_at_detection"]),
-        residual=largest("residual_at_detection_Nm", law.runs["residual"]),
+        peak=largest("max_force_N", result.runs["peak_force"]),
+        at_detection=largest("force_at_detection_N", result.runs["force_at_detection"]),
+        residual=largest("residual_at_detection_Nm", result.runs["residual"]),
         contact_duration=contact_duration,
     )
 
 
-def _ticks_to_simulate(law: bs.CollisionResult) -> int:
+def _ticks_to_simulate(result: bs.CollisionResult) -> int:
     """How long the reference simulator runs: to the curve's end, and beyond where the curve leaves nothing to detect.
 
     It knows neither joint limits nor singularities: where the motion ends at one of them, it is told to.
     """
-    ticks = law.curve.ticks
-    if law.curve.end != "certain_detection":
+    ticks = result.curve.ticks
+    if result.curve.end != "certain_detection":
         return ticks
-    scenario = law.scenario
+    scenario = result.scenario
     period = scenario.detector.feedback_period_s
     beyond = 20 + math.ceil(scenario.detector.arming_delay_s / period)
     return min(ticks + beyond, math.floor(scenario.motion.duration_s / period))
@@ -184,16 +184,18 @@ def _own_noise(findings: Findings, runs: int, *, quick: bool) -> None:
     """Integrated results against runs with the simulator's own offsets and noise: nothing but the model is shared."""
     findings.say(
         "With offsets and noise of its own, from another generator, the reference simulator shares nothing with the "
-        f"library but the model: {runs} runs of two scenarios against the exact law."
+        f"library but the model: {runs} runs of two scenarios against the integrated distribution."
     )
     rows: list[list[Cell]] = []
     for number, name in enumerate(OWN_NOISE[:1] if quick else OWN_NOISE):
         scenario = VARIED[name]
-        law = bs.evaluate(scenario)
-        settings = reference_settings(scenario, noise_sd_Nm=law.problem.noise_sd, noise_mean_Nm=law.problem.noise_mean)
+        result = bs.evaluate(scenario)
+        settings = reference_settings(
+            scenario, noise_sd_Nm=result.problem.noise_sd, noise_mean_Nm=result.problem.noise_mean
+        )
         offsets = half_normal_offsets(settings, runs, np.random.default_rng(80 + number), scenario.contact.offset_sd_s)
         found = simulate_seeded(settings, offsets, seed=3 + number)
-        scores = _reference_scores(law, found)
+        scores = _reference_scores(result, found)
         far, bound = worst(scores), bonferroni(len(scores))
         findings.check(
             f"{name}: {len(scores)} figures of {runs} runs within {bound:.1f} standard errors",
@@ -202,24 +204,24 @@ def _own_noise(findings: Findings, runs: int, *, quick: bool) -> None:
         )
         rows += [[name, score.what, score.known, score.sampled, score.score] for score in scores]
     findings.table(
-        "Exact law against the reference simulator with its own noise",
+        "Integrated distribution against the reference simulator with its own noise",
         ["Scenario", "Figure", "Exact", "Reference simulator", "Difference [standard errors]"],
         ["", "", ".6g", ".6g", "+.2f"],
         rows,
     )
 
 
-def _reference_scores(law: bs.CollisionResult, found: ReferenceRuns) -> list[Score]:
+def _reference_scores(result: bs.CollisionResult, found: ReferenceRuns) -> list[Score]:
     """Compare forces, triggers and false alarms; every run is detected."""
     after_contact = found.detected & ~found.false_alarm
     scores = [
-        probability_score("P(false alarm)", law.false_alarm_probability, int(found.false_alarm.sum()), len(found)),
-        probability_score("P(undetected)", law.undetected_probability, int((~found.detected).sum()), len(found)),
-        *trigger_scores(law, found.trigger_mask[found.detected]),
-        *distribution_scores("peak force", "N", law.peak_force, SampledDistribution(found.max_force_N)),
+        probability_score("P(false alarm)", result.false_alarm_probability, int(found.false_alarm.sum()), len(found)),
+        probability_score("P(undetected)", result.undetected_probability, int((~found.detected).sum()), len(found)),
+        *trigger_scores(result, found.trigger_mask[found.detected]),
+        *distribution_scores("peak force", "N", result.peak_force, SampledDistribution(found.max_force_N)),
     ]
     at_detection = SampledDistribution(found.force_at_detection_N[after_contact])
     delay = SampledDistribution((found.detection_time_s - found.contact_start_s)[after_contact])
-    scores += distribution_scores("force at detection", "N", law.force_at_detection, at_detection)
-    scores += distribution_scores("detection delay", "s", law.detection_delay, delay)
+    scores += distribution_scores("force at detection", "N", result.force_at_detection, at_detection)
+    scores += distribution_scores("detection delay", "s", result.detection_delay, delay)
     return scores

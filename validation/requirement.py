@@ -40,17 +40,19 @@ def compare(findings: Findings, *, quick: bool) -> None:
             best = min(best, time.process_time() - begin)
         seconds.append((name, best))
         off += found.ill_conditioned
-        mildest = found.low if HIGHER_IS_WORSE[name] else found.high
+        most_conservative = found.low if HIGHER_IS_WORSE[name] else found.high
         if found.binding == "singularity":
             passes += 1
-            tries = _tries_until_failure(scenario, name, mildest if found.value is None else found.value, found.risk)
+            tries = _tries_until_failure(
+                scenario, name, most_conservative if found.value is None else found.value, found.risk
+            )
             if tries is None:
                 lucky.append(number + 1)
             findings.progress(f"{number + 1}: {name} passes a singularity, value {tries} tried beyond fails")
         if found.value is None:
             none += 1
             if found.binding != "singularity":
-                unmet += int(_over(scenario, name, mildest) <= found.risk)
+                unmet += int(_over(scenario, name, most_conservative) <= found.risk)
             continue
         unmet += int(_over(scenario, name, found.value) > found.risk)
         if found.binding == "range":
@@ -73,9 +75,9 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.say(
         f"{count} random scenarios; in {none} no value meets the risk, in {ranges} the whole range does, and {edges} "
         f"have an edge. In {off} the arm cannot follow its line, as near a singularity. Values are tried by whole "
-        f"laws, in steps of {STEP:.1%} within 10 % of the answer, and of {_FAR_STEP:.0%} from the mild end on, or over "
-        f"the whole range. In {passes} the arm passes a singularity, and the answer is that it must not: there up to "
-        f"{_MAX_TRIES} values within {BEYOND - 1:.0%} beyond the answer, or the mild end, are tried until one fails."
+        f"distributions, in steps of {STEP:.1%} within 10 % of the answer, and of {_FAR_STEP:.0%} from the mild end "
+        f"on, or over the whole range. In {passes} the arm passes a singularity, and the answer is that it must not: "
+        f"there up to {_MAX_TRIES} values within {BEYOND - 1:.0%} beyond the answer are tried until one fails."
     )
     rows: list[list[Cell]] = []
     for name in names:
@@ -122,10 +124,10 @@ def _scenario(rng: np.random.Generator, number: int) -> bs.Scenario:
         }
         try:
             changed = scenario.with_values(changes)
-            law = bs.evaluate(changed)
+            result = bs.evaluate(changed)
         except bs.InputError:
             continue
-        if law.undetected_probability < 1e-9:
+        if result.undetected_probability < 1e-9:
             return changed
 
 
@@ -140,7 +142,7 @@ def _over(scenario: bs.Scenario, name: str, value: float) -> float:
 
 
 def _tried(scenario: bs.Scenario, name: str, found: Requirement) -> float:
-    """The harshest value before the first that fails, from the mild end."""
+    """The least conservative value before the first that fails, from the mild end."""
     assert found.value is not None
     variable, upward = Variable(name), HIGHER_IS_WORSE[name]
     quantum = variable.quantum(scenario)

@@ -16,7 +16,8 @@ from bumpstop.collision.distribution.distribution import SampledDistribution
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999)
 
-# Figures agree no better than this, relatively, however many runs there are: both laws stand on floating point.
+# Figures agree no better than this, relatively, however many runs there are: both distributions stand on floating
+# point.
 _ARITHMETIC = 1e-9
 
 
@@ -84,7 +85,7 @@ def distribution_scores(what: str, unit: str, known: Distribution, sampled: Samp
         yield mean_score(f"{what}, mean [{unit}]", known.mean, sampled.values)
         yield sd_score(f"{what}, sd [{unit}]", known.sd, sampled.values)
     else:
-        # Some runs have no bound: then the law must not have a mean either.
+        # Some runs have no bound: then the distribution must not have a mean either.
         score = 0.0 if not math.isfinite(known.mean) else math.inf
         yield Score(f"{what}, mean [{unit}]", known.mean, sampled.mean, score, smooth=False)
     for p in QUANTILES:
@@ -96,7 +97,7 @@ def distribution_scores(what: str, unit: str, known: Distribution, sampled: Samp
 
 
 def law_scores(exact: CollisionResult, drawn: CollisionResult) -> list[Score]:
-    """Compare every output of an exact law with that of a sampled law of the same scenario."""
+    """Compare every output of an integrated distribution with that of a sampled distribution of the same scenario."""
     assert drawn.samples is not None
     assert drawn.runs is not None
     runs, triggers = drawn.samples, drawn.runs["triggers"]

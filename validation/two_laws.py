@@ -1,4 +1,4 @@
-"""The exact law against the sampled law: two methods, nothing else between them."""
+"""The integrated distribution against the sampled distribution: two methods, nothing else between them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from collision.cases import FREE, REMEMBERING, VARIED
 from validation.findings import Findings
 from validation.scores import Score, bonferroni, law_scores, worst
 
-TITLE = "Exact law against sampled law"
+TITLE = "Integrated distribution against sampled distribution"
 # A single score passes this once in 16 000.
 ALLOWED = 4.0
 
@@ -25,10 +25,10 @@ def compare(findings: Findings, *, quick: bool) -> None:
     scenarios = VARIED | REMEMBERING | FREE
     names = [*list(VARIED)[:3], *list(REMEMBERING)[1:2], *list(FREE)[2:3]] if quick else list(scenarios)
     findings.say(
-        "Both laws stand on the same stopping curve. One integrates over contact offset and noise, the other draws "
-        f"{runs} collisions. Every output of every scenario is compared in standard errors of the sample: means, "
+        "Both distributions stand on the same stopping curve. One integrates over contact offset and noise, the other "
+        f"draws {runs} collisions. Every output of every scenario is compared in standard errors of the sample: means, "
         "standard deviations, probabilities, trigger joints, and the share of runs above seven quantiles of the "
-        "exact law. Probabilities are scored by the binomial law itself."
+        "integrated distribution. Probabilities are scored by the binomial distribution itself."
     )
     everything: list[Score] = []
     rows = []
@@ -44,7 +44,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         )
         rows += [[name, score.what, score.known, score.sampled, score.score] for score in scores]
     findings.table(
-        "Every figure of both laws, and their difference in standard errors",
+        "Every figure of both distributions, and their difference in standard errors",
         ["Scenario", "Figure", "Exact", "Sampled", "Difference [standard errors]"],
         ["", "", ".6g", ".6g", "+.2f"],
         rows,
@@ -81,7 +81,7 @@ def _check_spread(findings: Findings, everything: list[Score]) -> None:
         panel.plot(normal, ordered, "o", color=LAW, markersize=2.5, label="scores")
         panel.set_xlabel("quantile of a standard normal")
         panel.set_ylabel("score [standard errors]")
-        panel.set_title("Differences of the two laws")
+        panel.set_title("Differences of the two distributions")
         panel.legend(loc="upper left")
 
     findings.picture(

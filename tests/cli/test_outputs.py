@@ -14,7 +14,7 @@ import bumpstop as bs
 from bumpstop.text_files import to_toml, write_text
 from cli.support import EXAMPLE, REPOSITORY, evaluate, run, strict_json
 
-# What is the same in every file of the sampled law, and what a joint adds.
+# What is the same in every file of the sampled distribution, and what a joint adds.
 RUN_COLUMNS = [
     "run",
     "offset_m",
@@ -47,7 +47,7 @@ JOINT_COLUMNS = [
 
 @pytest.fixture(scope="module")
 def sampled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Folder and JSON of a sampled law with false alarms and undetected collisions among its runs."""
+    """Folder and JSON of a sampled distribution with false alarms and undetected collisions among its runs."""
     folder = tmp_path_factory.mktemp("sampled") / "made" / "on the way"
     result = evaluate(
         "motion.duration_s=0.1",
@@ -61,7 +61,7 @@ def sampled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 @pytest.fixture(scope="module")
 def exact(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Folder and JSON of an exact law judged by a limit table of the user's own, beside the scenario."""
+    """Folder and JSON of an integrated distribution judged by a limit table of the user's own, beside the scenario."""
     home = tmp_path_factory.mktemp("exact")
     table = (REPOSITORY / "src/bumpstop/contact/data/bgia2011.toml").read_text(encoding="utf-8")
     (home / "own").mkdir()

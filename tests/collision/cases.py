@@ -139,8 +139,8 @@ def free(mass: float, **changes: Any) -> Scenario:
 
 # Bodies that get away.
 FREE: dict[str, Scenario] = {
-    # The law of a body that mostly gets away undetected is nearly a point, which no share above a quantile can be told
-    # from: here most are noticed.
+    # The distribution of a body that mostly gets away undetected is nearly a point, which no share above a quantile can
+    # be told from: here most are noticed.
     "light, mostly noticed": free(
         2.0,
         detector__thresholds_Nm=[4, 2, 4, 4, 4, 4, 4],

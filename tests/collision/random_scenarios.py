@@ -1,6 +1,6 @@
 """Random scenarios, most of them with few sub-steps, and what becomes of them.
 
-``python -m collision.random_scenarios FIRST COUNT`` works out that many, each from its own seed, and prints a line of
+``python -m collision.random_scenarios FIRST COUNT`` computes that many, each from its own seed, and prints a line of
 JSON for each: whoever reads it knows at which it stood still. ``--one-sub-step`` has nothing but those.
 """
 
@@ -109,10 +109,10 @@ def random_scenario(seed: int, folder: Path, *, one_sub_step: bool = False) -> S
 
 
 def figures(scenario: Scenario, seed: int) -> dict[str, Any]:
-    """Of its law, and of a batch with the same pose, its neighbours and others; None where there are none."""
+    """Of its distribution, and of a batch with the same pose, its neighbours and others; None where there are none."""
     problem = CollisionProblem.from_scenario(scenario)
-    law = bs.evaluate(scenario)
-    curve = law.curve
+    result = bs.evaluate(scenario)
+    curve = result.curve
     assert curve is not None
     rng = np.random.default_rng([31, seed])
     q = problem.q + np.array([0, 1e-3, 0.3, 1.0])[:, None] * rng.normal(size=(4, problem.robot.dof))
@@ -125,10 +125,10 @@ def figures(scenario: Scenario, seed: int) -> dict[str, Any]:
         "end": curve.end,
         "ticks": len(curve.farthest),
         "farthest": float(curve.farthest.max(initial=0.0)),
-        "mean": law.peak_force.mean,
-        "sd": law.peak_force.sd,
-        "p95": law.peak_force.quantile(0.95),
-        "undetected": law.undetected_probability,
+        "mean": result.peak_force.mean,
+        "sd": result.peak_force.sd,
+        "p95": result.peak_force.quantile(0.95),
+        "undetected": result.undetected_probability,
         "batch_end": batch.end.tolist(),
         "batch_mean": batch.mean.tolist(),
         "batch_p95": batch.quantile[:, 1].tolist(),

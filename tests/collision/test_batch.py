@@ -1,4 +1,4 @@
-"""Many poses at once: their laws are those of single poses."""
+"""Many poses at once: their distributions are those of single poses."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
     for field in ("mean", "sd", "quantile", "exceedance", "trigger_joint_probability", "undetected_probability"):
         np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
     for i in range(13):
-        law = bs.evaluate(
+        result = bs.evaluate(
             base.with_values({"pose_rad": q[i].tolist(), "motion.velocity_mm_s": (velocity[i] * 1e3).tolist()})
         )
-        assert one.mean[i] == pytest.approx(law.peak_force.mean, rel=1e-6)
-        assert one.sd[i] == pytest.approx(law.peak_force.sd, rel=1e-6)
+        assert one.mean[i] == pytest.approx(result.peak_force.mean, rel=1e-6)
+        assert one.sd[i] == pytest.approx(result.peak_force.sd, rel=1e-6)
         for column, p in enumerate((0.5, 0.95, 0.99, 0.999)):
-            assert one.quantile[i, column] == pytest.approx(law.peak_force.quantile(p), rel=1e-6)
+            assert one.quantile[i, column] == pytest.approx(result.peak_force.quantile(p), rel=1e-6)
         for column, limit in enumerate(limits):
-            assert one.exceedance[i, column] == pytest.approx(law.peak_force.exceedance(limit), abs=1e-6)
-        np.testing.assert_allclose(one.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-8)
+            assert one.exceedance[i, column] == pytest.approx(result.peak_force.exceedance(limit), abs=1e-6)
+        np.testing.assert_allclose(one.trigger_joint_probability[i], result.trigger_joint_probability, atol=1e-8)
 
 
 RANDOM_LAWS = """
@@ -52,8 +52,8 @@ rng = np.random.default_rng(11)
 q = rng.uniform(robot.lower, robot.upper, size=(400, robot.dof))
 for joint in base.motion.held_joints:
     q[:, joint - 1] = bs.CollisionProblem.from_scenario(base).q[joint - 1]
-laws = bs.evaluate_batch(base, q, rng.normal(scale=0.006, size=(400, 3)), limits_N=[60.0, 135.0])
-np.savez(sys.argv[2], **vars(laws))
+distributions = bs.evaluate_batch(base, q, rng.normal(scale=0.006, size=(400, 3)), limits_N=[60.0, 135.0])
+np.savez(sys.argv[2], **vars(distributions))
 """
 
 
@@ -89,11 +89,11 @@ def test_a_batch_ends_with_its_motion_between_two_ticks(duration_s: float, laten
     )
     problem = bs.CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(scenario, problem.q[None], problem.velocity[None], limits_N=[135.0])
-    law = bs.evaluate(scenario)
-    assert batch.end[0] == law.curve.end == "horizon"
-    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=1e-9)
-    assert batch.no_contact_probability[0] == pytest.approx(law.no_contact_probability, abs=1e-9)
-    assert batch.exceedance[0, 0] == pytest.approx(law.peak_force.exceedance(135.0), abs=1e-7)
+    result = bs.evaluate(scenario)
+    assert batch.end[0] == result.curve.end == "horizon"
+    assert batch.undetected_probability[0] == pytest.approx(result.undetected_probability, abs=1e-9)
+    assert batch.no_contact_probability[0] == pytest.approx(result.no_contact_probability, abs=1e-9)
+    assert batch.exceedance[0, 0] == pytest.approx(result.peak_force.exceedance(135.0), abs=1e-7)
 
 
 def test_batches_refuse_what_they_cannot_use() -> None:
@@ -124,7 +124,8 @@ def test_batches_refuse_what_they_cannot_use() -> None:
 
 
 def test_a_batch_joins_ticks_without_changing_the_law() -> None:
-    """Random poses: where the residual grows slowly a batch's panels hold several ticks, a single law's never do."""
+    """Random poses: where the residual grows slowly a batch's panels hold several ticks, a single distribution's never
+    do."""
     base, robot = control_group(motion__velocity_mm_s=[0, 0, -10]), bs.Robot.load("sia5d")
     rng = np.random.default_rng(5)
     q = rng.uniform(robot.lower, robot.upper, size=(24, 7))
@@ -138,13 +139,13 @@ def test_a_batch_joins_ticks_without_changing_the_law() -> None:
     for i in np.flatnonzero((batch.end == "certain_detection") | (batch.end == "joint_limit")):
         settings |= {"pose_rad": q[i].tolist()}
         settings["motion"]["velocity_mm_s"] = (velocity[i] * 1e3).tolist()
-        law = bs.evaluate(bs.Scenario.from_dict(settings))
+        result = bs.evaluate(bs.Scenario.from_dict(settings))
         ours = [batch.mean[i], batch.exceedance[i, 0], batch.false_alarm_probability[i]]
-        theirs = [law.peak_force.mean, law.peak_force.exceedance(60.0), law.false_alarm_probability]
+        theirs = [result.peak_force.mean, result.peak_force.exceedance(60.0), result.false_alarm_probability]
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
         # Improbable ticks, which a batch knows less well, weigh more here.
-        assert batch.sd[i] == pytest.approx(law.peak_force.sd, rel=1e-4)
-        np.testing.assert_allclose(batch.trigger_joint_probability[i], law.trigger_joint_probability, atol=1e-6)
+        assert batch.sd[i] == pytest.approx(result.peak_force.sd, rel=1e-4)
+        np.testing.assert_allclose(batch.trigger_joint_probability[i], result.trigger_joint_probability, atol=1e-6)
         compared += 1
     assert compared > 12
 
@@ -156,7 +157,7 @@ def alone_and_in_a_batch(settings: dict[str, Any]) -> tuple[bs.CollisionResult, 
 
 def test_a_batch_knows_who_triggered_what_is_hardly_ever_detected() -> None:
     """The arm retreats from where the body may be: one case in 10^16 alarms, less than the rounding of the others."""
-    law, batch = alone_and_in_a_batch(
+    result, batch = alone_and_in_a_batch(
         {
             "robot": "ur10e",
             "pose_rad": [-0.8663, -0.5933, 3.0781, -1.6499, -0.1456, -2.3106],
@@ -171,12 +172,12 @@ def test_a_batch_knows_who_triggered_what_is_hardly_ever_detected() -> None:
             "simulation": {"step_s": 0.0005},
         }
     )
-    np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=1e-6)
+    np.testing.assert_allclose(batch.trigger_joint_probability[0], result.trigger_joint_probability, atol=1e-6)
 
 
 def test_a_batch_feels_no_body_that_the_arm_has_left() -> None:
     """The arm falls back and ends amid the places where the body may be, none of which it is noticed at."""
-    law, batch = alone_and_in_a_batch(
+    result, batch = alone_and_in_a_batch(
         {
             "robot": "iiwa14",
             "pose_rad": [2.625, -0.6187, -2.5761, -0.2897, 0.1435, -0.0004453, -0.3804],
@@ -187,12 +188,12 @@ def test_a_batch_feels_no_body_that_the_arm_has_left() -> None:
             "simulation": {"step_s": 0.002, "substeps": 7},
         }
     )
-    curve, most = law.curve, law.problem.offset_size
+    curve, most = result.curve, result.problem.offset_size
     assert curve.end == "joint_limit"
     assert 0.1 * most < curve.distance[-1] < 0.95 * most
     # The farthest point lies between control cycles, where the batch knows its path to some 1e-8 m.
-    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=5e-6)
-    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=5e-6)
+    assert batch.mean[0] == pytest.approx(result.peak_force.mean, rel=5e-6)
+    assert batch.sd[0] == pytest.approx(result.peak_force.sd, rel=5e-6)
 
 
 def test_quantiles_of_a_batch_are_passed_as_often_as_asked_for() -> None:
@@ -234,7 +235,7 @@ def test_quantiles_of_a_batch_are_passed_as_often_as_asked_for() -> None:
 
 def test_a_batch_knows_where_a_motion_ends_just_as_a_joint_catches_up() -> None:
     """The horizon lies between two moments that are kept for the reactions, and so does a kink of the path."""
-    law, batch = alone_and_in_a_batch(
+    result, batch = alone_and_in_a_batch(
         {
             "robot": "sia5d",
             "pose_rad": [-0.5552, 0.6117, 1.6488, 0.2127, -2.644, 1.8465, -1.2232],
@@ -245,14 +246,14 @@ def test_a_batch_knows_where_a_motion_ends_just_as_a_joint_catches_up() -> None:
             "simulation": {"step_s": 0.00025, "substeps": 5},
         }
     )
-    assert law.curve.end == "horizon"
-    assert batch.no_contact_probability[0] == pytest.approx(law.no_contact_probability, abs=1e-8)
-    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=1e-8)
+    assert result.curve.end == "horizon"
+    assert batch.no_contact_probability[0] == pytest.approx(result.no_contact_probability, abs=1e-8)
+    assert batch.undetected_probability[0] == pytest.approx(result.undetected_probability, abs=1e-8)
 
 
 def test_a_batch_cuts_its_panels_where_an_arm_that_falls_back_leaves_a_body() -> None:
     """The noise has a mean, so how probable an alarm is has a kink where the force ends."""
-    law, batch = alone_and_in_a_batch(
+    result, batch = alone_and_in_a_batch(
         {
             "robot": "sia5d",
             "pose_rad": [0.6061, 1.166, -0.6799, 0.8206, 0.8312, 1.1096, 0.9532],
@@ -268,14 +269,14 @@ def test_a_batch_cuts_its_panels_where_an_arm_that_falls_back_leaves_a_body() ->
             "simulation": {"step_s": 0.002},
         }
     )
-    assert law.curve.distance[-1] < 0.9 * law.curve.distance.max()
-    assert batch.undetected_probability[0] == pytest.approx(law.undetected_probability, abs=2e-8)
-    np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=3e-7)
+    assert result.curve.distance[-1] < 0.9 * result.curve.distance.max()
+    assert batch.undetected_probability[0] == pytest.approx(result.undetected_probability, abs=2e-8)
+    np.testing.assert_allclose(batch.trigger_joint_probability[0], result.trigger_joint_probability, atol=3e-7)
 
 
 def test_a_batch_goes_the_way_of_its_law_at_a_singularity() -> None:
     """From rest beside a singularity: on which side an arm passes it decides between 8 and 254 mm."""
-    law, batch = alone_and_in_a_batch(
+    result, batch = alone_and_in_a_batch(
         {
             "robot": "sia5d",
             "pose_rad": [
@@ -303,15 +304,17 @@ def test_a_batch_goes_the_way_of_its_law_at_a_singularity() -> None:
             "simulation": {"step_s": 0.002, "substeps": 7},
         }
     )
-    farthest = law.curve.farthest
+    farthest = result.curve.farthest
     assert farthest[4] > 30 * farthest[5]
-    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-5)
-    assert batch.sd[0] == pytest.approx(law.peak_force.sd, rel=1e-5)
+    assert batch.mean[0] == pytest.approx(result.peak_force.mean, rel=1e-5)
+    assert batch.sd[0] == pytest.approx(result.peak_force.sd, rel=1e-5)
 
 
 def test_trigger_probabilities_where_detections_alone_are_smooth() -> None:
     """Panels are interpolated only where what triggers them is smooth, too: here joint 1 was 4e-4 off."""
     q, velocity = np.array([1.475, -1.069, 2.602, 1.111, 2.505, 0.676, 0.0]), np.array([0.0445, -0.015, -0.062])
-    law = bs.evaluate(control_group(pose_deg=np.degrees(q).tolist(), motion__velocity_mm_s=(1e3 * velocity).tolist()))
+    result = bs.evaluate(
+        control_group(pose_deg=np.degrees(q).tolist(), motion__velocity_mm_s=(1e3 * velocity).tolist())
+    )
     batch = bs.evaluate_batch(control_group(), [q], [velocity])
-    np.testing.assert_allclose(batch.trigger_joint_probability[0], law.trigger_joint_probability, atol=1e-6)
+    np.testing.assert_allclose(batch.trigger_joint_probability[0], result.trigger_joint_probability, atol=1e-6)

@@ -47,7 +47,7 @@ def test_counts_are_whole_numbers(wrong: dict[str, Any]) -> None:
 
 def test_quantiles_and_exceedances_are_of_one_number() -> None:
     of_both = [bs.evaluate(control_group()), bs.evaluate(control_group(), samples=100), bs.evaluate(FREE["trunk"])]
-    for force in (law.peak_force for law in of_both):
+    for force in (distribution.peak_force for distribution in of_both):
         for wrong in ([0.5, 0.9], np.array([0.5, 0.9]), "0.5", None):
             with pytest.raises(bs.InputError, match=r"^p: "):
                 force.quantile(wrong)  # type: ignore[arg-type]
@@ -81,14 +81,21 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 def test_reprs_fit_on_a_screen() -> None:
     scenario = control_group()
-    law = bs.evaluate(scenario)
+    distribution = bs.evaluate(scenario)
     robot, table = bs.Robot.load("sia5d"), bs.LimitTable.load("ts15066")
-    for noun in (law, bs.evaluate(scenario, samples=1000), law.peak_force, law.curve, robot, table):
+    for noun in (
+        distribution,
+        bs.evaluate(scenario, samples=1000),
+        distribution.peak_force,
+        distribution.curve,
+        robot,
+        table,
+    ):
         assert len(repr(noun)) < 320, type(noun).__name__
     # To five digits, of which the last is rounded.
-    shown = float(re.findall(r"p99=([\d.]+)", repr(law))[0])
-    assert shown == pytest.approx(law.peak_force.quantile(0.99), rel=1e-4)
-    assert "sia5d at 50 mm/s" in repr(law)
+    shown = float(re.findall(r"p99=([\d.]+)", repr(distribution))[0])
+    assert shown == pytest.approx(distribution.peak_force.quantile(0.99), rel=1e-4)
+    assert "sia5d at 50 mm/s" in repr(distribution)
     assert "7 joints: joint_s, joint_l" in repr(robot)
 
 
@@ -110,11 +117,11 @@ def test_what_holds_no_memory_of_the_kernels_is_copied_and_sent() -> None:
 
 
 def figures(speed: float) -> tuple[float, ...]:
-    law = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -speed]))
+    distribution = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -speed]))
     return (
-        law.peak_force.mean,
-        law.peak_force.quantile(0.999),
-        law.contact_duration.mean if law.contact_duration else 0.0,
+        distribution.peak_force.mean,
+        distribution.peak_force.quantile(0.999),
+        distribution.contact_duration.mean if distribution.contact_duration else 0.0,
     )
 
 

@@ -88,9 +88,9 @@ def test_console(
         monkeypatch.delenv(name, raising=False)
     shell = Shell(tmp_path, capsys)
     if "out/hand/settings.toml" in session[0][0]:
-        law = bs.evaluate(bs.load_scenario("examples/01_hand_downward.toml"))
+        result = bs.evaluate(bs.load_scenario("examples/01_hand_downward.toml"))
         Path("out/hand").mkdir(parents=True)
-        Path("out/hand/settings.toml").write_text(settings_toml(law), encoding="utf-8")
+        Path("out/hand/settings.toml").write_text(settings_toml(result), encoding="utf-8")
     for command, wanted in session:
         printed = shell.run(command)
         assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
@@ -208,7 +208,7 @@ def test_json_keys() -> None:
     assert verdict_keys == set(phases["verdict"])
     assert verdict_keys - of_phases == set(plain["verdict"]) == set(free["verdict"])
     kinds = text[text.index("| `limit_table`, `limit_kind`") :].split("|")[3]
-    assert {law["verdict"]["limit_kind"] for law in (plain, free, phases)} == set(re.findall(r'`"(\w+)"`', kinds))
+    assert {result["verdict"]["limit_kind"] for result in (plain, free, phases)} == set(re.findall(r'`"(\w+)"`', kinds))
 
 
 def test_columns_of_the_law() -> None:

@@ -36,8 +36,8 @@ def complete_scenarios() -> list[Any]:
 def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     path.write_text(text, encoding="utf-8")
-    law = bs.evaluate(bs.load_scenario(path))
-    assert 0 < law.peak_force.quantile(0.5) < math.inf
+    result = bs.evaluate(bs.load_scenario(path))
+    assert 0 < result.peak_force.quantile(0.5) < math.inf
 
 
 @pytest.mark.parametrize("name", ["collision.md", "recording.md", "stopping.md"])

@@ -1,4 +1,4 @@
-"""The scenario the report's tests share, laws of it with something changed, and a strict reader of pages."""
+"""The scenario the report's tests share, distributions of it with something changed, and a strict reader of pages."""
 
 import copy
 import dataclasses
@@ -20,7 +20,7 @@ _HAND = {
 
 
 def evaluate(changes=None, samples=None):
-    """The law of the hand scenario with some dotted keys changed; None removes a key."""
+    """The distribution of the hand scenario with some dotted keys changed; None removes a key."""
     data = copy.deepcopy(_HAND)
     for key, value in (changes or {}).items():
         *tables, last = key.split(".")
@@ -34,8 +34,8 @@ def evaluate(changes=None, samples=None):
     return bs.evaluate(bs.Scenario.from_dict(data), samples=samples)
 
 
-def with_limits(law, limits):
-    return bs.integrate(dataclasses.replace(law.problem, limits=limits), law.curve)
+def with_limits(result, limits):
+    return bs.integrate(dataclasses.replace(result.problem, limits=limits), result.curve)
 
 
 class Outline(HTMLParser):

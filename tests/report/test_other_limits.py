@@ -9,10 +9,10 @@ from report.cases import Outline, evaluate
 
 
 def test_a_free_body_that_nobody_notices_is_no_failure():
-    law = evaluate({"contact.kind": "free", "contact.limits": "ts15066", "motion.velocity_mm_s": [0, 0, -120]})
-    assert law.undetected_probability > 0.4
-    assert law.verdict.p_over_force < 1e-6
-    text = Outline(Page(law).html()).text
+    result = evaluate({"contact.kind": "free", "contact.limits": "ts15066", "motion.velocity_mm_s": [0, 0, -120]})
+    assert result.undetected_probability > 0.4
+    assert result.verdict.p_over_force < 1e-6
+    text = Outline(Page(result).html()).text
     assert "A body that gets away undetected counts with the force it has met." in text
     assert "count as over every limit" not in text
     assert "count as beyond every force" not in text
@@ -21,12 +21,12 @@ def test_a_free_body_that_nobody_notices_is_no_failure():
 def test_two_phases_have_two_limits():
     """Hand and finger by ISO/TS 15066: 140 N and 190 N/cm² for long, twice as much in the first half second."""
     changes = {"contact.limits": "ts15066", "contact.area_cm2": 1.0, "motion.velocity_mm_s": [0, 0, -90]}
-    law = evaluate({**changes, "verdict.clamped_limit": "two_phase"})
-    assert law.verdict.acceptable
-    assert 190 < law.peak_force.quantile(0.99) < 280
-    page = Page(law)
+    result = evaluate({**changes, "verdict.clamped_limit": "two_phase"})
+    assert result.verdict.acceptable
+    assert 190 < result.peak_force.quantile(0.99) < 280
+    page = Page(result)
     text = Outline(page.html()).text
-    assert f"(p99.9) {law.peak_force.quantile(0.999):.4g} N 280 N at first, 140 N later Peak pressure" in text
+    assert f"(p99.9) {result.peak_force.quantile(0.999):.4g} N 280 N at first, 140 N later Peak pressure" in text
     assert "On 1 cm² that is 280 N at first, 140 N later." in text
     assert "stands the probability of exceeding it" not in text
     assert "but not the one at first. Pressure is force over 1 cm², so its scale runs along the top." in text
@@ -56,10 +56,10 @@ def test_the_table_tells_which_limits_a_peak_is_above(speed, two_phase):
     changes = {"contact.limits": "ts15066", "contact.area_cm2": 1.0, "motion.velocity_mm_s": [0, 0, -speed]}
     if two_phase:
         changes["verdict.clamped_limit"] = "two_phase"
-    law = evaluate(changes)
-    peak = law.peak_force.quantile(0.999)
+    result = evaluate(changes)
+    peak = result.peak_force.quantile(0.999)
     assert {30: peak < 140, 90: 140 < peak < 280, 160: peak > 280}[speed]
     limit = "280 N at first, 140 N later" if two_phase else "140 N"
     word = {30: "below ", 90: "" if two_phase else "above ", 160: "above "}[speed]
-    text = Outline("".join(VerdictSection(law).content())).text
+    text = Outline("".join(VerdictSection(result).content())).text
     assert f"(p99.9) {peak:.4g} N {limit} {word}Peak pressure" in text

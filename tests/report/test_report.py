@@ -1,4 +1,5 @@
-"""The report: what it says is what the law says, it renders whatever the law is, and it renders the same every time."""
+"""The report: what it says is what the distribution says, it renders whatever the distribution is, and it renders the
+same every time."""
 
 import dataclasses
 import math
@@ -298,7 +299,7 @@ def test_rollouts_of_a_trajectory_are_its_runs():
 
 
 def test_a_folder_used_again_keeps_no_figure_of_another_law(tmp_path):
-    (tmp_path / "peak_force.png").write_bytes(b"of another law")
+    (tmp_path / "peak_force.png").write_bytes(b"of another distribution")
     (tmp_path / "notes.txt").write_text("mine")
     write_report(evaluate({"detector.thresholds_Nm": [1e6] * 7, "motion.duration_s": 0.5}), tmp_path)
     assert not (tmp_path / "peak_force.png").exists()

@@ -27,9 +27,9 @@ FREE_HAND = {"contact.kind": "free", "contact.limits": "ts15066"}
     ],
 )
 def test_rollout_is_the_sampled_run(changes):
-    law = evaluate(changes, samples=400)
-    problem, curve, runs = law.problem, law.curve, law.runs
-    rollouts = Rollouts(law)
+    result = evaluate(changes, samples=400)
+    problem, curve, runs = result.problem, result.curve, result.runs
+    rollouts = Rollouts(result)
     for run in (0, 17, int(np.argmax(runs["peak_force"]))):
         rollout = rollouts.rollout(run)
         tick = runs["tick"][run]
@@ -45,7 +45,7 @@ def test_rollout_is_the_sampled_run(changes):
         assert rollout.tick_time.size == tick + 1
         at_detection = np.interp(rollout.detection, rollout.time, rollout.force)
         assert at_detection == pytest.approx(runs["force_at_detection"][run], abs=1e-6)
-        delay = curve.tick_time[tick] - np.interp(runs["offset"][run], curve.distance, step_times(law))
+        delay = curve.tick_time[tick] - np.interp(runs["offset"][run], curve.distance, step_times(result))
         assert rollout.detection == pytest.approx(delay, abs=1e-9)
         assert rollout.reaction == pytest.approx(rollout.detection + problem.latency_steps * 1e-3)
         noise = core.standard_noise(0, run, 1, tick + 1, 7)[0, :, rollout.joint]
@@ -53,30 +53,30 @@ def test_rollout_is_the_sampled_run(changes):
         np.testing.assert_allclose(rollout.residual - rollout.contact_torque, expected, atol=1e-12)
 
 
-def step_times(law):
-    return np.arange(law.curve.distance.size) * law.scenario.simulation.step_s
+def step_times(result):
+    return np.arange(result.curve.distance.size) * result.scenario.simulation.step_s
 
 
 def test_chosen_runs_are_near_their_quantiles():
-    law = evaluate()
-    rollouts = Rollouts(law)
+    result = evaluate()
+    rollouts = Rollouts(result)
     for p in (0.5, 0.99):
-        assert rollouts.nearest(p).peak_force == pytest.approx(law.peak_force.quantile(p), abs=0.5)
+        assert rollouts.nearest(p).peak_force == pytest.approx(result.peak_force.quantile(p), abs=0.5)
 
 
 def test_a_trajectory_shows_runs_near_the_quantiles_that_have_a_bound():
-    """Runs never detected lie beyond every quantile of the law, whatever their force."""
-    law = bs.evaluate(bs.load_scenario(REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"))
-    assert law.undetected_probability > 0.05
-    rollout = Rollouts(law).nearest(0.5)
+    """Runs never detected lie beyond every quantile of the distribution, whatever their force."""
+    result = bs.evaluate(bs.load_scenario(REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"))
+    assert result.undetected_probability > 0.05
+    rollout = Rollouts(result).nearest(0.5)
     assert rollout.detection is not None
-    assert rollout.peak_force == pytest.approx(law.peak_force.quantile(0.5), rel=0.01)
+    assert rollout.peak_force == pytest.approx(result.peak_force.quantile(0.5), rel=0.01)
 
 
 def test_free_contact_is_drawn_until_the_body_has_got_away():
     """250 mm/s: contact lasts pi sqrt(m / K) = 8.9 ms, the reaction a quarter of a second."""
-    law = evaluate({**FREE_HAND, "motion.velocity_mm_s": [0, 0, -250]})
-    for picture in ForceOverTimeSection(law).pictures():
+    result = evaluate({**FREE_HAND, "motion.velocity_mm_s": [0, 0, -250]})
+    for picture in ForceOverTimeSection(result).pictures():
         figure = Figure()
         picture.draw(figure)
         assert 8 < figure.axes[0].get_xlim()[1] < 30  # ms
@@ -87,8 +87,8 @@ def test_free_contact_is_drawn_until_the_body_has_got_away():
 
 
 def test_an_undetected_quantile_shows_an_undetected_run():
-    law = evaluate({"motion.duration_s": 0.12})
-    rollout = Rollouts(law).nearest(0.99)
+    result = evaluate({"motion.duration_s": 0.12})
+    rollout = Rollouts(result).nearest(0.99)
     assert rollout.detection is None
     assert rollout.reaction is None
     assert rollout.touch == 0
@@ -96,9 +96,9 @@ def test_an_undetected_quantile_shows_an_undetected_run():
 
 
 def test_the_compression_scale_is_the_body_s_without_its_padding():
-    law = evaluate({"contact.padding_N_m": 20000.0})
+    result = evaluate({"contact.padding_N_m": 20000.0})
     figure = Figure()
-    ForceOverTimeSection(law).pictures()[0].draw(figure)
+    ForceOverTimeSection(result).pictures()[0].draw(figure)
     force = figure.axes[0]
     (scale,) = force.child_axes
     figure.draw_without_rendering()
@@ -109,8 +109,8 @@ def test_a_body_that_gets_away_from_a_stopped_arm_is_drawn_until_it_has():
     changes = {
         "contact.kind": "free", "contact.body_mass_kg": 60.0, "contact.stiffness_N_m": 8000.0, "reaction.kind": "stop"
     }  # fmt: skip
-    law = evaluate(changes, samples=60)
-    for picture in ForceOverTimeSection(law).pictures():
+    result = evaluate(changes, samples=60)
+    for picture in ForceOverTimeSection(result).pictures():
         figure = Figure()
         picture.draw(figure)
         y = np.asarray(figure.axes[0].lines[0].get_ydata())
@@ -120,28 +120,29 @@ def test_a_body_that_gets_away_from_a_stopped_arm_is_drawn_until_it_has():
 
 @pytest.mark.parametrize("name", ["fast, detected while it rises", "latency, stop", "light, mostly noticed"])
 def test_single_runs_in_the_report_are_those_of_the_kernels(name: str) -> None:
-    law = bs.evaluate(FREE[name], samples=60, seed=8)
-    assert law.runs is not None
-    rollouts = Rollouts(law)
+    result = bs.evaluate(FREE[name], samples=60, seed=8)
+    assert result.runs is not None
+    rollouts = Rollouts(result)
     for run in range(0, 60, 7):
-        rollout, peak = rollouts.rollout(run), law.runs["peak_force"][run]
-        # The law's reactions are interpolated to 1e-8 m. Drawn are times less than 0.02 rad apart: 5e-5 of the height.
-        slack = 1e-8 * law.problem.stiffness
+        rollout, peak = rollouts.rollout(run), result.runs["peak_force"][run]
+        # The distribution's reactions are interpolated to 1e-8 m. Drawn are times less than 0.02 rad apart: 5e-5 of the
+        # height.
+        slack = 1e-8 * result.problem.stiffness
         assert peak * (1 - 5e-5) - slack <= rollout.force.max() <= peak + slack
         assert rollout.peak_force == peak
-        tick = int(law.runs["tick"][run])
+        tick = int(result.runs["tick"][run])
         if tick >= 0:
-            residual = law.runs["residual"][run][rollout.joint]
+            residual = result.runs["residual"][run][rollout.joint]
             assert rollout.residual[-1] == pytest.approx(residual, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", list(OUTLASTING))
 def test_single_runs_in_the_report_end_when_the_body_has_got_away(name: str) -> None:
-    law = bs.evaluate(OUTLASTING[name], samples=60, seed=3)
-    assert law.runs is not None
-    rollouts = Rollouts(law)
+    result = bs.evaluate(OUTLASTING[name], samples=60, seed=3)
+    assert result.runs is not None
+    rollouts = Rollouts(result)
     for run in range(0, 60, 4):
-        rollout, lasts = rollouts.rollout(run), float(law.runs["duration"][run])
+        rollout, lasts = rollouts.rollout(run), float(result.runs["duration"][run])
         assert rollout.force[-1] == 0
         pressed = rollout.time[rollout.force > 0]
         assert (pressed.size == 0) == (lasts < 1e-3)
@@ -152,7 +153,7 @@ def test_single_runs_in_the_report_end_when_the_body_has_got_away(name: str) -> 
 
 def test_an_undetected_run_stands_for_a_quantile_where_the_arm_comes_to_rest():
     """Joint 2 has 0.3 degrees left, the body is a millimetre away, and nobody notices."""
-    law = evaluate(
+    result = evaluate(
         {
             "pose_deg": [0, 109.7, 0, -20, 0, -40, 0],
             "motion.velocity_mm_s": [0, 0, -30],
@@ -162,7 +163,7 @@ def test_an_undetected_run_stands_for_a_quantile_where_the_arm_comes_to_rest():
             "detector.feedback_period_s": 0.04,
         }
     )
-    assert law.curve.end == "joint_limit"
-    bad = Rollouts(law).nearest(0.999)
+    assert result.curve.end == "joint_limit"
+    bad = Rollouts(result).nearest(0.999)
     assert bad.detection is None
-    assert bad.peak_force == pytest.approx(law.peak_force.quantile(0.999), rel=2e-3)
+    assert bad.peak_force == pytest.approx(result.peak_force.quantile(0.999), rel=2e-3)

@@ -109,18 +109,18 @@ def test_rows_are_single_laws(case: bs.Scenario, direction: str, way: tuple[int,
         if row["table"] == "ts15066":
             contact.pop("body_mass_kg", None)
         motion = data["motion"] | {"velocity_mm_s": [row["speed_mm_s"] * x for x in way]}
-        law = bs.evaluate(bs.Scenario.from_dict(data | {"contact": contact, "motion": motion}))
-        verdict, limits = law.verdict, law.verdict.limits
+        result = bs.evaluate(bs.Scenario.from_dict(data | {"contact": contact, "motion": motion}))
+        verdict, limits = result.verdict, result.verdict.limits
         assert limits is not None
         wanted = {
             "limit_force_N": limits.force_N,
             "limit_pressure_N_cm2": limits.pressure_N_cm2,
-            "mean_N": law.peak_force.mean,
-            "p999_N": law.peak_force.quantile(0.999),
+            "mean_N": result.peak_force.mean,
+            "p999_N": result.peak_force.quantile(0.999),
             "p_over_force": verdict.p_over_force,
             "p_over_pressure": verdict.p_over_pressure,
-            "false_alarm": law.false_alarm_probability,
-            "trigger_2": law.trigger_joint_probability[1],
+            "false_alarm": result.false_alarm_probability,
+            "trigger_2": result.trigger_joint_probability[1],
             "acceptable": verdict.acceptable,
         }
         assert {key: row[key] for key in wanted} == pytest.approx(wanted, rel=1e-9, abs=1e-15)
@@ -129,7 +129,7 @@ def test_rows_are_single_laws(case: bs.Scenario, direction: str, way: tuple[int,
 @pytest.mark.parametrize(
     "case",
     [
-        # Little noise and few ticks: teeth that are farther apart than what a scan in wide steps looks at.
+        # Little noise and few ticks: crests that are farther apart than what a scan in wide steps looks at.
         ur10e(
             contact__offset_law="fixed",
             contact__offset_mm=11.0,
@@ -153,7 +153,7 @@ def test_a_safe_speed_is_below_the_first_tooth_that_fails(case: bs.Scenario) -> 
         return max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
 
     safe = found[body]
-    # Where teeth are high they are as wide as a feedback period is of the time to the body: 3 and 4 % of the speed.
+    # Where crests are high they are as wide as a feedback period is of the time to the body: 3 and 4 % of the speed.
     slower = np.geomspace(1.0, safe, 600)
     assert all(over(float(speed)) <= case.verdict.accepted_probability for speed in slower)
     assert any(over(safe + step) > case.verdict.accepted_probability for step in np.linspace(0.01, 0.12, 12))

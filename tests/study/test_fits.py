@@ -1,4 +1,4 @@
-"""Laws fitted to curves: planted ones are found again, and no other exponent fits better."""
+"""Distributions fitted to curves: planted ones are found again, and no other exponent fits better."""
 
 from __future__ import annotations
 

@@ -47,10 +47,10 @@ def test_rows_are_the_laws_of_their_scenarios(control: Any) -> None:
     sweep = rows.filter((rows["kind"] == "sweep") & (rows["key"] == "motion.speed"))
     assert sweep.height == 20
     for row in sweep[::7].iter_rows(named=True):
-        law = bs.evaluate(scenario.with_values({"motion.velocity_mm_s": [0, 0, -row["value"]]}))
-        assert row["mean_N"] == law.peak_force.mean
-        assert row["p999_N"] == law.peak_force.quantile(0.999)
-        assert row["p_over_force"] == law.verdict.p_over_force
+        result = bs.evaluate(scenario.with_values({"motion.velocity_mm_s": [0, 0, -row["value"]]}))
+        assert row["mean_N"] == result.peak_force.mean
+        assert row["p999_N"] == result.peak_force.quantile(0.999)
+        assert row["p_over_force"] == result.verdict.p_over_force
 
 
 def test_derivatives_agree_with_differences_of_another_width(control: Any) -> None:
@@ -159,10 +159,10 @@ def test_slopes_are_those_of_laws_much_closer_together(scenario: bs.Scenario, ke
 @pytest.mark.parametrize("kind", ["stop", "reverse"])
 @pytest.mark.parametrize("arm", [control_group, ur10e])
 def test_where_the_force_has_corners_the_slope_is_that_of_its_trend_within_the_error(
-    arm: Callable[..., bs.Scenario], kind: str, law: str
+    arm: Callable[..., bs.Scenario], kind: str, result: str
 ) -> None:
     """An arm comes to rest at the end of a step: between two corners the slope is off by up to some per cent."""
-    scenario = arm(reaction__kind=kind, contact__offset_law=law)
+    scenario = arm(reaction__kind=kind, contact__offset_law=result)
     speed = np.array(scenario.motion.velocity_mm_s)
     acceleration = scenario.reaction.joint_acceleration_rad_s2
     assert not isinstance(acceleration, list)

@@ -1,4 +1,5 @@
-"""Trajectories slowed down to their limits, against the laws of collisions that begin at single moments of them."""
+"""Trajectories slowed down to their limits, against the distributions of collisions that begin at single moments of
+them."""
 
 from __future__ import annotations
 
@@ -45,9 +46,9 @@ def waves(seed: int, folder: Path) -> bs.Scenario:
     )
 
 
-def slowed(study: TrajectorySpeedLimits, pace: Any, folder: Path) -> tuple[bs.Scenario, Any]:
+def slowed(study: TrajectorySpeedLimits, path_speed: Any, folder: Path) -> tuple[bs.Scenario, Any]:
     """The same scenario on the slowed trajectory, and when it passes the rows."""
-    slow = retime(study.trajectory, pace, study.problem.robot.velocity, study.problem.joint_acceleration)
+    slow = retime(study.trajectory, path_speed, study.problem.robot.velocity, study.problem.joint_acceleration)
     write_csv(folder / "slow.csv", slow)
     return study.scenario.with_values({"motion.file": str(folder / "slow.csv")}), slow.time[slow.waypoint]
 
@@ -56,9 +57,9 @@ def worst_risk(scenario: bs.Scenario, moments: Any) -> float:
     """Of collisions that begin at these moments and are noticed."""
     risks = []
     for moment in moments:
-        law = bs.evaluate(scenario.with_values({"motion.contact_onset_s": float(moment)}))
-        over = max(law.verdict.p_over_force or 0.0, law.verdict.p_over_pressure or 0.0)
-        risks.append(over - law.undetected_probability)
+        result = bs.evaluate(scenario.with_values({"motion.contact_onset_s": float(moment)}))
+        over = max(result.verdict.p_over_force or 0.0, result.verdict.p_over_pressure or 0.0)
+        risks.append(over - result.undetected_probability)
     return max(risks)
 
 
@@ -73,7 +74,7 @@ def telling(rows: pl.DataFrame) -> Any:
 def test_an_arm_that_speeds_up_behind_a_place_where_it_feels_little_keeps_its_limit(seed: int, tmp_path: Path) -> None:
     study = TrajectorySpeedLimits(waves(seed, tmp_path))
     rows, _ = run(study)
-    scenario, moments = slowed(study, study.pace(rows), tmp_path)
+    scenario, moments = slowed(study, study.path_speed(rows), tmp_path)
     assert worst_risk(scenario, moments[telling(rows)]) <= scenario.verdict.accepted_probability
 
 
@@ -113,7 +114,9 @@ def wander(seed: int, path: Path) -> tuple[TrajectorySpeedLimits, Any]:
 
 def speed_limits_of_slowed(study: TrajectorySpeedLimits, rows: Any, path: Path) -> tuple[Any, TrajectorySpeedLimits]:
     """The slowed trajectory, and the speed limits along what was written of it."""
-    slow = retime(study.trajectory, study.pace(rows), study.problem.robot.velocity, study.problem.joint_acceleration)
+    slow = retime(
+        study.trajectory, study.path_speed(rows), study.problem.robot.velocity, study.problem.joint_acceleration
+    )
     write_csv(path, slow)
     return slow, TrajectorySpeedLimits(study.scenario.with_values({"motion.file": str(path)}))
 
@@ -135,7 +138,7 @@ def test_slowed_between_few_waypoints_too(seed: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", [4, 41, 58])
 def test_slowed_where_the_limit_has_a_corner_between_two_rows(seed: int, tmp_path: Path) -> None:
-    """Exact laws of straight lines at 3000 moments, most of which no row was near."""
+    """Integrated distributions of straight lines at 3000 moments, most of which no row was near."""
     study, _ = wander(seed, tmp_path / "few.csv")
     _, again = speed_limits_of_slowed(study, run(study)[0], tmp_path / "slow.csv")
     times = np.linspace(0, again.given.duration, 3001)[1:-1]
@@ -211,9 +214,9 @@ def test_an_arm_that_is_singular_all_the_way_has_limits_that_say_so(tmp_path: Pa
     rows = pl.concat([study.shard(number) for number in range(study.shards)])
     assert set(rows["limited_by"]) == {"singularity"}
     assert (rows["limit_mm_s"] > 0).all()
-    scenario, moments = slowed(study, study.pace(rows), tmp_path)
+    scenario, moments = slowed(study, study.path_speed(rows), tmp_path)
     assert 2 < moments[-1] < 10
-    # By the law of the slowed motion at single moments of it.
+    # By the distribution of the slowed motion at single moments of it.
     assert worst_risk(scenario, moments[40:-200:60]) <= scenario.verdict.accepted_probability
 
 
@@ -238,9 +241,9 @@ def test_a_motion_that_begins_and_pauses_at_rest_is_slowed_by_no_more_than_its_l
     study = few_rows(tmp_path / "t.csv", t, q, (out - home)[:, None] * turn if with_rates else None)
     study = TrajectorySpeedLimits(study.scenario.with_values({"contact.body": "hand_finger"}))
     rows = pl.concat([study.shard(number) for number in range(study.shards)])
-    pace = study.pace(rows)
-    slow = retime(study.trajectory, pace, study.problem.robot.velocity, study.problem.joint_acceleration)
-    # As long as at the lowest pace that its limits ask for where it moves, and what the ramps take at 4.5 rad/s2.
+    path_speed = study.path_speed(rows)
+    slow = retime(study.trajectory, path_speed, study.problem.robot.velocity, study.problem.joint_acceleration)
+    # As long as at the lowest path speed that its limits ask for where it moves, and what the ramps take at 4.5 rad/s2.
     moves = rows["speed_mm_s"].to_numpy() > 5
     slowest = float((rows["limit_mm_s"].to_numpy()[moves] / rows["speed_mm_s"].to_numpy()[moves]).min())
     assert slow.time[-1] < 2 * move / (0.8 * min(1.0, slowest)) + pause + 1

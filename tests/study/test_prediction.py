@@ -1,4 +1,5 @@
-"""Predicted forces against the exact laws of random cases, and the parts of the form against what they sum up."""
+"""Predicted forces against the integrated distributions of random cases, and the parts of the form against what they
+sum up."""
 
 from __future__ import annotations
 
@@ -69,11 +70,11 @@ SLOW_OBSERVER: dict[str, Any] = {
 
 
 def predicted_and_exact(case: dict[str, Any]) -> tuple[Any, Any]:
-    """The prediction of one case, and its exact law."""
+    """The prediction of one case, and its integrated distribution."""
     scenario = draw(np.random.default_rng(1), 1, 1)[0].with_values(case["changes"])
     q, velocity = np.array(case["q"])[None], np.array(case["velocity"])[None]
-    law = evaluate_batch(scenario, q, velocity, probabilities=[QUANTILE])
-    return predict_batch(scenario, q, velocity, quantile=QUANTILE), law
+    result = evaluate_batch(scenario, q, velocity, probabilities=[QUANTILE])
+    return predict_batch(scenario, q, velocity, quantile=QUANTILE), result
 
 
 def test_agrees_with_exact_laws_of_random_cases() -> None:
@@ -103,25 +104,25 @@ def test_agrees_with_exact_laws_of_random_cases() -> None:
 
 def test_an_arm_whose_limiting_joint_turns_faster_while_it_reverses_keeps_its_bound() -> None:
     # Nearly all of the force comes after detection, and hardly any of it is chance.
-    found, law = predicted_and_exact(REVERSING)
+    found, result = predicted_and_exact(REVERSING)
     assert found.trusted[0]
-    assert law.quantile[0, 0] <= found.bound[0] < 1.2 * law.quantile[0, 0]
-    assert found.expected[0] == pytest.approx(law.mean[0], rel=0.02)
+    assert result.quantile[0, 0] <= found.bound[0] < 1.2 * result.quantile[0, 0]
+    assert found.expected[0] == pytest.approx(result.mean[0], rel=0.02)
 
 
 def test_an_arm_that_brakes_past_a_singularity_has_no_bound() -> None:
-    found, law = predicted_and_exact(PAST_A_SINGULARITY)
-    # The guess is far from the law, and says so.
-    assert law.mean[0] > 2 * found.expected[0]
+    found, result = predicted_and_exact(PAST_A_SINGULARITY)
+    # The guess is far from the distribution, and says so.
+    assert result.mean[0] > 2 * found.expected[0]
     assert not found.trusted[0]
     assert not np.isfinite(found.bound[0])
 
 
 def test_a_slow_observer_with_latency_keeps_its_bound() -> None:
-    found, law = predicted_and_exact(SLOW_OBSERVER)
+    found, result = predicted_and_exact(SLOW_OBSERVER)
     assert found.trusted[0]
-    assert law.quantile[0, 0] <= found.bound[0] < 1.25 * law.quantile[0, 0]
-    assert found.expected[0] == pytest.approx(law.mean[0], rel=0.02)
+    assert result.quantile[0, 0] <= found.bound[0] < 1.25 * result.quantile[0, 0]
+    assert found.expected[0] == pytest.approx(result.mean[0], rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["stop", "reverse"])

@@ -1,4 +1,4 @@
-"""Requirements against a search that tries every value, and against the law itself."""
+"""Requirements against a search that tries every value, and against the distribution itself."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ AGREES, BEYOND = 0.005, 1.02
 
 
 def scenario(**changes: Any) -> bs.Scenario:
-    """A forearm under an arm that stops quickly: laws of few ticks."""
+    """A forearm under an arm that stops quickly: distributions of few ticks."""
     data: dict[str, Any] = {
         "robot": "ur10e",
         "pose_deg": [10, -80, 110, -120, -90, 20],
@@ -58,7 +58,7 @@ def test_value_meets_the_risk_and_two_percent_more_does_not(vary: str) -> None:
 @pytest.mark.parametrize("offset", [None, 3.0, 11.0])
 def test_agrees_with_trying_every_value(offset: float | None) -> None:
     fixed = {} if offset is None else {"contact.offset_law": "fixed", "contact.offset_mm": offset}
-    # Little noise, so that a fixed distance shows its teeth.
+    # Little noise, so that a fixed distance shows its crests.
     case = scenario(**fixed, **{"detector.noise_sd_Nm": 0.5, "detector.feedback_period_s": 0.008})
     found = solve_requirement(case, "motion.speed", low=40.0, high=300.0)
     assert found.value is not None
@@ -78,8 +78,8 @@ def test_quantised_values_are_safe_whole_steps() -> None:
 
 
 def test_says_why_no_value_meets_it() -> None:
-    deaf = scenario(**{"detector.thresholds_Nm": [400.0, 400.0, 400.0, 400.0, 400.0, 400.0]})
-    found = solve_requirement(deaf, "motion.speed")
+    undetected_force = scenario(**{"detector.thresholds_Nm": [400.0, 400.0, 400.0, 400.0, 400.0, 400.0]})
+    found = solve_requirement(undetected_force, "motion.speed")
     assert found.value is None
     assert found.risk_at_value > found.risk
     assert "stay undetected" in found.reason or "never noticed" in found.reason
@@ -181,12 +181,12 @@ def test_points_of_a_trade_curve_are_on_the_edge(case: bs.Scenario, vary: str, a
         if row["value"] is None:
             assert risk(row["low"] if upward else row["high"]) > row["risk"]
             continue
-        milder = np.geomspace(row["low"] if upward else row["high"], row["value"], 20)
-        assert all(risk(float(value)) <= row["risk"] * (1 + 1e-6) for value in milder)
+        more_conservative = np.geomspace(row["low"] if upward else row["high"], row["value"], 20)
+        assert all(risk(float(value)) <= row["risk"] * (1 + 1e-6) for value in more_conservative)
         if row["binding"] == "range":
             continue
         found += 1
-        # Within a tenth of a per cent; a tooth of a sawtooth may end sooner.
+        # Within a tenth of a per cent; a crest of a sampling ripple may end sooner.
         beyond = row["value"] * (1 + 0.001 * np.linspace(0.1, 1, 10)) ** (1 if upward else -1)
         assert any(risk(float(value)) > row["risk"] for value in beyond)
     assert found
@@ -227,7 +227,7 @@ def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
     assert found.value is None
     assert found.binding == "singularity"
     assert found.ill_conditioned
-    # Beside the mildest value the arm gets across at some, and at others it does not.
+    # Beside the most conservative value the arm gets across at some, and at others it does not.
     ends = {
         bs.evaluate(Variable(found.variable).apply(case, value)).curve.end
         for value in np.linspace(0.98, 1.0, 60) * found.high
@@ -247,9 +247,9 @@ _SLOW_TICKS = {"detector.feedback_period_s": 0.012, "verdict.accepted_probabilit
     [
         # As good as a fixed distance: far less than one tick apart.
         ("motion.speed", {"contact.offset_law": "half_normal", "contact.offset_sd_s": 2e-4, **_SLOW_TICKS}, None),
-        # A tooth that fails at its point alone, narrower than the distance of the values looked at.
+        # A crest that fails at its point alone, narrower than the distance of the values looked at.
         ("motion.speed", {"contact.offset_law": "fixed", "contact.offset_mm": 11.0, **_SLOW_TICKS}, None),
-        # The harsh end itself is met, and slower ones are not.
+        # The less conservative end itself is met, and slower ones are not.
         ("motion.speed", _FIXED | {"detector.feedback_period_s": 0.004}, 124.072),
     ],
 )
@@ -259,12 +259,13 @@ def test_every_milder_value_is_met_where_the_risk_is_a_sawtooth(
     case = scenario(**changes)
     found = solve_requirement(case, vary, high=high)
     assert found.value is not None
-    milder = np.geomspace(0.5 * found.value, found.value, 60)
-    assert max(over(case, vary, float(value)) for value in milder) <= case.verdict.accepted_probability
+    more_conservative = np.geomspace(0.5 * found.value, found.value, 60)
+    assert max(over(case, vary, float(value)) for value in more_conservative) <= case.verdict.accepted_probability
 
 
 def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> None:
-    """One period among the milder ones, 26 ms, falls on the point of a tooth; its neighbours have no risk."""
+    """One period among the more conservative ones, 26 ms, falls on the point of a crest; its neighbours have no
+    risk."""
     changes = {
         "motion.velocity_mm_s": [48.25, 24.125, -48.25],
         "contact.offset_law": "fixed",
@@ -281,7 +282,8 @@ def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> 
 
 
 def test_every_shorter_feedback_period_is_met_where_the_last_ticks_decide() -> None:
-    """A motion too short for every body to be noticed: how long before its end the last tick falls is a sawtooth."""
+    """A motion too short for every body to be noticed: how long before its end the last tick falls has a sampling
+    ripple."""
     case = control_group(
         motion__duration_s=0.3,
         contact__body="hand_finger",
@@ -332,12 +334,15 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> N
     })  # fmt: skip
     found = solve_requirement(case, "contact.padding")
     assert found.value is not None
-    milder = np.geomspace(found.value / 4, found.value, 40)
-    assert max(over(case, "contact.padding", float(value)) for value in milder) <= case.verdict.accepted_probability
+    more_conservative = np.geomspace(found.value / 4, found.value, 40)
+    assert (
+        max(over(case, "contact.padding", float(value)) for value in more_conservative)
+        <= case.verdict.accepted_probability
+    )
 
 
 def test_an_arm_that_starts_from_rest_meets_the_risk_at_lower_speeds_too() -> None:
-    """It speeds up all the way to the body, as fast whatever speed is asked: one tooth reaches over many values."""
+    """It speeds up all the way to the body, as fast whatever speed is asked: one crest reaches over many values."""
     case = scenario(**{
         "motion.start": "rest",
         "contact.offset_law": "fixed",
@@ -392,7 +397,7 @@ class Step:
 
 
 def stepped(vary: str, last: float, ends: tuple[float, float]) -> tuple[RiskSearch, Any]:
-    """A search whose values are met up to ``last`` in the harsher direction, and its answer."""
+    """A search whose values are met up to ``last`` in the less conservative direction, and its answer."""
     variable, upward = Variable(vary), HIGHER_IS_WORSE[vary]
     search = RiskSearch(scenario(), variable, ends, 1e-3, upward=upward)
     search.risks = Step(search, last)  # type: ignore[assignment]

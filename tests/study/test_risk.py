@@ -38,23 +38,23 @@ def test_a_value_has_the_risk_of_the_scenario_that_says_so(name: str, vary: str)
         changed = variable.apply(scenario, value)
         if vary == "motion.speed" and factor < 1:
             changed = changed.with_values({"motion.duration_s": scenario.motion.duration_s / factor})
-        law = bs.evaluate(changed)
+        result = bs.evaluate(changed)
         found = risks.at(value)
-        verdict = law.verdict
+        verdict = result.verdict
         # Velocities and accelerations are scaled in another order: rounding, which steep tails enlarge.
         assert found.over == pytest.approx(max(verdict.p_over_force, verdict.p_over_pressure or 0.0), rel=1e-6)
-        assert found.false_alarm == pytest.approx(law.false_alarm_probability, rel=1e-9)
+        assert found.false_alarm == pytest.approx(result.false_alarm_probability, rel=1e-9)
         assert found.met == (found.over <= scenario.verdict.accepted_probability)
     assert risks.evaluations == 2
 
 
 def test_an_arm_that_comes_to_rest_is_undetected_only_where_it_presses_too_hard() -> None:
     """A joint limit ends the motion: what is never detected there counts with the force at which the arm stands."""
-    deaf = control_group(**BODY, detector__thresholds_Nm=[1e9] * 7, motion__duration_s=30.0)
-    law = bs.evaluate(deaf)
-    assert law.unbounded_because is None
-    assert law.undetected_probability > 0.99
-    risks = VariedRisk(deaf, Variable("contact.padding"))
+    undetected_force = control_group(**BODY, detector__thresholds_Nm=[1e9] * 7, motion__duration_s=30.0)
+    result = bs.evaluate(undetected_force)
+    assert result.unbounded_because is None
+    assert result.undetected_probability > 0.99
+    risks = VariedRisk(undetected_force, Variable("contact.padding"))
     hard, soft = risks.at(1e8), risks.at(50.0)
     assert hard.undetected == pytest.approx(1.0)
     assert hard.over == pytest.approx(1.0)
@@ -77,21 +77,21 @@ def test_an_arm_that_passes_a_singularity_may_as_well_stop_there() -> None:
             except bs.InputError:
                 continue
             curve = stopping_curve(problem)
-            law = integrate(problem, curve)
+            result = integrate(problem, curve)
             along = np.tile(pose, (curve.kernel.reaction_state.shape[0] + 1, 1))
             along[1:, moving] = curve.kernel.reaction_state[:, 0]
             side = np.linalg.slogdet(robot.jacobian(along)[:, :, moving])[0]
             beyond = np.flatnonzero(side[1:] != side[0])
-            found = _undetected_before_singularity(law)
+            found = _undetected_before_singularity(result)
             assert _first_cycle_beyond_singularity(problem, curve) == (beyond[0] if beyond.size else None)
             if not beyond.size:
                 stands += curve.end == "singularity"
-                assert found == (law.undetected_probability if curve.end == "singularity" else 0.0)
+                assert found == (result.undetected_probability if curve.end == "singularity" else 0.0)
                 continue
             passed[name] += 1
             runs = bs.collision.monte_carlo(problem, curve, samples=4000, seed=1).runs
             late = (runs["tick"] >= beyond[0]) & (runs["offset"] < curve.tick_distance[runs["tick"]])
-            share = late.mean() + law.undetected_probability
+            share = late.mean() + result.undetected_probability
             assert found == pytest.approx(share, abs=5 * np.sqrt(share * (1 - share) / 4000) + 1e-3)
     assert min(passed.values()) > 0
     assert stands > 0

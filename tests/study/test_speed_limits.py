@@ -1,4 +1,4 @@
-"""Safe speeds against the laws themselves, and re-timed trajectories against limits and path."""
+"""Safe speeds against the distributions themselves, and re-timed trajectories against limits and path."""
 
 from __future__ import annotations
 
@@ -49,13 +49,14 @@ def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectorySpeedLimits, f
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
     limit = rows["limit_mm_s"].to_numpy() / 1e3
     for factor, safe in ((1.0, True), (1.0101, False)):
-        laws = evaluate_batch(pick._line, q, direction * (factor * limit)[:, None], limits_N=[160.0])
+        evaluations = evaluate_batch(pick._line, q, direction * (factor * limit)[:, None], limits_N=[160.0])
         # The forearm's limits: 160 N, and 50 N/cm² over 4 cm², which is more.
-        assert ((laws.exceedance[:, 0] <= 1e-3) == safe).all()
+        assert ((evaluations.exceedance[:, 0] <= 1e-3) == safe).all()
 
 
 def test_limits_are_tight_where_the_formula_expects_none() -> None:
-    """Directions in which the formula misses the limit itself: laws are met there all the same, far above its guess."""
+    """Directions in which the formula misses the limit itself: distributions are met there all the same, far above its
+    guess."""
     study = WorkspaceSpeedLimits(load_scenario(HAND), poses=40, seed=0, cone_deg=20.0)
     rows = run(study)[0]
     rows = rows.filter(rows["limited_by"] == "risk")
@@ -66,20 +67,23 @@ def test_limits_are_tight_where_the_formula_expects_none() -> None:
     assert rows.filter(rows["undetectable_N"] > 0.7 * limit).height >= 5
     # Where the risk jumps from none to some with a speed, the limit may stay two hundredths below the highest safe one.
     for factor, safe in ((1.0, True), (1.0201, False)):
-        laws = evaluate_batch(study.scenario, q, direction * (factor * speed)[:, None], limits_N=[limit])
-        assert ((laws.exceedance[:, 0] <= 1e-3) == safe).all()
+        evaluations = evaluate_batch(study.scenario, q, direction * (factor * speed)[:, None], limits_N=[limit])
+        assert ((evaluations.exceedance[:, 0] <= 1e-3) == safe).all()
 
 
 def test_slowed_down_no_collision_passes_the_limits(pick: TrajectorySpeedLimits, found: Any, tmp_path: Path) -> None:
-    retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
+    retimed = retime(
+        pick.trajectory, pick.path_speed(found), pick.problem.robot.velocity, pick.problem.joint_acceleration
+    )
     write_csv(tmp_path / "slow.csv", retimed)
     before = bs.evaluate(pick.scenario)
     after = bs.evaluate(pick.scenario.with_values({"motion.file": str(tmp_path / "slow.csv")}))
 
-    def detected_over(law: Any) -> float:
-        return float((law.verdict.p_over_force or 0.0) - law.undetected_probability)
+    def detected_over(result: Any) -> float:
+        return float((result.verdict.p_over_force or 0.0) - result.undetected_probability)
 
-    # The laws of trajectories share no code with those of lines. Undetected ones meet an arm that stands still.
+    # The distributions of trajectories share no code with those of lines. Undetected ones meet an arm that stands
+    # still.
     assert detected_over(before) > 0.1
     assert detected_over(after) <= pick.scenario.verdict.accepted_probability
 
@@ -112,7 +116,7 @@ def test_retimed_keeps_limits_and_path(seed: int, with_velocity: bool) -> None:
     assert (np.abs(spline(t, 1)) <= velocity).all()
     assert (np.abs(spline(t, 2)) <= acceleration).all()
     assert (np.abs(found.acceleration) <= acceleration).all()
-    # The pace changes evenly in time between waypoints, which tells where on the path a moment lies.
+    # The path speed changes evenly in time between waypoints, which tells where on the path a moment lies.
     piece = np.clip(np.searchsorted(found.time, t, side="right") - 1, 0, len(found.time) - 2)
     share = t - found.time[piece]
     dt, du = np.diff(found.time)[piece], np.diff(found.path_time)[piece]
@@ -131,10 +135,10 @@ def test_waypoints_far_apart_keep_the_path_too(gap: float) -> None:
     trajectory = Trajectory(gap * np.arange(6), rng.uniform(-2, 2, (6, 3)), None)
     found = retime(trajectory, rng.uniform(0.2, 1, 6), np.full(3, 3.0), np.full(3, 9.0))
     spline = CubicHermiteSpline(found.time, found.position, found.velocity)
-    # Between two rows the pace changes evenly in time, which tells where on the path the middle lies.
-    pace = np.linalg.norm(found.velocity, axis=1) / np.linalg.norm(trajectory.at(found.path_time, 1), axis=1)
+    # Between two rows the path speed changes evenly in time, which tells where on the path the middle lies.
+    path_speed = np.linalg.norm(found.velocity, axis=1) / np.linalg.norm(trajectory.at(found.path_time, 1), axis=1)
     dt = np.diff(found.time)
-    moment = found.path_time[:-1] + dt * (3 * pace[:-1] + pace[1:]) / 8
+    moment = found.path_time[:-1] + dt * (3 * path_speed[:-1] + path_speed[1:]) / 8
     assert np.abs(spline(found.time[:-1] + dt / 2) - trajectory.at(moment)).max() < 1e-9
 
 
@@ -148,13 +152,15 @@ def test_waypoints_too_far_apart_are_refused() -> None:
 def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
     pick: TrajectorySpeedLimits, found: Any, tmp_path: Path
 ) -> None:
-    retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
+    retimed = retime(
+        pick.trajectory, pick.path_speed(found), pick.problem.robot.velocity, pick.problem.joint_acceleration
+    )
     write_csv(tmp_path / "slow.csv", retimed)
     again = TrajectorySpeedLimits(pick.scenario.with_values({"motion.file": str(tmp_path / "slow.csv")}))
     rows, summary = run(again)
     assert rows.height > 1.9 * found.height
     assert (summary["over"], summary["over_between"]) == (0, 0)
-    assert (again.pace(rows) == 1).all()
+    assert (again.path_speed(rows) == 1).all()
     # One function judges speed limits and evaluate.
     verdict = bs.evaluate(again.scenario).verdict
     assert (summary["acceptable"], summary["verdict"]) == (verdict.acceptable, verdict.to_json())
@@ -184,8 +190,8 @@ def test_no_direction_of_the_cone_is_worse(path: Path, angle: float) -> None:
     q = np.repeat(rows.select(pl.col(r"^q_\d$")).to_numpy(), count, axis=0)
     speed = np.repeat(rows["limit_mm_s"].to_numpy() / 1e3, count)[:, None]
     velocity = np.tile(directions, (rows.height, 1)) * speed
-    laws = evaluate_batch(study.scenario, q, velocity, limits_N=[allowed_force(study._line_problem)])
-    assert laws.exceedance.max() <= study.scenario.verdict.accepted_probability
+    evaluations = evaluate_batch(study.scenario, q, velocity, limits_N=[allowed_force(study._line_problem)])
+    assert evaluations.exceedance.max() <= study.scenario.verdict.accepted_probability
 
 
 def test_two_waypoints_at_rest_are_not_safe_if_the_way_between_them_is_not(tmp_path: Path) -> None:
@@ -197,16 +203,16 @@ def test_two_waypoints_at_rest_are_not_safe_if_the_way_between_them_is_not(tmp_p
     assert summary["over_between"] > 0
     assert not summary["acceptable"]
     assert rows.filter(~rows["between"])["waypoint"].to_list() == [1, 2]
-    # Where the cubic is fastest the law of a straight line says so too.
+    # Where the cubic is fastest the distribution of a straight line says so too.
     top = rows.row(int(rows["speed_mm_s"].to_numpy().argmax()), named=True)
     assert top["t_s"] == pytest.approx(0.25, abs=0.02)
-    laws = evaluate_batch(
+    evaluations = evaluate_batch(
         study._line,
         np.array([[top[f"q_{j}"] for j in range(1, 8)]]),
         1e-3 * top["speed_mm_s"] * np.array([[top[f"direction_{axis}"] for axis in "xyz"]]),
         limits_N=[160.0],
     )
-    assert laws.exceedance[0, 0] > 1e-3
+    assert evaluations.exceedance[0, 0] > 1e-3
 
 
 def test_nothing_to_slow_down_changes_nothing() -> None:
@@ -216,9 +222,9 @@ def test_nothing_to_slow_down_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("pace", [1.5, 3.0])
-def test_no_pace_makes_a_path_faster_than_it_was_given(pace: float) -> None:
+def test_no_pace_makes_a_path_faster_than_it_was_given(path_speed: float) -> None:
     trajectory = wavy(np.random.default_rng(1), 50, True)
-    found = retime(trajectory, np.full(50, pace), np.full(6, 1e3), np.full(6, 1e4))
+    found = retime(trajectory, np.full(50, path_speed), np.full(6, 1e3), np.full(6, 1e4))
     assert (np.diff(found.time[found.waypoint]) >= np.diff(trajectory.time) * (1 - 1e-12)).all()
     assert (np.abs(found.velocity[found.waypoint]) <= np.abs(trajectory.at(trajectory.time, 1)) + 1e-12).all()
 
@@ -254,7 +260,9 @@ def test_a_slow_place_is_braked_for_in_time() -> None:
 
 
 def test_files_read_back(pick: TrajectorySpeedLimits, found: Any, tmp_path: Path) -> None:
-    retimed = retime(pick.trajectory, pick.pace(found), pick.problem.robot.velocity, pick.problem.joint_acceleration)
+    retimed = retime(
+        pick.trajectory, pick.path_speed(found), pick.problem.robot.velocity, pick.problem.joint_acceleration
+    )
     write_csv(tmp_path / "slow.csv", retimed)
     write_ros(tmp_path / "slow.json", retimed, pick.problem.robot)
     for name in ("slow.csv", "slow.json"):
@@ -393,7 +401,7 @@ def test_a_moment_without_a_safe_speed_is_named() -> None:
 
 
 def test_every_slower_speed_is_safe_where_the_body_is_at_a_fixed_distance() -> None:
-    """There the risk is a sawtooth over speed: a limit must lie below its first tooth that fails."""
+    """There the risk has a sampling ripple over speed: a limit must lie below its first crest that fails."""
     changes = {"contact.offset_law": "fixed", "contact.offset_mm": 11.0, "detector.feedback_period_s": 0.012}
     case = load_scenario(LINE, changes)
     problem = CollisionProblem.from_scenario(case)
@@ -402,6 +410,6 @@ def test_every_slower_speed_is_safe_where_the_body_is_at_a_fixed_distance() -> N
     assert found.limited_by[0] == "risk"
     slower = found.speed[0] * np.geomspace(0.5, 1.0, 80)
     poses, limit = np.tile(problem.q, (80, 1)), allowed_force(problem)
-    laws = evaluate_batch(case, poses, slower[:, None] * direction, limits_N=[limit])
-    assert laws.exceedance.max() <= case.verdict.accepted_probability
-    assert found.risk[0] == pytest.approx(laws.exceedance[-1, 0])
+    evaluations = evaluate_batch(case, poses, slower[:, None] * direction, limits_N=[limit])
+    assert evaluations.exceedance.max() <= case.verdict.accepted_probability
+    assert found.risk[0] == pytest.approx(evaluations.exceedance[-1, 0])

@@ -1,4 +1,5 @@
-"""The workspace study: every row is its own law, what is drawn follows its law, and nothing is hidden."""
+"""The workspace study: every row is its own distribution, what is drawn follows its distribution, and nothing is
+hidden."""
 
 from __future__ import annotations
 
@@ -47,12 +48,12 @@ def test_every_row_is_the_law_of_its_pose(rows: pl.DataFrame) -> None:
                 "motion.velocity_mm_s": [1e3 * row[f"velocity_{axis}_m_s"] for axis in "xyz"],
             }
         )
-        law = bs.evaluate(scenario)
-        assert law.curve.end == row["end"]
-        assert row["p50_N"] == pytest.approx(law.peak_force.quantile(0.5), rel=1e-6)
-        assert row["p_over_force"] == pytest.approx(law.verdict.p_over_force, rel=1e-5, abs=1e-9)
-        assert row["p_over_pressure"] == pytest.approx(law.verdict.p_over_pressure, rel=1e-5, abs=1e-9)
-        assert row["undetected"] == pytest.approx(law.undetected_probability, rel=1e-5, abs=1e-12)
+        result = bs.evaluate(scenario)
+        assert result.curve.end == row["end"]
+        assert row["p50_N"] == pytest.approx(result.peak_force.quantile(0.5), rel=1e-6)
+        assert row["p_over_force"] == pytest.approx(result.verdict.p_over_force, rel=1e-5, abs=1e-9)
+        assert row["p_over_pressure"] == pytest.approx(result.verdict.p_over_pressure, rel=1e-5, abs=1e-9)
+        assert row["undetected"] == pytest.approx(result.undetected_probability, rel=1e-5, abs=1e-12)
         jacobian = bs.Robot.load("sia5d").jacobian([row[f"q_{j}"] for j in range(1, 8)])[:3, :6]
         assert row["smallest_singular_value"] == pytest.approx(math.sqrt(np.linalg.eigvalsh(jacobian @ jacobian.T)[0]))
         whole = bs.Robot.load("sia5d").jacobian([row[f"q_{j}"] for j in range(1, 8)])[:, :6]
@@ -93,8 +94,8 @@ def test_held_joints_stay_and_the_others_fill_their_ranges() -> None:
 def test_directions_are_even_over_the_sphere_or_over_the_polar_angle(spread: bool) -> None:
     rng = np.random.default_rng(3)
     n = 40_000
-    for law, low_cap in (("sphere", 0.5 * (1 - math.cos(0.5))), ("polar", 0.5 / math.pi)):
-        vectors = spread_directions(law, OWN, n) if spread else draw_directions(law, OWN, n, rng)  # type: ignore[arg-type]
+    for result, low_cap in (("sphere", 0.5 * (1 - math.cos(0.5))), ("polar", 0.5 / math.pi)):
+        vectors = spread_directions(result, OWN, n) if spread else draw_directions(result, OWN, n, rng)  # type: ignore[arg-type]
         assert np.linalg.norm(vectors, axis=1) == pytest.approx(np.ones(n))
         share = float((vectors[:, 2] > math.cos(0.5)).mean())
         assert share == pytest.approx(low_cap, abs=5 * math.sqrt(low_cap / n))

@@ -41,9 +41,9 @@ def compare(findings: Findings, *, quick: bool) -> None:
     """Vary one parameter after the other and fit Schroeder's relationship."""
     facts = load("dissertation")["parameter_study"]
     findings.say(
-        "Mean peak force of the exact law in the standard pose, one parameter of table 5.2 varied at a time, by "
-        "bumpstop study parameters. What is tested is the shape of each dependence and its direction. Where the "
-        f"source's own law explains less than {R2_WANTED:g} of the variance, the better one is named."
+        "Mean peak force of the integrated distribution in the standard pose, one parameter of table 5.2 varied at a "
+        "time, by bumpstop study parameters. What is tested is the shape of each dependence and its direction. Where "
+        f"the source's own law explains less than {R2_WANTED:g} of the variance, the better one is named."
     )
     findings.say(
         "The absolute numbers are Schroeder's own and do not follow from its published parameters: its charts have "
@@ -82,7 +82,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
             f"{mean[0]:.2f} N at {x[0]:g} to {mean[-1]:.2f} N at {x[-1]:g}",
         )
         slope, unit = about["derivative"]["mean"], f"N/({about['unit']})"
-        r2 = [fits[law]["r2"] if law in fits else None for law in LAWS]
+        r2 = [fits[result]["r2"] if result in fits else None for result in LAWS]
         table.append([label, f"{relationship}, {direction}", *r2, slope, SOURCE[about["key"]][1], unit])
         findings.figures[name] = {"values": x, "mean_N": mean, "sd_N": own["sd_N"].to_numpy()}
     findings.table(
@@ -101,8 +101,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
         Picture(
             "parameter-study",
             "Five panels: mean peak force against stiffness, speed, threshold, feedback period and joint acceleration.",
-            "Mean peak force of the exact law against each parameter of the study; the line is Schroeder's law "
-            "fitted to our means.",
+            "Mean peak force of the integrated distribution against each parameter of the study; the line is "
+            "Schroeder's law fitted to our means.",
             lambda figure: _draw(figure, curves),
             height=5.6,
         )

@@ -62,7 +62,7 @@ class Collisions:
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Ask the study for every collision of sections 6.2.1 and 6.2.2 and set it beside Schroeder's statement."""
-    del quick  # exact laws are quick
+    del quick  # integrated distributions are quick
     facts = load("dissertation")["effectiveness"]
     findings.say(
         "Straight down or sideways in the standard pose, control-group detector and reaction (table 5.2), limits of "
@@ -83,13 +83,15 @@ def compare(findings: Findings, *, quick: bool) -> None:
     headings = ["Body", "Speed [mm/s]", "Mean peak force [N]", "99 % [N]", "P(over force)"]
     headings += [f"P(over pressure), {area:g} cm2" for area in AREAS_CM2]
     formats = ["", "g", ".1f", ".1f", *([PROBABILITY] * (1 + len(AREAS_CM2)))]
-    findings.table("Downward", headings, formats, [_row(body, speed, law) for (body, speed), law in down.items()])
-    findings.table("Sideways", headings, formats, [_row("hand_finger", speed, law) for speed, law in aside.items()])
+    findings.table("Downward", headings, formats, [_row(body, speed, result) for (body, speed), result in down.items()])
+    findings.table(
+        "Sideways", headings, formats, [_row("hand_finger", speed, result) for speed, result in aside.items()]
+    )
     findings.table(
         "Joints that notice the sideways motion (they sum to more than 1 where joints fire together)",
         ["Speed [mm/s]", *(f"P(joint {j + 1})" for j in range(7)), "P(several at once)"],
         ["g", *([PROBABILITY] * 8)],
-        [[speed, *law.trigger_joint_probability, law.multi_joint_probability] for speed, law in aside.items()],
+        [[speed, *result.trigger_joint_probability, result.multi_joint_probability] for speed, result in aside.items()],
     )
 
 
@@ -105,26 +107,26 @@ def _collisions(bodies: tuple[str, ...], direction: str, speeds: list[float]) ->
     return {which: Collisions(by_area) for which, by_area in found.items()}
 
 
-def _row(body: str, speed: float, law: Collisions) -> list[Cell]:
+def _row(body: str, speed: float, result: Collisions) -> list[Cell]:
     return [
         body.replace("_", " "),
         speed,
-        law.any_area["mean_N"],
-        law.any_area["p99_N"],
-        law.over_force,
-        *(law.over_pressure(area) for area in AREAS_CM2),
+        result.any_area["mean_N"],
+        result.any_area["p99_N"],
+        result.over_force,
+        *(result.over_pressure(area) for area in AREAS_CM2),
     ]
 
 
 def _hand(findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], down: Laws) -> None:
     over = facts["hand_downward_over_force_limit_at_mm_s"]
-    hand = {speed: law for (body, speed), law in down.items() if body == "hand_finger"}
-    for speed, law in hand.items():
+    hand = {speed: result for (body, speed), result in down.items() if body == "hand_finger"}
+    for speed, result in hand.items():
         wanted = speed not in over
-        force, pressure = probability(law.over_force), probability(law.over_pressure(2.0))
+        force, pressure = probability(result.over_force), probability(result.over_pressure(2.0))
         findings.check(
             f"Hand, downward, {speed:g} mm/s, 2 cm2: {'acceptable' if wanted else 'not acceptable'}",
-            law.by_area[2.0]["acceptable"] is wanted,
+            result.by_area[2.0]["acceptable"] is wanted,
             f"P(over force) {force}, P(over pressure) {pressure}",
         )
     for speed in over:
@@ -136,7 +138,7 @@ def _hand(findings: Findings, statements: list[list[Cell]], facts: dict[str, Any
     small = hand[25].over_pressure(0.5)
     findings.check("Hand, downward, 25 mm/s, 0.5 cm2: most collisions pass the pressure", small > 0.5, f"{small:.3f}")
     passing = " and ".join(f"{speed:g}" for speed in over)
-    ours = ", ".join(f"{speed:g} mm/s: {probability(law.over_force)}" for speed, law in hand.items())
+    ours = ", ".join(f"{speed:g} mm/s: {probability(result.over_force)}" for speed, result in hand.items())
     one, two = (probability(hand[50].over_pressure(area)) for area in (1.0, 2.0))
     statements += [
         ["6.2.1", f"hand: the force limit is passed at {passing} mm/s", f"P(over force): {ours}"],
@@ -150,12 +152,12 @@ def _hand(findings: Findings, statements: list[list[Cell]], facts: dict[str, Any
 
 
 def _lower_arm(findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], down: Laws) -> None:
-    arm = {speed: law for (body, speed), law in down.items() if body == "lower_arm_wrist"}
-    for speed, law in arm.items():
+    arm = {speed: result for (body, speed), result in down.items() if body == "lower_arm_wrist"}
+    for speed, result in arm.items():
         findings.check(
             f"Lower arm, downward, {speed:g} mm/s: P(over 160 N) below {SELDOM:g}",
-            law.over_force < SELDOM,
-            probability(law.over_force),
+            result.over_force < SELDOM,
+            probability(result.over_force),
         )
     for speed, area in ((10, 1.0), (25, 1.0), (50, 2.0)):
         p = arm[speed].over_pressure(area)
@@ -172,7 +174,7 @@ def _lower_arm(findings: Findings, statements: list[list[Cell]], facts: dict[str
         abs(score) < 3,
         f"we expect {runs * p:.2f}, {score:+.2f} errors",
     )
-    worst = max(law.over_force for law in arm.values())
+    worst = max(result.over_force for result in arm.values())
     statements += [
         ["6.2.1", "lower arm: below the force limit at all speeds", f"P(over force) at most {probability(worst)}"],
         [
@@ -189,7 +191,7 @@ def _lower_arm(findings: Findings, statements: list[list[Cell]], facts: dict[str
 
 
 def _upper_arm(findings: Findings, statements: list[list[Cell]], down: Laws) -> None:
-    arm = {speed: law for (body, speed), law in down.items() if body == "upper_arm_elbow"}
+    arm = {speed: result for (body, speed), result in down.items() if body == "upper_arm_elbow"}
     p = arm[75].over_pressure(2.0)
     findings.check(
         f"Upper arm, downward, 75 mm/s, 2 cm2: P(over pressure) below {MORE_SELDOM:g}", p < MORE_SELDOM, probability(p)
@@ -212,8 +214,8 @@ def _lateral(
     findings: Findings, statements: list[list[Cell]], facts: dict[str, Any], aside: dict[float, Collisions]
 ) -> None:
     joints = facts["lateral_trigger_joints"]
-    for speed, law in aside.items():
-        p = law.trigger_joint_probability
+    for speed, result in aside.items():
+        p = result.trigger_joint_probability
         others = max(p[j] for j in range(len(p)) if j + 1 not in joints)
         first, second = (p[j - 1] for j in joints)
         findings.check(
@@ -222,7 +224,7 @@ def _lateral(
             math.isclose(first, second, rel_tol=0.1) and others < 0.01,
             f"{first:.3f} and {second:.3f}, any other at most {probability(others)}",
         )
-    both = [law.multi_joint_probability for law in aside.values()]
+    both = [result.multi_joint_probability for result in aside.values()]
     findings.check(
         "Hand, sideways: both joints at once in less than a third of collisions at 10 mm/s, in more with every speed",
         both[0] < 1 / 3 and both == sorted(both),
@@ -230,8 +232,8 @@ def _lateral(
     )
     runs = facts["runs_lateral"]
     for speed in (10, 25):
-        law = aside[speed]
-        over = max(law.over_force, law.over_pressure(2.0))
+        result = aside[speed]
+        over = max(result.over_force, result.over_pressure(2.0))
         findings.check(
             f"Hand, sideways, {speed} mm/s, 2 cm2: not once in {runs} runs over a limit is what we expect too",
             (1 - over) ** runs > 0.01,
@@ -242,8 +244,8 @@ def _lateral(
             "6.2.2",
             f"sideways: joints {joints[0]} and {joints[1]} equally",
             "; ".join(
-                f"{speed:g} mm/s: " + " and ".join(f"{law.trigger_joint_probability[j - 1]:.3f}" for j in joints)
-                for speed, law in aside.items()
+                f"{speed:g} mm/s: " + " and ".join(f"{result.trigger_joint_probability[j - 1]:.3f}" for j in joints)
+                for speed, result in aside.items()
             ),
         ],
         [

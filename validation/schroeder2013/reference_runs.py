@@ -22,13 +22,13 @@ ROUNDING_N = 0.005  # forces are given to 0.01 N
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
-    """Compare every row with the exact and with the sampled law."""
+    """Compare every row with the exact and with the sampled distribution."""
     facts = load("reference_results")
     samples = 20_000 if quick else 1_000_000
     findings.say(
         "Schroeder's arm in its standard pose moves straight down onto a hand and onto a lower arm. The reference "
         f"is a scalar transcription of Schroeder's simulator, written independently, with {REFERENCE_RUNS} runs a "
-        f"row. Compared are the exact law and the sampled law with {samples} runs."
+        f"row. Compared are the integrated distribution and the sampled distribution with {samples} runs."
     )
     columns = [
         "Speed [mm/s]",
@@ -46,8 +46,8 @@ def compare(findings: Findings, *, quick: bool) -> None:
         for row in facts[body]["rows"]:
             rows += _row(findings, body, row, samples, scores)
         findings.table(
-            f"{body.replace('_', ' ')}: peak force and probabilities; last column: exact law, in sampling errors of "
-            "the reference",
+            f"{body.replace('_', ' ')}: peak force and probabilities; last column: integrated distribution, in "
+            "sampling errors of the reference",
             columns,
             ["g", "", ".4f", ".4f", ".4f", "+.4f", "+.4f", "+.1f"],
             rows,
@@ -55,7 +55,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     bound = bonferroni(len(scores))
     far, what = max(scores, key=lambda score: abs(score[0]))
     findings.check(
-        f"All {len(scores)} figures of both laws within {bound:.1f} sampling errors of the reference's",
+        f"All {len(scores)} figures of both distributions within {bound:.1f} sampling errors of the reference's",
         abs(far) < bound,
         f"worst {far:+.2f}, {what}",
     )
@@ -74,25 +74,25 @@ def _row(
     assert limits is not None
     assert limits.pressure_N_cm2 is not None
 
-    # name, reference, its standard error, both laws' figure
+    # name, reference, its standard error, both distributions' figure
     figures: list[tuple[str, float, float, list[float]]] = [
-        ("mean [N]", mean, sd / math.sqrt(REFERENCE_RUNS), [law.peak_force.mean for law in laws]),
-        ("sd [N]", sd, _sd_error(laws[1]), [law.peak_force.sd for law in laws]),
+        ("mean [N]", mean, sd / math.sqrt(REFERENCE_RUNS), [result.peak_force.mean for result in laws]),
+        ("sd [N]", sd, _sd_error(laws[1]), [result.peak_force.sd for result in laws]),
     ]
     for (name, p), value in zip(QUANTILES.items(), (median, p95, p99), strict=True):
-        quantiles = [law.peak_force.quantile(p) for law in laws]
+        quantiles = [result.peak_force.quantile(p) for result in laws]
         figures.append((f"{name} [N]", value, _quantile_error(exact.peak_force, p), quantiles))
     figures.append(
         (
             "mean force at detection [N]",
             at_detection,
             exact.force_at_detection.sd / math.sqrt(REFERENCE_RUNS),
-            [law.force_at_detection.mean for law in laws],
+            [result.force_at_detection.mean for result in laws],
         )
     )
     rows: list[list[Cell]] = []
     for what, reference, error, ours in figures:
-        # The last digit of the reference is rounded, and the sampled law has an error of its own.
+        # The last digit of the reference is rounded, and the sampled distribution has an error of its own.
         errors = [
             math.hypot(error, ROUNDING_N),
             math.hypot(error * math.sqrt(1 + REFERENCE_RUNS / samples), ROUNDING_N),
@@ -104,7 +104,7 @@ def _row(
     # Pressure over an area is a force limit: area times pressure.
     forces = (limits.force_N, limits.pressure_N_cm2, 2 * limits.pressure_N_cm2)
     for what, force, share in zip(names, forces, shares, strict=True):
-        ours = [law.peak_force.exceedance(force) for law in laws]
+        ours = [result.peak_force.exceedance(force) for result in laws]
         # None of a million runs does not mean that it cannot happen.
         known = [ours[0], (round(ours[1] * samples) + 0.5) / (samples + 1)]
         count = round(share * REFERENCE_RUNS)
@@ -118,16 +118,16 @@ def _row(
     ):
         ours_now = getattr(laws[index].peak_force, what)
         findings.check(
-            f"{body}, {speed:g} mm/s, {kind} law: {what} within {100 * allowed:g} %",
+            f"{body}, {speed:g} mm/s, {kind} distribution: {what} within {100 * allowed:g} %",
             abs(ours_now / value - 1) < allowed,
             f"{ours_now:.3f} N against {value:.2f} N ({100 * (ours_now / value - 1):+.2f} %)",
         )
     return rows
 
 
-def _sd_error(law: bs.CollisionResult) -> float:
+def _sd_error(result: bs.CollisionResult) -> float:
     """Standard error [N] of the reference's standard deviation, from the fourth moment of a sample."""
-    values: Any = getattr(law.peak_force, "values")  # noqa: B009 - only sampled laws have it
+    values: Any = getattr(result.peak_force, "values")  # noqa: B009 - only sampled distributions have it
     sd = values.std()
     kurtosis = float((((values - values.mean()) / sd) ** 4).mean())
     return float(sd / 2 * math.sqrt((kurtosis - 1) / REFERENCE_RUNS))

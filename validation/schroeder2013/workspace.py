@@ -1,4 +1,4 @@
-"""Schroeder's study of random poses (its section 6.2.3) with exact laws instead of single runs."""
+"""Schroeder's study of random poses (its section 6.2.3) with integrated distributions instead of single runs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Limits = Literal["respect", "ignore"]
 
 @dataclass(frozen=True)
 class Case:
-    """One study of the library, under one direction law, joint acceleration, damping and respect for limits.
+    """One study of the library, under one direction distribution, joint acceleration, damping and respect for limits.
 
     Attributes:
         name: for people.
@@ -69,7 +69,7 @@ class Case:
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
-    """Draw poses and directions, and work out the law of each."""
+    """Draw poses and directions, and compute the distribution of each."""
     facts = load("dissertation")
     study, pose_facts = facts["workspace_study"], facts["robot"]["simulation_pose"]
     count = 100 if quick else 2000
@@ -78,10 +78,10 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"{count} poses, each joint even between its limits, joint 7 held at 0; the tool moves at "
         f"N({study['speed_mean_mm_s']}, {study['speed_sd_mm_s']}) mm/s and hits a hand, clamped, 75 000 N/m, force "
         f"limit {LIMIT_N:g} N. Schroeder (2013) ran one collision each of {study['samples']} poses; here every pose "
-        "has its whole law, by bumpstop study workspace. Singularities end the motion instead of being crossed with a "
-        "truncated inverse, unless joint rates are damped. Joint limits end it too, and velocity limits slow it; the "
-        "source's simulator had neither, and 'no limits' is without both. Collisions never detected count as over the "
-        "limit."
+        "has its whole distribution, by bumpstop study workspace. Singularities end the motion instead of being "
+        "crossed with a truncated inverse, unless joint rates are damped. Joint limits end it too, and velocity limits "
+        "slow it; the source's simulator had neither, and 'no limits' is without both. Collisions never detected count "
+        "as over the limit."
     )
     _limits(findings, robot, study, pose_facts)
     cases = []
@@ -314,9 +314,9 @@ def _report(findings: Findings, studies: list[Case], facts: dict[str, Any]) -> N
     findings.say(
         f"Schroeder (2013) has less than {100 * facts['over_force_limit_fraction_max']:g} % over {LIMIT_N:g} N; we "
         f"find {shares} in the order of the table. Nothing is tested on the share: it hangs on the joint acceleration, "
-        "which Schroeder (2013) does not print, on the law of directions, and on what an arm does at a singularity or "
-        "a joint limit. Without limits the share should be Schroeder's: its simulator had none. With them its arm goes "
-        "on where ours ends before contact; the next column counts those cases as over."
+        "which Schroeder (2013) does not print, on the distribution of directions, and on what an arm does at a "
+        "singularity or a joint limit. Without limits the share should be Schroeder's: its simulator had none. With "
+        "them its arm goes on where ours ends before contact; the next column counts those cases as over."
     )
     findings.figures |= {
         "edges_N": [*EDGES_N, None],

@@ -1,4 +1,4 @@
-"""Collisions: scenario, stopping curve, force law, verdict."""
+"""Collisions: scenario, stopping curve, force distribution, verdict."""
 
 from bumpstop.collision.batch import BatchResult, evaluate_batch
 from bumpstop.collision.curve import StoppingCurve, stopping_curve

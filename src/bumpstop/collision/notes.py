@@ -1,4 +1,4 @@
-"""Notes of a law: what was assumed, and what was cut short."""
+"""Notes of a distribution: what was assumed, and what was cut short."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 _MIN_EXPECTED_RUNS = 10
 
 
-def notes_of(law: CollisionResult) -> list[str]:
+def notes_of(result: CollisionResult) -> list[str]:
     """All of them, in the order in which they are read."""
-    problem = law.problem
+    problem = result.problem
     scenario, limits = problem.scenario, problem.limits
-    notes = [*law.warnings, *problem.notes, *unused_notes(scenario), *sample_notes(law)]
+    notes = [*result.warnings, *problem.notes, *unused_notes(scenario), *sample_notes(result)]
     contact, detector = scenario.contact, scenario.detector
-    notes.extend(_contact_notes(law))
-    notes.extend(_noise_notes(law))
+    notes.extend(_contact_notes(result))
+    notes.extend(_noise_notes(result))
     notes.append(f"{(words := alarm_rate(problem).words)[0].upper()}{words[1:]}, the detector armed all the time.")
-    notes.extend(law.motion_notes())
+    notes.extend(result.motion_notes())
     if contact.peak_factor == 1 and limits is not None:
         notes.append("Pressure is taken as even over the contact area (peak factor 1).")
     if limits is not None:
@@ -41,9 +41,9 @@ def notes_of(law: CollisionResult) -> list[str]:
             f"Contact is judged in two phases: by {transient.force_N:g} N in its first {FIRST_PHASE_S:g} s, by "
             f"{limits.force_N:g} N after them."
         )
-    notes.extend(law.end_notes())
-    notes.extend(line_end_notes(law))
-    notes.extend(swing_notes(law))
+    notes.extend(result.end_notes())
+    notes.extend(line_end_notes(result))
+    notes.extend(swing_notes(result))
     unmonitored = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
     if unmonitored:
         notes.append(f"Not monitored: joint {', '.join(unmonitored)}.")
@@ -53,25 +53,25 @@ def notes_of(law: CollisionResult) -> list[str]:
     return notes
 
 
-def sample_notes(law: CollisionResult) -> list[str]:
-    """Whether a sampled law is too small to be judged by the accepted probabilities."""
-    settings = law.scenario.verdict
+def sample_notes(result: CollisionResult) -> list[str]:
+    """Whether a sampled distribution is too small to be judged by the accepted probabilities."""
+    settings = result.scenario.verdict
     risk = (
         settings.max_false_alarm
-        if law.problem.limits is None
+        if result.problem.limits is None
         else min(settings.accepted_probability, settings.max_false_alarm)
     )
-    if law.samples is None or law.samples * risk >= _MIN_EXPECTED_RUNS:
+    if result.samples is None or result.samples * risk >= _MIN_EXPECTED_RUNS:
         return []
     return [
-        f"{law.samples} sampled collisions are too few to judge by: a probability of the accepted {percent(risk)} is "
-        f"some {law.samples * risk:.2g} of them."
+        f"{result.samples} sampled collisions are too few to judge by: a probability of the accepted "
+        f"{percent(risk)} is some {result.samples * risk:.2g} of them."
     ]
 
 
-def line_end_notes(law: CollisionResult) -> list[str]:
+def line_end_notes(result: CollisionResult) -> list[str]:
     """What an arm does that cannot follow its line any farther."""
-    problem, curve = law.problem, law.curve
+    problem, curve = result.problem, result.curve
     if problem.trajectory is not None:
         return []
     notes, cut = [], curve.kernel.cut_step
@@ -86,11 +86,11 @@ def line_end_notes(law: CollisionResult) -> list[str]:
     return notes
 
 
-def swing_notes(law: CollisionResult) -> list[str]:
+def swing_notes(result: CollisionResult) -> list[str]:
     """Whether an arm that reverses may press harder than it does as long as it is followed."""
-    if law.problem.trajectory is not None:
+    if result.problem.trajectory is not None:
         return []
-    share = law.left_in_contact_probability
+    share = result.left_in_contact_probability
     if not share > NEGLIGIBLE:
         return []
     return [
@@ -100,8 +100,8 @@ def swing_notes(law: CollisionResult) -> list[str]:
     ]
 
 
-def _contact_notes(law: CollisionResult) -> list[str]:
-    problem = law.problem
+def _contact_notes(result: CollisionResult) -> list[str]:
+    problem = result.problem
     if problem.body_mass is None:
         return [
             "The arm is position-driven: contact does not slow it, and the body is clamped behind a linear spring of "
@@ -111,7 +111,7 @@ def _contact_notes(law: CollisionResult) -> list[str]:
         f"The body can get away: a mass of {problem.body_mass:g} kg behind a linear spring of {problem.stiffness:g} "
         "N/m, judged by transient limits. Contact ends where body and arm part."
     ]
-    bounds = law.impact_bounds
+    bounds = result.impact_bounds
     assert bounds is not None
     if problem.scenario.contact.arm == "two_mass":
         notes.append(
@@ -134,8 +134,8 @@ def _contact_notes(law: CollisionResult) -> list[str]:
     return notes
 
 
-def _noise_notes(law: CollisionResult) -> list[str]:
-    problem, detector = law.problem, law.scenario.detector
+def _noise_notes(result: CollisionResult) -> list[str]:
+    problem, detector = result.problem, result.scenario.detector
     notes = []
     if problem.residuals is not None:
         notes.append("Noise is measured: its correlation between joints and in time is kept within blocks.")

@@ -277,7 +277,7 @@ class CollisionProblem:
 
     @property
     def largest_offset(self) -> float:
-        """Offset beyond which the law has no probability [m]."""
+        """Offset beyond which the distribution has no probability [m]."""
         return 7.0 * self.offset_size if self.offset_kind == "half_normal" else self.offset_size
 
     @cached_property

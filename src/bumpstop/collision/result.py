@@ -51,8 +51,8 @@ class CollisionResult:
         false_alarm_probability: detection before contact.
         undetected_probability: contact, but no detection by the end of the motion.
         no_contact_probability: neither contact nor alarm by the end of the motion.
-        runs: of the sampled law: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and residual, and
-            whether it was ``detected_after_contact``.
+        runs: of the sampled distribution: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and
+            residual, and whether it was ``detected_after_contact``.
         transient_contact_duration: of free contact, until the body has got away [s].
     """
 
@@ -113,7 +113,7 @@ class CollisionResult:
 
     @property
     def left_in_contact_probability(self) -> float:
-        """Detected, and still in clamped contact where the reversing arm is followed no farther; exact laws only."""
+        """Detected, and in clamped contact where the reversing arm is followed no farther; integrated results only."""
         if self.kind != "exact" or self.problem.body_mass is not None or self.scenario.reaction.kind == "stop":
             return 0.0
         return self._integrated_contact_duration[1]
@@ -288,5 +288,5 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _end_time(law: CollisionResult) -> float:
-    return float(law.curve.kernel.cut_step * law.scenario.simulation.step_s)
+def _end_time(result: CollisionResult) -> float:
+    return float(result.curve.kernel.cut_step * result.scenario.simulation.step_s)

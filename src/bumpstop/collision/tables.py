@@ -1,4 +1,4 @@
-"""Laws as tables."""
+"""Distributions as tables."""
 
 from __future__ import annotations
 
@@ -14,40 +14,41 @@ if TYPE_CHECKING:
     from bumpstop.collision.result import CollisionResult
 
 
-def result_table(law: CollisionResult) -> pl.DataFrame:
-    """The law as a table.
+def result_table(result: CollisionResult) -> pl.DataFrame:
+    """The distribution as a table.
 
-    Of the exact law: one row per probability with the quantile of every quantity. Of the sampled law: one row per run
-    with what Schroeder's simulator kept of it (its appendix), units in the names; joints are numbered from 1.
+    Of the integrated distribution: one row per probability with the quantile of every quantity. Of the sampled
+    result: one row per run with what Schroeder's simulator kept of it (its appendix), units in the names; joints
+        are numbered from 1.
     """
-    return _quantile_table(law) if law.kind == "exact" else _run_table(law)
+    return _quantile_table(result) if result.kind == "exact" else _run_table(result)
 
 
-def _quantile_table(law: CollisionResult) -> pl.DataFrame:
+def _quantile_table(result: CollisionResult) -> pl.DataFrame:
     import polars as pl
 
     p = np.concatenate([np.arange(1, 100) / 100, [0.995, 0.999, 0.9995, 0.9999]])
     columns = {"probability": p}
     for name, quantity in (
-        ("peak_force_N", law.peak_force),
-        ("force_at_detection_N", law.force_at_detection),
-        ("detection_delay_s", law.detection_delay),
-        ("contact_duration_s", law.contact_duration),
+        ("peak_force_N", result.peak_force),
+        ("force_at_detection_N", result.force_at_detection),
+        ("detection_delay_s", result.detection_delay),
+        ("contact_duration_s", result.contact_duration),
     ):
         if quantity is not None:
             columns[name] = np.array([quantity.quantile(float(x)) for x in p])
-    factor = law.scenario.contact.peak_factor / law.scenario.contact.area_cm2
+    factor = result.scenario.contact.peak_factor / result.scenario.contact.area_cm2
     columns["pressure_N_cm2"] = columns["peak_force_N"] * factor
-    columns["compression_mm"] = columns["peak_force_N"] / law.problem.body_stiffness * 1e3
+    columns["compression_mm"] = columns["peak_force_N"] / result.problem.body_stiffness * 1e3
     return pl.DataFrame(columns)
 
 
-def _run_table(law: CollisionResult) -> pl.DataFrame:
+def _run_table(result: CollisionResult) -> pl.DataFrame:
     import polars as pl
 
-    assert law.runs is not None
-    problem, curve, runs = law.problem, law.curve, law.runs
-    scenario, robot = law.scenario, law.problem.robot
+    assert result.runs is not None
+    problem, curve, runs = result.problem, result.curve, result.runs
+    scenario, robot = result.scenario, result.problem.robot
     offset, tick, trajectory = runs["offset"], runs["tick"], problem.trajectory
     n = tick.size
     detected = tick >= 0
@@ -66,7 +67,7 @@ def _run_table(law: CollisionResult) -> pl.DataFrame:
         "pressure_N_cm2": peak * scenario.contact.peak_factor / scenario.contact.area_cm2,
         "compression_mm": peak / problem.body_stiffness * 1e3,
     }
-    place, normal = _contacts(law)
+    place, normal = _contacts(result)
     for i, axis in enumerate("xyz"):
         # A run without bound has none along an axis the normal has no part in either.
         share = np.abs(normal[:, i])
@@ -76,7 +77,7 @@ def _run_table(law: CollisionResult) -> pl.DataFrame:
         columns[f"triggered_{j + 1}"] = (runs["triggers"] >> np.uint32(j)) & np.uint32(1) == 1
         columns[f"residual_at_detection_{j + 1}_Nm"] = np.where(detected, runs["residual"][:, j], nothing)
         columns[f"noise_at_detection_{j + 1}_Nm"] = np.where(detected, runs["noise"][:, j], nothing)
-    singular, condition = _singular_values(law, at)
+    singular, condition = _singular_values(result, at)
     columns["condition_number_at_detection"] = np.where(detected, condition, nothing)
     for i in range(singular.shape[1]):
         columns[f"singular_value_at_detection_{i + 1}"] = np.where(detected, singular[:, i], nothing)
@@ -97,25 +98,25 @@ def _run_table(law: CollisionResult) -> pl.DataFrame:
     return table.with_columns(pl.lit(value).alias(name) for name, value in constants.items())
 
 
-def _contacts(law: CollisionResult) -> tuple[FloatArray, FloatArray]:
+def _contacts(result: CollisionResult) -> tuple[FloatArray, FloatArray]:
     """Where contact begins in every run [m] and the normal there, base frame (runs, 3) each."""
-    assert law.runs is not None
-    problem, curve, offset = law.problem, law.curve, law.runs["offset"]
+    assert result.runs is not None
+    problem, curve, offset = result.problem, result.curve, result.runs["offset"]
     if problem.trajectory is None:
         return curve.start + offset[:, None] * curve.normal, np.tile(curve.normal, (offset.size, 1))
     from bumpstop.collision.trajectory.onset import approach
 
-    begin, contact = law.runs["onset"], law.scenario.contact
+    begin, contact = result.runs["onset"], result.scenario.contact
     poses = problem.robot.pose(problem.trajectory.at(begin), contact.link, contact.point_m)
     return poses[:, :3, 3], approach(problem, begin)[0]
 
 
-def _singular_values(law: CollisionResult, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
+def _singular_values(result: CollisionResult, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Singular values of the six-row tip Jacobian (runs, min(6, dof)) and their ratio at a tick of every run.
 
     As in Schroeder (2013), rotational and translational rows are mixed: the figures depend on the unit of length.
     """
-    problem, curve = law.problem, law.curve
+    problem, curve = result.problem, result.curve
     if problem.trajectory is not None:
         q = problem.trajectory.at(np.minimum(curve.tick_time, problem.trajectory.duration))
     else:

@@ -1,4 +1,4 @@
-"""Reports: a collision's force law as one page a person can read, print and file."""
+"""Reports: a collision's force distribution as one page a person can read, print and file."""
 
 from bumpstop.report.collision.page import write_report
 

@@ -74,20 +74,20 @@ def percentile(name: str) -> str:
     return {"p999": "p99.9"}.get(name, name)
 
 
-def what_is_hit(law: CollisionResult) -> str:
+def what_is_hit(result: CollisionResult) -> str:
     """The body region, or the spring where none is named."""
-    limits = law.problem.limits
-    return f"{limits.label} ({limits.table})" if limits else f"a spring of {law.problem.stiffness:g} N/m"
+    limits = result.problem.limits
+    return f"{limits.label} ({limits.table})" if limits else f"a spring of {result.problem.stiffness:g} N/m"
 
 
-def arm(law: CollisionResult) -> str:
+def arm(result: CollisionResult) -> str:
     """What the arm is called."""
-    robot = law.problem.robot
+    robot = result.problem.robot
     return robot.title or robot.name
 
 
-def which_law(law: CollisionResult) -> str:
-    """How the law was worked out."""
-    if law.kind == "exact":
+def method_words(result: CollisionResult) -> str:
+    """How the distribution was computed."""
+    if result.kind == "exact":
         return "integrated distribution (no sampling)"
-    return f"sampled distribution: {law.samples} collisions, seed {law.seed}"
+    return f"sampled distribution: {result.samples} collisions, seed {result.seed}"

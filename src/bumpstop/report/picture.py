@@ -28,7 +28,7 @@ LIMIT = "#D55E00"  # what must not be passed
 EVENT = "#009E73"  # instants, marked cases
 INK = "#222222"
 FAINT = "#767676"
-AREA = "#56B4E9"  # fill below a law's curve
+AREA = "#56B4E9"  # fill below a distribution's curve
 # Box of a label that may lie on a line, which then does not run through it.
 PAPER: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.6}
 
@@ -60,7 +60,7 @@ _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "text.parse_math": False,  # a dollar in a user's name is a dollar
 }
-# matplotlib's own; without a date and a version the same law makes the same bytes.
+# matplotlib's own; without a date and a version the same distribution makes the same bytes.
 _NO_METADATA = {"svg": dict.fromkeys(("Date", "Creator", "Format", "Type")), "png": {"Software": None}}
 
 

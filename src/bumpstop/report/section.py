@@ -50,8 +50,8 @@ class Section(Part):
     """A part of the report on one law.
 
     Attributes:
-        law: what is reported on.
+        result: what is reported on.
     """
 
-    def __init__(self, law: CollisionResult) -> None:
-        self.law = law
+    def __init__(self, result: CollisionResult) -> None:
+        self.result = result

@@ -11,20 +11,20 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 
-DirectionLaw = Literal["sphere", "polar", "scenario"]
+DirectionSampling = Literal["sphere", "polar", "scenario"]
 """``sphere``: even over the sphere. ``polar``: even polar angle and azimuth, which crowd at the poles (Schroeder's
-law). ``scenario``: always that of the scenario."""
+distribution). ``scenario``: always that of the scenario."""
 
 
 # A tip slower than this stands still, or only turns [m/s].
 STANDS = 1e-6
 
 
-def draw_directions(law: DirectionLaw, own: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+def draw_directions(sampling: DirectionSampling, own: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
     """Unit vectors at random.
 
     Args:
-        law: by which.
+        sampling: by which.
         own: the scenario's direction (3,).
         count: how many.
         rng: source of chance.
@@ -32,24 +32,24 @@ def draw_directions(law: DirectionLaw, own: FloatArray, count: int, rng: np.rand
     Returns:
         (count, 3).
     """
-    if law == "scenario":
+    if sampling == "scenario":
         return np.tile(own, (count, 1))
     azimuth = rng.uniform(-math.pi, math.pi, count)
-    if law == "polar":
+    if sampling == "polar":
         return _vectors(rng.uniform(0, math.pi, count), azimuth)
     return _vectors(np.arccos(rng.uniform(-1, 1, count)), azimuth)
 
 
-def spread_directions(law: DirectionLaw, own: FloatArray, count: int) -> FloatArray:
-    """Unit vectors on a spiral from pole to pole, golden angles apart: as even as the law is.
+def spread_directions(sampling: DirectionSampling, own: FloatArray, count: int) -> FloatArray:
+    """Unit vectors on a spiral from pole to pole, golden angles apart: as even as asked for.
 
     Args, returns: as :func:`draw_directions`.
     """
-    if law == "scenario":
+    if sampling == "scenario":
         return np.tile(own, (count, 1))
     share: FloatArray = (np.arange(count, dtype=np.float64) + 0.5) / count
     azimuth: FloatArray = np.arange(count, dtype=np.float64) * (math.pi * (3 - math.sqrt(5)))
-    polar: FloatArray = math.pi * share if law == "polar" else np.arccos(1 - 2 * share)
+    polar: FloatArray = math.pi * share if sampling == "polar" else np.arccos(1 - 2 * share)
     return _vectors(polar, azimuth)
 
 

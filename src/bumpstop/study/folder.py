@@ -93,7 +93,7 @@ class StudyFolder:
             raise self._unwritable(error) from None
 
     def discard(self) -> None:
-        """Leave the folder to others: this run has made it, and nothing can be worked out."""
+        """Leave the folder to others: this run has made it, and nothing can be computed."""
         if not self._made or self._arrows():
             return
         try:

@@ -255,9 +255,9 @@ def detection_force(problem: CollisionProblem, torque: FloatArray, per_cycle: Fl
     if not problem.scenario.detector.noise_correlation:
         # The sum over cycles: the last one alone, or an integral where many are close together.
         hazard = np.maximum(hazard, cumulated / per_cycle[:, None] + hazard / 2)
-    silent = np.exp(-hazard)
+    undetected = np.exp(-hazard)
     width = (force[:, -1] - force[:, 0]) / (_POINTS - 1)
-    found = force[:, 0] + width * (silent.sum(axis=1) - (silent[:, 0] + silent[:, -1]) / 2) + per_cycle / 2
+    found = force[:, 0] + width * (undetected.sum(axis=1) - (undetected[:, 0] + undetected[:, -1]) / 2) + per_cycle / 2
     return np.asarray(found + _observer_lag(problem, found, per_cycle))
 
 

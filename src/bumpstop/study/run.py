@@ -34,7 +34,7 @@ def run(
         command: kept in the folder's settings.
 
     Raises:
-        InputError: the folder holds another study or cannot be written, or a shard cannot be worked out.
+        InputError: the folder holds another study or cannot be written, or a shard cannot be computed.
     """
     if threads < 1:
         raise InputError("threads", f"{threads} is too few", "wanted at least 1")
@@ -96,7 +96,7 @@ def run(
 
 
 def _groups(shards: list[int], most: int, threads: int) -> Iterator[list[int]]:
-    """Shards that are worked out in one go: many at first, ever fewer in the end, so that all threads end together."""
+    """Shards that are computed in one go: many at first, ever fewer in the end, so that all threads end together."""
     first = 0
     while first < len(shards):
         size = max(1, min(most, (len(shards) - first) // (3 * threads)))

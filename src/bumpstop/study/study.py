@@ -42,19 +42,19 @@ def check_risk(scenario: Scenario) -> None:
 
 @dataclass(frozen=True)
 class Study(ABC):
-    """A question asked of many laws, whose rows come in numbered shards.
+    """A question asked of many distributions, whose rows come in numbered shards.
 
-    A shard is a pure function of the study's fields and its number: it may be worked out on any thread, process or
+    A shard is a pure function of the study's fields and its number: it may be computed on any thread, process or
     machine, in any order, and again after a loss. Fields are plain values, so that a study can be sent anywhere.
 
     Attributes:
-        scenario: what all laws share.
+        scenario: what all distributions share.
     """
 
     name: ClassVar[str]
     title: ClassVar[str]
     batch_size: ClassVar[int] = 1
-    """Shards that are worked out sooner in one go than one by one, at most."""
+    """Shards that are computed sooner in one go than one by one, at most."""
 
     scenario: Scenario
 
@@ -95,7 +95,7 @@ class Study(ABC):
 
 
 def versions() -> dict[str, str]:
-    """What works out the rows, by name."""
+    """What computes the rows, by name."""
     import platform
 
     return {

@@ -1,4 +1,5 @@
-"""Both laws against the reference simulator, which simulates every collision step by step with code of its own."""
+"""Both distributions against the reference simulator, which simulates every collision step by step with code of its
+own."""
 
 from __future__ import annotations
 
@@ -23,9 +24,9 @@ def test_run_by_run(name: str) -> None:
     scenario = VARIED[name]
     problem = bs.CollisionProblem.from_scenario(scenario)
     settings = reference_settings(scenario)
-    law = bs.evaluate(scenario, samples=RUNS, seed=5)
-    assert law.runs is not None
-    offset, tick = law.runs["offset"], law.runs["tick"]
+    result = bs.evaluate(scenario, samples=RUNS, seed=5)
+    assert result.runs is not None
+    offset, tick = result.runs["offset"], result.runs["tick"]
     # Enough for the slowest detection; the reference simulator's horizon is cut to it, to spare the noise of ticks
     # nobody reaches.
     ticks = int(tick.max()) + 2
@@ -34,13 +35,13 @@ def test_run_by_run(name: str) -> None:
     detected = tick >= 0
     runs = simulate(settings, offset[detected], noise[detected])
     np.testing.assert_array_equal(runs.detection_tick, tick[detected])
-    np.testing.assert_array_equal(runs.trigger_mask, law.runs["triggers"][detected])
-    np.testing.assert_allclose(runs.noise_at_detection_Nm, law.runs["noise"][detected], rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(runs.residual_at_detection_Nm, law.runs["residual"][detected], rtol=1e-8, atol=1e-6)
+    np.testing.assert_array_equal(runs.trigger_mask, result.runs["triggers"][detected])
+    np.testing.assert_allclose(runs.noise_at_detection_Nm, result.runs["noise"][detected], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(runs.residual_at_detection_Nm, result.runs["residual"][detected], rtol=1e-8, atol=1e-6)
     # 1e-9 m of the stopping curve, as newtons of this body.
     tolerance = 1e-9 * problem.stiffness
-    np.testing.assert_allclose(runs.max_force_N, law.runs["peak_force"][detected], atol=tolerance)
-    np.testing.assert_allclose(runs.force_at_detection_N, law.runs["force_at_detection"][detected], atol=tolerance)
+    np.testing.assert_allclose(runs.max_force_N, result.runs["peak_force"][detected], atol=tolerance)
+    np.testing.assert_allclose(runs.force_at_detection_N, result.runs["force_at_detection"][detected], atol=tolerance)
 
 
 @pytest.mark.parametrize("name", list(VARIED))
@@ -107,8 +108,10 @@ def test_statistics_of_noise_drawn_by_the_reference_simulator_itself() -> None:
     rng = np.random.default_rng(8)
     settings = reference_settings(scenario, noise_sd_Nm=bs.CollisionProblem.from_scenario(scenario).noise_sd)
     runs = simulate_seeded(settings, half_normal_offsets(settings, 400, rng), seed=3)
-    law = bs.evaluate(scenario)
-    assert runs.max_force_N.mean() == pytest.approx(law.peak_force.mean, abs=4 * law.peak_force.sd / math.sqrt(400))
+    result = bs.evaluate(scenario)
+    assert runs.max_force_N.mean() == pytest.approx(
+        result.peak_force.mean, abs=4 * result.peak_force.sd / math.sqrt(400)
+    )
 
 
 def test_one_plane_is_the_walls_where_the_motion_is_along_an_axis_and_differs_where_it_is_oblique() -> None:

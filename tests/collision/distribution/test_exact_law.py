@@ -1,4 +1,5 @@
-"""The exact law by itself: convergence, tails, limits of its cases, and that nothing depends on how it is computed."""
+"""The integrated distribution by itself: convergence, tails, limits of its cases, and that nothing depends on how it is
+computed."""
 
 from __future__ import annotations
 
@@ -20,15 +21,15 @@ from collision.cases import VARIED, control_group
 EXAMPLES = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*.toml"))
 
 
-def figures(law: bs.CollisionResult) -> list[float]:
-    """All that is printed of a law, in one list."""
+def figures(result: bs.CollisionResult) -> list[float]:
+    """All that is printed of a distribution, in one list."""
     out: list[float] = []
-    for quantity in (law.peak_force, law.force_at_detection, law.detection_delay):
+    for quantity in (result.peak_force, result.force_at_detection, result.detection_delay):
         out += [value if value is not None else -1.0 for value in quantity.to_json().values()]
-    out += [law.false_alarm_probability, law.undetected_probability, law.multi_joint_probability]
-    out += [float(p) for p in law.trigger_joint_probability]
-    if law.problem.limits is not None:
-        out += [law.peak_force.exceedance(law.problem.limits.force_N)]
+    out += [result.false_alarm_probability, result.undetected_probability, result.multi_joint_probability]
+    out += [float(p) for p in result.trigger_joint_probability]
+    if result.problem.limits is not None:
+        out += [result.peak_force.exceedance(result.problem.limits.force_N)]
     return out
 
 
@@ -50,8 +51,8 @@ def test_tails_against_forty_digits() -> None:
     mp.mp.dps = 40
     scenario = control_group(contact__offset_law="fixed", contact__offset_mm=1.17, motion__velocity_mm_s=[0, 0, -20])
     problem = bs.CollisionProblem.from_scenario(scenario)
-    law = bs.evaluate(scenario)
-    curve = law.curve
+    result = bs.evaluate(scenario)
+    curve = result.curve
     survival, rows = mp.mpf(1), []
     for k in range(curve.ticks):
         force = problem.stiffness * max(0.0, curve.tick_distance[k] - 0.00117)
@@ -72,23 +73,25 @@ def test_tails_against_forty_digits() -> None:
         exact = mp.fsum(p for p, peak in rows if peak > x)
         if exact < mp.mpf("1e-40"):
             break
-        assert law.peak_force.exceedance(x) - law.undetected_probability == pytest.approx(float(exact), rel=1e-10)
+        assert result.peak_force.exceedance(x) - result.undetected_probability == pytest.approx(float(exact), rel=1e-10)
         checked += exact < mp.mpf("1e-7")
     assert checked >= 2
 
 
 def test_far_tail_joins_the_near_one() -> None:
-    law = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -75]))
-    question = law.problem.detector, law.problem.stiffness, law.problem.offset_kind, law.problem.offset_size
+    result = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -75]))
+    question = result.problem.detector, result.problem.stiffness, result.problem.offset_kind, result.problem.offset_size
     for x in (150.0, 160.0, 165.0, 170.0):
-        assert law.curve.kernel.tail_directly(*question, x) == pytest.approx(law.peak_force.exceedance(x), rel=1e-7)
-    tails = [law.peak_force.exceedance(x) for x in np.linspace(170, 260, 40)]
+        assert result.curve.kernel.tail_directly(*question, x) == pytest.approx(
+            result.peak_force.exceedance(x), rel=1e-7
+        )
+    tails = [result.peak_force.exceedance(x) for x in np.linspace(170, 260, 40)]
     assert tails == sorted(tails, reverse=True)
     assert 0 < tails[-1] < 1e-30
 
 
 def test_noise_that_vanishes_tends_to_no_noise() -> None:
-    """Without noise the law is that of the offset alone: the peak is a sawtooth of it."""
+    """Without noise the distribution is that of the offset alone: the peak is a sawtooth of it."""
     none = bs.evaluate(control_group(detector__noise_sd_Nm=0.0))
     for sd, tolerance in ((1e-2, 1e-3), (1e-4, 1e-5)):
         little = bs.evaluate(control_group(detector__noise_sd_Nm=sd))
@@ -103,12 +106,12 @@ def test_noise_that_vanishes_tends_to_no_noise() -> None:
 
 def test_probabilities_add_up() -> None:
     for name, scenario in VARIED.items():
-        law = bs.evaluate(scenario)
-        total = law.kernel.total("peak_force") + law.kernel.harmless
+        result = bs.evaluate(scenario)
+        total = result.kernel.total("peak_force") + result.kernel.harmless
         # An arm that comes to rest has a force for what it never detects, too.
-        total += 0.0 if law.kernel.rests else law.undetected_probability
+        total += 0.0 if result.kernel.rests else result.undetected_probability
         assert total == pytest.approx(1, abs=1e-9), name
-        p = [law.peak_force.exceedance(x) for x in np.linspace(0, 400, 60)]
+        p = [result.peak_force.exceedance(x) for x in np.linspace(0, 400, 60)]
         assert all(a >= b - 1e-12 for a, b in pairwise(p)), name
 
 
@@ -123,14 +126,14 @@ def test_lower_thresholds_and_softer_bodies_make_softer_hits() -> None:
 
 
 def test_undetected_without_bound_has_no_mean_and_counts_as_over() -> None:
-    law = bs.evaluate(control_group(detector__thresholds_Nm=[1e6] * 7, motion__duration_s=0.05))
-    assert law.curve.end == "horizon"
-    assert law.undetected_probability > 0.1
-    figures = law.peak_force.to_json()
+    result = bs.evaluate(control_group(detector__thresholds_Nm=[1e6] * 7, motion__duration_s=0.05))
+    assert result.curve.end == "horizon"
+    assert result.undetected_probability > 0.1
+    figures = result.peak_force.to_json()
     assert figures["mean"] is None
     assert figures["p999"] is None
-    assert law.verdict.acceptable is False
-    assert law.verdict.p_over_force == pytest.approx(law.undetected_probability)
+    assert result.verdict.acceptable is False
+    assert result.verdict.p_over_force == pytest.approx(result.undetected_probability)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
@@ -205,8 +208,8 @@ def test_threads_and_seeds() -> None:
 def test_offsets_much_nearer_than_a_tick_of_travel(offset_sd_s: float) -> None:
     """The offset's density is resolved where it changes within a panel: against an average over fixed offsets."""
     scenario = control_group(contact__offset_sd_s=offset_sd_s)
-    law = bs.evaluate(scenario)
-    np.testing.assert_allclose(figures(law), figures(bs.evaluate(scenario, refinement=2)), rtol=1e-9, atol=1e-12)
+    result = bs.evaluate(scenario)
+    np.testing.assert_allclose(figures(result), figures(bs.evaluate(scenario, refinement=2)), rtol=1e-9, atol=1e-12)
     node, weight = np.polynomial.legendre.leggauss(60)
     z, weight = 3.5 * (node + 1), 3.5 * weight
     weight = weight * np.exp(-z * z / 2)
@@ -216,8 +219,8 @@ def test_offsets_much_nearer_than_a_tick_of_travel(offset_sd_s: float) -> None:
         ).peak_force.mean
         for at in z
     ]
-    # The average crosses panels without stopping at their ends, where the law has kinks.
-    assert law.peak_force.mean == pytest.approx(float(weight @ means / weight.sum()), rel=1e-4)
+    # The average crosses panels without stopping at their ends, where the distribution has kinks.
+    assert result.peak_force.mean == pytest.approx(float(weight @ means / weight.sum()), rel=1e-4)
 
 
 def test_probabilities_of_a_motion_that_ends_early_add_up() -> None:
@@ -229,10 +232,10 @@ def test_probabilities_of_a_motion_that_ends_early_add_up() -> None:
         contact__offset_sd_s=0.3,
         reaction__latency_s=0.05,
     )
-    law = bs.evaluate(scenario)
-    assert law.curve.end == "joint_limit"
-    kernel = law.kernel
-    assert law.no_contact_probability > 0.7
+    result = bs.evaluate(scenario)
+    assert result.curve.end == "joint_limit"
+    kernel = result.kernel
+    assert result.no_contact_probability > 0.7
     # The arm comes to rest there: what it does not detect has a force.
     assert kernel.rests
     assert kernel.total("peak_force") + kernel.harmless == pytest.approx(1, abs=1e-12)

@@ -1,4 +1,4 @@
-"""Free contact: against closed forms, another integrator, MuJoCo and the sampled law."""
+"""Free contact: against closed forms, another integrator, MuJoCo and the sampled distribution."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ def test_undetected_impact_is_v_root_mk(mass: float, stiffness: float, kind: str
     scenario = free(
         mass, contact__stiffness_N_m=stiffness, contact__offset_law=kind, contact__offset_sd_s=0.01, **NEVER
     )
-    law = bs.evaluate(scenario)
-    expected = law.problem.approach_speed * math.sqrt(mass * stiffness)
-    assert law.peak_force.mean == pytest.approx(expected, rel=1e-6)
-    assert law.peak_force.quantile(0.999) == pytest.approx(expected, rel=2e-6)
-    assert law.undetected_probability == pytest.approx(1)
-    assert law.impact_bounds is not None
-    assert law.impact_bounds.position_driven == pytest.approx(expected, rel=1e-12)
-    assert law.contact_duration is not None
-    assert law.contact_duration.mean == pytest.approx(math.pi * math.sqrt(mass / stiffness), rel=1e-4)
+    result = bs.evaluate(scenario)
+    expected = result.problem.approach_speed * math.sqrt(mass * stiffness)
+    assert result.peak_force.mean == pytest.approx(expected, rel=1e-6)
+    assert result.peak_force.quantile(0.999) == pytest.approx(expected, rel=2e-6)
+    assert result.undetected_probability == pytest.approx(1)
+    assert result.impact_bounds is not None
+    assert result.impact_bounds.position_driven == pytest.approx(expected, rel=1e-12)
+    assert result.contact_duration is not None
+    assert result.contact_duration.mean == pytest.approx(math.pi * math.sqrt(mass / stiffness), rel=1e-4)
     # A rebound that nobody notices is no failure by itself.
-    assert "never detected" not in law.verdict.reason
+    assert "never detected" not in result.verdict.reason
 
 
 def test_a_body_touched_where_a_piece_of_a_step_ends_is_struck_all_the_same() -> None:
@@ -67,8 +67,8 @@ def test_one_detected_collision_against_a_general_integrator() -> None:
         15.0, motion__velocity_mm_s=[0, 0, -120], contact__offset_law="fixed", contact__offset_mm=0.7,
         detector__noise_sd_Nm=0.0,
     )  # fmt: skip
-    law = bs.evaluate(scenario)
-    problem, curve = law.problem, law.curve
+    result = bs.evaluate(scenario)
+    problem, curve = result.problem, result.curve
     drawn = bs.evaluate(scenario, samples=1)
     assert drawn.runs is not None
     tick = int(drawn.runs["tick"][0])
@@ -92,8 +92,8 @@ def test_one_detected_collision_against_a_general_integrator() -> None:
             at_tick = float(forces[-1])
         if peak > 0 and forces[-1] < 0:
             break
-    assert law.peak_force.mean == pytest.approx(peak, rel=1e-5)
-    assert law.force_at_detection.mean == pytest.approx(at_tick, rel=1e-6)
+    assert result.peak_force.mean == pytest.approx(peak, rel=1e-5)
+    assert result.force_at_detection.mean == pytest.approx(at_tick, rel=1e-6)
 
 
 def integrated(path: np.ndarray, offset: float, stiffness: float, mass: float, retreat: float) -> tuple[float, float]:
@@ -126,8 +126,8 @@ def integrated(path: np.ndarray, offset: float, stiffness: float, mass: float, r
 @pytest.mark.parametrize("name", list(OUTLASTING))
 def test_contact_lasts_until_the_body_has_got_away(name: str) -> None:
     scenario = OUTLASTING[name]
-    law = bs.evaluate(scenario, samples=400, seed=3)
-    problem, curve, runs = law.problem, law.curve, law.runs
+    result = bs.evaluate(scenario, samples=400, seed=3)
+    problem, curve, runs = result.problem, result.curve, result.runs
     assert runs is not None
     assert problem.body_mass is not None
     K, stops = problem.stiffness, scenario.reaction.kind == "stop"
@@ -161,16 +161,16 @@ def test_exact_and_sampled_agree_where_contact_outlasts_the_reaction(name: str) 
 def test_an_arm_that_swings_forward_after_a_false_alarm_strikes_the_body(tick: int) -> None:
     """Beside a singularity the arm goes back before contact, and then farther than ever."""
     scenario = swinging_forward(2.0, tick, contact__kind="free", contact__body_mass_kg=5.0)
-    law, reference = bs.evaluate(scenario), reference_trace(scenario)
-    assert law.false_alarm_probability == 1.0
+    result, reference = bs.evaluate(scenario), reference_trace(scenario)
+    assert result.false_alarm_probability == 1.0
     path = np.append(0.0, reference.travel_m)
     touch = int(np.argmax(path > 2e-3))
     assert path[4 * tick + 1 : touch].min() < 0 < path[4 * tick + 1]
-    peak, duration = integrated(path, 2e-3, law.problem.stiffness, 5.0, float(path[-1] - path[-2]))
+    peak, duration = integrated(path, 2e-3, result.problem.stiffness, 5.0, float(path[-1] - path[-2]))
     assert peak > 20
-    assert law.peak_force.mean == pytest.approx(peak, rel=2e-5)
-    assert law.contact_duration is not None
-    assert law.contact_duration.mean == pytest.approx(duration, rel=1e-4)
+    assert result.peak_force.mean == pytest.approx(peak, rel=2e-5)
+    assert result.contact_duration is not None
+    assert result.contact_duration.mean == pytest.approx(duration, rel=1e-4)
 
 
 @pytest.mark.parametrize("offset_mm", [0.01, 0.05])
@@ -182,11 +182,15 @@ def test_an_arm_that_speeds_up_keeps_pushing_a_heavy_body(offset_mm: float) -> N
         contact__offset_law="fixed", contact__offset_mm=offset_mm, detector__thresholds_Nm=[1e6] * 7,
         reaction__joint_acceleration_rad_s2=0.5,
     )  # fmt: skip
-    law, drawn, reference = bs.evaluate(scenario), bs.evaluate(scenario, samples=10, seed=1), reference_trace(scenario)
+    result, drawn, reference = (
+        bs.evaluate(scenario),
+        bs.evaluate(scenario, samples=10, seed=1),
+        reference_trace(scenario),
+    )
     peak, duration = integrated(np.append(0.0, reference.travel_m), offset_mm / 1e3, 5000.0, 75.0, 0.0)
     assert duration > 5 * math.pi * math.sqrt(75.0 / 5000.0), "half oscillations"
-    assert law.undetected_probability == pytest.approx(1)
-    for each in (law, drawn):
+    assert result.undetected_probability == pytest.approx(1)
+    for each in (result, drawn):
         assert each.peak_force.mean == pytest.approx(peak, rel=1e-4)
         assert each.contact_duration is not None
         assert each.contact_duration.mean == pytest.approx(duration, rel=1e-4)
@@ -222,8 +226,8 @@ def test_bodies_let_go_and_bodies_pushed_on_are_told_apart() -> None:
             "reaction": {"kind": "stop", "joint_acceleration_rad_s2": [26, 21, 16, 23, 0.986276358, 22, 28]},
         }
     )
-    law, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=20_000, seed=2)
-    ours, theirs = law.contact_duration, drawn.contact_duration
+    result, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=20_000, seed=2)
+    ours, theirs = result.contact_duration, drawn.contact_duration
     assert ours is not None
     assert theirs is not None
     assert theirs.quantile(0.7) > 2 * theirs.quantile(0.3), "some are pushed on, some are not"
@@ -238,13 +242,13 @@ def test_an_arm_that_a_singularity_drives_back_meets_nobody(body: dict[str, Any]
         pose_deg=[67.0815, 10.6915, 118.7534, 13.078, -89.8323, -93.7495, 0],
         motion__velocity_mm_s=[29.073, -16.216, 49.546], motion__duration_s=1.0, **body,
     )  # fmt: skip
-    law, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=2000, seed=1)
-    assert law.curve.distance[1:].max() < 0
-    assert law.peak_force.mean == drawn.peak_force.mean == 0
-    assert law.contact_duration is not None
-    assert math.isnan(law.contact_duration.mean)
-    assert law.no_contact_probability + law.false_alarm_probability == pytest.approx(1, abs=1e-12)
-    assert law.verdict.p_over_force == 0
+    result, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=2000, seed=1)
+    assert result.curve.distance[1:].max() < 0
+    assert result.peak_force.mean == drawn.peak_force.mean == 0
+    assert result.contact_duration is not None
+    assert math.isnan(result.contact_duration.mean)
+    assert result.no_contact_probability + result.false_alarm_probability == pytest.approx(1, abs=1e-12)
+    assert result.verdict.p_over_force == 0
 
 
 def test_against_mujoco() -> None:
@@ -270,11 +274,11 @@ def test_against_mujoco() -> None:
         data.mocap_pos[0, 0] = -0.11 + speed * step * 2e-5
         mujoco.mj_step(model, data)
         greatest = max(greatest, stiffness * data.qpos[spring])
-    law = bs.evaluate(
+    result = bs.evaluate(
         free(mass, contact__stiffness_N_m=stiffness, motion__velocity_mm_s=[0, 0, -250],
              contact__offset_law="uniform", **NEVER)
     )  # fmt: skip
-    assert greatest == pytest.approx(law.peak_force.mean, rel=0.02)
+    assert greatest == pytest.approx(result.peak_force.mean, rel=0.02)
 
 
 def test_two_masses_and_the_reduced_mass_bound() -> None:
@@ -299,9 +303,9 @@ def test_a_very_heavy_body_is_clamped() -> None:
 
 
 def test_limits_of_free_contact_are_transient() -> None:
-    law = bs.evaluate(free(0.6, contact__limits="ts15066"))
-    assert law.problem.limits is not None
-    assert (law.problem.limits.kind, law.problem.limits.force_N) == ("free", 280)
+    result = bs.evaluate(free(0.6, contact__limits="ts15066"))
+    assert result.problem.limits is not None
+    assert (result.problem.limits.kind, result.problem.limits.force_N) == ("free", 280)
     head = bs.evaluate(free(4.4, contact__limits="ts15066", contact__body="face"))
     assert head.verdict.acceptable is False
     assert "does not permit" in head.verdict.reason
@@ -309,10 +313,10 @@ def test_limits_of_free_contact_are_transient() -> None:
 
 @pytest.mark.parametrize("samples", [None, 200])
 def test_tables_have_the_compression_of_the_body_without_its_padding(samples: int | None) -> None:
-    law = bs.evaluate(control_group(contact__padding_N_m=20000.0), samples=samples)
-    table = result_table(law)
+    result = bs.evaluate(control_group(contact__padding_N_m=20000.0), samples=samples)
+    table = result_table(result)
     assert table["compression_mm"].to_numpy() == pytest.approx(table["peak_force_N"].to_numpy() / 75000 * 1e3)
-    assert law.compression.mean == pytest.approx(law.peak_force.mean / 75000 * 1e3)
+    assert result.compression.mean == pytest.approx(result.peak_force.mean / 75000 * 1e3)
 
 
 def test_padding_is_a_spring_in_series() -> None:

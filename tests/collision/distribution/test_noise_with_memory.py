@@ -1,4 +1,5 @@
-"""Correlated noise, the observer's filter and resampled residuals: against closed forms and the sampled law."""
+"""Correlated noise, the observer's filter and resampled residuals: against closed forms and the sampled
+distribution."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ def test_correlation_zero_is_the_white_law(kind: str) -> None:
 
 @pytest.mark.parametrize("correlation", [-0.6, 0.3, 0.9])
 def test_detection_tick_by_tick_against_the_multivariate_normal(correlation: float) -> None:
-    """One monitored joint and a fixed offset: survival is the mass of a box under a normal law of several ticks."""
+    """One monitored joint and a fixed offset: survival is the mass of a box under a normal distribution of several
+    ticks."""
     scenario = control_group(
         contact__offset_law="fixed",
         contact__offset_mm=0.05,
@@ -44,8 +46,8 @@ def test_detection_tick_by_tick_against_the_multivariate_normal(correlation: flo
         detector__noise_correlation=correlation,
         detector__noise_mean_Nm=[0, 1.5, 0, 0, 0, 0, 0],
     )
-    law = bs.evaluate(scenario)
-    curve, problem = law.curve, law.problem
+    result = bs.evaluate(scenario)
+    curve, problem = result.curve, result.problem
     force = problem.stiffness * np.maximum(0, curve.tick_distance - 0.05e-3)
     mean = curve.torque_per_newton[:, 1] * force + 1.5
     survival = [1.0]
@@ -55,9 +57,9 @@ def test_detection_tick_by_tick_against_the_multivariate_normal(correlation: flo
         survival.append(float(noise.cdf(np.full(n, 10.0), lower_limit=np.full(n, -10.0))))
     detected = -np.diff(survival)
     first_in_contact = int(np.argmax(force > 0))
-    mass = [2 * law.kernel.coefficients[law.kernel.slots_before + i, 0, 0] for i in range(4 - first_in_contact)]
+    mass = [2 * result.kernel.coefficients[result.kernel.slots_before + i, 0, 0] for i in range(4 - first_in_contact)]
     np.testing.assert_allclose(mass, detected[first_in_contact:], atol=3e-7)
-    assert law.false_alarm_probability == pytest.approx(detected[:first_in_contact].sum(), abs=3e-7)
+    assert result.false_alarm_probability == pytest.approx(detected[:first_in_contact].sum(), abs=3e-7)
 
 
 def test_observer_against_its_step_response() -> None:
@@ -76,13 +78,13 @@ def test_observer_against_its_step_response() -> None:
 @pytest.mark.parametrize("gain", [15.0, 60.0, 400.0])
 def test_observer_without_noise_detects_at_the_tick_its_filter_says(gain: float) -> None:
     scenario = fixed(0.4, detector__residual="observer", detector__observer_gain_1_s=gain, detector__noise_sd_Nm=0.0)
-    law = bs.evaluate(scenario)
-    curve, problem = law.curve, law.problem
+    result = bs.evaluate(scenario)
+    curve, problem = result.curve, result.problem
     force = problem.stiffness * np.maximum(0, curve.tick_distance - 0.4e-3)
     residual = np.abs(contact_residual(problem, curve.torque_per_newton * force[:, None]))
     tick = int(np.argmax((residual > problem.thresholds).any(axis=1)))
     expected = problem.stiffness * (curve.farthest[tick] - 0.4e-3)
-    assert law.peak_force.mean == pytest.approx(expected, rel=1e-12)
+    assert result.peak_force.mean == pytest.approx(expected, rel=1e-12)
     drawn = bs.evaluate(scenario, samples=3, seed=1)
     assert drawn.runs is not None
     np.testing.assert_array_equal(drawn.runs["tick"], tick)
@@ -103,8 +105,8 @@ def narrow_observer(**changes: Any) -> bs.Scenario:
 @pytest.mark.parametrize("noise_sd", [0.0, 1e-3])
 def test_observer_almost_without_noise_against_every_offset_by_itself(noise_sd: float) -> None:
     """The tick of detection leaps from one to the next where the filtered residual passes the threshold."""
-    law = bs.evaluate(narrow_observer(detector__noise_sd_Nm=noise_sd))
-    curve, problem = law.curve, law.problem
+    result = bs.evaluate(narrow_observer(detector__noise_sd_Nm=noise_sd))
+    curve, problem = result.curve, result.problem
     offset = (np.arange(1_000_000) + 0.5) / 1_000_000 * problem.offset_size
     kept = math.exp(-20.0 * 0.02)
     residual, tick = np.zeros((offset.size, 7)), np.full(offset.size, -1)
@@ -115,9 +117,9 @@ def test_observer_almost_without_noise_against_every_offset_by_itself(noise_sd: 
     assert np.unique(tick).size > 1
     at_detection = problem.stiffness * (curve.tick_distance[tick] - offset)
     peak = problem.stiffness * (curve.farthest[tick] - offset)
-    assert law.force_at_detection.mean == pytest.approx(at_detection.mean(), rel=2e-5)
-    assert law.peak_force.mean == pytest.approx(peak.mean(), rel=1e-5)
-    assert law.peak_force.exceedance(400.0) == pytest.approx((peak > 400).mean(), abs=1e-4)
+    assert result.force_at_detection.mean == pytest.approx(at_detection.mean(), rel=2e-5)
+    assert result.peak_force.mean == pytest.approx(peak.mean(), rel=1e-5)
+    assert result.peak_force.exceedance(400.0) == pytest.approx((peak > 400).mean(), abs=1e-4)
 
 
 def test_observer_almost_without_noise_of_a_free_body_has_converged() -> None:
@@ -138,10 +140,10 @@ def test_observer_almost_without_noise_of_a_free_body_has_converged() -> None:
 def test_detectors_that_always_alarm_have_a_law(threshold: float, correlation: float, sd: list[float]) -> None:
     """Probabilities of seven joints that all but surely alarm are added up, and rounding may take them above one."""
     changes: dict[str, Any] = {"detector__thresholds_Nm": [threshold] * 7, "detector__noise_sd_Nm": sd}
-    law = bs.evaluate(fixed(1.0, detector__noise_correlation=correlation, **changes))
-    assert law.false_alarm_probability == 1
+    result = bs.evaluate(fixed(1.0, detector__noise_correlation=correlation, **changes))
+    assert result.false_alarm_probability == 1
     silent = 1 - 2 * stats.norm.sf(threshold / np.array(sd))
-    np.testing.assert_allclose(1 - law.trigger_joint_probability, silent, rtol=1e-4)
+    np.testing.assert_allclose(1 - result.trigger_joint_probability, silent, rtol=1e-4)
 
 
 def test_a_faster_observer_hits_more_softly() -> None:
@@ -174,7 +176,7 @@ def correlated_rows(n: int, correlation: float, sd: np.ndarray, seed: int) -> np
 
 
 def test_resampled_gaussian_noise_gives_back_the_gaussian_law(tmp_path: Path) -> None:
-    """Planted truth: a long record of correlated Gaussian noise, against the exact law of that noise."""
+    """Planted truth: a long record of correlated Gaussian noise, against the integrated distribution of that noise."""
     sd = np.full(7, 4.0)
     sd[1] = 2.5
     path = record_file(tmp_path, correlated_rows(200_000, 0.8, sd, seed=4))
@@ -200,13 +202,13 @@ def test_residuals_that_lean_away_from_the_contact_are_followed_until_it_is_noti
         soft |= {"detector__residual": "observer", "detector__observer_gain_1_s": gain}
     for sign in (-1, 1):
         rows = sign * lean + correlated_rows(20_000, 0.0, sd, seed=7)
-        law = bs.evaluate(with_record(record_file(tmp_path, rows), **soft), samples=20_000, seed=1)
+        result = bs.evaluate(with_record(record_file(tmp_path, rows), **soft), samples=20_000, seed=1)
         gauss = bs.evaluate(
             control_group(detector__noise_sd_Nm=list(sd), detector__noise_mean_Nm=list(sign * lean), **soft)
         )
-        assert law.undetected_probability == 0
-        assert law.peak_force.mean == pytest.approx(gauss.peak_force.mean, rel=0.01)
-        assert law.peak_force.quantile(0.99) == pytest.approx(gauss.peak_force.quantile(0.99), rel=0.01)
+        assert result.undetected_probability == 0
+        assert result.peak_force.mean == pytest.approx(gauss.peak_force.mean, rel=0.01)
+        assert result.peak_force.quantile(0.99) == pytest.approx(gauss.peak_force.quantile(0.99), rel=0.01)
 
 
 def test_residuals_that_lean_away_from_the_contact_are_followed_on_a_trajectory(tmp_path: Path) -> None:
@@ -215,9 +217,9 @@ def test_residuals_that_lean_away_from_the_contact_are_followed_on_a_trajectory(
     example = bs.load_scenario(Path(__file__).parents[3] / "examples" / "06_pick_and_place_trajectory.toml")
     case = example.with_values({"motion.contact_onset_s": 0.7})
     gauss = bs.evaluate(case.with_values({"detector.noise_sd_Nm": list(sd), "detector.noise_mean_Nm": list(lean)}))
-    law = bs.evaluate(case.with_values({"detector.residuals": str(path)}), samples=10_000, seed=1)
+    result = bs.evaluate(case.with_values({"detector.residuals": str(path)}), samples=10_000, seed=1)
     assert gauss.undetected_probability < 0.01
-    assert law.undetected_probability == pytest.approx(gauss.undetected_probability, abs=0.005)
+    assert result.undetected_probability == pytest.approx(gauss.undetected_probability, abs=0.005)
 
 
 def test_resampling_keeps_rows_whole_and_in_order(tmp_path: Path) -> None:
@@ -254,10 +256,10 @@ def test_a_record_too_short_for_its_memory_says_so() -> None:
 
 def test_measured_residuals_are_drawn_by_default_and_have_no_exact_law(tmp_path: Path) -> None:
     path = record_file(tmp_path, correlated_rows(2000, 0.0, np.full(7, 2.0), seed=6))
-    law = bs.evaluate(with_record(path), seed=1)
-    assert (law.kind, law.samples) == ("sampled", 100_000)
+    result = bs.evaluate(with_record(path), seed=1)
+    assert (result.kind, result.samples) == ("sampled", 100_000)
     with pytest.raises(bs.InputError, match="no integrated distribution"):
-        bs.integrate(law.problem, law.curve)
+        bs.integrate(result.problem, result.curve)
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,8 @@ ROWS = {
 def test_row(body: str, speed: int, samples: int | None) -> None:
     mean, sd, median, p95, p99, at_detection, *shares = ROWS[body, speed]
     scenario = control_group(contact__body=body, motion__velocity_mm_s=[0, 0, -speed])
-    law = bs.evaluate(scenario, samples=samples, seed=speed)
-    force = law.peak_force
+    result = bs.evaluate(scenario, samples=samples, seed=speed)
+    force = result.peak_force
     # The rows have a sampling error of their own, and so have ours where they are sampled.
     error = sd * math.sqrt(1 / RUNS + (1 / samples if samples else 0))
     assert force.mean == pytest.approx(mean, abs=max(0.005 * mean, 4.5 * error))
@@ -43,8 +43,8 @@ def test_row(body: str, speed: int, samples: int | None) -> None:
     assert force.quantile(0.5) == pytest.approx(median, abs=6 * error)
     assert force.quantile(0.95) == pytest.approx(p95, abs=10 * error)
     assert force.quantile(0.99) == pytest.approx(p99, abs=18 * error)
-    assert law.force_at_detection.mean == pytest.approx(at_detection, abs=5 * error)
-    limits = law.problem.limits
+    assert result.force_at_detection.mean == pytest.approx(at_detection, abs=5 * error)
+    limits = result.problem.limits
     assert limits is not None
     assert limits.pressure_N_cm2 is not None
     for limit, share in zip((limits.force_N, limits.pressure_N_cm2, 2 * limits.pressure_N_cm2), shares, strict=True):
@@ -63,10 +63,10 @@ def test_the_sources_29_of_1000() -> None:
 
 def test_lateral_motion_is_felt_by_joints_1_and_3_alike_and_more_often_by_both_as_speed_grows() -> None:
     laws = [bs.evaluate(control_group(motion__velocity_mm_s=[0, speed, 0])) for speed in (10, 25, 50, 100)]
-    both = [law.multi_joint_probability for law in laws]
+    both = [result.multi_joint_probability for result in laws]
     assert both == sorted(both)
     assert both[0] == pytest.approx(0.15, abs=0.01)
-    for law in laws:
-        one, _, three, *rest = law.trigger_joint_probability
+    for result in laws:
+        one, _, three, *rest = result.trigger_joint_probability
         assert one == pytest.approx(three, rel=0.1)
         assert max(rest) < 0.01

@@ -40,8 +40,8 @@ def test_runs_without_detection_are_beyond_all() -> None:
 
 
 def test_those_of_a_law_are_runs_of_it() -> None:
-    law = bs.evaluate(control_group(), samples=200, seed=5)
-    assert law.runs is not None
-    values = np.sort(law.peak_force.values)  # type: ignore[attr-defined]
+    result = bs.evaluate(control_group(), samples=200, seed=5)
+    assert result.runs is not None
+    values = np.sort(result.peak_force.values)  # type: ignore[attr-defined]
     for p, rank in ((0.5, 100), (0.95, 190), (0.99, 198), (0.995, 199)):
-        assert law.peak_force.quantile(p) == values[rank - 1]
+        assert result.peak_force.quantile(p) == values[rank - 1]

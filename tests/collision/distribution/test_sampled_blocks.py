@@ -1,4 +1,4 @@
-"""Sampled laws of many runs: counted block by block they say what all runs together say."""
+"""Sampled distributions of many runs: counted block by block they say what all runs together say."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The exact law against the sampled law, where nothing but the method differs."""
+"""The integrated distribution against the sampled distribution, where nothing but the method differs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_within_four_standard_errors(name: str) -> None:
 
 
 def compare(scenario: bs.Scenario, runs: int, seed: int) -> dict[str, float]:
-    """Assert that both laws agree; returns the differences in standard errors."""
+    """Assert that both distributions agree; returns the differences in standard errors."""
     exact = bs.evaluate(scenario)
     drawn = bs.evaluate(scenario, samples=runs, seed=seed, threads=2)
     scores: dict[str, float] = {}
@@ -173,5 +173,5 @@ def test_ten_scenarios_reach_what_they_claim() -> None:
     assert laws["undetected at a joint limit"].curve.end == "joint_limit"
     assert laws["lateral, two joints feel it"].multi_joint_probability > 0.1
     assert laws["seven free joints, elbow of the arm hit"].trigger_joint_probability[4:].max() < 1e-3
-    triggers = {int(np.argmax(law.trigger_joint_probability)) for law in laws.values()}
+    triggers = {int(np.argmax(result.trigger_joint_probability)) for result in laws.values()}
     assert len(triggers) >= 3

@@ -16,7 +16,7 @@ from collision.cases import control_group, fixed
 
 PERIOD, STEP = 0.004, 0.001
 SD, THRESHOLD = 5.0, 20.0
-# What ticks have to do with those before them decides how they are worked out.
+# What ticks have to do with those before them decides how they are computed.
 KINDS: dict[str, dict[str, Any]] = {
     "white": {},
     "correlated": {"detector__noise_correlation": 0.5},
@@ -51,24 +51,24 @@ def sure(delay: float, offset_mm: float, **changes: Any) -> Scenario:
 def test_a_sure_alarm_comes_at_the_first_armed_tick(delay: float, first: int, kind: str, offset_mm: float) -> None:
     """The arm goes 0.2 mm a tick: it has touched the nearer body at tick 3, the farther one at tick 15."""
     scenario = sure(delay, offset_mm, **KINDS[kind])
-    law = bs.evaluate(scenario)
-    assert law.curve is not None
+    result = bs.evaluate(scenario)
+    assert result.curve is not None
     touched = math.ceil((offset_mm / 50 - STEP) / PERIOD)
-    assert law.false_alarm_probability == (1.0 if first < touched else 0.0)
+    assert result.false_alarm_probability == (1.0 if first < touched else 0.0)
     if first >= touched:
-        force = law.problem.stiffness * (law.curve.tick_distance[first] - offset_mm / 1e3)
-        assert law.force_at_detection.mean == pytest.approx(force, rel=1e-9)
-        # Nothing after it is worked out.
-        assert law.curve.end == "certain_detection"
-        assert len(law.curve.farthest) == first + 1
+        force = result.problem.stiffness * (result.curve.tick_distance[first] - offset_mm / 1e3)
+        assert result.force_at_detection.mean == pytest.approx(force, rel=1e-9)
+        # Nothing after it is computed.
+        assert result.curve.end == "certain_detection"
+        assert len(result.curve.farthest) == first + 1
     for threads in (1, 2):
         runs = bs.evaluate(scenario, samples=50, threads=threads).runs
         assert runs is not None
         assert set(runs["tick"]) == {first}
     problem = CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(problem, problem.q[None], problem.velocity[None])
-    assert batch.false_alarm_probability[0] == law.false_alarm_probability
-    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-6)
+    assert batch.false_alarm_probability[0] == result.false_alarm_probability
+    assert batch.mean[0] == pytest.approx(result.peak_force.mean, rel=1e-6)
 
 
 @pytest.mark.parametrize(("delay", "first"), DELAYS)
@@ -82,8 +82,8 @@ def test_every_armed_tick_before_contact_counts_once(delay: float, first: int) -
     )
     ticks = 15 - first
     expected = -math.expm1(ticks * math.log1p(-2 * norm.sf(THRESHOLD / SD)))
-    law = bs.evaluate(scenario)
-    assert law.false_alarm_probability == pytest.approx(expected, rel=1e-9)
+    result = bs.evaluate(scenario)
+    assert result.false_alarm_probability == pytest.approx(expected, rel=1e-9)
     problem = CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(problem, problem.q[None], problem.velocity[None])
     assert batch.false_alarm_probability[0] == pytest.approx(expected, rel=1e-6)
@@ -101,11 +101,11 @@ def test_batches_arm_at_the_same_tick(delay: float, first: int, offset_law: str)
     )
     problem = CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(problem, problem.q[None], problem.velocity[None])
-    law = bs.evaluate(scenario)
-    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-6)
+    result = bs.evaluate(scenario)
+    assert batch.mean[0] == pytest.approx(result.peak_force.mean, rel=1e-6)
     late = bs.evaluate(scenario.with_values({"detector.arming_delay_s": tick_time(first + 1)}))
     if first:
-        assert late.peak_force.mean > law.peak_force.mean * (1 + 1e-4)
+        assert late.peak_force.mean > result.peak_force.mean * (1 + 1e-4)
 
 
 @pytest.mark.parametrize(("delay", "first"), DELAYS[:3])

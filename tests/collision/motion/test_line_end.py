@@ -42,24 +42,26 @@ NEVER_TURNS: dict[str, Any] = {
 def test_more_latency_makes_no_collision_milder_at_a_joint_limit(kind: str) -> None:
     forces, shares = [], []
     for latency in (0, 0.004, 0.008, 0.02, 0.1):
-        law = bs.evaluate(control_group(**NEAR_LIMIT, reaction__kind=kind, reaction__latency_s=latency))
-        assert law.curve.end == "joint_limit"
-        forces.append(law.peak_force.mean)
-        shares.append(law.verdict.p_over_force)
-        drawn = bs.evaluate(law.scenario, samples=4000, seed=1)
-        assert drawn.peak_force.mean == pytest.approx(law.peak_force.mean, abs=5 * law.peak_force.sd / math.sqrt(4000))
+        result = bs.evaluate(control_group(**NEAR_LIMIT, reaction__kind=kind, reaction__latency_s=latency))
+        assert result.curve.end == "joint_limit"
+        forces.append(result.peak_force.mean)
+        shares.append(result.verdict.p_over_force)
+        drawn = bs.evaluate(result.scenario, samples=4000, seed=1)
+        assert drawn.peak_force.mean == pytest.approx(
+            result.peak_force.mean, abs=5 * result.peak_force.sd / math.sqrt(4000)
+        )
     assert np.diff(forces).min() > -1e-6
     assert np.diff(np.asarray(shares, dtype=float)).min() > -1e-12
-    assert any("brakes at its acceleration limits; no reaction begins" in note for note in law.notes)
-    assert any("joint 2 reaches its limit, after" in note for note in law.notes)
+    assert any("brakes at its acceleration limits; no reaction begins" in note for note in result.notes)
+    assert any("joint 2 reaches its limit, after" in note for note in result.notes)
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.012])
 def test_an_arm_that_brakes_goes_as_far_as_the_reference_simulator(latency: float) -> None:
     scenario = control_group(**NEAR_LIMIT, reaction__latency_s=latency)
-    law = bs.evaluate(scenario)
-    curve = law.curve
-    robot = law.problem.robot
+    result = bs.evaluate(scenario)
+    curve = result.curve
+    robot = result.problem.robot
     settings = replace(reference_settings(scenario), min_position=robot.lower, max_position=robot.upper, duration_s=0.4)
     noise = np.zeros((curve.ticks, tick_count(settings), robot.dof))
     noise[np.arange(curve.ticks), np.arange(curve.ticks)] = 1e9
@@ -69,7 +71,7 @@ def test_an_arm_that_brakes_goes_as_far_as_the_reference_simulator(latency: floa
     # Undetected it comes to rest where the reference simulator does.
     undetected = replace(settings, thresholds_Nm=math.inf)
     body = simulate(undetected, np.zeros(1), None)
-    assert body.force_at_end_N[0] == pytest.approx(law.problem.stiffness * curve.kernel.braking[-1], rel=1e-9)
+    assert body.force_at_end_N[0] == pytest.approx(result.problem.stiffness * curve.kernel.braking[-1], rel=1e-9)
 
 
 def test_a_body_reached_only_while_the_arm_brakes_is_hit() -> None:
@@ -78,15 +80,15 @@ def test_a_body_reached_only_while_the_arm_brakes_is_hit() -> None:
     scenario = control_group(
         **NEAR_LIMIT | {"contact__offset_law": "fixed"}, contact__offset_mm=float(reach) * 1e3 + 2
     )  # fmt: skip
-    law = bs.evaluate(scenario)
-    force = law.problem.stiffness * (law.curve.kernel.braking.max() - reach - 2e-3)
+    result = bs.evaluate(scenario)
+    force = result.problem.stiffness * (result.curve.kernel.braking.max() - reach - 2e-3)
     assert force > 100
-    assert law.no_contact_probability == pytest.approx(1, abs=1e-6)
-    assert law.peak_force.quantile(0.5) == pytest.approx(force, rel=1e-9)
-    assert law.verdict.acceptable is False
+    assert result.no_contact_probability == pytest.approx(1, abs=1e-6)
+    assert result.peak_force.quantile(0.5) == pytest.approx(force, rel=1e-9)
+    assert result.verdict.acceptable is False
     assert bs.evaluate(scenario, samples=50, seed=1).peak_force.quantile(0.5) == pytest.approx(force, rel=1e-9)
-    batch = bs.evaluate_batch(scenario, law.problem.q[None], law.problem.velocity[None], probabilities=[0.5])
-    assert batch.mean[0] == pytest.approx(law.peak_force.mean, rel=1e-6)
+    batch = bs.evaluate_batch(scenario, result.problem.q[None], result.problem.velocity[None], probabilities=[0.5])
+    assert batch.mean[0] == pytest.approx(result.peak_force.mean, rel=1e-6)
 
 
 @pytest.mark.parametrize(("robot", "limit"), [("sia5d", 4.5), ("ur10e", 10.0), ("panda", 8.0)])

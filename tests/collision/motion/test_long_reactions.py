@@ -41,10 +41,10 @@ def test_so_is_one_on_a_trajectory(tmp_path: Path) -> None:
     q[:, 2] = -SPEED * t
     write_csv(tmp_path / "path.csv", t, q, np.tile([0, 0, -SPEED], (2, 1)))
     motion = trajectory_motion(contact_onset_s=0.0)
-    law = bs.evaluate(scenario(tmp_path, motion, detector__feedback_period_s=0.05, **SLOW))
-    stops = law.curve.tick_distance + OVERRUN < SPEED * t[-1]
+    result = bs.evaluate(scenario(tmp_path, motion, detector__feedback_period_s=0.05, **SLOW))
+    stops = result.curve.tick_distance + OVERRUN < SPEED * t[-1]
     assert stops.any()
-    np.testing.assert_allclose((law.curve.farthest - law.curve.tick_distance)[stops], OVERRUN, rtol=1e-6)
+    np.testing.assert_allclose((result.curve.farthest - result.curve.tick_distance)[stops], OVERRUN, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -74,9 +74,9 @@ def test_a_detector_armed_long_after_the_motion_never_alarms() -> None:
         detector__feedback_period_s=1e-5,
         detector__arming_delay_s=1e5,
     )
-    law = bs.evaluate(late)
-    assert law.false_alarm_probability == 0
-    assert law.undetected_probability + law.no_contact_probability == pytest.approx(1)
+    result = bs.evaluate(late)
+    assert result.false_alarm_probability == 0
+    assert result.undetected_probability + result.no_contact_probability == pytest.approx(1)
 
 
 def test_noise_far_narrower_than_a_tick_of_travel_is_left_to_the_exact_law() -> None:

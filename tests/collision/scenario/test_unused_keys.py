@@ -136,8 +136,8 @@ def test_measured_residuals_leave_no_use_for_a_noise(tmp_path: Path) -> None:
     laws = {}
     for sd in (None, 0.1, 9.0):
         data["detector"] |= {"residuals": "noise.parquet", "noise_sd_Nm": sd}
-        law = bs.evaluate(Scenario.from_dict(data, tmp_path), samples=200)
-        laws[sd] = {key: value for key, value in law.to_json().items() if key != "notes"}
-        said = "detector.noise_sd_Nm has no effect with detector.residuals, whose noise counts." in law.notes
+        distribution = bs.evaluate(Scenario.from_dict(data, tmp_path), samples=200)
+        laws[sd] = {key: value for key, value in distribution.to_json().items() if key != "notes"}
+        said = "detector.noise_sd_Nm has no effect with detector.residuals, whose noise counts." in distribution.notes
         assert said == (sd is not None)
     assert laws[None] == laws[0.1] == laws[9.0]

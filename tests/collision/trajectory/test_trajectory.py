@@ -1,4 +1,4 @@
-"""Laws of motions given as joint trajectories: against lines, against formulas, against samples."""
+"""Distributions of motions given as joint trajectories: against lines, against formulas, against samples."""
 
 from __future__ import annotations
 
@@ -108,15 +108,15 @@ def test_contact_before_the_end(tmp_path: Path) -> None:
     t = np.linspace(0, 1, 60)
     way = 0.1 * (3 * t**2 - 2 * t**3)
     write_csv(tmp_path / "path.csv", t, way[:, None] * [0, 0, -1.0])
-    law = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=0.98)))
+    result = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=0.98)))
     rest = 0.1 - 0.1 * (3 * 0.98**2 - 2 * 0.98**3)
-    assert law.undetected_probability > 0.99
-    assert law.peak_force.mean == pytest.approx(20000 * rest, rel=1e-3)
-    assert law.verdict.acceptable is None
-    assert not any("still moves" in note for note in law.notes), "it comes to rest"
-    assert isinstance(law, TrajectoryCollisionResult)
-    assert law.max_undetected_force == pytest.approx(20000 * rest, rel=1e-3)
-    assert law.peak_force.quantile(0.5) == pytest.approx(20000 * rest, rel=1e-3), "the arm presses no harder"
+    assert result.undetected_probability > 0.99
+    assert result.peak_force.mean == pytest.approx(20000 * rest, rel=1e-3)
+    assert result.verdict.acceptable is None
+    assert not any("still moves" in note for note in result.notes), "it comes to rest"
+    assert isinstance(result, TrajectoryCollisionResult)
+    assert result.max_undetected_force == pytest.approx(20000 * rest, rel=1e-3)
+    assert result.peak_force.quantile(0.5) == pytest.approx(20000 * rest, rel=1e-3), "the arm presses no harder"
 
 
 @pytest.mark.parametrize("kind", ["stop", "reverse"])
@@ -159,7 +159,7 @@ def test_curvature_beyond_the_limits(tmp_path: Path) -> None:
     """Where following the path alone needs more than the limits, the arm still brakes, and a note says so."""
     t, q = waves(1, 2.0, size=0.5)
     write_csv(tmp_path / "path.csv", t, q)
-    law = bs.evaluate(
+    result = bs.evaluate(
         scenario(
             tmp_path,
             trajectory_motion(contact_onset_s=1.0),
@@ -167,9 +167,9 @@ def test_curvature_beyond_the_limits(tmp_path: Path) -> None:
             reaction={"kind": "stop", "joint_acceleration_rad_s2": 0.5},
         )
     )
-    assert law.kernel.excess > 1.5
-    assert any("own joint accelerations" in note for note in law.notes)
-    ends = [law.kernel.reaction(k) for k in range(0, law.kernel.ticks, 11)]
+    assert result.kernel.excess > 1.5
+    assert any("own joint accelerations" in note for note in result.notes)
+    ends = [result.kernel.reaction(k) for k in range(0, result.kernel.ticks, 11)]
     assert all((np.diff(u) >= 0).all() for u in ends)
 
 
@@ -180,19 +180,19 @@ def test_uniform_is_the_average_of_fixed_times(tmp_path: Path) -> None:
     t, q = waves(3, 0.24, rows=12, size=0.25)
     write_csv(tmp_path / "path.csv", t, q)
     noisy = {"detector__noise_sd_Nm": 5.0, "robot": "sia5d"}
-    law = bs.evaluate(scenario(tmp_path, trajectory_motion(), **noisy))
+    result = bs.evaluate(scenario(tmp_path, trajectory_motion(), **noisy))
     times = (np.arange(300) + 0.5) * 0.24 / 300
     fixed = [bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=float(x)), **noisy)) for x in times]
 
     def average(figure: Any) -> float:
         return float(np.mean([figure(one) for one in fixed]))
 
-    assert law.false_alarm_probability > 0.01
-    assert law.false_alarm_probability == pytest.approx(average(lambda one: one.false_alarm_probability), rel=2e-3)
-    assert law.undetected_probability == pytest.approx(average(lambda one: one.undetected_probability), rel=5e-3)
-    assert law.peak_force.mean == pytest.approx(average(lambda one: one.peak_force.mean), rel=1e-3)
-    for x in np.linspace(0.3, 1.5, 7) * law.peak_force.quantile(0.4):
-        assert law.peak_force.exceedance(float(x)) == pytest.approx(
+    assert result.false_alarm_probability > 0.01
+    assert result.false_alarm_probability == pytest.approx(average(lambda one: one.false_alarm_probability), rel=2e-3)
+    assert result.undetected_probability == pytest.approx(average(lambda one: one.undetected_probability), rel=5e-3)
+    assert result.peak_force.mean == pytest.approx(average(lambda one: one.peak_force.mean), rel=1e-3)
+    for x in np.linspace(0.3, 1.5, 7) * result.peak_force.quantile(0.4):
+        assert result.peak_force.exceedance(float(x)) == pytest.approx(
             average(lambda one, x=float(x): one.peak_force.exceedance(x)), abs=4e-3
         )
 
@@ -225,13 +225,13 @@ def test_exact_and_sampled_agree(name: str, kind: str, tmp_path: Path) -> None:
 
 
 def test_more_nodes_change_nothing_that_is_printed() -> None:
-    law, fine = (bs.evaluate(bs.load_scenario(EXAMPLE), refinement=n) for n in (1, 2))
+    result, fine = (bs.evaluate(bs.load_scenario(EXAMPLE), refinement=n) for n in (1, 2))
     for name in ("force_at_detection", "detection_delay"):
-        ours, theirs = getattr(law, name).to_json(), getattr(fine, name).to_json()
+        ours, theirs = getattr(result, name).to_json(), getattr(fine, name).to_json()
         for figure, value in ours.items():
             assert value == pytest.approx(theirs[figure], rel=4e-3), (name, figure)
-    assert law.peak_force.mean == pytest.approx(fine.peak_force.mean, rel=1e-4)
-    assert law.undetected_probability == pytest.approx(fine.undetected_probability, abs=5e-4)
+    assert result.peak_force.mean == pytest.approx(fine.peak_force.mean, rel=1e-4)
+    assert result.undetected_probability == pytest.approx(fine.undetected_probability, abs=5e-4)
 
 
 def test_a_point_that_stands_still_meets_nobody(tmp_path: Path) -> None:
@@ -240,27 +240,27 @@ def test_a_point_that_stands_still_meets_nobody(tmp_path: Path) -> None:
     way = np.clip(t - 0.5, 0, None) * 0.1
     rates = np.where(t[:, None] >= 0.5, 0.1, 0.0) * [0, 0, -1.0]
     write_csv(tmp_path / "path.csv", t, way[:, None] * [0, 0, -1.0], rates)
-    law = bs.evaluate(scenario(tmp_path, trajectory_motion()))
-    assert isinstance(law, TrajectoryCollisionResult)
-    assert law.times.still == pytest.approx(0.49, abs=0.015)
+    result = bs.evaluate(scenario(tmp_path, trajectory_motion()))
+    assert isinstance(result, TrajectoryCollisionResult)
+    assert result.times.still == pytest.approx(0.49, abs=0.015)
     # No node is wasted on it: 250 periods of four, and some more where the motion begins.
-    assert law.times.begin.size <= 4 * 265
-    assert any("ends while the arm still moves" in note for note in law.notes)
-    (note,) = [note for note in law.notes if "does not move toward a body" in note]
-    assert f"In {100 * law.times.still:.3g} % of the time" in note
-    assert (bs.evaluate(law.scenario, samples=500).runs or {})["onset"].min() > 0.485
+    assert result.times.begin.size <= 4 * 265
+    assert any("ends while the arm still moves" in note for note in result.notes)
+    (note,) = [note for note in result.notes if "does not move toward a body" in note]
+    assert f"In {100 * result.times.still:.3g} % of the time" in note
+    assert (bs.evaluate(result.scenario, samples=500).runs or {})["onset"].min() > 0.485
 
 
 @pytest.mark.parametrize("contact_onset_s", ["uniform", 0.11])
 def test_quantiles_and_tails_belong_together(contact_onset_s: float | str, tmp_path: Path) -> None:
     t, q = waves(3, 0.24, rows=12, size=0.25)
     write_csv(tmp_path / "path.csv", t, q)
-    law = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=contact_onset_s), robot="sia5d"))
-    for quantity in (law.peak_force, law.pressure, law.force_at_detection, law.detection_delay):
+    result = bs.evaluate(scenario(tmp_path, trajectory_motion(contact_onset_s=contact_onset_s), robot="sia5d"))
+    for quantity in (result.peak_force, result.pressure, result.force_at_detection, result.detection_delay):
         for p in (1e-9, 0.01, 0.3, 0.5, 0.77, 0.95, 0.999, 1 - 1e-7):
             x = quantity.quantile(p)
             if not math.isfinite(x):
-                assert law.undetected_probability > 1 - p
+                assert result.undetected_probability > 1 - p
                 continue
             assert quantity.exceedance(x) <= (1 - p) * (1 + 1e-6)
             if x > 0:
@@ -308,10 +308,10 @@ def test_an_alarm_after_the_point_turned_back_is_a_detection(tmp_path: Path) -> 
 
 def test_contact_begins_only_while_the_point_moves_toward_the_body(tmp_path: Path) -> None:
     there_and_back(tmp_path, duration=0.1357)
-    law = bs.evaluate(scenario(tmp_path, trajectory_motion(), contact__normal=[0, 0, -1], detector__noise_sd_Nm=5.0))
-    assert isinstance(law, TrajectoryCollisionResult)
-    assert law.times.still == pytest.approx(0.5, abs=1e-6), "it turns in the middle"
-    drawn = bs.evaluate(law.scenario, samples=4000, seed=2)
+    result = bs.evaluate(scenario(tmp_path, trajectory_motion(), contact__normal=[0, 0, -1], detector__noise_sd_Nm=5.0))
+    assert isinstance(result, TrajectoryCollisionResult)
+    assert result.times.still == pytest.approx(0.5, abs=1e-6), "it turns in the middle"
+    drawn = bs.evaluate(result.scenario, samples=4000, seed=2)
     assert drawn.runs is not None
     assert drawn.runs["onset"].max() < 0.1357 / 2
     assert drawn.runs["onset"].max() > 0.1357 / 2 * 0.998
@@ -330,9 +330,9 @@ def test_where_a_slow_point_turns_round(tmp_path: Path) -> None:
         contact={"stiffness_N_m": 500_000},
         detector={"thresholds_Nm": [10.0, 10.0, 200.0], "noise_sd_Nm": 1.5},
     )
-    law, fine = (bs.evaluate(path, refinement=n) for n in (1, 8))
+    result, fine = (bs.evaluate(path, refinement=n) for n in (1, 8))
     assert 1e-3 < fine.trigger_joint_probability[0] < 0.2, "seldom, so that few nodes may all miss it"
-    assert law.trigger_joint_probability[0] == pytest.approx(fine.trigger_joint_probability[0], rel=5e-3)
+    assert result.trigger_joint_probability[0] == pytest.approx(fine.trigger_joint_probability[0], rel=5e-3)
 
 
 def test_nodes_go_where_the_residual_grows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

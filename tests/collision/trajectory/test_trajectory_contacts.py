@@ -102,7 +102,7 @@ def test_an_arm_that_speeds_up_keeps_pushing(begin: float, duration: float, tmp_
     t = np.linspace(0, duration, 2)
     unit = np.array([0, 0, -1.0])
     write_csv(tmp_path / "path.csv", t, (jerk * t**3 / 6)[:, None] * unit, (jerk * t**2 / 2)[:, None] * unit)
-    law = bs.evaluate(
+    result = bs.evaluate(
         scenario(
             tmp_path,
             trajectory_motion(contact_onset_s=begin),
@@ -119,11 +119,11 @@ def test_an_arm_that_speeds_up_keeps_pushing(begin: float, duration: float, tmp_
     )
     assert y[1:].min() > 0, "they never part on the way"
     assert math.pi / w < 0.1 * duration
-    assert law.undetected_probability == pytest.approx(1)
+    assert result.undetected_probability == pytest.approx(1)
     chords = (w * 1e-3) ** 2 / 10  # between steps of a millisecond the arm goes straight
-    assert law.peak_force.mean == pytest.approx(stiffness * y.max(), rel=chords)
-    assert law.contact_duration is not None
-    assert duration - begin < law.contact_duration.mean < duration - begin + math.pi / w
+    assert result.peak_force.mean == pytest.approx(stiffness * y.max(), rel=chords)
+    assert result.contact_duration is not None
+    assert duration - begin < result.contact_duration.mean < duration - begin + math.pi / w
 
 
 def test_a_body_touched_between_two_ticks_alone(tmp_path: Path) -> None:
@@ -143,13 +143,13 @@ def test_a_body_touched_between_two_ticks_alone(tmp_path: Path) -> None:
         detector={"thresholds_Nm": [1e6] * 3, "noise_sd_Nm": 1.0, "feedback_period_s": 0.05},
         simulation={"step_s": 1e-4},
     )
-    law, drawn = bs.evaluate(path), bs.evaluate(path, samples=3)
-    assert (law.curve.tick_distance <= 0).all()
-    assert law.undetected_probability == drawn.undetected_probability == 1
+    result, drawn = bs.evaluate(path), bs.evaluate(path, samples=3)
+    assert (result.curve.tick_distance <= 0).all()
+    assert result.undetected_probability == drawn.undetected_probability == 1
     # y'' + w^2 y = -brake until they part.
     w = math.sqrt(stiffness / mass)
     deepest = math.hypot(speed / w, brake / w**2) - brake / w**2
-    for found in (law, drawn):
+    for found in (result, drawn):
         assert found.peak_force.mean == pytest.approx(stiffness * deepest, rel=1e-3)
         assert found.contact_duration is not None
         assert found.contact_duration.mean == pytest.approx(2 / w * math.atan(speed * w / brake), rel=1e-2)
@@ -172,7 +172,7 @@ def test_two_phases_beside_a_straight_trajectory(tmp_path: Path) -> None:
 def test_phases_are_read_off_the_force_over_time(tmp_path: Path) -> None:
     t, q = waves(32, 1.4, rows=20, size=0.2)
     write_csv(tmp_path / "path.csv", t, q)
-    law = bs.evaluate(
+    result = bs.evaluate(
         scenario(
             tmp_path,
             trajectory_motion(),
@@ -185,15 +185,15 @@ def test_phases_are_read_off_the_force_over_time(tmp_path: Path) -> None:
         samples=200,
         seed=1,
     )
-    assert isinstance(law, TrajectoryCollisionResult)
+    assert isinstance(result, TrajectoryCollisionResult)
     later = 0
     for begin in (0.55, 0.9):
-        curve, first = law.curve_at(begin), int(begin / 0.004)
+        curve, first = result.curve_at(begin), int(begin / 0.004)
         for tick in range(first - 110, first + 50, 3):
-            (deepest,) = law.kernel.phases([tick], np.array([begin]), curve.normal[None], 0.05)
-            reacts = tick * law.problem.period_steps + 1 + law.problem.latency_steps
+            (deepest,) = result.kernel.phases([tick], np.array([begin]), curve.normal[None], 0.05)
+            reacts = tick * result.problem.period_steps + 1 + result.problem.latency_steps
             distance = np.concatenate([curve.distance[:reacts], curve.kernel.reaction_paths([tick], [0.0])[0]])
-            place = np.concatenate([np.arange(reacts) * 1e-3, law.kernel.reaction(tick)])  # along the path [s]
+            place = np.concatenate([np.arange(reacts) * 1e-3, result.kernel.reaction(tick)])  # along the path [s]
             i = int(np.argmax(place > begin))
             if i == 0:
                 assert (deepest == 0).all(), "it stops before"
@@ -204,7 +204,7 @@ def test_phases_are_read_off_the_force_over_time(tmp_path: Path) -> None:
             early, late = distance[:turn].max(initial=0.0), max(distance[turn:].max(initial=0.0), distance[-1], 0.0)
             np.testing.assert_allclose(deepest, [early, late], rtol=0, atol=1e-12)
     assert later > 3, "an arm that brakes before contact meets it later"
-    assert law.verdict.p_over_force is not None
+    assert result.verdict.p_over_force is not None
 
 
 def test_measured_noise_beside_a_straight_trajectory(tmp_path: Path) -> None:
@@ -247,10 +247,10 @@ def test_a_place_passed_before_contact_does_not_touch_a_free_body(tmp_path: Path
             contact={"stiffness_N_m": 3000, "kind": "free", "body_mass_kg": 0.3, "normal": [0, 0, -1]},
             detector={"thresholds_Nm": [threshold] * 3, "noise_sd_Nm": sd},
         )
-        law = bs.evaluate(path)
-        before = int((law.curve.tick_time <= begin).sum())
-        assert law.false_alarm_probability == pytest.approx(1 - quiet**before, rel=1e-9)
-        assert law.no_contact_probability == 0
-        assert law.undetected_probability > 0.3
-        assert law.contact_duration is not None
-        assert law.contact_duration.mean > 0.01, "about half an oscillation"
+        result = bs.evaluate(path)
+        before = int((result.curve.tick_time <= begin).sum())
+        assert result.false_alarm_probability == pytest.approx(1 - quiet**before, rel=1e-9)
+        assert result.no_contact_probability == 0
+        assert result.undetected_probability > 0.3
+        assert result.contact_duration is not None
+        assert result.contact_duration.mean > 0.01, "about half an oscillation"

@@ -1,4 +1,4 @@
-"""What a law notes of itself: said where it is so, and only there."""
+"""What a distribution notes of itself: said where it is so, and only there."""
 
 from __future__ import annotations
 
@@ -40,25 +40,25 @@ def test_what_differs_from_the_usual_is_said(changes: dict[str, Any], said: str)
 
 def test_a_motion_that_ends_at_a_joint_limit_says_when_and_at_which() -> None:
     """Joint 2 has 0.3 degrees left."""
-    law = bs.evaluate(control_group(pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30]))
-    rate = law.problem.start["qd"][1]
+    result = bs.evaluate(control_group(pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30]))
+    rate = result.problem.start["qd"][1]
     after = math.radians(0.3) / rate
-    (said,) = (float(note.split()[4]) for note in law.notes if note.endswith(" s: joint 2 reaches its limit."))
+    (said,) = (float(note.split()[4]) for note in result.notes if note.endswith(" s: joint 2 reaches its limit."))
     assert said == pytest.approx(after, abs=2e-3)
     # Whoever stands farther away than the arm gets is not touched.
-    reach = float(law.curve.distance.max())
-    untouched = math.erfc(reach / law.problem.offset_size / math.sqrt(2))
-    assert law.no_contact_probability == pytest.approx(untouched, rel=1e-3)
-    assert f"In {percent(law.no_contact_probability)} of cases the motion ends before contact." in law.notes
+    reach = float(result.curve.distance.max())
+    untouched = math.erfc(reach / result.problem.offset_size / math.sqrt(2))
+    assert result.no_contact_probability == pytest.approx(untouched, rel=1e-3)
+    assert f"In {percent(result.no_contact_probability)} of cases the motion ends before contact." in result.notes
 
 
 def test_joints_that_are_too_slow_for_the_speed_asked_for_are_said() -> None:
     for speed, slowed in ((-50.0, False), (-3000.0, True)):
-        law = bs.evaluate(control_group(motion__velocity_mm_s=[0.0, 0.0, speed]))
-        limit = law.problem.robot.velocity
-        line = np.linalg.pinv(law.problem.robot.jacobian(law.problem.q)) @ [0, 0, speed / 1e3, 0, 0, 0]
+        result = bs.evaluate(control_group(motion__velocity_mm_s=[0.0, 0.0, speed]))
+        limit = result.problem.robot.velocity
+        line = np.linalg.pinv(result.problem.robot.jacobian(result.problem.q)) @ [0, 0, speed / 1e3, 0, 0, 0]
         assert bool((np.abs(line) > limit).any()) == slowed
-        assert any("joint-velocity limit slows the motion" in note for note in law.notes) == slowed
+        assert any("joint-velocity limit slows the motion" in note for note in result.notes) == slowed
 
 
 def test_an_arm_left_in_contact_is_noted() -> None:
@@ -66,13 +66,13 @@ def test_an_arm_left_in_contact_is_noted() -> None:
     beside = control_group(
         pose_deg=[31.92, -9.44, 50.64, 105.39, 91.72, 3.71, 0.0], motion__velocity_mm_s=[27.4, 25.1, -33.5]
     )
-    law = bs.evaluate(beside)
+    result = bs.evaluate(beside)
     ticks = [5, 20]
-    behind = law.curve.tick_distance[ticks]
-    paths = law.curve.kernel.reaction_paths(ticks, behind.tolist())
+    behind = result.curve.tick_distance[ticks]
+    paths = result.curve.kernel.reaction_paths(ticks, behind.tolist())
     assert any(path[-1] > distance for distance, path in zip(behind, paths, strict=True))
-    assert law.left_in_contact_probability > 0.9
-    assert any("the reversing arm has not left the body" in note for note in law.notes)
+    assert result.left_in_contact_probability > 0.9
+    assert any("the reversing arm has not left the body" in note for note in result.notes)
     plain = bs.evaluate(control_group())
     assert plain.left_in_contact_probability == 0
     assert not any("reversing arm" in note for note in plain.notes)

@@ -22,15 +22,15 @@ def two_phase(**changes: Any) -> bs.CollisionResult:
 
 def test_a_short_contact_is_judged_by_the_transient_limit() -> None:
     """The arm has let go long before half a second is over."""
-    law = two_phase(motion__velocity_mm_s=[0, 0, -110], contact__area_cm2=20.0)
-    assert law.contact_duration is not None
-    assert law.contact_duration.quantile(0.999) < 0.4
-    assert law.problem.transient_limits is not None
-    limit = law.problem.transient_limits.force_N
+    result = two_phase(motion__velocity_mm_s=[0, 0, -110], contact__area_cm2=20.0)
+    assert result.contact_duration is not None
+    assert result.contact_duration.quantile(0.999) < 0.4
+    assert result.problem.transient_limits is not None
+    limit = result.problem.transient_limits.force_N
     assert limit == 280
-    assert 0.01 < law.peak_force.exceedance(limit) < 0.99
-    assert law.verdict.p_over_force == pytest.approx(law.peak_force.exceedance(limit), abs=2e-4)
-    assert law.verdict.p_over_force < law.peak_force.exceedance(140.0)
+    assert 0.01 < result.peak_force.exceedance(limit) < 0.99
+    assert result.verdict.p_over_force == pytest.approx(result.peak_force.exceedance(limit), abs=2e-4)
+    assert result.verdict.p_over_force < result.peak_force.exceedance(140.0)
 
 
 def test_a_limit_far_out_has_its_digits() -> None:
@@ -45,10 +45,10 @@ def test_a_limit_far_out_has_its_digits() -> None:
 
 
 def test_an_arm_that_stays_is_judged_by_the_lasting_limit() -> None:
-    law = two_phase(motion__velocity_mm_s=[0, 0, -72], contact__area_cm2=20.0, reaction__kind="stop")
-    share = law.peak_force.exceedance(140.0)
+    result = two_phase(motion__velocity_mm_s=[0, 0, -72], contact__area_cm2=20.0, reaction__kind="stop")
+    share = result.peak_force.exceedance(140.0)
     assert 0.001 < share < 0.999
-    assert law.verdict.p_over_force == pytest.approx(share, abs=2e-4)
+    assert result.verdict.p_over_force == pytest.approx(share, abs=2e-4)
 
 
 @pytest.mark.parametrize("reaction", ["stop", "reverse"])
@@ -59,11 +59,11 @@ def test_exact_against_sampled_and_against_each_path(reaction: str) -> None:
         "reaction__joint_acceleration_rad_s2": 0.35, "reaction__kind": reaction,
         "detector__thresholds_Nm": [9, 5, 9, 9, 9, 9, 9], "detector__noise_sd_Nm": 1.6,
     }  # fmt: skip
-    law = two_phase(**changes)
-    drawn = bs.evaluate(law.scenario, samples=4000, seed=2)
+    result = two_phase(**changes)
+    drawn = bs.evaluate(result.scenario, samples=4000, seed=2)
     for ours, theirs in (
-        (law.verdict.p_over_force, drawn.verdict.p_over_force),
-        (law.verdict.p_over_pressure, drawn.verdict.p_over_pressure),
+        (result.verdict.p_over_force, drawn.verdict.p_over_force),
+        (result.verdict.p_over_pressure, drawn.verdict.p_over_pressure),
     ):
         assert ours is not None
         assert theirs is not None
@@ -78,29 +78,29 @@ def test_exact_against_sampled_and_against_each_path(reaction: str) -> None:
     over = []
     for run in range(0, 4000, 100):
         offset, tick = float(drawn.runs["offset"][run]), int(drawn.runs["tick"][run])
-        begin = tick * law.problem.period_steps + 1
-        reaction_path = law.curve.kernel.reaction_paths([tick], [offset])[0]
-        path = np.concatenate([law.curve.distance[:begin], reaction_path])
+        begin = tick * result.problem.period_steps + 1
+        reaction_path = result.curve.kernel.reaction_paths([tick], [offset])[0]
+        path = np.concatenate([result.curve.distance[:begin], reaction_path])
         path = np.append(path, np.full(2000, path[-1] if reaction == "stop" else -1.0))
         force = 9000.0 * np.maximum(0.0, path - offset)
         touch = np.flatnonzero(force > 0)[0] - 1
         first, late = force[: touch + 500].max(), force[touch + 502 :].max()
         over.append(first > 280 or late > 140)
     share = float(np.mean(over))
-    assert law.verdict.p_over_force is not None
-    assert abs(share - law.verdict.p_over_force) < 4 * np.sqrt(max(share * (1 - share), 1 / 40) / 40)
+    assert result.verdict.p_over_force is not None
+    assert abs(share - result.verdict.p_over_force) < 4 * np.sqrt(max(share * (1 - share), 1 / 40) / 40)
 
 
-def deepest(law: bs.CollisionResult) -> tuple[float, float]:
-    """Greatest force [N] in the first phase and after it of a law with one outcome."""
-    return law.phase_shares(1.0, 0.0)[0].mean, law.phase_shares(0.0, 1.0)[0].mean
+def deepest(result: bs.CollisionResult) -> tuple[float, float]:
+    """Greatest force [N] in the first phase and after it of a distribution with one outcome."""
+    return result.phase_shares(1.0, 0.0)[0].mean, result.phase_shares(0.0, 1.0)[0].mean
 
 
 @pytest.mark.parametrize(("offset_mm", "tick"), [(0.4, 11), (0.15, 4)])
 def test_an_arm_that_swings_forward_again_is_judged_by_that(offset_mm: float, tick: int) -> None:
     """Beside a singularity the point lets go after some hundredths of a second and comes back far harder."""
     scenario = swinging_forward(offset_mm, tick, contact__limits="ts15066")
-    law, reference = bs.evaluate(scenario), reference_trace(scenario)
+    result, reference = bs.evaluate(scenario), reference_trace(scenario)
     touch = reference.run.contact_start_s[0]
     assert reference.run.contact_duration_s[0] < 0.3
     first, late = (
@@ -108,13 +108,13 @@ def test_an_arm_that_swings_forward_again_is_judged_by_that(offset_mm: float, ti
         for when in (reference.time_s < touch + 0.5, reference.time_s >= touch + 0.5)
     )
     assert late > first > 500
-    assert deepest(law) == pytest.approx((first, late), rel=1e-9)
+    assert deepest(result) == pytest.approx((first, late), rel=1e-9)
     # Nothing is touched later, and nothing harder.
-    assert law.contact_duration is not None
-    assert law.contact_duration.mean == pytest.approx(
+    assert result.contact_duration is not None
+    assert result.contact_duration.mean == pytest.approx(
         float(reference.time_s[reference.force_N > 0].max()) - touch, abs=1e-3
     )
-    assert law.peak_force.mean == pytest.approx(late, rel=1e-9)
+    assert result.peak_force.mean == pytest.approx(late, rel=1e-9)
 
 
 def test_an_arm_whose_motion_ends_within_the_latency_stays_in_contact() -> None:
@@ -125,14 +125,14 @@ def test_an_arm_whose_motion_ends_within_the_latency_stays_in_contact() -> None:
         reaction__latency_s=0.02, detector__noise_sd_Nm=0.0, detector__noise_mean_Nm=[0, 11, 0, 0, 0, 0, 0],
         detector__arming_delay_s=0.041,
     )  # fmt: skip
-    law = bs.evaluate(scenario)
-    stands = 5000.0 * (float(bs.stopping_curve(law.problem, whole=True).kernel.braking[-1]) - 0.5e-3)
-    assert deepest(law) == pytest.approx((stands, stands), rel=1e-9)
+    result = bs.evaluate(scenario)
+    stands = 5000.0 * (float(bs.stopping_curve(result.problem, whole=True).kernel.braking[-1]) - 0.5e-3)
+    assert deepest(result) == pytest.approx((stands, stands), rel=1e-9)
 
 
 def test_a_head_is_never_acceptable() -> None:
-    law = two_phase(contact__body="face", motion__velocity_mm_s=[0, 0, -10])
-    assert law.verdict.acceptable is False
-    assert (law.verdict.p_over_force, law.verdict.p_over_pressure) == (1.0, 1.0)
-    assert "does not permit transient contact" in law.verdict.reason
-    assert law.verdict.to_json()["limit_kind"] == "two_phase"
+    result = two_phase(contact__body="face", motion__velocity_mm_s=[0, 0, -10])
+    assert result.verdict.acceptable is False
+    assert (result.verdict.p_over_force, result.verdict.p_over_pressure) == (1.0, 1.0)
+    assert "does not permit transient contact" in result.verdict.reason
+    assert result.verdict.to_json()["limit_kind"] == "two_phase"

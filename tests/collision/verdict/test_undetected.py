@@ -39,24 +39,24 @@ def eased(folder: Path, until: float = 1.0, **changes: Any) -> bs.Scenario:
 
 
 def test_a_line_that_comes_to_rest_is_judged_by_its_force() -> None:
-    law = bs.evaluate(at_a_limit(contact__body="thigh_knee", contact__stiffness_N_m=75000, contact__area_cm2=5.0))
-    assert law.curve.end == "joint_limit"
-    assert law.undetected_probability > 0.2
+    result = bs.evaluate(at_a_limit(contact__body="thigh_knee", contact__stiffness_N_m=75000, contact__area_cm2=5.0))
+    assert result.curve.end == "joint_limit"
+    assert result.undetected_probability > 0.2
     # The arm brakes at the limit, and gets farther than the line.
-    farthest = max(law.curve.distance.max(), law.curve.kernel.braking.max())
-    assert farthest > law.curve.distance.max()
-    hardest = law.problem.stiffness * farthest
-    assert law.peak_force.exceedance(0.99 * hardest) > 1e-3
-    assert law.peak_force.exceedance(1.001 * hardest) < 1e-12
-    assert law.verdict.p_over_force == pytest.approx(0, abs=1e-12)
-    assert "not detected" not in law.verdict.reason
-    assert law.unbounded_because is None
+    farthest = max(result.curve.distance.max(), result.curve.kernel.braking.max())
+    assert farthest > result.curve.distance.max()
+    hardest = result.problem.stiffness * farthest
+    assert result.peak_force.exceedance(0.99 * hardest) > 1e-3
+    assert result.peak_force.exceedance(1.001 * hardest) < 1e-12
+    assert result.verdict.p_over_force == pytest.approx(0, abs=1e-12)
+    assert "not detected" not in result.verdict.reason
+    assert result.unbounded_because is None
     # All but what touches nothing.
-    offset_sd = law.problem.offset_size
+    offset_sd = result.problem.offset_size
     for force in FORCES:
-        nearer = farthest - force / law.problem.stiffness
+        nearer = farthest - force / result.problem.stiffness
         expected = math.erf(nearer / offset_sd / math.sqrt(2)) if nearer > 0 else 0.0
-        assert law.peak_force.exceedance(force) == pytest.approx(expected, abs=1e-9)
+        assert result.peak_force.exceedance(force) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("thresholds", [60.0, 20.0, 10.0])
@@ -83,30 +83,30 @@ def test_exact_sampled_and_batch_agree(thresholds: float, offset_law: str) -> No
 
 
 def test_far_tails_of_what_comes_to_rest_join_the_near_ones() -> None:
-    law = bs.evaluate(at_a_limit(detector__thresholds_Nm=[6.0] * 7, detector__noise_sd_Nm=0.4))
-    question = law.problem.detector, law.problem.stiffness, law.problem.offset_kind, law.problem.offset_size
+    result = bs.evaluate(at_a_limit(detector__thresholds_Nm=[6.0] * 7, detector__noise_sd_Nm=0.4))
+    question = result.problem.detector, result.problem.stiffness, result.problem.offset_kind, result.problem.offset_size
     for force in (10.0, 40.0, 80.0):
-        near = float(law.kernel.tail("peak_force", np.array([force]))[0, 0])
-        assert law.curve.kernel.tail_directly(*question, force) == pytest.approx(near, rel=1e-7)
+        near = float(result.kernel.tail("peak_force", np.array([force]))[0, 0])
+        assert result.curve.kernel.tail_directly(*question, force) == pytest.approx(near, rel=1e-7)
 
 
 def test_no_milder_than_a_simulator_that_follows_the_line() -> None:
     case = at_a_limit(contact__offset_law="fixed", contact__offset_mm=0.4)
-    law = bs.evaluate(case)
-    after = float(law.end_notes()[0].split("after ")[1].split(" s")[0])
-    followed = trace(reference_settings(case, duration_s=after), law.problem.offset_size)
-    assert law.undetected_probability == pytest.approx(1, abs=1e-9)
-    assert law.peak_force.quantile(0.5) >= followed.force_N.max() - 1e-9 * law.problem.stiffness
+    result = bs.evaluate(case)
+    after = float(result.end_notes()[0].split("after ")[1].split(" s")[0])
+    followed = trace(reference_settings(case, duration_s=after), result.problem.offset_size)
+    assert result.undetected_probability == pytest.approx(1, abs=1e-9)
+    assert result.peak_force.quantile(0.5) >= followed.force_N.max() - 1e-9 * result.problem.stiffness
 
 
 def test_a_horizon_leaves_no_bound_and_names_its_key() -> None:
-    law = bs.evaluate(control_group(detector__thresholds_Nm=[6000.0] * 7, motion__duration_s=2.0))
-    assert law.curve.end == "horizon"
-    assert law.verdict.p_over_force == pytest.approx(law.undetected_probability)
-    assert law.verdict.acceptable is False
-    assert "are not detected within 2 s (motion.duration_s) and count as over every limit" in law.verdict.reason
-    assert "peak force exceeds" not in law.verdict.reason, "nobody knows that force"
-    assert math.isinf(law.peak_force.quantile(0.999))
+    result = bs.evaluate(control_group(detector__thresholds_Nm=[6000.0] * 7, motion__duration_s=2.0))
+    assert result.curve.end == "horizon"
+    assert result.verdict.p_over_force == pytest.approx(result.undetected_probability)
+    assert result.verdict.acceptable is False
+    assert "are not detected within 2 s (motion.duration_s) and count as over every limit" in result.verdict.reason
+    assert "peak force exceeds" not in result.verdict.reason, "nobody knows that force"
+    assert math.isinf(result.peak_force.quantile(0.999))
 
 
 def test_what_lasts_judges_an_arm_that_stands_in_two_phases() -> None:
@@ -122,27 +122,27 @@ def test_what_lasts_judges_an_arm_that_stands_in_two_phases() -> None:
 
 def test_a_trajectory_that_comes_to_rest(tmp_path: Path) -> None:
     case = eased(tmp_path)
-    law = bs.evaluate(case)
-    assert isinstance(law, TrajectoryCollisionResult)
-    assert law.undetected_probability > 0.95
+    result = bs.evaluate(case)
+    assert isinstance(result, TrajectoryCollisionResult)
+    assert result.undetected_probability > 0.95
     # Contact begins at any time: over 220 N where more than 11 mm are left.
     t = np.linspace(0, 1, 100_001)
     left = 0.1 * (1 - (3 * t**2 - 2 * t**3))
     for force in (100.0, 220.0, 1500.0):
-        assert law.peak_force.exceedance(force) == pytest.approx((20000 * left > force).mean(), abs=2e-3)
+        assert result.peak_force.exceedance(force) == pytest.approx((20000 * left > force).mean(), abs=2e-3)
     drawn = bs.evaluate(case, samples=20_000)
-    assert drawn.peak_force.exceedance(1500.0) == pytest.approx(law.peak_force.exceedance(1500.0), abs=0.014)
-    assert "not detected" not in law.verdict.reason
+    assert drawn.peak_force.exceedance(1500.0) == pytest.approx(result.peak_force.exceedance(1500.0), abs=0.014)
+    assert "not detected" not in result.verdict.reason
     late = bs.evaluate(case.with_values({"motion.contact_onset_s": 0.96}))
     assert late.verdict.acceptable is True
     assert late.peak_force.quantile(0.999) == pytest.approx(20000 * float(left[96_000]), rel=1e-3)
 
 
 def test_a_trajectory_that_is_cut_off_has_no_bound(tmp_path: Path) -> None:
-    law = bs.evaluate(eased(tmp_path, until=0.8).with_values({"motion.contact_onset_s": 0.79}))
-    assert law.verdict.acceptable is False
-    assert "(motion.file) ends while the arm still moves" in law.verdict.reason
-    assert math.isinf(law.peak_force.quantile(0.5))
+    result = bs.evaluate(eased(tmp_path, until=0.8).with_values({"motion.contact_onset_s": 0.79}))
+    assert result.verdict.acceptable is False
+    assert "(motion.file) ends while the arm still moves" in result.verdict.reason
+    assert math.isinf(result.peak_force.quantile(0.5))
 
 
 def test_a_motion_too_short_for_contact_is_no_safe_one() -> None:
@@ -157,14 +157,14 @@ def test_a_motion_too_short_for_contact_is_no_safe_one() -> None:
 
 def test_a_body_in_the_way_of_a_line_that_comes_to_rest_may_be_acceptable() -> None:
     case = at_a_limit(contact__offset_law="fixed", contact__offset_mm=0.7, contact__area_cm2=5.0)
-    law = bs.evaluate(case)
-    assert law.undetected_probability == pytest.approx(1, abs=1e-9)
-    assert law.verdict.acceptable is True
-    assert any("are not detected before the motion ends" in note for note in law.notes)
+    result = bs.evaluate(case)
+    assert result.undetected_probability == pytest.approx(1, abs=1e-9)
+    assert result.verdict.acceptable is True
+    assert any("are not detected before the motion ends" in note for note in result.notes)
 
 
 def test_what_fails_is_not_acceptable_however_rare_contact_is() -> None:
     """Most cases touch nothing, and some of the others are over: that is a verdict."""
-    law = bs.evaluate(at_a_limit(contact__area_cm2=1.0))
-    assert law.no_contact_probability > 0.5
-    assert law.verdict.conclusion == "not_acceptable"
+    result = bs.evaluate(at_a_limit(contact__area_cm2=1.0))
+    assert result.no_contact_probability > 0.5
+    assert result.verdict.conclusion == "not_acceptable"

@@ -49,12 +49,12 @@ SAID: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("changes", "said"), SAID, ids=[said[:30] for _, said in SAID])
 def test_is_said_alone_and_everywhere(changes: dict[str, Any], said: str) -> None:
-    law = bs.evaluate(control_group(**changes))
-    found = [warning for warning in law.warnings if said in warning]
-    assert len(found) == 1, law.warnings
-    assert list(law.warnings) == found or "deformed" in "".join(law.warnings)
-    assert found[0] in law.notes
-    assert found[0] in law.to_json()["verdict"]["warnings"]
+    result = bs.evaluate(control_group(**changes))
+    found = [warning for warning in result.warnings if said in warning]
+    assert len(found) == 1, result.warnings
+    assert list(result.warnings) == found or "deformed" in "".join(result.warnings)
+    assert found[0] in result.notes
+    assert found[0] in result.to_json()["verdict"]["warnings"]
     assert bs.evaluate(control_group()).warnings == ()
 
 
@@ -67,22 +67,22 @@ def test_angles_in_the_wrong_unit() -> None:
 
 
 def test_joints_too_fast() -> None:
-    law = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -2500]))
-    (said,) = [warning for warning in law.warnings if "needs joint" in warning]
-    qd = np.abs(law.problem.start["qd"])
-    limit = law.problem.robot.velocity
+    result = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -2500]))
+    (said,) = [warning for warning in result.warnings if "needs joint" in warning]
+    qd = np.abs(result.problem.start["qd"])
+    limit = result.problem.robot.velocity
     joint = int(np.argmax(qd / limit))
     assert f"needs joint {joint + 1} at" in said
     assert f"beyond its limit of {limit[joint]:.4g} rad/s" in said
-    share = law.problem.approach_speed / 2.5
+    share = result.problem.approach_speed / 2.5
     assert f"it collides at {float(f'{100 * share:.3g}'):g} % of the speed" in said
 
 
 def test_a_region_without_a_pressure_limit(tmp_path: Path) -> None:
-    law = bs.evaluate(control_group(contact__limits="ts15066", contact__body="face"))
-    assert law.problem.limits is not None
-    has = law.problem.limits.pressure_N_cm2 is not None
-    assert has is not any("has no pressure limit" in warning for warning in law.warnings)
+    result = bs.evaluate(control_group(contact__limits="ts15066", contact__body="face"))
+    assert result.problem.limits is not None
+    has = result.problem.limits.pressure_N_cm2 is not None
+    assert has is not any("has no pressure limit" in warning for warning in result.warnings)
     table = tmp_path / "own.toml"
     table.write_text(
         'name = "own"\ntitle = "Own"\nsource = "made up"\nstatus = "none"\n\n'
@@ -97,12 +97,12 @@ def test_a_region_without_a_pressure_limit(tmp_path: Path) -> None:
 
 def test_coarse_steps_say_the_force_that_finer_ones_find() -> None:
     coarse = control_group(simulation__step_s=0.004, simulation__substeps=1)
-    law = bs.evaluate(coarse)
-    (said,) = law.warnings
+    result = bs.evaluate(coarse)
+    (said,) = result.warnings
     changes = {"simulation.step_s": 0.001, "simulation.substeps": 4}
     fine = bs.evaluate(coarse.with_values(changes))
     assert "simulation.step_s = 0.001 and simulation.substeps = 4" in said
-    assert f"is {fine.peak_force.quantile(0.999):.4g} N, not {law.peak_force.quantile(0.999):.4g} N" in said
+    assert f"is {fine.peak_force.quantile(0.999):.4g} N, not {result.peak_force.quantile(0.999):.4g} N" in said
 
 
 def test_coarse_steps_of_a_long_motion_are_told_by_a_formula() -> None:
@@ -128,10 +128,10 @@ def test_cases_that_touch_nothing_do_not_hide_a_risk() -> None:
     case = control_group(
         pose_deg=[0, 109.0, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -50], contact__offset_sd_s=0.12
     )
-    law = bs.evaluate(case)
-    untouched = 1 - law.peak_force.exceedance(0.0)
+    result = bs.evaluate(case)
+    untouched = 1 - result.peak_force.exceedance(0.0)
     assert 0.2 < untouched < 0.5
-    alone = law.verdict.p_over_pressure / (1 - untouched)
+    alone = result.verdict.p_over_pressure / (1 - untouched)
     hidden = bs.evaluate(
         case.with_values({"verdict.accepted_probability": 0.9 * alone, "verdict.max_false_alarm": 0.1})
     )

@@ -71,7 +71,7 @@ def command(
     checked = load_scenario(scenario, dict(change(text) for text in changes or []))
     try:
         with progress("drawing" if sampled else "evaluating") as share:
-            law = evaluate(checked, samples=sampled, seed=seed, threads=threads, progress=share)
+            result = evaluate(checked, samples=sampled, seed=seed, threads=threads, progress=share)
     except MemoryError:
         if sampled is None:
             problem = "is not given, and integrating over so many control cycles needs more memory than there is"
@@ -81,15 +81,15 @@ def command(
     if out is not None:
         from bumpstop.cli.collision.output import write_outputs
 
-        report = write_outputs(law, out)
+        report = write_outputs(result, out)
     if as_json:
-        typer.echo(json.dumps(law.to_json(), allow_nan=False, indent=2))
+        typer.echo(json.dumps(result.to_json(), allow_nan=False, indent=2))
     else:
         from bumpstop.cli.collision.summary import print_summary
 
-        print_summary(law, report)
+        print_summary(result, report)
     # Without a body region there is nothing to judge, and no verdict that could fail.
-    return {"not_acceptable": NOT_ACCEPTABLE, "inconclusive": INCONCLUSIVE}.get(law.verdict.conclusion, 0)
+    return {"not_acceptable": NOT_ACCEPTABLE, "inconclusive": INCONCLUSIVE}.get(result.verdict.conclusion, 0)
 
 
 def change(text: str) -> tuple[str, Any]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
 
 
-def write_outputs(law: CollisionResult, folder: Path) -> Path:
+def write_outputs(result: CollisionResult, folder: Path) -> Path:
     """Write report.html with its figures, law.parquet and settings.toml; returns the report's path.
 
     Raises:
@@ -24,9 +24,9 @@ def write_outputs(law: CollisionResult, folder: Path) -> Path:
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "settings.toml").write_bytes(settings_toml(law).encode("utf-8"))
-        result_table(law).write_parquet(folder / "law.parquet")
-        return write_report(law, folder)
+        (folder / "settings.toml").write_bytes(settings_toml(result).encode("utf-8"))
+        result_table(result).write_parquet(folder / "law.parquet")
+        return write_report(result, folder)
     except UnicodeEncodeError as error:
         text = error.object[max(0, error.start - 20) : error.end]
         raise InputError("scenario", f"{text!r} is no text", "wanted names of files in UTF-8") from None
@@ -39,8 +39,8 @@ def write_outputs(law: CollisionResult, folder: Path) -> Path:
         ) from None
 
 
-def settings_toml(law: CollisionResult) -> str:
-    """Scenario, law and versions: enough to repeat the evaluation.
+def settings_toml(result: CollisionResult) -> str:
+    """Scenario, distribution and versions: enough to repeat the evaluation.
 
     The file is itself a scenario: its reader passes over the table ``[made_by]``.
     """
@@ -49,15 +49,15 @@ def settings_toml(law: CollisionResult) -> str:
     from bumpstop.kernels import target
     from bumpstop.text_files import to_toml
 
-    made_by: dict[str, Any] = {"law": law.kind}
-    if law.kind == "sampled":
-        made_by |= {"samples": law.samples, "seed": law.seed}
+    made_by: dict[str, Any] = {"law": result.kind}
+    if result.kind == "sampled":
+        made_by |= {"samples": result.samples, "seed": result.seed}
     made_by |= {
         "bumpstop": version("bumpstop"),
         "numpy": version("numpy"),
         "python": platform.python_version(),
     }
     made_by["instruction_set"] = target
-    data = scenario_data(law.scenario)
-    options = f" --sampled {law.samples} --seed {law.seed}" if law.kind == "sampled" else ""
+    data = scenario_data(result.scenario)
+    options = f" --sampled {result.samples} --seed {result.seed}" if result.kind == "sampled" else ""
     return f"# To repeat: bumpstop evaluate settings.toml{options}\n" + to_toml(data | {MADE_BY: made_by})

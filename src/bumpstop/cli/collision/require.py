@@ -56,7 +56,7 @@ def require(
         if as_json:
             typer.echo(json.dumps(to_jsonable(found.to_json()), allow_nan=False, indent=2))
         else:
-            bound = "at most" if found.harsher == "higher" else "at least"
+            bound = "at most" if found.worse == "higher" else "at least"
             typer.echo(f"{name}: " + ("no value" if found.value is None else f"{bound} {found.value:g} {found.unit}"))
             if name == "detector.thresholds" and found.value is not None:
                 typer.echo(f"the lowest; by joint {_thresholds(checked, found.value)}")

@@ -1,4 +1,4 @@
-"""``bumpstop study``: many laws with a question."""
+"""``bumpstop study``: many distributions with a question."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def parameters(
     pair: Annotated[
         list[str] | None, typer.Option(metavar="KEY,KEY", help="Curves of equal risk over two varied keys.")
     ] = None,
-    price: Annotated[
+    cost_rate: Annotated[
         list[str] | None,
         typer.Option(
             "--cost", metavar="KEY=COST", help="What one unit of change costs, for the cheapest way to meet the limits."
@@ -125,7 +125,7 @@ def parameters(
     """Vary one parameter after the other: peak force, fits, derivatives, and the cheapest way to meet the limits."""
     from bumpstop.study.parameters.parameters import ParameterStudy
 
-    study = ParameterStudy.of(load(scenario, changes), vary, pair, price)
+    study = ParameterStudy.of(load(scenario, changes), vary, pair, cost_rate)
 
     def report(rows: pl.DataFrame, summary: dict[str, Any]) -> tuple[str, Sequence[Part], Sequence[str]]:
         from bumpstop.report.studies.parameters import pages_of
@@ -207,11 +207,11 @@ def workspace(
     from typing import get_args
 
     from bumpstop.errors import InputError, near_matches
-    from bumpstop.study.directions import DirectionLaw
+    from bumpstop.study.directions import DirectionSampling
     from bumpstop.study.workspace.workspace import WorkspaceStudy
 
     for option, value, valid in (
-        ("--directions", directions, get_args(DirectionLaw)),
+        ("--directions", directions, get_args(DirectionSampling)),
         ("--joint-limits", joint_limits, ("respect", "ignore")),
         ("--velocity-limits", velocity_limits, ("respect", "ignore")),
     ):
@@ -254,10 +254,10 @@ def _parameter_lines(summary: dict[str, Any]) -> list[str]:
         lines.append(f"  dF/dx at {each['control']:g}: {each['derivative']['mean']:.4g} {unit}")
     guide = summary.get("guide")
     if guide:
-        plan = guide["together"]
-        if plan is None or not guide["alone"]:
+        plan = guide["combined"]
+        if plan is None or not guide["single_change"]:
             lines.append(guide["reason"])
-        if plan is not None and guide["alone"]:
+        if plan is not None and guide["single_change"]:
             values = ", ".join(f"{key} = {value:.6g}" for key, value in plan["values"].items())
             lines.append(f"cheapest way to meet the limits, at a cost of {plan['cost']:.4g}: {values}")
     return lines

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from bumpstop.contact import ContactLimits
 
 
-def print_summary(law: CollisionResult, report: Path | None) -> None:
+def print_summary(result: CollisionResult, report: Path | None) -> None:
     """Print verdict, figures and notes; ``report`` is the page that was written, if any."""
     from rich.console import Console
     from rich.table import Table
@@ -24,32 +24,32 @@ def print_summary(law: CollisionResult, report: Path | None) -> None:
     from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
     console = Console(highlight=False, markup=False)
-    verdict = law.verdict
+    verdict = result.verdict
     word, style = {
         "acceptable": ("ACCEPTABLE", "bold black on bright_cyan"),
         "not_acceptable": ("NOT ACCEPTABLE", "bold white on red"),
         "inconclusive": ("INCONCLUSIVE", "bold black on yellow"),
         "no_limits": ("NO LIMITS TO JUDGE BY", "bold"),
     }[verdict.conclusion]
-    robot, limits = law.problem.robot, law.problem.limits
-    body = f"{limits.label} ({limits.table})" if limits else f"a spring of {law.problem.stiffness:g} N/m"
-    console.print(f"{robot.title or robot.name} {law.problem.motion_in_words} against {body}", style="bold")
+    robot, limits = result.problem.robot, result.problem.limits
+    body = f"{limits.label} ({limits.table})" if limits else f"a spring of {result.problem.stiffness:g} N/m"
+    console.print(f"{robot.title or robot.name} {result.problem.motion_in_words} against {body}", style="bold")
     console.print(Text(f" {word} ", style=style), verdict.reason)
-    for warning in law.warnings:
+    for warning in result.warnings:
         console.print(f"warning: {warning}")
 
     table = Table(box=None, pad_edge=False)
     table.add_column("")
     for heading in ("mean", "sd", "p50", "p95", "p99", "p99.9", "limit", "P(over)"):
         table.add_column(heading, justify="right")
-    contact_duration = law.contact_duration
+    contact_duration = result.contact_duration
     first = verdict.transient
     rows: list[tuple[str, Distribution | None, float, str, float | None]] = [
-        ("peak force, N", law.peak_force, 1, _limits(first, limits, "force_N"), verdict.p_over_force),
-        ("pressure, N/cm²", law.pressure, 1, _limits(first, limits, "pressure_N_cm2"), verdict.p_over_pressure),
-        ("deformation, mm", law.compression, 1, "", None),
-        ("force at detection, N", law.force_at_detection, 1, "", None),
-        ("detection delay, ms", law.detection_delay, 1e3, "", None),
+        ("peak force, N", result.peak_force, 1, _limits(first, limits, "force_N"), verdict.p_over_force),
+        ("pressure, N/cm²", result.pressure, 1, _limits(first, limits, "pressure_N_cm2"), verdict.p_over_pressure),
+        ("deformation, mm", result.compression, 1, "", None),
+        ("force at detection, N", result.force_at_detection, 1, "", None),
+        ("detection delay, ms", result.detection_delay, 1e3, "", None),
         ("contact duration, ms", contact_duration, 1e3, "", None),
     ]
     for name, quantity, factor, limit, over in rows:
@@ -59,34 +59,34 @@ def print_summary(law: CollisionResult, report: Path | None) -> None:
         # Short, or the table does not fit into 80 columns.
         nothing = "none" if math.isnan(quantity.mean) else "inf"
         cells = [nothing if value is None else _figure(value) for value in figures.values()]
-        table.add_row(name, *cells, limit, "" if over is None else _probability(over, law))
+        table.add_row(name, *cells, limit, "" if over is None else _probability(over, result))
     # Small figures are long: rather columns that are closer than names in two lines.
     table.collapse_padding = console.measure(table, options=console.options.update(width=1000)).maximum > console.width
     console.print(table)
 
-    if math.isinf(law.peak_force.mean):
-        mean = finite_mean(law.peak_force)
+    if math.isinf(result.peak_force.mean):
+        mean = finite_mean(result.peak_force)
         console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")
     triggers = [
         f"{j} ({100 * p:.3g} %)"
-        for j, p in sorted(enumerate(law.trigger_joint_probability, start=1), key=lambda item: -item[1])
+        for j, p in sorted(enumerate(result.trigger_joint_probability, start=1), key=lambda item: -item[1])
         if p >= 0.0005
     ]
     console.print("triggered by joint " + ", ".join(triggers) if triggers else "triggered by no joint", end="")
     console.print(
-        f"; false alarm before contact {_probability(law.false_alarm_probability, law)}; "
-        f"never detected {_probability(law.undetected_probability, law)}"
+        f"; false alarm before contact {_probability(result.false_alarm_probability, result)}; "
+        f"never detected {_probability(result.undetected_probability, result)}"
     )
-    console.print(alarm_rate(law.problem).words)
+    console.print(alarm_rate(result.problem).words)
     # What the figures above are not about; what was assumed otherwise is in the report.
-    for note in (*unused_notes(law.scenario), *sample_notes(law), *law.end_notes()):
+    for note in (*unused_notes(result.scenario), *sample_notes(result), *result.end_notes()):
         console.print(f"note: {note}")
     kind = (
         "integrated distribution"
-        if law.kind == "exact"
-        else f"sampled distribution, {law.samples} runs, seed {law.seed}"
+        if result.kind == "exact"
+        else f"sampled distribution, {result.samples} runs, seed {result.seed}"
     )
-    console.print(f"{kind}; {law.notes[-1][0].lower()}{law.notes[-1][1:]}", style="dim")
+    console.print(f"{kind}; {result.notes[-1][0].lower()}{result.notes[-1][1:]}", style="dim")
     if report is not None:
         # Not wrapped, so that it can be copied or clicked.
         console.print(f"report: {report}", soft_wrap=True)
@@ -103,11 +103,11 @@ def _figure(value: float) -> str:
     return "0" if abs(value) < 1e-6 else f"{value:.4g}"
 
 
-def _probability(p: float, law: CollisionResult) -> str:
+def _probability(p: float, result: CollisionResult) -> str:
     """Four decimals, powers of ten below a thousandth.
 
     The quadrature counts what is far less probable as nothing; of runs, none seen is no bound on the probability.
     """
-    if p >= 0.001 or (p == 0 and law.kind == "sampled"):
+    if p >= 0.001 or (p == 0 and result.kind == "sampled"):
         return f"{p:.4f}"
     return f"{p:.1e}" if p > 1e-12 else "< 1e-12"

@@ -90,7 +90,7 @@ def first_passage_times(distance: FloatArray, offset: FloatArray, step: float) -
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The exact law's detections at one tick, cut into cells of offset.
+    """The integrated distribution's detections at one tick, cut into cells of offset.
 
     Attributes:
         spans: the paths of these collisions.
@@ -138,7 +138,7 @@ def _unit_quadrature(nodes: int) -> tuple[FloatArray, FloatArray]:
 
 
 def exact_cells(problem: CollisionProblem, curve: Any, law: Any) -> Iterator[Cells]:
-    """Cut all detections of an exact law into cells, tick by tick; those of wide panels by themselves."""
+    """Cut all detections of an integrated distribution into cells, tick by tick; those of wide panels by themselves."""
     coefficients = law.coefficients
     mid, half, first_tick = law.panel_mid, law.panel_half, law.panel_first_tick
     slots, order, _ = coefficients.shape
@@ -192,7 +192,7 @@ def exact_cells(problem: CollisionProblem, curve: Any, law: Any) -> Iterator[Cel
 
 
 def integrated_contact_duration(problem: CollisionProblem, curve: Any, law: Any) -> tuple[MixtureDistribution, float]:
-    """Contact time [s] of the exact law, given that the reaction ends a contact.
+    """Contact time [s] of the integrated distribution, given that the reaction ends a contact.
 
     Also the probability that a reaction does not, as far as it is followed.
     """

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # The quantiles every output gives, by the name it gives them.
 QUANTILES = {"p50": 0.5, "p95": 0.95, "p99": 0.99, "p999": 0.999}
 
-# Probability below which a tail is worked out by itself.
+# Probability below which a tail is computed by itself.
 FAR = 1e-6
 # Probability below which a share of undetected collisions is rounding, not a statement.
 NEGLIGIBLE = 1e-12
@@ -93,7 +93,7 @@ def check_probability(p: float) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExactDistribution(Distribution):
-    """A quantity of the exact law.
+    """A quantity of the integrated distribution.
 
     Attributes:
         law: the kernels' law.
@@ -102,7 +102,7 @@ class ExactDistribution(Distribution):
         condition: probability of what the distribution is conditioned on.
         undetected: probability of never detecting, part of ``condition``; it counts as beyond every value.
         bounded: the undetected collisions end with a known force, so that there is a mean.
-        far_tail: the law's tail at a value of the kernels, worked out by itself; used where the tail is so small that
+        far_tail: the law's tail at a value of the kernels, computed by itself; used where the tail is so small that
             interpolation would have spent its digits, and that collisions never detected do not outweigh it.
     """
 

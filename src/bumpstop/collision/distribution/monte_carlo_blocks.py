@@ -1,4 +1,4 @@
-"""Sampled laws of many runs in bounded memory: blocks of runs one after the other, of which counts are kept."""
+"""Monte Carlo of many runs in bounded memory: blocks of runs one after the other, of which counts are kept."""
 
 from __future__ import annotations
 

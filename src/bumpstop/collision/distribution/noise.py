@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def noise_of_run(problem: CollisionProblem, seed: int, run: int, ticks: int) -> FloatArray:
-    """Noise of a run of the sampled law at its first ``ticks`` ticks, mean included: (ticks, dof) [Nm or N].
+    """Noise of a run of the sampled distribution at its first ``ticks`` ticks, mean included: (ticks, dof) [Nm or N].
 
     The same numbers as the law's own; before the detector is armed it is not monitored and taken as it is when it is.
     """

@@ -50,8 +50,8 @@ class TrajectoryCollisionResult(CollisionResult):
             contact.
         detections: the detected collisions one by one.
         max_undetected_force: the greatest force of a collision never detected [N].
-        undetected_force: force of such collisions, given one [N]; of the exact law of clamped contact, where there are
-            any.
+        undetected_force: force of such collisions, given one [N]; of the integrated distribution of clamped contact,
+            where there are any.
     """
 
     times: OnsetQuadrature = field(kw_only=True)
@@ -258,7 +258,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
 
 
 def _laws(problem: CollisionProblem, kernel: Any, begin: FloatArray, normal: FloatArray) -> dict[str, npt.NDArray[Any]]:
-    """The exact laws of contact times, some hundreds at a time: of slow motions each has thousands of detections."""
+    """Integrated results of contact onsets, some hundreds at a time: slow motions have thousands of detections each."""
     parts: list[dict[str, npt.NDArray[Any]]] = []
     detections = 0
     for first in range(0, begin.size, _CONTACTS_AT_ONCE):

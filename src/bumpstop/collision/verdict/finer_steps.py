@@ -22,26 +22,26 @@ _MIN_STEP_S, _MIN_SUBSTEP_S, _MAX_SUBSTEPS = 1e-5, 1e-6, 1000
 _RISE = 0.02
 
 
-def finer_steps(law: CollisionResult) -> list[str]:
-    """Compare a law with that of finer steps; where it hits harder, say how much.
+def finer_steps(result: CollisionResult) -> list[str]:
+    """Compare a distribution with that of finer steps; where it hits harder, say how much.
 
     A reaction takes effect at the ends of sub-steps and the farthest point is looked for at the ends of steps, so that
     coarse ones make a braking distance shorter by up to half the speed times a sub-step.
     """
-    given, trajectory = law.scenario, law.problem.trajectory
+    given, trajectory = result.scenario, result.problem.trajectory
     duration = given.motion.duration_s if trajectory is None else trajectory.duration
     changes = _finer(given)
     if not changes:
         return []
-    if law.problem.residuals is not None or duration / given.simulation.step_s * _FINER > _MAX_STEPS:
-        return _by_formula(law)
+    if result.problem.residuals is not None or duration / given.simulation.step_s * _FINER > _MAX_STEPS:
+        return _by_formula(result)
     from bumpstop.collision.evaluation import evaluate
 
-    at = law.contact_alone()
+    at = result.contact_alone()
     step, substeps = changes["simulation.step_s"], changes["simulation.substeps"]
     try:
-        coarse = law if law.kind == "exact" and not at else evaluate(given.with_values(at))
-        fine = evaluate(given.with_values(at | changes | _same_phase(law, given.simulation.step_s - step)))
+        coarse = result if result.kind == "exact" and not at else evaluate(given.with_values(at))
+        fine = evaluate(given.with_values(at | changes | _same_phase(result, given.simulation.step_s - step)))
     except InputError:  # an edge that only the finer steps reach, or only the coarse ones miss
         return []
     p = 1 - given.verdict.accepted_probability
@@ -62,12 +62,12 @@ def finer_steps(law: CollisionResult) -> list[str]:
     ]
 
 
-def _by_formula(law: CollisionResult) -> list[str]:
-    """Where there is no other law to compare with: half the speed times a sub-step, as a force."""
-    simulation = law.scenario.simulation
-    way = law.curve.approach_speed * simulation.step_s / simulation.substeps / 2
-    force = law.problem.stiffness * way
-    said = law.peak_force.quantile(1 - law.scenario.verdict.accepted_probability)
+def _by_formula(result: CollisionResult) -> list[str]:
+    """Where there is no other distribution to compare with: half the speed times a sub-step, as a force."""
+    simulation = result.scenario.simulation
+    way = result.curve.approach_speed * simulation.step_s / simulation.substeps / 2
+    force = result.problem.stiffness * way
+    said = result.peak_force.quantile(1 - result.scenario.verdict.accepted_probability)
     if not math.isfinite(said) or not force > _RISE * said:
         return []
     return [
@@ -77,20 +77,20 @@ def _by_formula(law: CollisionResult) -> list[str]:
     ]
 
 
-def _same_phase(law: CollisionResult, earlier: float) -> dict[str, float]:
+def _same_phase(result: CollisionResult, earlier: float) -> dict[str, float]:
     """Keys that move a single contact as far ahead as the control cycles, which follow the first step [s].
 
     The delay from contact to the next cycle is the same then, and what differs is due to the steps.
     """
-    scenario = law.scenario
-    if alone := law.contact_alone():
+    scenario = result.scenario
+    if alone := result.contact_alone():
         return {key: max(0.0, begin - earlier) for key, begin in alone.items()}
     contact = scenario.contact
     if contact.offset_law != "fixed" or contact.offset_mm is None:
         return {}
-    distance, step = law.curve.distance, scenario.simulation.step_s
+    distance, step = result.curve.distance, scenario.simulation.step_s
     touch = int(np.argmax(distance > contact.offset_mm / 1e3))
-    speed = float(distance[touch] - distance[touch - 1]) / step if touch else law.problem.approach_speed
+    speed = float(distance[touch] - distance[touch - 1]) / step if touch else result.problem.approach_speed
     return {"contact.offset_mm": max(0.0, contact.offset_mm - 1e3 * speed * earlier)}
 
 

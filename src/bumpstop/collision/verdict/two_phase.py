@@ -36,20 +36,20 @@ class TwoPhaseUse:
     weight: float
 
     @classmethod
-    def of(cls, law: CollisionResult, transient: ContactLimits, lasting: ContactLimits) -> TwoPhaseUse:
-        """Work out the shares of a law of clamped contact.
+    def of(cls, result: CollisionResult, transient: ContactLimits, lasting: ContactLimits) -> TwoPhaseUse:
+        """Work out the shares of a distribution of clamped contact.
 
         Args:
-            law: exact or sampled.
+            result: exact or sampled.
             transient: limits of the first half second of contact.
             lasting: quasi-static limits, for what comes after.
         """
-        contact = law.scenario.contact
+        contact = result.scenario.contact
         per_newton = contact.peak_factor / contact.area_cm2
-        force = law.phase_shares(1 / transient.force_N, 1 / lasting.force_N)
+        force = result.phase_shares(1 / transient.force_N, 1 / lasting.force_N)
         pressure = None
         if transient.pressure_N_cm2 is not None and lasting.pressure_N_cm2 is not None:
-            pressure = law.phase_shares(per_newton / transient.pressure_N_cm2, per_newton / lasting.pressure_N_cm2)
+            pressure = result.phase_shares(per_newton / transient.pressure_N_cm2, per_newton / lasting.pressure_N_cm2)
         return cls(force[0], None if pressure is None else pressure[0], force[1])
 
     def over(self, share: Distribution, undetected: float) -> float:
@@ -57,21 +57,21 @@ class TwoPhaseUse:
         return min(1.0, (self.weight * share.exceedance(1.0) if self.weight > 0 else 0.0) + undetected)
 
 
-def phase_shares(law: CollisionResult, first: float, later: float) -> tuple[Distribution, float]:
-    """Of a law on a line; see :meth:`bumpstop.CollisionResult.phase_shares`."""
-    stiffness = law.problem.stiffness
+def phase_shares(result: CollisionResult, first: float, later: float) -> tuple[Distribution, float]:
+    """Of a distribution on a line; see :meth:`bumpstop.CollisionResult.phase_shares`."""
+    stiffness = result.problem.stiffness
 
     def share(spans: ReleaseTimes, tick: int, offset: FloatArray) -> FloatArray:
         early, late = spans.phases(tick, offset.ravel(), FIRST_PHASE_S)
         return (stiffness * np.maximum(early * first, late * later)).reshape(offset.shape)
 
-    kernel = law.curve.kernel
-    if law.kind == "sampled":
-        assert law.runs is not None
-        tick, offset = law.runs["tick"], law.runs["offset"]
-        if law.curve.end in ("joint_limit", "singularity"):
+    kernel = result.curve.kernel
+    if result.kind == "sampled":
+        assert result.runs is not None
+        tick, offset = result.runs["tick"], result.runs["offset"]
+        if result.curve.end in ("joint_limit", "singularity"):
             # Bodies that the arm reaches only while it brakes at the end of its line.
-            braking = (tick < 0) & (offset >= law.curve.distance.max()) & (law.runs["peak_force"] > 0)
+            braking = (tick < 0) & (offset >= result.curve.distance.max()) & (result.runs["peak_force"] > 0)
             tick = np.where(braking, kernel.ticks, tick)
         detected = tick >= 0
         values = np.zeros(int(detected.sum()))
@@ -80,12 +80,12 @@ def phase_shares(law: CollisionResult, first: float, later: float) -> tuple[Dist
             own = {int(k): np.flatnonzero(tick[detected] == k) for k in ticks}
             offsets = offset[detected]
             least = np.array([offsets[own[int(k)]].min() for k in ticks])
-            spans = ReleaseTimes(law.problem, kernel, ticks, least)
+            spans = ReleaseTimes(result.problem, kernel, ticks, least)
             for k, runs in own.items():
                 values[runs] = share(spans, k, offsets[runs])
         return SampledDistribution(values), float(detected.mean())
     parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
-    for cells in exact_cells(law.problem, kernel, law.kernel):
+    for cells in exact_cells(result.problem, kernel, result.kernel):
         value = share(cells.spans, cells.tick, cells.node)
         low, high = _between(share(cells.spans, cells.tick, cells.edge))
         at_limit = (low < 1) & (high > 1)

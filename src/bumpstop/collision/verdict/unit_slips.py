@@ -29,24 +29,24 @@ _SMALLEST_AREA_CM2 = 0.05
 _LIGHTEST_KG = 0.1
 
 
-def unit_slips(law: CollisionResult) -> list[str]:
+def unit_slips(result: CollisionResult) -> list[str]:
     """A sentence about each value that looks like one of another unit."""
     return [
-        *_point(law),
-        *_stiffness(law),
-        *_deformation(law),
-        *_angles(law),
-        *_slow(law),
-        *_fast_joints(law),
-        *_braking(law),
-        *_area(law),
-        *_mass(law),
-        *_thresholds(law),
+        *_point(result),
+        *_stiffness(result),
+        *_deformation(result),
+        *_angles(result),
+        *_slow(result),
+        *_fast_joints(result),
+        *_braking(result),
+        *_area(result),
+        *_mass(result),
+        *_thresholds(result),
     ]
 
 
-def _point(law: CollisionResult) -> list[str]:
-    contact, robot = law.scenario.contact, law.problem.robot
+def _point(result: CollisionResult) -> list[str]:
+    contact, robot = result.scenario.contact, result.problem.robot
     away = math.hypot(*contact.point_m)
     if not away > robot.span:
         return []
@@ -56,8 +56,8 @@ def _point(law: CollisionResult) -> list[str]:
     ]
 
 
-def _stiffness(law: CollisionResult) -> list[str]:
-    contact = law.scenario.contact
+def _stiffness(result: CollisionResult) -> list[str]:
+    contact = result.scenario.contact
     soft = {"contact.stiffness_N_m": contact.stiffness_N_m, "contact.padding_N_m": contact.padding_N_m}
     return [
         f"{key} = {value:g} N/m is softer than any body: N/mm are 1000 times as much (contact.stiffness_N_mm)."
@@ -68,10 +68,10 @@ def _stiffness(law: CollisionResult) -> list[str]:
     ]
 
 
-def _deformation(law: CollisionResult) -> list[str]:
-    risk = law.scenario.verdict.accepted_probability
-    deep = law.compression.quantile(1 - risk)
-    deep = deep if math.isfinite(deep) else law.compression.quantile(0.5)
+def _deformation(result: CollisionResult) -> list[str]:
+    risk = result.scenario.verdict.accepted_probability
+    deep = result.compression.quantile(1 - risk)
+    deep = deep if math.isfinite(deep) else result.compression.quantile(0.5)
     if not (math.isfinite(deep) and deep > _DEEPEST_MM):
         return []
     return [
@@ -80,13 +80,13 @@ def _deformation(law: CollisionResult) -> list[str]:
     ]
 
 
-def _turning(law: CollisionResult) -> FloatArray:
+def _turning(result: CollisionResult) -> FloatArray:
     """Which joints turn (dof,)."""
-    return np.array([joint.kind == "revolute" for joint in law.problem.robot.joints])
+    return np.array([joint.kind == "revolute" for joint in result.problem.robot.joints])
 
 
-def _angles(law: CollisionResult) -> list[str]:
-    scenario, turns = law.scenario, _turning(law)
+def _angles(result: CollisionResult) -> list[str]:
+    scenario, turns = result.scenario, _turning(result)
     if scenario.pose_deg is not None:
         angles = np.abs(np.array(scenario.pose_deg))[turns]
         broken = (angles != np.round(angles)).any()
@@ -101,29 +101,29 @@ def _angles(law: CollisionResult) -> list[str]:
     return []
 
 
-def _slow(law: CollisionResult) -> list[str]:
-    if law.problem.trajectory is not None:
+def _slow(result: CollisionResult) -> list[str]:
+    if result.problem.trajectory is not None:
         return []
-    speed = 1e3 * math.hypot(*law.scenario.motion.velocity)
+    speed = 1e3 * math.hypot(*result.scenario.motion.velocity)
     if speed >= _MIN_SPEED_MM_S:
         return []
     return [f"The tip moves at {speed:.4g} mm/s: an arm so slow hardly works. Speeds are in mm/s."]
 
 
-def _fast_joints(law: CollisionResult) -> list[str]:
-    problem = law.problem
+def _fast_joints(result: CollisionResult) -> list[str]:
+    problem = result.problem
     limit = problem.robot.velocity
     if problem.trajectory is not None:
         t = np.linspace(0, problem.trajectory.duration, 500)
         rates, what = np.abs(problem.trajectory.at(t, 1)).max(axis=0), "The trajectory"
     else:
-        rates, what = np.abs(_rates_asked(law)), "The speed asked for"
-    most = np.where(np.isfinite(limit), limit, np.where(_turning(law), _MAX_SPEED_RAD_S, np.inf))
+        rates, what = np.abs(_rates_asked(result)), "The speed asked for"
+    most = np.where(np.isfinite(limit), limit, np.where(_turning(result), _MAX_SPEED_RAD_S, np.inf))
     excess = rates / most
     joint = int(np.argmax(excess))
     if not excess[joint] > 1 + 1e-6:
         return []
-    unit = "rad/s" if _turning(law)[joint] else "m/s"
+    unit = "rad/s" if _turning(result)[joint] else "m/s"
     needs = f"{what} needs joint {joint + 1} at {rates[joint]:.4g} {unit}"
     if not math.isfinite(limit[joint]):
         return [f"{needs}; its limit is not known, and no industrial arm is so fast."]
@@ -131,9 +131,9 @@ def _fast_joints(law: CollisionResult) -> list[str]:
     return [f"{needs}, beyond its limit of {limit[joint]:.4g} {unit}{slower}."]
 
 
-def _rates_asked(law: CollisionResult) -> FloatArray:
+def _rates_asked(result: CollisionResult) -> FloatArray:
     """Joint rates of least norm that the velocity asks for at the start of a line, without any limit (dof,)."""
-    problem, motion = law.problem, law.scenario.motion
+    problem, motion = result.problem, result.scenario.motion
     free = [j for j in range(problem.robot.dof) if j not in problem.held]
     rows = 6 if motion.task == "pose" else 3
     jacobian = problem.robot.jacobian(problem.q)[:rows, free]
@@ -144,8 +144,8 @@ def _rates_asked(law: CollisionResult) -> FloatArray:
     return rates
 
 
-def _braking(law: CollisionResult) -> list[str]:
-    acceleration = law.problem.joint_acceleration[_turning(law)]
+def _braking(result: CollisionResult) -> list[str]:
+    acceleration = result.problem.joint_acceleration[_turning(result)]
     if not (acceleration.size and acceleration.max() > _HARDEST_RAD_S2):
         return []
     return [
@@ -154,9 +154,9 @@ def _braking(law: CollisionResult) -> list[str]:
     ]
 
 
-def _area(law: CollisionResult) -> list[str]:
+def _area(result: CollisionResult) -> list[str]:
     """Mean pressure is force over area: a wrong area makes pressure vanish, or decide alone."""
-    limits, contact = law.problem.limits, law.scenario.contact
+    limits, contact = result.problem.limits, result.scenario.contact
     if limits is None or not limits.permitted or not limits.pressure_N_cm2:
         return []
     crossing = limits.force_N / limits.pressure_N_cm2 * contact.peak_factor
@@ -174,16 +174,16 @@ def _area(law: CollisionResult) -> list[str]:
     return []
 
 
-def _mass(law: CollisionResult) -> list[str]:
-    mass = law.problem.body_mass
+def _mass(result: CollisionResult) -> list[str]:
+    mass = result.problem.body_mass
     if mass is None or mass >= _LIGHTEST_KG:
         return []
     return [f"contact.body_mass_kg = {mass:g} is lighter than any body region: it is in kg."]
 
 
-def _thresholds(law: CollisionResult) -> list[str]:
+def _thresholds(result: CollisionResult) -> list[str]:
     """A residual without noise never alarms by itself, which no detector does."""
-    problem = law.problem
+    problem = result.problem
     monitored = np.isfinite(problem.thresholds)
     silent = [str(j + 1) for j in np.flatnonzero(monitored & (problem.noise_sd <= 0))]
     if not silent:

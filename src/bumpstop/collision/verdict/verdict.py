@@ -1,4 +1,4 @@
-"""Verdicts: a force law against the limits of the body it hits."""
+"""Verdicts: a force distribution against the limits of the body it hits."""
 
 from __future__ import annotations
 

@@ -24,38 +24,38 @@ _MIN_COSINE = 0.5
 _FULL_SPEED = 0.9
 
 
-def verdict_notes(law: CollisionResult) -> list[str]:
+def verdict_notes(result: CollisionResult) -> list[str]:
     """All of them, in the order in which they are read."""
     return [
-        *_nothing_hit_note(law),
-        *_pressure_note(law),
-        *_normal_note(law),
-        *_rest_note(law),
-        *finer_steps(law),
-        *unit_slips(law),
+        *_nothing_hit_note(result),
+        *_pressure_note(result),
+        *_normal_note(result),
+        *_rest_note(result),
+        *finer_steps(result),
+        *unit_slips(result),
     ]
 
 
-def nothing_hit(law: CollisionResult) -> str:
+def nothing_hit(result: CollisionResult) -> str:
     """Why most cases press nothing; empty where most do."""
-    untouched = untouched_share(law)
+    untouched = untouched_share(result)
     if not untouched > MAX_UNTOUCHED:
         return ""
     share = percent(untouched)
-    if law.no_contact_probability < untouched / 2:
+    if result.no_contact_probability < untouched / 2:
         return f"In {share} of cases a false alarm keeps the arm from the body: too few collisions to judge."
-    return f"In {share} of cases nothing is hit, as the motion ends before contact{law.why_no_contact()}."
+    return f"In {share} of cases nothing is hit, as the motion ends before contact{result.why_no_contact()}."
 
 
-def untouched_share(law: CollisionResult) -> float:
+def untouched_share(result: CollisionResult) -> float:
     """Probability that no force at all is exerted."""
-    touched = law.peak_force.exceedance(0.0)
+    touched = result.peak_force.exceedance(0.0)
     return 0.0 if math.isnan(touched) else 1 - touched
 
 
-def _nothing_hit_note(law: CollisionResult) -> list[str]:
+def _nothing_hit_note(result: CollisionResult) -> list[str]:
     """Cases without any force dilute the probability of exceeding a limit."""
-    untouched, limits, verdict = untouched_share(law), law.problem.limits, law.verdict
+    untouched, limits, verdict = untouched_share(result), result.problem.limits, result.verdict
     if limits is None or not limits.permitted or untouched > MAX_UNTOUCHED:
         return []
     over = max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
@@ -70,8 +70,8 @@ def _nothing_hit_note(law: CollisionResult) -> list[str]:
     ]
 
 
-def _pressure_note(law: CollisionResult) -> list[str]:
-    limits = law.problem.limits
+def _pressure_note(result: CollisionResult) -> list[str]:
+    limits = result.problem.limits
     if limits is None or not limits.permitted or limits.pressure_N_cm2 is not None:
         return []
     return [
@@ -80,11 +80,11 @@ def _pressure_note(law: CollisionResult) -> list[str]:
     ]
 
 
-def _normal_note(law: CollisionResult) -> list[str]:
+def _normal_note(result: CollisionResult) -> list[str]:
     """A force along a normal that lies across the motion is that of a fraction of the speed."""
-    if law.scenario.contact.normal is None:
+    if result.scenario.contact.normal is None:
         return []
-    cosine = law.approach_cosine()
+    cosine = result.approach_cosine()
     if not cosine < _MIN_COSINE:
         return []
     angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
@@ -94,11 +94,11 @@ def _normal_note(law: CollisionResult) -> list[str]:
     ]
 
 
-def _rest_note(law: CollisionResult) -> list[str]:
+def _rest_note(result: CollisionResult) -> list[str]:
     """From rest the gap decides how fast the arm is when it touches."""
-    if law.problem.trajectory is not None or law.scenario.motion.start != "rest":
+    if result.problem.trajectory is not None or result.scenario.motion.start != "rest":
         return []
-    problem, distance = law.problem, law.curve.distance
+    problem, distance = result.problem, result.curve.distance
     # The farthest bodies but one in a thousand.
     scale = 3.29 if problem.offset_kind == "half_normal" else 1.0
     farthest = min(scale * problem.offset_size, float(distance.max()))
@@ -107,7 +107,7 @@ def _rest_note(law: CollisionResult) -> list[str]:
     share = speed / problem.approach_speed
     if share >= _FULL_SPEED:
         return []
-    contact = law.scenario.contact
+    contact = result.scenario.contact
     gap = "at the distance given" if contact.offset_law == "fixed" else f"within the gap of {1e3 * farthest:.3g} mm"
     return [
         f"From rest the arm has reached no more than {percent(share)} of its speed when it touches, {gap}: a body "

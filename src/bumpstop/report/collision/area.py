@@ -27,22 +27,22 @@ class AreaSection(Section):
 
     def applies(self) -> bool:
         """Without a body region there is no limit."""
-        return self.law.problem.limits is not None
+        return self.result.problem.limits is not None
 
     @property
     def _limits(self) -> ContactLimits:
-        assert self.law.problem.limits is not None
-        return self.law.problem.limits
+        assert self.result.problem.limits is not None
+        return self.result.problem.limits
 
     @property
     def _crossing(self) -> float | None:
         """Area at which both limits allow the same force, uneven pressure included [cm²]."""
         crossing = self._limits.crossing_area_cm2
-        return None if crossing is None else crossing * self.law.scenario.contact.peak_factor
+        return None if crossing is None else crossing * self.result.scenario.contact.peak_factor
 
     def content(self) -> list[Html]:
         """Which limit governs, and from which area on the other does."""
-        limits, contact = self._limits, self.law.scenario.contact
+        limits, contact = self._limits, self.result.scenario.contact
         if not limits.permitted:
             return [paragraph(limits.reason)]
         area, crossing = contact.area_cm2, self._crossing
@@ -60,7 +60,7 @@ class AreaSection(Section):
                 f"limit governs. On the {area:g} cm² of this scenario {quantity(allowed, 'N')} are allowed."
             )
         ]
-        if self.law.problem.transient_limits is not None:
+        if self.result.problem.transient_limits is not None:
             found.append(paragraph("These are the limits after the first phase of contact, in which others hold."))
         return found
 
@@ -68,9 +68,9 @@ class AreaSection(Section):
         """One figure, where any contact is permitted at all."""
         if not self._limits.permitted:
             return []
-        contact = self.law.scenario.contact
+        contact = self.result.scenario.contact
         allowed = self._limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
-        median, high = (quantity(self.law.peak_force.quantile(p), "N") for p in (0.5, 0.99))
+        median, high = (quantity(self.result.peak_force.quantile(p), "N") for p in (0.5, 0.99))
         crossing = "" if self._crossing is None else f" The limits cross at {number(self._crossing)} cm²."
         return [
             Picture(
@@ -85,7 +85,7 @@ class AreaSection(Section):
         ]
 
     def _draw(self, figure: Figure) -> None:
-        limits, contact, crossing = self._limits, self.law.scenario.contact, self._crossing
+        limits, contact, crossing = self._limits, self.result.scenario.contact, self._crossing
         area = contact.area_cm2
         panel = axes(figure, right=1.12, top=0.34)
         panel.set_title(f"{limits.label}: allowed force")
@@ -97,7 +97,7 @@ class AreaSection(Section):
         ]
         top = 1.3 * limits.force_N
         for p, style in ((0.5, "-"), (0.99, "-.")):
-            value = self.law.peak_force.quantile(p)
+            value = self.result.peak_force.quantile(p)
             if value < 3 * limits.force_N:
                 top = max(top, 1.15 * value)
                 lines.append((value, f"p{100 * p:g} {number(value)} N", {"color": LAW, "linestyle": style}))
@@ -117,8 +117,8 @@ class AreaSection(Section):
 
     def _mark_areas(self, panel: Axes, top: float, right: float) -> None:
         """The scenario's area with its p99, and the area where the limits cross."""
-        limits, contact, crossing = self._limits, self.law.scenario.contact, self._crossing
-        area, high = contact.area_cm2, self.law.peak_force.quantile(0.99)
+        limits, contact, crossing = self._limits, self.result.scenario.contact, self._crossing
+        area, high = contact.area_cm2, self.result.peak_force.quantile(0.99)
         panel.axvline(area, color=EVENT, linewidth=1.4)
         if high <= top:
             panel.plot(area, high, marker="D", markersize=6, color=INK, markeredgecolor="white", zorder=5)

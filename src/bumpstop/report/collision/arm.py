@@ -35,8 +35,8 @@ class ArmSection(Section):
 
     def content(self) -> list[Html]:
         """Where the contact is, and the pose as a table."""
-        law, problem, curve = self.law, self.law.problem, self.law.curve
-        contact, motion = law.scenario.contact, law.scenario.motion
+        result, problem, curve = self.result, self.result.problem, self.result.curve
+        contact, motion = result.scenario.contact, result.scenario.motion
         rows = [
             (
                 str(j + 1),
@@ -51,10 +51,10 @@ class ArmSection(Section):
             assert problem.trajectory is not None
             return [
                 paragraph(
-                    f"{arm(law)} follows a joint trajectory of {problem.trajectory.duration:.4g} s. Drawn is the "
+                    f"{arm(result)} follows a joint trajectory of {problem.trajectory.duration:.4g} s. Drawn is the "
                     f"hardest moment to be hit: contact that begins after {self._contact_begin:.3f} s. The "
-                    f"contact point on {where} then is at {_vector(curve.start)} m and meets {what_is_hit(law)} along "
-                    f"{_vector(curve.normal)} at {1e3 * curve.approach_speed:.4g} mm/s."
+                    f"contact point on {where} then is at {_vector(curve.start)} m and meets {what_is_hit(result)} "
+                    f"along {_vector(curve.normal)} at {1e3 * curve.approach_speed:.4g} mm/s."
                 ),
                 table(("joint", "name", "position", ""), rows, caption="Pose at that moment"),
             ]
@@ -62,9 +62,9 @@ class ArmSection(Section):
         start = "already at full speed" if motion.start == "moving" else "from rest"
         return [
             paragraph(
-                f"{arm(law)} moves its tip ({problem.robot.tip_name}) at {1e3 * speed:g} mm/s along "
+                f"{arm(result)} moves its tip ({problem.robot.tip_name}) at {1e3 * speed:g} mm/s along "
                 f"{_vector(np.array(motion.velocity) / speed)} in the base frame, {start}. The contact point on "
-                f"{where} starts at {_vector(curve.start)} m and meets {what_is_hit(law)} along "
+                f"{where} starts at {_vector(curve.start)} m and meets {what_is_hit(result)} along "
                 f"{_vector(curve.normal)} at {1e3 * curve.approach_speed:.4g} mm/s."
             ),
             table(("joint", "name", "position", ""), rows, caption="Pose at the start of the motion"),
@@ -73,8 +73,8 @@ class ArmSection(Section):
     def pictures(self) -> list[Picture]:
         """One figure with an elevation and the plan."""
         alt = (
-            f"Two views of the arm as lines between its joints, numbered 1 to {self.law.problem.robot.dof} from the "
-            f"base. The contact point is at {_vector(self.law.curve.start)} m; an arrow shows its motion toward the "
+            f"Two views of the arm as lines between its joints, numbered 1 to {self.result.problem.robot.dof} from the "
+            f"base. The contact point is at {_vector(self.result.curve.start)} m; an arrow shows its motion toward the "
             f"plane of the body."
         )
         caption = (
@@ -87,25 +87,25 @@ class ArmSection(Section):
     @cached_property
     def _chain(self) -> FloatArray:
         """Base, every joint and the tip (dof + 2, 3) [m]."""
-        return chain_points(self.law.problem.robot, self._q)
+        return chain_points(self.result.problem.robot, self._q)
 
     @property
     def _contact_begin(self) -> float | None:
         """When the contact that is drawn begins in its trajectory [s]; None: the motion is a line."""
-        return self.law.onset if isinstance(self.law, TrajectoryCollisionResult) else None
+        return self.result.onset if isinstance(self.result, TrajectoryCollisionResult) else None
 
     @property
     def _q(self) -> FloatArray:
         """Pose that is drawn (dof,) [rad or m]."""
-        trajectory = self.law.problem.trajectory
+        trajectory = self.result.problem.trajectory
         if trajectory is None or self._contact_begin is None:
-            return self.law.problem.q
+            return self.result.problem.q
         return trajectory.at(self._contact_begin)
 
     @cached_property
     def _velocity(self) -> FloatArray:
         """Of the contact point in that pose (3,) [m/s]."""
-        problem = self.law.problem
+        problem = self.result.problem
         if problem.trajectory is None or self._contact_begin is None:
             return np.asarray(problem.start["point_velocity"])
         t = np.array([self._contact_begin])
@@ -123,10 +123,10 @@ class ArmSection(Section):
         """From the contact point to the tip of the motion's arrow, a few points on the way (5, 3) [m]."""
         velocity = self._velocity
         way = np.linspace(0, _GAP * half, 5)[:, None] * velocity / np.linalg.norm(velocity)
-        return np.asarray(self.law.curve.start + way)
+        return np.asarray(self.result.curve.start + way)
 
     def _draw_contact(self, panel: Axes, view: View, half: float) -> None:
-        curve = self.law.curve
+        curve = self.result.curve
         point = view.flat(curve.start)
         velocity = self._velocity
         direction = velocity / np.linalg.norm(velocity)

@@ -35,19 +35,19 @@ class DetectionSection(Section):
 
     def content(self) -> list[Html]:
         """Probabilities around detection, and a table of the joints."""
-        law = self.law
+        result = self.result
         text = [
             paragraph(
-                f"False alarm before contact: {percent(law.false_alarm_probability)}. "
-                f"Never detected: {percent(law.undetected_probability)}. "
-                f"Neither contact nor alarm: {percent(law.no_contact_probability)}. "
+                f"False alarm before contact: {percent(result.false_alarm_probability)}. "
+                f"Never detected: {percent(result.undetected_probability)}. "
+                f"Neither contact nor alarm: {percent(result.no_contact_probability)}. "
                 f"Two or more joints in the same control cycle, given detection: "
-                f"{percent(law.multi_joint_probability)}."
+                f"{percent(result.multi_joint_probability)}."
             )
         ]
         if not self._detects:
             text.append(paragraph("No collision is ever detected, so no joint triggers."))
-        moving = isinstance(law, TrajectoryCollisionResult)
+        moving = isinstance(result, TrajectoryCollisionResult)
         caption = f"Joints as sensors at the {'hardest moment of contact' if moving else 'start of the motion'}"
         headings = (
             "joint", "threshold", "noise sd", "noise mean", "residual per 100 N", "force to reach the threshold",
@@ -63,15 +63,15 @@ class DetectionSection(Section):
         return text
 
     def _joints(self) -> list[tuple[str, ...]]:
-        law, problem = self.law, self.law.problem
+        result, problem = self.result, self.result.problem
         rows: list[tuple[str, ...]] = []
         # Before contact begins in a trajectory, a joint feels nothing of it.
         first = 0
-        if isinstance(law, TrajectoryCollisionResult):
-            first = int(np.searchsorted(law.curve.tick_time[:-1], law.onset, side="right"))
+        if isinstance(result, TrajectoryCollisionResult):
+            first = int(np.searchsorted(result.curve.tick_time[:-1], result.onset, side="right"))
         for j, joint in enumerate(problem.robot.joints):
             unit = unit_of(joint)
-            lever = abs(float(law.curve.torque_per_newton[first, j])) if law.curve.ticks else math.nan
+            lever = abs(float(result.curve.torque_per_newton[first, j])) if result.curve.ticks else math.nan
             threshold = float(problem.thresholds[j])
             monitored = math.isfinite(threshold)
             # Dust of the arithmetic is no lever: a joint that cannot feel the force needs an infinite one.
@@ -84,19 +84,19 @@ class DetectionSection(Section):
                     quantity(float(problem.noise_mean[j]), unit),
                     quantity(100 * lever if lever > 1e-9 else 0.0, unit),
                     (quantity(needed, "N") if math.isfinite(needed) else "not detectable") if monitored else "",
-                    percent(float(law.trigger_joint_probability[j])),
+                    percent(float(result.trigger_joint_probability[j])),
                 )
             )
         return rows
 
     @cached_property
     def _detects(self) -> bool:
-        return bool(np.isfinite(self.law.trigger_joint_probability).all())
+        return bool(np.isfinite(self.result.trigger_joint_probability).all())
 
     @cached_property
     def _delay(self) -> tuple[Distribution, str]:
         """Delay of detection and its unit: milliseconds, unless they are thousands."""
-        seconds = self.law.detection_delay
+        seconds = self.result.detection_delay
         return (seconds, "s") if seconds.quantile(0.99) > 2 else (seconds.scaled(1e3), "ms")
 
     def pictures(self) -> list[Picture]:
@@ -104,7 +104,7 @@ class DetectionSection(Section):
         pictures = []
         if self._detects:
             shares = ", ".join(
-                f"joint {j} {percent(float(p))}" for j, p in enumerate(self.law.trigger_joint_probability, start=1)
+                f"joint {j} {percent(float(p))}" for j, p in enumerate(self.result.trigger_joint_probability, start=1)
             )
             pictures.append(
                 Picture(
@@ -113,11 +113,11 @@ class DetectionSection(Section):
                     "Joint over its threshold when the detector triggers, given detection. The bars may sum to more "
                     "than 100 %: several joints can trigger together.",
                     self._draw_joints,
-                    height=0.85 + 0.27 * self.law.problem.robot.dof,
+                    height=0.85 + 0.27 * self.result.problem.robot.dof,
                 )
             )
         delay, unit = self._delay
-        edges = bins(delay, self.law.samples, most=_FAR * delay.quantile(0.99))
+        edges = bins(delay, self.result.samples, most=_FAR * delay.quantile(0.99))
         if edges.size:
             middle, late = (quantity(delay.quantile(p), unit) for p in (0.5, 0.99))
             beyond = delay.exceedance(float(edges[-1]))
@@ -128,7 +128,7 @@ class DetectionSection(Section):
                     f"Density of the time from touch to detection: median {middle}, p99 {late}.",
                     f"Time from touch to the control cycle of detection, given a detection after contact: median "
                     f"{middle}, p99 {late}. The feedback period is "
-                    f"{1e3 * self.law.scenario.detector.feedback_period_s:g} ms.{left_out}",
+                    f"{1e3 * self.result.scenario.detector.feedback_period_s:g} ms.{left_out}",
                     lambda figure: self._draw_delay(figure, edges),
                     height=2.74,
                 )
@@ -136,7 +136,7 @@ class DetectionSection(Section):
         return pictures
 
     def _draw_joints(self, figure: Figure) -> None:
-        problem, shares = self.law.problem, self.law.trigger_joint_probability
+        problem, shares = self.result.problem, self.result.trigger_joint_probability
         panel = axes(figure, left=1.2, right=1.1, top=0.34)
         panel.set_title("Joint that triggers")
         numbers = np.arange(1, problem.robot.dof + 1)

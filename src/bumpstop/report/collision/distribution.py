@@ -34,17 +34,17 @@ class DistributionSection(Section):
 
     def content(self) -> list[Html]:
         """How to read the figure, and what lies outside it."""
-        law, contact = self.law, self.law.scenario.contact
+        result, contact = self.result, self.result.scenario.contact
         if not self._edges.size:
             return [
                 paragraph(
-                    f"There is no figure: {percent(law.undetected_probability)} of collisions are never detected, "
-                    f"so that their force is unbounded, and in {percent(law.no_contact_probability)} of cases the "
+                    f"There is no figure: {percent(result.undetected_probability)} of collisions are never detected, "
+                    f"so that their force is unbounded, and in {percent(result.no_contact_probability)} of cases the "
                     "arm touches nothing."
                 )
             ]
         meets = "where this curve meets a limit stands the probability of exceeding it"
-        if law.problem.transient_limits is not None:
+        if result.problem.transient_limits is not None:
             meets = "a force that is gone in time may exceed the limit that holds later, but not the one at first"
         uneven = f" times the peak factor {contact.peak_factor:g}" if contact.peak_factor != 1 else ""
         text = [
@@ -54,7 +54,7 @@ class DistributionSection(Section):
                 "scale runs along the top."
             )
         ]
-        harmless = 1 - law.peak_force.exceedance(0.0)
+        harmless = 1 - result.peak_force.exceedance(0.0)
         if harmless > 1e-4:
             text.append(
                 paragraph(
@@ -62,11 +62,11 @@ class DistributionSection(Section):
                     "the body or the motion ends there. The upper panel leaves them out."
                 )
             )
-        if law.undetected_probability > _MIN_PROBABILITY and law.unbounded_because is not None:
+        if result.undetected_probability > _MIN_PROBABILITY and result.unbounded_because is not None:
             text.append(
                 paragraph(
-                    f"{percent(law.undetected_probability)} of collisions are not detected {law.unbounded_because} and "
-                    "count as beyond every force: the lower curve does not fall below that."
+                    f"{percent(result.undetected_probability)} of collisions are not detected "
+                    f"{result.unbounded_because} and count as beyond every force: the lower curve stays above that."
                 )
             )
         return text
@@ -75,9 +75,9 @@ class DistributionSection(Section):
         """The figure, unless too few collisions have a bounded force."""
         if not self._edges.size:
             return []
-        law = self.law
+        result = self.result
         marks = ", ".join(
-            f"{percentile(name)} {quantity(law.peak_force.quantile(p), 'N')}" for name, p in QUANTILES.items()
+            f"{percentile(name)} {quantity(result.peak_force.quantile(p), 'N')}" for name, p in QUANTILES.items()
         )
         limits = "; ".join(f"{name} at {number(force)} N" for name, force in self._limits) or "no limits"
         return [
@@ -93,7 +93,11 @@ class DistributionSection(Section):
     @property
     def _limits(self) -> list[tuple[str, float]]:
         """Limits as peak forces [N], lowest first."""
-        limits, first, contact = self.law.problem.limits, self.law.problem.transient_limits, self.law.scenario.contact
+        limits, first, contact = (
+            self.result.problem.limits,
+            self.result.problem.transient_limits,
+            self.result.scenario.contact,
+        )
         if limits is None:
             return []
         if not limits.permitted or (first is not None and not first.permitted):
@@ -108,13 +112,13 @@ class DistributionSection(Section):
 
     @property
     def _pressure_per_newton(self) -> float:
-        contact = self.law.scenario.contact
+        contact = self.result.scenario.contact
         return contact.peak_factor / contact.area_cm2
 
     @cached_property
     def _edges(self) -> FloatArray:
         """Edges of the density's bins [N]; empty where too few collisions have a force with a bound."""
-        return bins(self.law.peak_force, self.law.samples)
+        return bins(self.result.peak_force, self.result.samples)
 
     def _draw(self, figure: Figure) -> None:
         density, exceedance = stack(figure, [1.0, 1.25], left=1.0, right=0.2, bottom=0.5, top=0.62, gap=0.14)
@@ -125,7 +129,7 @@ class DistributionSection(Section):
         exceedance.set_xlabel("peak force [N]")
         top = density.secondary_xaxis("top", functions=scale_by(self._pressure_per_newton))
         top.set_xlabel("peak pressure [N/cm²]")
-        draw_density(density, self.law.peak_force, self._edges)
+        draw_density(density, self.result.peak_force, self._edges)
         density.set_ylabel("density [1/N]")
         self._draw_exceedance(exceedance, low, high)
         self._draw_limits(density, exceedance, low, high)
@@ -140,8 +144,10 @@ class DistributionSection(Section):
         return low, high + 0.08 * (high - low)
 
     def _draw_exceedance(self, panel: Axes, low: float, high: float) -> None:
-        force = self.law.peak_force
-        least = _MIN_PROBABILITY if self.law.kind == "exact" else max(_MIN_PROBABILITY, 0.3 / (self.law.samples or 1))
+        force = self.result.peak_force
+        least = (
+            _MIN_PROBABILITY if self.result.kind == "exact" else max(_MIN_PROBABILITY, 0.3 / (self.result.samples or 1))
+        )
         x = np.linspace(low, high, 401)
         # Summed from the far end, where the terms are smallest, so that the tail keeps its digits.
         beyond = np.append(force.density(x) * np.diff(x), force.exceedance(high))
@@ -154,7 +160,7 @@ class DistributionSection(Section):
         panel.set_yticks(ticks, [f"{100 * t:g} %" for t in ticks])
         panel.minorticks_off()
         panel.set_ylabel("P(peak is higher)")
-        risk = self.law.scenario.verdict.accepted_probability
+        risk = self.result.scenario.verdict.accepted_probability
         if risk > least:
             panel.axhline(risk, color=FAINT, linestyle=":", linewidth=1.4)
             panel.annotate(
@@ -184,7 +190,7 @@ class DistributionSection(Section):
     def _draw_limits(self, density: Axes, exceedance: Axes, low: float, high: float) -> None:
         seen = [(name, force) for name, force in self._limits if force <= high]
         # Of two phases the force beyond the first one's limit is too much whenever it comes.
-        beyond = seen[1:] if self.law.problem.transient_limits is not None and len(self._limits) > 1 else seen
+        beyond = seen[1:] if self.result.problem.transient_limits is not None and len(self._limits) > 1 else seen
         if beyond:
             density.axvspan(beyond[0][1], high, facecolor="none", edgecolor=LIMIT, alpha=0.6, hatch="///", linewidth=0)
         # The lowest limit has the lowest label and ends there, so that no line runs through the other's label.

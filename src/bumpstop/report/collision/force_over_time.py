@@ -34,7 +34,7 @@ class ForceOverTimeSection(Section):
 
     @cached_property
     def _rollouts(self) -> list[tuple[str, str, float, Rollout]]:
-        rollouts = Rollouts(self.law)
+        rollouts = Rollouts(self.result)
         cases = [(name, title, p, rollouts.nearest(p)) for name, title, p in _CASES]
         # Where nothing varies, or nothing is ever detected, both are the same run: once is enough.
         median, bad = cases
@@ -42,7 +42,7 @@ class ForceOverTimeSection(Section):
 
     def content(self) -> list[Html]:
         """What the panels mean."""
-        drawn = "the distribution's own sampled runs" if self.law.kind == "sampled" else "runs drawn with seed 0"
+        drawn = "the distribution's own sampled runs" if self.result.kind == "sampled" else "runs drawn with seed 0"
         same = len(self._rollouts) == 1
         return [
             paragraph(
@@ -67,13 +67,13 @@ class ForceOverTimeSection(Section):
             top = self._top(max(peaks) if common else rollout.peak_force)
             if common:
                 window = (min(begin for begin, _ in ends), max(end for _, end in ends))
-            panels = _Panels(self.law, rollout, title, window, top, self._stays)
+            panels = _Panels(self.result, rollout, title, window, top, self._stays)
             pictures.append(
                 Picture(
                     f"force_over_time_{name}",
                     f"{title}: contact force over time above, residual of joint {rollout.joint + 1} below. "
                     f"{_story(rollout)}",
-                    f"{title} ({_which(self.law, p)}; run {rollout.run}, seed {rollout.seed}). {_story(rollout)}",
+                    f"{title} ({_which(self.result, p)}; run {rollout.run}, seed {rollout.seed}). {_story(rollout)}",
                     panels.draw,
                     height=4.2,
                 )
@@ -82,30 +82,30 @@ class ForceOverTimeSection(Section):
 
     def _top(self, peak: float) -> float:
         """End of the force scale [N]: head room for labels above the peak, and above the limit where it is near."""
-        allowed = max((force for _, force in _allowed(self.law)), default=1.0)
+        allowed = max((force for _, force in _allowed(self.result)), default=1.0)
         near = allowed < 1.6 * peak or peak == 0
         return 1.28 * (max(peak, allowed) if near else peak)
 
     @property
     def _stays(self) -> bool:
         """A stopped arm keeps pressing, unless the body gets away."""
-        return self.law.scenario.reaction.kind == "stop" and self.law.problem.body_mass is None
+        return self.result.scenario.reaction.kind == "stop" and self.result.problem.body_mass is None
 
 
-def _allowed(law: CollisionResult) -> list[tuple[float, float]]:
+def _allowed(result: CollisionResult) -> list[tuple[float, float]]:
     """Forces that the limits allow on this area [N], each with the time after the touch until which it holds [s]."""
-    limits, first, contact = law.problem.limits, law.problem.transient_limits, law.scenario.contact
+    limits, first, contact = result.problem.limits, result.problem.transient_limits, result.scenario.contact
     if limits is None or not limits.permitted or (first is not None and not first.permitted):
         return []
     phases = [(math.inf, limits)] if first is None else [(FIRST_PHASE_S, first), (math.inf, limits)]
     return [(until, phase.allowed_force_N(contact.area_cm2, contact.peak_factor)) for until, phase in phases]
 
 
-def _which(law: CollisionResult, p: float) -> str:
-    quantile = law.peak_force.quantile(p)
+def _which(result: CollisionResult, p: float) -> str:
+    quantile = result.peak_force.quantile(p)
     if math.isfinite(quantile):
         return f"p{100 * p:g} of the peak force is {number(quantile)} N"
-    if isinstance(law, TrajectoryCollisionResult):
+    if isinstance(result, TrajectoryCollisionResult):
         return f"about p{100 * p:g} of the forces, those of collisions never detected included"
     return f"the p{100 * p:g} collision is never detected: its force is unbounded"
 
@@ -151,9 +151,15 @@ class _Panels:
     """Force above, residual below."""
 
     def __init__(
-        self, law: CollisionResult, rollout: Rollout, title: str, window: tuple[float, float], top: float, stays: bool
+        self,
+        result: CollisionResult,
+        rollout: Rollout,
+        title: str,
+        window: tuple[float, float],
+        top: float,
+        stays: bool,
     ) -> None:
-        self._law, self._rollout, self._title, self._window = law, rollout, title, window
+        self._result, self._rollout, self._title, self._window = result, rollout, title, window
         self._top, self._stays = top, stays
         # A motion of seconds is read in seconds.
         self._scale, self._unit = (1.0, "s") if window[1] - window[0] > 2 else (1e3, "ms")
@@ -182,7 +188,7 @@ class _Panels:
         panel.set_ylim(0, self._top)
         panel.set_ylabel("force [N]")
         # Padding takes its own share.
-        stiffness = self._law.problem.body_stiffness
+        stiffness = self._result.problem.body_stiffness
         millimetres = panel.secondary_yaxis("right", functions=scale_by(1e3 / stiffness))
         millimetres.set_ylabel("deformation [mm]")
         self._limit(panel)
@@ -233,7 +239,7 @@ class _Panels:
                 color=LIMIT, bbox=PAPER,
             )  # fmt: skip
 
-        phases = _allowed(self._law)
+        phases = _allowed(self._result)
         said = []
         for until, allowed in phases:
             if begin >= last:
@@ -257,7 +263,7 @@ class _Panels:
 
     def _residual(self, panel: Axes) -> None:
         rollout = self._rollout
-        joint = self._law.problem.robot.joints[rollout.joint]
+        joint = self._result.problem.robot.joints[rollout.joint]
         unit = unit_of(joint)
         x = rollout.tick_time * self._scale
         panel.axhline(0, color=FAINT, linewidth=0.8)

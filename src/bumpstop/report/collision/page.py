@@ -15,7 +15,7 @@ from bumpstop.report.collision.force_over_time import ForceOverTimeSection
 from bumpstop.report.collision.tables import AssumptionsSection, FiguresSection, ProvenanceSection, SettingsSection
 from bumpstop.report.collision.verdict import VerdictSection
 from bumpstop.report.document import Document
-from bumpstop.report.formatting import arm, what_is_hit, which_law
+from bumpstop.report.formatting import arm, method_words, what_is_hit
 from bumpstop.text_files import as_path
 
 if TYPE_CHECKING:
@@ -31,40 +31,40 @@ FIGURES = (
     "detection_delay",
     "limits_over_area",
 )
-"""Every figure a report may have, by the name of its files; each law has those that make sense for it."""
+"""Every figure a report may have, by the name of its files; each distribution has those that make sense for it."""
 
 
 class Page(Document):
-    """A law's report, drawn on construction; its title names robot, speed and body."""
+    """A distribution's report, drawn on construction; its title names robot, speed and body."""
 
-    def __init__(self, law: CollisionResult, details: Mapping[str, str] | None = None) -> None:
+    def __init__(self, result: CollisionResult, details: Mapping[str, str] | None = None) -> None:
         sections: list[Section] = [
-            VerdictSection(law),
-            ArmSection(law),
-            ForceOverTimeSection(law),
-            DistributionSection(law),
-            DetectionSection(law),
-            AreaSection(law),
-            FiguresSection(law),
-            ProvenanceSection(law),
-            SettingsSection(law, details or {}),
-            AssumptionsSection(law),
+            VerdictSection(result),
+            ArmSection(result),
+            ForceOverTimeSection(result),
+            DistributionSection(result),
+            DetectionSection(result),
+            AreaSection(result),
+            FiguresSection(result),
+            ProvenanceSection(result),
+            SettingsSection(result, details or {}),
+            AssumptionsSection(result),
         ]
         super().__init__(
-            f"{arm(law)} {law.problem.motion_in_words} against {what_is_hit(law)}",
-            f"bumpstop collision report; {which_law(law)}",
+            f"{arm(result)} {result.problem.motion_in_words} against {what_is_hit(result)}",
+            f"bumpstop collision report; {method_words(result)}",
             "collision report",
             sections,
         )
 
 
-def write_report(law: CollisionResult, folder: Path, *, details: Mapping[str, str] | None = None) -> Path:
+def write_report(result: CollisionResult, folder: Path, *, details: Mapping[str, str] | None = None) -> Path:
     """Write ``report.html`` and its figures as ``<name>.png`` and ``<name>.svg``.
 
-    The page holds everything it shows. The same law gives the same bytes.
+    The page holds everything it shows. The same distribution gives the same bytes.
 
     Args:
-        law: exact or sampled.
+        result: exact or sampled.
         folder: made where it is missing. Figures of an earlier report there are replaced or removed.
         details: further rows for the page's table of what made it, such as the command line.
 
@@ -77,9 +77,9 @@ def write_report(law: CollisionResult, folder: Path, *, details: Mapping[str, st
     folder = as_path(folder, "folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        page = Page(law, details)
+        page = Page(result, details)
         for name in set(FIGURES) - {figure.picture.name for figure in page.figures}:
-            # Left from another law, it would pass for a figure of this one.
+            # Left from another distribution, it would pass for a figure of this one.
             for kind in ("svg", "png"):
                 (folder / f"{name}.{kind}").unlink(missing_ok=True)
         return page.write(folder)

@@ -1,4 +1,4 @@
-"""Single collisions, followed in time: the law says how often, a rollout shows how."""
+"""Single collisions, followed in time: the distribution says how often, a rollout shows how."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionR
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionProblem, CollisionResult
 
-# Runs to choose from where the law itself has none: some twenty lie beyond the 99 % quantile.
+# Runs to choose from where the distribution itself has none: some twenty lie beyond the 99 % quantile.
 _SAMPLES = 2000
 # By how much the oscillation of a body that gets away may turn between two times that are drawn [rad].
 _TURN = 0.02
@@ -36,7 +36,7 @@ class Rollout:
         time: of every simulation step, and between them while a body that gets away is touched (times,) [s].
         distance: of the contact point along the normal at those times (times,) [m].
         displacement: of a body that gets away (times,) [m]; zero where it is clamped.
-        peak_force: the greatest at those times; of a body that gets away the law's own, between them too [N].
+        peak_force: the greatest at those times; of a body that gets away the distribution's own, between them too [N].
         touch: when the point first reaches the body [s], or None.
         detection: the tick that noticed [s], or None.
         reaction: when the arm began to react [s], or None.
@@ -71,29 +71,29 @@ class Rollout:
 
 
 class Rollouts:
-    """The sampled runs behind a law: its own, or for an exact law some drawn on the same stopping curve."""
+    """The runs behind a result: its own, or for an integrated one some drawn on the same stopping curve."""
 
-    def __init__(self, law: CollisionResult) -> None:
-        self._law = law
-        sampled = law if law.runs is not None else _sampled(law)
+    def __init__(self, result: CollisionResult) -> None:
+        self._result = result
+        sampled = result if result.runs is not None else _sampled(result)
         assert sampled.runs is not None
         assert sampled.seed is not None
         self._runs: dict[str, npt.NDArray[Any]] = sampled.runs
         self.seed = sampled.seed
 
     def nearest(self, p: float) -> Rollout:
-        """The run whose peak force is nearest the law's quantile at ``p``.
+        """The run whose peak force is nearest the distribution's quantile at ``p``.
 
         Where that quantile lies in the undetected share: an undetected run with a middling offset. In a trajectory then
         the run nearest the quantile of all sampled forces, as those of undetected runs are known.
         """
         peak, offset, tick = self._runs["peak_force"], self._runs["offset"], self._runs["tick"]
-        wanted = self._law.peak_force.quantile(p)
+        wanted = self._result.peak_force.quantile(p)
         if math.isfinite(wanted):
             # Without a bound, runs never detected count as beyond every quantile, whatever force is left at the end.
-            bounded = self._law.unbounded_because is None
+            bounded = self._result.unbounded_because is None
             missed = np.where((tick >= 0) | bounded, np.abs(peak - wanted), math.inf)
-        elif isinstance(self._law, TrajectoryCollisionResult):
+        elif isinstance(self._result, TrajectoryCollisionResult):
             # The force of a run never detected is known, too: the arm stops at the end of its trajectory.
             missed = np.abs(peak - np.quantile(peak, p))
         else:
@@ -104,16 +104,16 @@ class Rollouts:
 
     def rollout(self, run: int) -> Rollout:
         """Follow one run from the start of the motion until the force is gone, or the motion ends."""
-        problem, curve = self._law.problem, self._law.curve
-        if isinstance(self._law, TrajectoryCollisionResult):
-            curve = self._law.curve_at(float(self._runs["onset"][run]))
+        problem, curve = self._result.problem, self._result.curve
+        if isinstance(self._result, TrajectoryCollisionResult):
+            curve = self._result.curve_at(float(self._runs["onset"][run]))
         offset, tick = float(self._runs["offset"][run]), int(self._runs["tick"][run])
         step, period = problem.scenario.simulation.step_s, problem.period_steps
         distance: FloatArray = curve.distance
         begin = None
         if tick < 0:
             # The path goes on for a latency beyond the motion's end, for the reactions.
-            distance = distance[: _motion_steps(self._law, distance) + 1]
+            distance = distance[: _motion_steps(self._result, distance) + 1]
             if curve.end in ("joint_limit", "singularity"):
                 distance = np.append(distance, curve.kernel.braking)
         else:
@@ -164,16 +164,16 @@ class Rollouts:
         )
 
 
-def _sampled(law: CollisionResult) -> CollisionResult:
-    if isinstance(law, TrajectoryCollisionResult):
-        return monte_carlo_trajectory(law.problem, samples=_SAMPLES, seed=0)
-    return monte_carlo(law.problem, law.curve, samples=_SAMPLES, seed=0)
+def _sampled(result: CollisionResult) -> CollisionResult:
+    if isinstance(result, TrajectoryCollisionResult):
+        return monte_carlo_trajectory(result.problem, samples=_SAMPLES, seed=0)
+    return monte_carlo(result.problem, result.curve, samples=_SAMPLES, seed=0)
 
 
-def _motion_steps(law: CollisionResult, distance: FloatArray) -> int:
+def _motion_steps(result: CollisionResult, distance: FloatArray) -> int:
     """Simulation steps until an undetected motion ends."""
-    problem = law.problem
-    if isinstance(law, TrajectoryCollisionResult):
+    problem = result.problem
+    if isinstance(result, TrajectoryCollisionResult):
         return distance.size - 1 - problem.latency_steps
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
 

@@ -12,7 +12,7 @@ from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.collision.verdict.verdict import percent
 from bumpstop.contact import LimitTable, builtin_tables
 from bumpstop.kernels import target
-from bumpstop.report.formatting import in_phases, number, percentile, quantity, which_law
+from bumpstop.report.formatting import in_phases, method_words, number, percentile, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
 
@@ -37,17 +37,17 @@ class FiguresSection(Section):
 
     def content(self) -> list[Html]:
         """One table, and how to read it."""
-        law = self.law
+        result = self.result
         rows: list[tuple[str, Distribution | None, float]] = [
-            ("peak force [N]", law.peak_force, 1),
-            ("peak pressure [N/cm²]", law.pressure, 1),
-            ("deformation [mm]", law.compression, 1),
-            ("force at detection [N]", law.force_at_detection, 1),
-            ("detection delay [ms]", law.detection_delay, 1e3),
-            ("contact duration [ms]", law.contact_duration, 1e3),
+            ("peak force [N]", result.peak_force, 1),
+            ("peak pressure [N/cm²]", result.pressure, 1),
+            ("deformation [mm]", result.compression, 1),
+            ("force at detection [N]", result.force_at_detection, 1),
+            ("detection delay [ms]", result.detection_delay, 1e3),
+            ("contact duration [ms]", result.contact_duration, 1e3),
         ]
         headings = ("", "mean", "sd", *(percentile(name) for name in QUANTILES))
-        free = law.problem.body_mass is not None
+        free = result.problem.body_mass is not None
         given = "until arm and body have separated" if free else "given a reaction that ends the contact"
         text = (
             "A quantile p99 is the value that 99 of 100 collisions stay below. Force at detection and delay are given "
@@ -55,13 +55,13 @@ class FiguresSection(Section):
             "quantile lies in the share that is never detected; “none”: no collision has one."
         )
         found = [
-            paragraph(f"Computed with the {which_law(law)}. ", text),
+            paragraph(f"Computed with the {method_words(result)}. ", text),
             table(headings, [_row(*row) for row in rows], caption="Every quantity", numbers=True),
         ]
-        if math.isinf(law.peak_force.mean):
-            mean = quantity(finite_mean(law.peak_force), "N")
+        if math.isinf(result.peak_force.mean):
+            mean = quantity(finite_mean(result.peak_force), "N")
             found.append(paragraph(f"The mean peak force of the collisions that have a bound is {mean}."))
-        if law.contact_duration is None:
+        if result.contact_duration is None:
             found.append(paragraph("There is no contact time: a stopped arm keeps the body clamped."))
         return found
 
@@ -84,7 +84,7 @@ class ProvenanceSection(Section):
 
     def content(self) -> list[Html]:
         """One table of sources."""
-        law, robot = self.law, self.law.problem.robot
+        result, robot = self.result, self.result.problem.robot
         rows = [
             ("robot", f"{robot.title or robot.name} ({robot.name})"),
             ("its geometry", robot.source or "not stated"),
@@ -92,21 +92,21 @@ class ProvenanceSection(Section):
         if robot.note:
             rows.append(("about it", robot.note))
         rows += self._limits()
-        given = law.scenario.contact.stiffness_N_m is not None
+        given = result.scenario.contact.stiffness_N_m is not None
         source = "as the scenario says" if given else "from the limit table"
-        rows.append(("stiffness", f"{law.problem.body_stiffness:g} N/m, {source}"))
-        padding = law.scenario.contact.padding_N_m
+        rows.append(("stiffness", f"{result.problem.body_stiffness:g} N/m, {source}"))
+        padding = result.scenario.contact.padding_N_m
         if padding is not None:
-            together = f"{law.problem.stiffness:.5g} N/m in series with the body"
+            together = f"{result.problem.stiffness:.5g} N/m in series with the body"
             rows.append(("padding", f"{padding:g} N/m, as the scenario says; {together}"))
         return [table(("", ""), rows, caption="Sources and their status")]
 
     def _limits(self) -> list[tuple[str, str]]:
-        limits = self.law.problem.limits
+        limits = self.result.problem.limits
         if limits is None:
             return [("limits", "none: no body region is named")]
         kind = "clamped (quasi-static limits)" if limits.kind == "clamped" else "free (transient limits)"
-        first = self.law.problem.transient_limits
+        first = self.result.problem.transient_limits
         if first is not None:
             kind = f"clamped (transient limits for {FIRST_PHASE_S:g} s, then quasi-static ones)"
         rows = [("limit table", limits.table), ("body region", f"{limits.label} ({limits.region}), {kind}")]
@@ -142,21 +142,21 @@ class SettingsSection(Section):
     title = "Settings"
     anchor = "settings"
 
-    def __init__(self, law: CollisionResult, details: Mapping[str, str]) -> None:
-        super().__init__(law)
+    def __init__(self, result: CollisionResult, details: Mapping[str, str]) -> None:
+        super().__init__(result)
         self._details = details
 
     def content(self) -> list[Html]:
         """Two tables: scenario keys, and versions."""
         made_by = {
-            "law": which_law(self.law),
+            "law": method_words(self.result),
             "bumpstop": version("bumpstop"),
             "numpy": version("numpy"),
             "python": platform.python_version(),
             "instruction set": target,
             **self._details,
         }
-        settings = [(element("code", key), value) for key, value in flat(self.law.scenario.to_dict())]
+        settings = [(element("code", key), value) for key, value in flat(self.result.scenario.to_dict())]
         return [
             table(("key", "value"), settings, caption="Scenario, defaults included"),
             table(("", ""), list(made_by.items()), caption="Made by"),
@@ -187,8 +187,8 @@ class AssumptionsSection(Section):
     anchor = "assumptions"
 
     def content(self) -> list[Html]:
-        """The law's notes, then what is not claimed."""
-        law = self.law
+        """The distribution's notes, then what is not claimed."""
+        result = self.result
         claims = [
             "bumpstop is an engineering tool, not a certified safety function. A risk assessment and a validation on "
             "the real cell are not replaced by it.",
@@ -200,13 +200,13 @@ class AssumptionsSection(Section):
             "delay detection.",
             "Probabilities far below the accepted risk are statements about the model's tails, not about an arm.",
             "One motion and one contact point are judged. Others may be worse."
-            if law.problem.trajectory is not None
+            if result.problem.trajectory is not None
             else "One pose, one direction and one contact point are judged. Others may be worse.",
         ]
-        found = [element("h3", "What was assumed"), bullets(law.notes)]
-        if law.kind == "sampled":
-            least = 1 / (law.samples or 1)
+        found = [element("h3", "What was assumed"), bullets(result.notes)]
+        if result.kind == "sampled":
+            least = 1 / (result.samples or 1)
             found.append(
-                paragraph(f"With {law.samples} sampled collisions, probabilities near {percent(least)} are coarse.")
+                paragraph(f"With {result.samples} sampled collisions, probabilities near {percent(least)} are coarse.")
             )
         return [*found, element("h3", "What is not claimed"), bullets(claims)]

@@ -31,7 +31,7 @@ class VerdictSection(Section):
 
     def content(self) -> list[Html]:
         """Sign, sentence, the table of what was judged, and what the word means."""
-        verdict = self.law.verdict
+        verdict = self.result.verdict
         word, style, shape = _SIGNS[verdict.conclusion]
         sign = element("svg", Html(shape), viewBox="0 0 24 24", aria_hidden="true")
         banner = element(
@@ -42,19 +42,24 @@ class VerdictSection(Section):
         )
         rows = table(("", "this collision", "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
         beside = []
-        if self.law.warnings:
-            beside = [element("h3", "Beside this verdict"), bullets(self.law.warnings)]
+        if self.result.warnings:
+            beside = [element("h3", "Beside this verdict"), bullets(self.result.warnings)]
         return [banner, *beside, rows, paragraph(self._meaning())]
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
-        law, verdict, limits, first = self.law, self.law.verdict, self.law.problem.limits, self.law.verdict.transient
+        result, verdict, limits, first = (
+            self.result,
+            self.result.verdict,
+            self.result.problem.limits,
+            self.result.verdict.transient,
+        )
         # The quantile of the accepted probability is what the verdict compares with the limit; p99 may be below it.
         p = 1 - verdict.accepted_probability
         share, name = f"{100 * p:.10g} %", f"p{100 * p:.10g}"
         rows = [
-            _below(f"Peak force that {share} of collisions stay below ({name})", law.peak_force.quantile(p), "N",
+            _below(f"Peak force that {share} of collisions stay below ({name})", result.peak_force.quantile(p), "N",
                    limits.force_N if limits else None, first.force_N if first else None),
-            _below(f"Peak pressure, likewise ({name})", law.pressure.quantile(p), "N/cm²",
+            _below(f"Peak pressure, likewise ({name})", result.pressure.quantile(p), "N/cm²",
                    limits.pressure_N_cm2 if limits else None, first.pressure_N_cm2 if first else None),
         ]  # fmt: skip
         for what, over in (("force", verdict.p_over_force), ("pressure", verdict.p_over_pressure)):
@@ -67,15 +72,15 @@ class VerdictSection(Section):
                 verdict.max_false_alarm,
             )
         )
-        rows.append(("False alarms in free motion", alarm_rate(law.problem).words, "", ""))
-        rows.append(("Probability of no detection", percent(law.undetected_probability), "", ""))
-        delay = law.detection_delay
+        rows.append(("False alarms in free motion", alarm_rate(result.problem).words, "", ""))
+        rows.append(("Probability of no detection", percent(result.undetected_probability), "", ""))
+        delay = result.detection_delay
         shown = f"{number(1e3 * delay.quantile(0.5))} / {quantity(1e3 * delay.quantile(0.99), 'ms')}"
         rows.append(("Delay from touch to detection, median / p99", shown, "", ""))
         return rows
 
     def _meaning(self) -> str:
-        verdict, limits, contact = self.law.verdict, self.law.problem.limits, self.law.scenario.contact
+        verdict, limits, contact = self.result.verdict, self.result.problem.limits, self.result.scenario.contact
         first = verdict.transient
         if limits is None:
             return (
@@ -87,8 +92,8 @@ class VerdictSection(Section):
             f"{percent(verdict.accepted_probability)}, and an alarm before contact has a probability "
             f"of at most {percent(verdict.max_false_alarm)}. "
         )
-        if self.law.problem.body_mass is None:
-            because = self.law.unbounded_because
+        if self.result.problem.body_mass is None:
+            because = self.result.unbounded_because
             if because is None:
                 meaning += "Collisions that are never detected count with the greatest force until the arm stands."
             else:

@@ -158,7 +158,7 @@ class CollisionsPart(Part):
             ]
             for c in self._collisions
         ]
-        shown = table(headings, rows, caption="Laws and verdicts", numbers=True)
+        shown = table(headings, rows, caption="Distributions and verdicts", numbers=True)
         return [element("details", element("summary", f"All {len(rows)} collisions"), shown)]
 
     def pictures(self) -> list[Picture]:

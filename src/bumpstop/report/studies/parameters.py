@@ -49,13 +49,13 @@ def pages_of(
         parts.append(GuidePart(summary, study.scenario.verdict.accepted_probability))
     notes = [
         "One parameter is changed at a time, all others stay as in the scenario.",
-        _law_note(study.scenario),
+        _model_note(study.scenario),
     ]
     return "What the peak force depends on", parts, notes
 
 
-def _law_note(scenario: Scenario) -> str:
-    """What the laws behind all figures are."""
+def _model_note(scenario: Scenario) -> str:
+    """What the distributions behind all figures are."""
     if scenario.detector.residuals is None:
         return (
             "Every figure is of an integrated distribution: there is no sampling noise in curves, fits or derivatives."
@@ -131,7 +131,7 @@ def _fits(x: Any, y: Any) -> list[Fit]:
 
 
 class FitsPart(Part):
-    """How well each law fits, and which one Schroeder (2013) named."""
+    """How well each model fits, and which one Schroeder (2013) named."""
 
     title = "Which model each dependence follows"
     anchor = "fits"
@@ -140,7 +140,7 @@ class FitsPart(Part):
         self._parameters = summary["parameters"]
 
     def content(self) -> list[Html]:
-        """One table, and why a law of Schroeder (2013) is not enough."""
+        """One table, and why a model of Schroeder (2013) is not enough."""
         names = ("linear", "quadratic", "power", "constant plus power")
         rows = []
         for each in self._parameters:
@@ -297,10 +297,10 @@ class GuidePart(Part):
             found.append(paragraph(guide["reason"]))
         keys = list(now["values"])
         rows = [["as it is", *(f"{now['values'][key]:.6g}" for key in keys), "0", ratio]]
-        for name, plan in guide["alone"].items():
+        for name, plan in guide["single_change"].items():
             rows.append(self._row(f"{name} alone", plan, keys))
-        if guide["alone"]:
-            rows.append(self._row("together, cheapest", guide["together"], keys))
+        if guide["single_change"]:
+            rows.append(self._row("together, cheapest", guide["combined"], keys))
         found.append(
             table(["plan", *keys, "cost", "force over allowed"], rows, caption="Ways to meet the limits", numbers=True)
         )

@@ -66,7 +66,7 @@ def pages_of(
 
 
 class CountsPart(Part):
-    """Shares over the limits, and what no law covers."""
+    """Shares over the limits, and what no distribution covers."""
 
     title = "What was found"
     anchor = "found"
@@ -159,7 +159,7 @@ class ForcePart(Part):
             parts.append(
                 paragraph(
                     "Schroeder (2013) states less than 9 % over 135 N for a hand. That share hangs on the joint "
-                    "acceleration, which Schroeder (2013) reads from a file it does not print, on its law of "
+                    "acceleration, which Schroeder (2013) reads from a file it does not print, on its distribution of "
                     "directions, and on its inverse with a singular-value tolerance of 1e-7, which moves on where an "
                     "exact motion ends."
                 )
@@ -322,7 +322,7 @@ class SensitivityPart(Part):
                 f"{self._trusted} of {self._known.height} poses; elsewhere it is unbounded and the pose counts as "
                 "refused. The worst direction is that of the largest force that stays undetected at the pose. The "
                 "bound refuses what it says exceeds a limit; every other predictor is cut where it errs least, with "
-                "all laws known."
+                "all distributions known."
             ),
             table(
                 ("predictor", "rank correlation", "unsafe poses missed", "safe poses rejected"),

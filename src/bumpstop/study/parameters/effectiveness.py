@@ -41,7 +41,7 @@ _SCAN = 10
 
 @dataclass(frozen=True)
 class EffectivenessStudy(Study):
-    """One exact law for each body part, direction and speed, judged on each contact area.
+    """One integrated distribution for each body part, direction and speed, judged on each contact area.
 
     Attributes:
         bodies: limit table and region; one shard each.
@@ -160,12 +160,12 @@ class EffectivenessStudy(Study):
         if _load(self.scenario, table).region(body).effective_mass_kg is not None:
             contact.pop("body_mass_kg", None)
         contact |= {"body": body, "limits": table, "area_cm2": area}
-        horizon = duration_s(self.scenario, speed / Variable("motion.speed").value(self.scenario))
-        data["motion"] |= {"velocity_mm_s": [speed * x for x in DIRECTIONS[direction]], "duration_s": horizon}
+        motion_end = duration_s(self.scenario, speed / Variable("motion.speed").value(self.scenario))
+        data["motion"] |= {"velocity_mm_s": [speed * x for x in DIRECTIONS[direction]], "duration_s": motion_end}
         return Scenario.from_dict(data, self.scenario.folder)
 
     def _without_law(self, table: str, body: str) -> str:
-        """Why this body has no law; empty where it has one."""
+        """Why this body has no distribution; empty where it has one."""
         if self.scenario.contact.kind == "clamped" or self.scenario.contact.body_mass_kg is not None:
             return ""
         if _load(self.scenario, table).region(body).effective_mass_kg is not None:
@@ -209,7 +209,7 @@ class EffectivenessStudy(Study):
 
 
 class _Laws:
-    """Laws of one body and direction, remembered by speed: the area changes only how they are judged."""
+    """Distributions of one body and direction, remembered by speed: the area changes only how they are judged."""
 
     def __init__(self, study: EffectivenessStudy, table: str, body: str, direction: str) -> None:
         self._study = study
@@ -223,8 +223,8 @@ class _Laws:
         scenario = self._study.scenario
         return scenario.verdict.clamped_limit == "two_phase" and scenario.contact.kind == "clamped"
 
-    def law(self, speed: float, area: float) -> CollisionResult:
-        """The law at a speed; where contact has two phases, the area belongs to it."""
+    def result(self, speed: float, area: float) -> CollisionResult:
+        """The distribution at a speed; where contact has two phases, the area belongs to it."""
         from bumpstop.collision import evaluate
 
         if speed not in self._known or self._two_phases:
@@ -234,23 +234,23 @@ class _Laws:
 
     def force_at_risk(self, speed: float, area: float) -> float:
         """Peak force passed with the accepted risk [N]."""
-        law = self.law(speed, area)
+        result = self.result(speed, area)
         if speed not in self._at_risk:
-            self._at_risk[speed] = law.peak_force.quantile(1 - self._study.scenario.verdict.accepted_probability)
+            self._at_risk[speed] = result.peak_force.quantile(1 - self._study.scenario.verdict.accepted_probability)
         return self._at_risk[speed]
 
     def over(self, speed: float, area: float) -> tuple[float | None, float | None]:
         """Probabilities of passing the force and the pressure limit with an area; None where there is no limit."""
-        law = self.law(speed, area)
-        limits = law.problem.limits
+        result = self.result(speed, area)
+        limits = result.problem.limits
         assert limits is not None
         if self._two_phases:
-            return law.verdict.p_over_force, law.verdict.p_over_pressure
-        force = law.peak_force
+            return result.verdict.p_over_force, result.verdict.p_over_pressure
+        force = result.peak_force
         over_force = force.exceedance(limits.force_N)
         if limits.pressure_N_cm2 is None:
             return over_force, None
-        allowed = limits.force_at_pressure_limit_N(area, law.scenario.contact.peak_factor)
+        allowed = limits.force_at_pressure_limit_N(area, result.scenario.contact.peak_factor)
         return over_force, force.exceedance(allowed)
 
     def judged(self, speed: float, area: float) -> tuple[bool, str]:
@@ -259,26 +259,26 @@ class _Laws:
         By the quantile of the accepted risk, which costs a thousandth of a far tail.
         """
         settings = self._study.scenario.verdict
-        law = self.law(speed, area)
-        limits = law.problem.limits
+        result = self.result(speed, area)
+        limits = result.problem.limits
         assert limits is not None
-        if law.false_alarm_probability > settings.max_false_alarm:
+        if result.false_alarm_probability > settings.max_false_alarm:
             return False, "false_alarm"
         if self._two_phases:
             force, pressure = (p or 0.0 for p in self.over(speed, area))
             return max(force, pressure) <= settings.accepted_probability, "pressure" if pressure > force else "force"
-        factor = law.scenario.contact.peak_factor
+        factor = result.scenario.contact.peak_factor
         within = self.force_at_risk(speed, area) <= limits.allowed_force_N(area, factor)
         return within, limits.governing(area, factor)
 
     def collision(self, speed: float, area: float) -> dict[str, Any]:
-        """One row: the law at a speed, judged on an area."""
+        """One row: the distribution at a speed, judged on an area."""
         over = self.over(speed, area)
-        law = self.law(speed, area)
-        limits = law.problem.limits
+        result = self.result(speed, area)
+        limits = result.problem.limits
         assert limits is not None
-        force = law.peak_force
-        triggers = {f"trigger_{j + 1}": float(p) for j, p in enumerate(law.trigger_joint_probability)}
+        force = result.peak_force
+        triggers = {f"trigger_{j + 1}": float(p) for j, p in enumerate(result.trigger_joint_probability)}
         return {
             "kind": "collision",
             "area_cm2": area,
@@ -289,9 +289,9 @@ class _Laws:
             "sd_N": force.sd,
             "p99_N": force.quantile(0.99),
             "p999_N": force.quantile(0.999),
-            "false_alarm": law.false_alarm_probability,
-            "undetected": law.undetected_probability,
-            "several_joints": law.multi_joint_probability,
+            "false_alarm": result.false_alarm_probability,
+            "undetected": result.undetected_probability,
+            "several_joints": result.multi_joint_probability,
             **triggers,
             "p_over_force": over[0],
             "p_over_pressure": over[1],
@@ -302,12 +302,12 @@ class _Laws:
         """The highest speed below which every speed looked at is acceptable, in tenths of mm/s; None: not even 1 mm/s.
 
         A scan finds the first speed that is not acceptable, and bisection the edge below it. Where the risk is a
-        sawtooth in the speed, a requirement looks at all teeth, and the scan only at false alarms.
+        sampling ripple in the speed, a requirement looks at all crests, and the scan only at false alarms.
         """
         found: dict[str, Any] = {"kind": "safe_speed", "area_cm2": area, "reason": ""}
         top = self._study.highest_speed_mm_s
         judged, beyond = self.judged, "none"
-        if self._on_teeth:
+        if self._has_ripple:
             required = self._required(area)
             if required.value is None:
                 return found | {"binding": required.binding, "reason": f"Not acceptable even at {required.low:g} mm/s."}
@@ -343,8 +343,8 @@ class _Laws:
         return found | {"safe_speed_mm_s": round(below * SPEED_STEP_MM_S, 1), "binding": binding}
 
     @property
-    def _on_teeth(self) -> bool:
-        """Whether the risk may be a sawtooth in the speed, and has the exact law that requirements ask for."""
+    def _has_ripple(self) -> bool:
+        """Whether the risk may have a sampling ripple in the speed, and an integrated distribution."""
         scenario = self._study.scenario
         return has_ripple(scenario) and scenario.detector.residuals is None
 
@@ -354,7 +354,7 @@ class _Laws:
 
         own = Variable("motion.speed").value(self._study.scenario)
         scenario = self._study.scenario_of(*self._which, own, area)
-        limits = self.law(own, area).problem.limits
+        limits = self.result(own, area).problem.limits
         assert limits is not None
         # Without phases the area decides nothing but the force that is allowed.
         key = area if self._two_phases else limits.allowed_force_N(area, scenario.contact.peak_factor)
@@ -365,8 +365,8 @@ class _Laws:
 
     def _alarms_judged(self, speed: float, area: float) -> tuple[bool, str]:
         """As :meth:`judged`, by false alarms alone."""
-        law = self.law(speed, area)
-        return law.false_alarm_probability <= self._study.scenario.verdict.max_false_alarm, "false_alarm"
+        result = self.result(speed, area)
+        return result.false_alarm_probability <= self._study.scenario.verdict.max_false_alarm, "false_alarm"
 
     def _crossing(self, below: int, above: int, area: float) -> int:
         """Whole tenths between two others where the force at risk should reach what is allowed; else the middle."""
@@ -374,7 +374,7 @@ class _Laws:
         if self._two_phases or below == 0:
             return middle
         ends = [round(tenths * SPEED_STEP_MM_S, 1) for tenths in (below, above)]
-        limits = self.law(ends[0], area).problem.limits
+        limits = self.result(ends[0], area).problem.limits
         assert limits is not None
         allowed = limits.allowed_force_N(area, self._study.scenario.contact.peak_factor)
         low, high = (self.force_at_risk(speed, area) for speed in ends)

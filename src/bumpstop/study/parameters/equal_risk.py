@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # Accepted probabilities of passing a limit, one family of curves each.
 RISKS = (0.1, 0.01, 1e-3, 1e-4)
 _FINE = 129
-# Points of a curve that laws of their own put where they belong.
+# Points of a curve that distributions of their own put where they belong.
 _POINTS = 32
 # Of the force over what is allowed, in the logarithm: a point this close below is on its curve.
 _CLOSE = 1e-4
@@ -38,7 +38,7 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
 
     The quantile at 1 - risk is smooth in both, unlike the probability: its ratio to the allowed force is contoured at
     one, on a cubic spline through the rows. Points of the contours are then moved along one of the two keys to where
-    their own laws have that ratio, at whole steps of a quantised key.
+    their own distributions have that ratio, at whole steps of a quantised key.
 
     Returns:
         ``keys``, ``controls``, and ``curves``: ``{risk, lines}``, a line as points ``[first, second]``.
@@ -56,9 +56,9 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
         return second.variable.apply(first.variable.apply(scenario, a), b)
 
     def ratio_at(point: FloatArray, risk: float) -> float:
-        law = evaluate(at(*point))
+        result = evaluate(at(*point))
         # Aimed a little below: where single forces are probable the risk leaps at the curve.
-        return _log_ratio(law.peak_force.quantile(1 - risk), allowed_force(law.problem)) + 0.5 * _CLOSE
+        return _log_ratio(result.peak_force.quantile(1 - risk), allowed_force(result.problem)) + 0.5 * _CLOSE
 
     allowed = np.array([[allowed_force(CollisionProblem.from_scenario(at(a, b))) for a in x] for b in y])
     curves = []
@@ -86,10 +86,10 @@ class _Curve:
     """Puts points of contours where they belong.
 
     Args:
-        scenario: what all laws share.
+        scenario: what all distributions share.
         ranges: of the two keys.
         fine: values of both keys, and the ratio on their grid, of which the contours are.
-        ratio: that of the law at a point.
+        ratio: that of the distribution at a point.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class _Curve:
         ]
 
     def corrected(self, line: FloatArray) -> FloatArray:
-        """Points of a contour, each moved to where its law has the ratio of one; (n, 2)."""
+        """Points of a contour, each moved to where its distribution has the ratio of one; (n, 2)."""
         if all(self.whole):
             return line
         if any(self.whole):
@@ -119,7 +119,7 @@ class _Curve:
         return np.array([point for point in moved if point is not None]).reshape(-1, 2)
 
     def _at_whole_steps(self, line: FloatArray) -> FloatArray:
-        """Where a contour passes what a quantised key can take; no law is between."""
+        """Where a contour passes what a quantised key can take; no distribution is between."""
         k = self.whole.index(True)
         variable = self.ranges[k].variable
         quantum = variable.quantum(self.scenario)

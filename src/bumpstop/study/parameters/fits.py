@@ -19,7 +19,7 @@ R2_WANTED = 0.99
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """One law fitted by least squares.
+    """One model fitted by least squares.
 
     Attributes:
         name: ``"linear"``, ``"quadratic"``, ``"power"`` or ``"constant plus power"``.
@@ -41,7 +41,7 @@ class Fit:
 
 
 def fit_models(x: FloatArray, y: FloatArray) -> list[Fit]:
-    """Fit every law that the points allow: more points than parameters, and powers of positive x only.
+    """Fit every model that the points allow: more points than parameters, and powers of positive x only.
 
     None where y does not vary.
 
@@ -51,16 +51,16 @@ def fit_models(x: FloatArray, y: FloatArray) -> list[Fit]:
     """
     if np.ptp(y) <= _ROUNDING * np.abs(y).max():
         return []
-    laws: list[tuple[str, int, Callable[[FloatArray, FloatArray], _Found]]] = [
+    models: list[tuple[str, int, Callable[[FloatArray, FloatArray], _Found]]] = [
         ("linear", 2, _linear),
         ("quadratic", 3, _quadratic),
     ]
     if x[0] > 0:
-        laws += [("power", 2, _power), ("constant plus power", 3, _constant_plus_power)]
+        models += [("power", 2, _power), ("constant plus power", 3, _constant_plus_power)]
     found = []
-    for name, parameters, law in laws:
+    for name, parameters, model in models:
         if x.size > parameters:
-            figures, fitted, formula = law(x, y)
+            figures, fitted, formula = model(x, y)
             found.append(Fit(name, formula, figures, r_squared(y, fitted), fitted))
     return found
 
@@ -126,7 +126,7 @@ def _constant_plus_power(x: FloatArray, y: FloatArray) -> _Found:
     return (A, B, C), fitted, f"{A:.4g} {_plus(B)} x^{C:.4g}"
 
 
-# Close together where laws of nature lie, then in even ratios.
+# Close together where usual curves lie, then in even ratios.
 _EXPONENTS = np.linspace(-4.0, 4.0, 81)
 _STEEP, _STEEPEST = 1.05, 40.0
 # Powers of ten within which all powers of x stay, so that their squares are still numbers.

@@ -12,7 +12,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.study.parameters.equal_risk import RISKS, equal_risk_curves
 from bumpstop.study.parameters.fits import R2_WANTED, fit_models
-from bumpstop.study.requirement.design_guide import CostRate, cheapest, check_whole_steps
+from bumpstop.study.requirement.design_guide import CostRate, check_whole_steps, min_cost
 from bumpstop.study.study import Study, check_risk
 from bumpstop.study.variable import Range, Variable
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from bumpstop.collision import CollisionResult, Scenario
 
-# What Schroeder (2013) found: the law it fitted (table 5.3), and its derivative at its control group (table 5.4).
+# What Schroeder (2013) found: the model it fitted (table 5.3), and its derivative at its control group (table 5.4).
 SOURCE: dict[str, tuple[str, float]] = {
     "contact.stiffness": ("linear", 0.0048),
     "motion.speed": ("quadratic", 0.779),
@@ -48,12 +48,12 @@ _PAIR_VALUES = 9
 
 @dataclass(frozen=True)
 class ParameterStudy(Study):
-    """One exact law for each value of each range, and for each pair of values of two.
+    """One integrated distribution for each value of each range, and for each pair of values of two.
 
     Attributes:
         ranges: one shard each.
         pairs: varied together, one shard for each value of the first.
-        prices: of changes, for the cheapest way to meet the limits.
+        cost_rates: of changes, for the cheapest way to meet the limits.
     """
 
     name: ClassVar[str] = "parameters"
@@ -61,7 +61,7 @@ class ParameterStudy(Study):
 
     ranges: tuple[Range, ...] = ()
     pairs: tuple[tuple[Range, Range], ...] = ()
-    prices: tuple[CostRate, ...] = ()
+    cost_rates: tuple[CostRate, ...] = ()
 
     @classmethod
     def of(
@@ -69,15 +69,15 @@ class ParameterStudy(Study):
         scenario: Scenario,
         vary: list[str] | None = None,
         pairs: list[str] | None = None,
-        prices: list[str] | None = None,
+        cost_rates: list[str] | None = None,
     ) -> ParameterStudy:
-        """Read ranges, pairs and prices as a person writes them.
+        """Read ranges, pairs and costs as a person writes them.
 
         Args:
             scenario: the control group.
             vary: ``KEY=LOW:HIGH`` and the like, see :meth:`Range.parse`; None: Schroeder's five.
             pairs: ``KEY,KEY`` of two varied keys.
-            prices: ``KEY=PRICE`` of varied keys, per unit of the key.
+            cost_rates: ``KEY=PRICE`` of varied keys, per unit of the key.
 
         Raises:
             InputError: something in them cannot be used.
@@ -111,19 +111,19 @@ class ParameterStudy(Study):
             if pair in found:
                 raise InputError("--pair", f"names {text!r} twice", "name each pair once")
             found.append(pair)
-        priced: list[CostRate] = []
-        if prices:
+        rates: list[CostRate] = []
+        if cost_rates:
             check_risk(scenario)
-        for text in prices or []:
+        for text in cost_rates or []:
             name, _, written = (part.strip() for part in text.partition("="))
-            price = CostRate.of(varied("--cost", name), written)
-            if any(price.swept is each.swept for each in priced):
+            cost_rate = CostRate.of(varied("--cost", name), written)
+            if any(cost_rate.swept is each.swept for each in rates):
                 raise InputError("--cost", f"names {name!r} twice", "name each key once")
-            priced.append(price)
-        if found or priced:
+            rates.append(cost_rate)
+        if found or rates:
             _check_limits(scenario)
-            check_whole_steps(scenario, priced)
-        return cls(scenario, ranges, tuple(found), tuple(priced))
+            check_whole_steps(scenario, rates)
+        return cls(scenario, ranges, tuple(found), tuple(rates))
 
     @property
     def shards(self) -> int:  # noqa: D102
@@ -166,8 +166,8 @@ class ParameterStudy(Study):
             result["equal_risk"] = [
                 equal_risk_curves(self.scenario, first, second, rows) for first, second in self.pairs
             ]
-        if self.prices:
-            result["guide"] = cheapest(self.scenario, self.prices).to_json()
+        if self.cost_rates:
+            result["guide"] = min_cost(self.scenario, self.cost_rates).to_json()
         return result
 
     def _about(self, swept: Range, rows: pl.DataFrame) -> dict[str, Any]:
@@ -233,11 +233,15 @@ def _evaluate(scenario: Scenario) -> CollisionResult:
     return evaluate(scenario)
 
 
-def _figures(law: CollisionResult) -> dict[str, float | None]:
-    force, verdict = law.peak_force, law.verdict
+def _figures(distribution: CollisionResult) -> dict[str, float | None]:
+    force, verdict = distribution.peak_force, distribution.verdict
     quantiles = [force.quantile(p) for p in (0.5, *(1 - risk for risk in RISKS))]
     over = (verdict.p_over_force, verdict.p_over_pressure)
-    others = (law.false_alarm_probability, law.undetected_probability, law.no_contact_probability)
+    others = (
+        distribution.false_alarm_probability,
+        distribution.undetected_probability,
+        distribution.no_contact_probability,
+    )
     return dict(zip(_FIGURES, (force.mean, force.sd, *quantiles, *over, *others), strict=True))
 
 
@@ -258,7 +262,7 @@ def _row(
 
 
 def _difference_points(scenario: Scenario, swept: Range) -> list[float]:
-    """Values about the control point whose laws give the derivative, ascending; those a scenario refuses are left out.
+    """Values about the control point that give the derivative, ascending; those a scenario rejects are left out.
 
     Two distances on either side, or one quantum.
     """
@@ -278,7 +282,7 @@ def _difference_points(scenario: Scenario, swept: Range) -> list[float]:
 
 
 def _derivative(scenario: Scenario, swept: Range, points: pl.DataFrame) -> dict[str, Any]:
-    """dF/dx of mean and sd at the control point, by differences of exact laws.
+    """dF/dx of mean and sd at the control point, by differences of integrated distributions.
 
     Over two distances the rest of the curvature is taken out (Richardson); then ``error`` is how much that changed, and
     what corners may do to it. At the end of what the scenario takes the points of one side do the same. Across one

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 
 # Below this a false alarm is so rare that no digit of it matters, and its logarithm stays finite.
 _RAREST = 1e-30
-# Combinations of whole steps, with a search over all other variables for each, or with a law where there are none.
+# Combinations of whole steps, with a search over all other variables for each, or with a distribution where there are
+# none.
 _MAX_SEARCHES, _MAX_EVALUATIONS = 64, 4096
 # Values of one variable looked at, as many on either side of the present one.
-_LOOKS = 16
-# Rounds through all variables on the way to the mildest values: one may only matter where another has changed.
+_TRIALS = 16
+# Rounds through all variables on the way to the most conservative values: one may only matter where another has
+# changed.
 _ROUNDS = 3
 # Margins closer than this are the same: false alarms know nothing of most variables, but to rounding.
 _SAME = 1e-6
@@ -44,18 +46,18 @@ class CostRate:
 
     @classmethod
     def of(cls, swept: Range, written: str) -> CostRate:
-        """Read a price.
+        """Read a cost.
 
         Raises:
             InputError: it is not a finite number above 0.
         """
         try:
-            price = float(written)
+            cost_rate = float(written)
         except ValueError:
-            price = math.nan
-        if not 0 < price < math.inf:
+            cost_rate = math.nan
+        if not 0 < cost_rate < math.inf:
             raise InputError("--cost", f"{written!r} of {swept.variable.name} is no cost", "wanted a number above 0")
-        return cls(swept, price)
+        return cls(swept, cost_rate)
 
     def to_json(self) -> str:
         """As a person writes it."""
@@ -63,7 +65,7 @@ class CostRate:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Design:
     """A way to meet the limits.
 
     Attributes:
@@ -99,82 +101,82 @@ class DesignGuide:
 
     Attributes:
         now: the scenario as it is.
-        alone: the cheapest change of each variable by itself; None where none of its range is enough.
-        together: the cheapest change of all; None where nothing in the ranges is enough.
+        single_change: the cheapest change of each variable by itself; None where none of its range is enough.
+        combined: the cheapest change of all; None where nothing in the ranges is enough.
         reason: why there is none.
     """
 
-    now: Plan
-    alone: Mapping[str, Plan | None]
-    together: Plan | None
+    now: Design
+    single_change: Mapping[str, Design | None]
+    combined: Design | None
     reason: str
 
     def to_json(self) -> dict[str, Any]:
         """Everything; what does not exist is None."""
         return {
             "now": self.now.to_json(),
-            "alone": {name: plan and plan.to_json() for name, plan in self.alone.items()},
-            "together": self.together and self.together.to_json(),
+            "single_change": {name: design and design.to_json() for name, design in self.single_change.items()},
+            "combined": self.combined and self.combined.to_json(),
             "reason": self.reason,
         }
 
 
-def cheapest(scenario: Scenario, prices: Sequence[CostRate]) -> DesignGuide:
+def min_cost(scenario: Scenario, cost_rates: Sequence[CostRate]) -> DesignGuide:
     """Find the changes of least total cost with which the scenario meets its limits and its false-alarm rate.
 
-    Quantised variables are tried at every value on the way to their mildest one; for each, the rest is a smooth problem
-    with a linear cost (sequential quadratic programming, from the present values and from the mildest ones). Every
-    plan is checked by its exact law.
+    Quantised variables are tried at every value on the way to their most conservative one; for each, the rest is a
+    smooth problem with a linear cost (sequential quadratic programming, from the present values and from the most
+    conservative ones). Every plan is checked by its integrated distribution.
 
     Args:
         scenario: as it is now; it has limits.
-        prices: of the variables that may change.
+        cost_rates: of the variables that may change.
 
     Raises:
         InputError: a variable moves out of what the scenario takes, or there are too many quantised values.
     """
-    search = _Search(scenario, prices)
-    now = search.plan(search.start)
+    search = _Search(scenario, cost_rates)
+    now = search.design(search.start)
     if now.meets:
         return DesignGuide(now, {}, now, "The scenario meets its limits as it is.")
-    alone = {price.swept.variable.name: search.alone(k) for k, price in enumerate(prices)}
-    together = search.together([plan for plan in alone.values() if plan is not None])
+    single_change = {cost_rate.swept.variable.name: search.single_change(k) for k, cost_rate in enumerate(cost_rates)}
+    combined = search.combined([design for design in single_change.values() if design is not None])
     reason = ""
-    if together is None:
-        mild = search.plan(search.mild)
+    if combined is None:
+        conservative = search.design(search.conservative)
         reason = (
             f"No design in these ranges is enough: with the most conservative value of each the force that is exceeded "
-            f"with the accepted risk is {math.exp(-mild.margin):.3g} times what is allowed"
-            + ("." if mild.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
+            f"with the accepted risk is {math.exp(-conservative.margin):.3g} times what is allowed"
+            + ("." if conservative.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
         )
-    return DesignGuide(now, alone, together, reason)
+    return DesignGuide(now, single_change, combined, reason)
 
 
-def check_whole_steps(scenario: Scenario, prices: Sequence[CostRate]) -> None:
-    """Refuse what :func:`cheapest` would, with too many whole steps to be tried, before a study has worked for long.
+def check_whole_steps(scenario: Scenario, cost_rates: Sequence[CostRate]) -> None:
+    """Refuse what :func:`min_cost` would, with too many whole steps to be tried, before a study has worked for long.
 
     Raises:
         InputError: there are too many quantised values.
     """
-    if not any(price.swept.variable.quantum(scenario) for price in prices):
+    if not any(cost_rate.swept.variable.quantum(scenario) for cost_rate in cost_rates):
         return
-    search = _Search(scenario, prices)
-    if not search.plan(search.start).meets:
+    search = _Search(scenario, cost_rates)
+    if not search.design(search.start).meets:
         search.combinations()
 
 
 class _Search:
-    """Laws about one scenario, remembered."""
+    """Distributions about one scenario, remembered."""
 
-    def __init__(self, scenario: Scenario, prices: Sequence[CostRate]) -> None:
-        self.scenario, self.prices = scenario, prices
-        self.variables: list[Variable] = [price.swept.variable for price in prices]
+    def __init__(self, scenario: Scenario, cost_rates: Sequence[CostRate]) -> None:
+        self.scenario, self.cost_rates = scenario, cost_rates
+        self.variables: list[Variable] = [cost_rate.swept.variable for cost_rate in cost_rates]
         self.start = np.array([variable.value(scenario) for variable in self.variables])
-        self.low = np.minimum(self.start, [price.swept.low for price in prices])
-        self.high = np.maximum(self.start, [price.swept.high for price in prices])
+        self.low = np.minimum(self.start, [cost_rate.swept.low for cost_rate in cost_rates])
+        self.high = np.maximum(self.start, [cost_rate.swept.high for cost_rate in cost_rates])
         self.quantum = [variable.quantum(scenario) for variable in self.variables]
         self._known: dict[tuple[float, ...], tuple[float, float]] = {}
-        self.mild = self._mildest_values()
+        self.conservative = self._most_conservative_values()
 
     def margins(self, x: FloatArray) -> tuple[float, float]:
         """Logarithms of allowed over accepted force, and of accepted over actual false alarms."""
@@ -185,43 +187,43 @@ class _Search:
             scenario = self.scenario
             for variable, value in zip(self.variables, key, strict=True):
                 scenario = variable.apply(scenario, value)
-            law = evaluate(scenario)
+            result = evaluate(scenario)
             settings = scenario.verdict
             allowed = allowed_force(CollisionProblem.from_scenario(scenario))
             # Just inside: the verdict asks the tail, which the quantile inverts to rounding.
-            force = law.peak_force.quantile(1 - settings.accepted_probability * (1 - 1e-6))
-            alarm = max(law.false_alarm_probability, _RAREST)
+            force = result.peak_force.quantile(1 - settings.accepted_probability * (1 - 1e-6))
+            alarm = max(result.false_alarm_probability, _RAREST)
             # A force without bound is far over, and still a number that a search can improve on.
             margin = math.log(allowed / max(force, 1e-9)) if math.isfinite(force) else -20.0
             self._known[key] = (margin, math.log(settings.max_false_alarm / alarm))
         return self._known[key]
 
     def cost(self, x: FloatArray) -> float:
-        return float(sum(p.per_unit * abs(a - b) for p, a, b in zip(self.prices, x, self.start, strict=True)))
+        return float(sum(p.per_unit * abs(a - b) for p, a, b in zip(self.cost_rates, x, self.start, strict=True)))
 
-    def plan(self, x: FloatArray) -> Plan:
+    def design(self, x: FloatArray) -> Design:
         values = {variable.name: float(value) for variable, value in zip(self.variables, x, strict=True)}
-        return Plan(values, self.cost(x), *self.margins(x))
+        return Design(values, self.cost(x), *self.margins(x))
 
-    def _mildness(self, x: FloatArray) -> tuple[float, float]:
+    def _conservatism(self, x: FloatArray) -> tuple[float, float]:
         """What is to be as great as can be: the lesser margin, and where that is the same the other one."""
         lesser, other = sorted(self.margins(x))
         return round(lesser / _SAME) * _SAME, other
 
-    def _looks(self, k: int) -> FloatArray:
+    def _trial_values(self, k: int) -> FloatArray:
         """Values of one variable over its range, with the present one, ascending."""
         low, here, high = float(self.low[k]), float(self.start[k]), float(self.high[k])
         quantum = self.quantum[k]
         if quantum:
-            steps = max(1, round((high - low) / quantum / (2 * _LOOKS)))
-            values = [here + i * steps * quantum for i in range(-2 * _LOOKS, 2 * _LOOKS + 1)]
+            steps = max(1, round((high - low) / quantum / (2 * _TRIALS)))
+            values = [here + i * steps * quantum for i in range(-2 * _TRIALS, 2 * _TRIALS + 1)]
             values = [self.variables[k].quantised(self.scenario, value) for value in values]
         else:
-            values = [*np.linspace(low, here, _LOOKS + 1), *np.linspace(here, high, _LOOKS + 1)]
+            values = [*np.linspace(low, here, _TRIALS + 1), *np.linspace(here, high, _TRIALS + 1)]
         return np.unique([low, here, high, *(value for value in values if low < value < high)])
 
-    def _mildest(self, x: FloatArray, k: int) -> float:
-        """The mildest value of one variable, the others as given.
+    def _most_conservative(self, x: FloatArray, k: int) -> float:
+        """The most conservative value of one variable, the others as given.
 
         Often an end of the range; a threshold, though, is to be low for the force and high for false alarms.
         """
@@ -232,30 +234,30 @@ class _Search:
             y[k] = value
             return y
 
-        looks = [float(look) for look in self._looks(k)]
-        best = max(range(len(looks)), key=lambda i: (self._mildness(at(looks[i])), looks[i] == x[k]))
-        value = looks[best]
+        trials = [float(trial) for trial in self._trial_values(k)]
+        best = max(range(len(trials)), key=lambda i: (self._conservatism(at(trials[i])), trials[i] == x[k]))
+        value = trials[best]
         if self.quantum[k] or min(self.margins(at(value))) >= 0:
             return value
         found = optimize.minimize_scalar(
             lambda v: -min(self.margins(at(float(v)))),
-            bounds=(looks[max(0, best - 1)], looks[min(len(looks) - 1, best + 1)]),
+            bounds=(trials[max(0, best - 1)], trials[min(len(trials) - 1, best + 1)]),
             method="bounded",
         )
-        return max(value, float(found.x), key=lambda v: self._mildness(at(v)))
+        return max(value, float(found.x), key=lambda v: self._conservatism(at(v)))
 
-    def _mildest_values(self) -> FloatArray:
-        """The mildest of all variables, one after the other until nothing is gained."""
-        mild = self.start.copy()
+    def _most_conservative_values(self) -> FloatArray:
+        """The most conservative of all variables, one after the other until nothing is gained."""
+        conservative = self.start.copy()
         for _ in range(_ROUNDS):
-            before = mild.copy()
-            for k in range(mild.size):
-                mild[k] = self._mildest(mild, k)
-            if np.array_equal(mild, before):
+            before = conservative.copy()
+            for k in range(conservative.size):
+                conservative[k] = self._most_conservative(conservative, k)
+            if np.array_equal(conservative, before):
                 break
-        return mild
+        return conservative
 
-    def alone(self, k: int) -> Plan | None:
+    def single_change(self, k: int) -> Design | None:
         """Look at one variable on either side of its present value, and bisect to where the limits begin to be met."""
 
         def at(value: float) -> FloatArray:
@@ -267,13 +269,13 @@ class _Search:
             return min(self.margins(at(value))) >= 0
 
         here = float(self.start[k])
-        looks = np.unique([*self._looks(k), self._mildest(self.start, k)])
-        plans = []
-        for side in (looks[looks <= here][::-1], looks[looks >= here]):
+        trials = np.unique([*self._trial_values(k), self._most_conservative(self.start, k)])
+        designs = []
+        for side in (trials[trials <= here][::-1], trials[trials >= here]):
             first = next((i for i, value in enumerate(side) if meets(float(value))), None)
             if first is not None:
-                plans.append(self.plan(at(self._edge(float(side[first - 1]), float(side[first]), k, meets))))
-        return min(plans, key=lambda plan: plan.cost, default=None)
+                designs.append(self.design(at(self._edge(float(side[first - 1]), float(side[first]), k, meets))))
+        return min(designs, key=lambda design: design.cost, default=None)
 
     def _edge(self, outside: float, inside: float, k: int, meets: Callable[[float], bool]) -> float:
         """The value that meets the limits and is nearest to one that does not, between the two."""
@@ -288,30 +290,35 @@ class _Search:
                 outside = middle
         return inside
 
-    def together(self, known: list[Plan]) -> Plan | None:
+    def combined(self, known: list[Design]) -> Design | None:
         """The best of the plans with one variable and of those with all."""
-        best = min(known, key=lambda plan: plan.cost, default=None)
-        mild = self.plan(self.mild)
-        if mild.meets and (best is None or mild.cost < best.cost):
-            best = mild
+        best = min(known, key=lambda design: design.cost, default=None)
+        conservative = self.design(self.conservative)
+        if conservative.meets and (best is None or conservative.cost < best.cost):
+            best = conservative
         combinations = self.combinations()
         if best is None:
-            # Where not even the mildest values are enough, those of quantised keys are the only ones worth a search.
-            combinations = [{k: float(self.mild[k]) for k, quantum in enumerate(self.quantum) if quantum}]
+            # Where not even the most conservative values are enough, those of quantised keys are the only ones worth a
+            # search.
+            combinations = [{k: float(self.conservative[k]) for k, quantum in enumerate(self.quantum) if quantum}]
         for fixed in combinations:
-            for begin in (self.mild, self.start, *([] if best is None else [np.array(list(best.values.values()))])):
+            for begin in (
+                self.conservative,
+                self.start,
+                *([] if best is None else [np.array(list(best.values.values()))]),
+            ):
                 found = self._smooth(fixed, begin)
                 if found is not None and (best is None or found.cost < best.cost):
                     best = found
         return best
 
     def combinations(self) -> list[dict[int, float]]:
-        """Whole steps of the quantised variables on the way to the mildest, each with each; their number is checked."""
+        """All combinations of whole steps on the way to the most conservative values; their number is checked."""
         choices: dict[int, list[float]] = {}
         for k, quantum in enumerate(self.quantum):
             if quantum:
-                steps = round(abs(self.mild[k] - self.start[k]) / quantum)
-                sign = math.copysign(quantum, self.mild[k] - self.start[k])
+                steps = round(abs(self.conservative[k] - self.start[k]) / quantum)
+                sign = math.copysign(quantum, self.conservative[k] - self.start[k])
                 choices[k] = [
                     self.variables[k].quantised(self.scenario, self.start[k] + sign * i) for i in range(steps + 1)
                 ]
@@ -322,7 +329,7 @@ class _Search:
             raise InputError("--cost", problem, f"wanted at most {most}: a narrower range, or fewer costs")
         return [dict(zip(choices, values, strict=True)) for values in itertools.product(*choices.values())]
 
-    def _smooth(self, fixed: Mapping[int, float], begin: FloatArray) -> Plan | None:
+    def _smooth(self, fixed: Mapping[int, float], begin: FloatArray) -> Design | None:
         """Least cost over the variables that are not fixed, or None where no step of the search was feasible."""
         from scipy import optimize
 
@@ -331,8 +338,8 @@ class _Search:
         for k, value in fixed.items():
             base[k] = value
         if not free:
-            plan = self.plan(base)
-            return plan if plan.meets else None
+            design = self.design(base)
+            return design if design.meets else None
         width = (self.high - self.low)[free]
 
         # Changes up and down are separate unknowns of either sign's cost, so that the cost is linear.
@@ -358,7 +365,7 @@ class _Search:
             J = np.column_stack(columns)
             return np.hstack([J, -J])
 
-        weight = np.array([self.prices[k].per_unit for k in free]) * width
+        weight = np.array([self.cost_rates[k].per_unit for k in free]) * width
         scale = float(weight.max())
         cost = np.concatenate([weight, weight]) / scale
         move = (begin[free] - self.start[free]) / width
@@ -375,16 +382,16 @@ class _Search:
         )
         return self._mended(place(found.x), fixed)
 
-    def _mended(self, x: FloatArray, fixed: Mapping[int, float]) -> Plan | None:
-        """The plan itself, or where it misses a limit by a little, the nearest on the way to the mildest values."""
-        mild = self.mild.copy()
+    def _mended(self, x: FloatArray, fixed: Mapping[int, float]) -> Design | None:
+        """The design, or where it misses a limit by a little, the nearest toward the most conservative values."""
+        conservative = self.conservative.copy()
         for k, value in fixed.items():
-            mild[k] = value
+            conservative[k] = value
         share = 0.0
         for _ in range(12):
-            plan = self.plan(x + share * (mild - x))
-            if plan.meets:
-                return plan
+            design = self.design(x + share * (conservative - x))
+            if design.meets:
+                return design
             share = max(1e-6, 4 * share)
             if share > 1:
                 break

@@ -1,4 +1,4 @@
-"""Requirements: the harshest value of a variable at which a scenario is still acceptable, and every milder one too."""
+"""Requirements: the least conservative value of a variable that is acceptable, with all more conservative ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bumpstop.collision import Scenario
     from bumpstop.study.requirement.risk import Risk
 
-# Whether higher values are harsher.
+# Whether higher values are worse.
 HIGHER_IS_WORSE = {
     "motion.speed": True,
     "detector.thresholds": True,
@@ -42,24 +42,25 @@ class Requirement:
 
     Attributes:
         variable, unit: what was varied.
-        value: the harshest that is met, and with it every milder one looked at; None: none is.
-        harsher: ``"higher"`` or ``"lower"`` values.
-        binding: what the next harsher values fail by, ``"force"``, ``"pressure"``, ``"undetected"`` or
-            ``"singularity"``; ``"range"`` where even the harshest looked at is met.
+        value: the least conservative that is met, and with it every more conservative one looked at; None: none is.
+        worse: ``"higher"`` or ``"lower"`` values.
+        binding: what the next less conservative values fail by, ``"force"``, ``"pressure"``, ``"undetected"`` or
+            ``"singularity"``; ``"range"`` where even the least conservative looked at is met.
         risk: accepted.
-        risk_at_value, false_alarm_at_value: at ``value``, or at the mildest value looked at where none is met.
+        risk_at_value, false_alarm_at_value: at ``value``, or at the most conservative value looked at where none is
+            met.
         false_alarm_ok: that is no more than verdict.max_false_alarm.
         low, high: range looked at.
         reason: one sentence or two.
         ill_conditioned: the arm cannot follow its line, as near a singularity: the risk jumps from value to
             value, and values between those looked at may fail.
-        evaluations: laws worked out.
+        evaluations: distributions computed.
     """
 
     variable: str
     unit: str
     value: float | None
-    harsher: str
+    worse: str
     binding: str
     risk: float
     risk_at_value: float
@@ -79,11 +80,11 @@ class Requirement:
 def solve_requirement(
     scenario: Scenario, vary: str, *, risk: float | None = None, low: float | None = None, high: float | None = None
 ) -> Requirement:
-    """Find the harshest value of a variable at which the risk is accepted, and at every milder one too.
+    """Find the least conservative value at which the risk is accepted, and at every more conservative one too.
 
     Harsher is faster, less sensitive, slower to look, slower to brake, or harder. The risk need not grow with it: with
-    a body at a fixed distance, or an arm that starts from rest, it is a sawtooth, which is scanned finely where it may
-    pass what is accepted.
+    a body at a fixed distance, or an arm that starts from rest, it has a sampling ripple, which is scanned finely where
+    it may pass what is accepted.
 
     Args:
         scenario: a straight line against a body with limits, with Gaussian noise.
@@ -163,8 +164,8 @@ def _range(scenario: Scenario, variable: Variable, low: float | None, high: floa
 
 def _binding(failing: Risk) -> str:
     """What a value fails by."""
-    mostly_deaf = failing.undetected > 0.5 * failing.over
-    return "undetected" if mostly_deaf and failing.binding != "singularity" else failing.binding
+    mostly_undetected = failing.undetected > 0.5 * failing.over
+    return "undetected" if mostly_undetected and failing.binding != "singularity" else failing.binding
 
 
 class _Answer:
@@ -205,19 +206,19 @@ class _Answer:
         return self._result(value, binding, at, reason, ill_conditioned)
 
     def _none(self, ill_conditioned: bool) -> Requirement:
-        at = self.search.risk(self.search.mildest)
+        at = self.search.risk(self.search.most_conservative)
         binding = _binding(at)
-        mildest = f"even at {self.search.mildest:g} {self.unit}"
+        most_conservative = f"even at {self.search.most_conservative:g} {self.unit}"
         if binding == "singularity":
-            reason = f"No value meets it: {mildest} the arm passes {_SINGULARITY}."
+            reason = f"No value meets it: {most_conservative} the arm passes {_SINGULARITY}."
             return self._result(None, binding, at, reason, ill_conditioned)
-        why = f"{mildest} limits are exceeded with a probability of {at.over:.2g}"
-        deaf = self.search.risks.undetected
+        why = f"{most_conservative} limits are exceeded with a probability of {at.over:.2g}"
+        undetected_force = self.search.risks.undetected
         limit = self.search.risks.force_limit
         if at.undetected > 0.5 * at.over:
             why += ", mostly by collisions that are never detected"
-        elif self.search.variable.name != "detector.thresholds" and deaf > limit:
-            why += f": {deaf:.3g} N stay undetected here, and the limit is {limit:.3g} N"
+        elif self.search.variable.name != "detector.thresholds" and undetected_force > limit:
+            why += f": {undetected_force:.3g} N stay undetected here, and the limit is {limit:.3g} N"
         elif self.search.variable.name != "motion.speed":
             why += ": what the arm travels after detection is too much at this speed"
         return self._result(None, binding, at, f"No value meets it: {why}.", ill_conditioned)
@@ -227,7 +228,7 @@ class _Answer:
             variable=self.search.variable.name,
             unit=self.unit,
             value=value,
-            harsher="higher" if self.search.upward else "lower",
+            worse="higher" if self.search.upward else "lower",
             binding=binding,
             risk=self.search.accepted,
             risk_at_value=at.over,

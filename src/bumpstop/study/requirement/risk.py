@@ -77,7 +77,7 @@ class VariedRisk:
             variable: what is varied.
 
         Raises:
-            InputError: there is no limit for such a contact, or no exact law.
+            InputError: there is no limit for such a contact, or no integrated distribution.
         """
         self.scenario, self.variable = scenario, variable
         self.problem = CollisionProblem.from_scenario(scenario)
@@ -128,21 +128,21 @@ class VariedRisk:
         self.evaluations += 1
         problem = self._varied(value)
         curve = stopping_curve(problem)
-        law = integrate(problem, curve)
-        verdict, accepted = law.verdict, self.scenario.verdict.accepted_probability
+        result = integrate(problem, curve)
+        verdict, accepted = result.verdict, self.scenario.verdict.accepted_probability
         over_force, over_pressure = verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0
         over, binding = max(over_force, over_pressure), "pressure" if over_pressure > over_force else "force"
         step = np.diff(curve.tick_distance)
         even = not step.size or bool(np.ptp(step) <= _OFF_LINE * abs(step[0]))
         met = over <= accepted
         if met and not even and self.variable.name in _NEW_PATH:
-            before = _undetected_before_singularity(law)
+            before = _undetected_before_singularity(result)
             if before > accepted:
                 over, met, binding = before, False, "singularity"
-        undetected = 0.0 if problem.body_mass is not None else law.undetected_over(self.force_limit)
+        undetected = 0.0 if problem.body_mass is not None else result.undetected_over(self.force_limit)
         follows = even or not self._straight()
-        force = law.peak_force.quantile(1 - accepted)
-        return Risk(over, undetected, law.false_alarm_probability, binding, force, met, follows)
+        force = result.peak_force.quantile(1 - accepted)
+        return Risk(over, undetected, result.false_alarm_probability, binding, force, met, follows)
 
     def _straight(self) -> bool:
         """Whether the point that hits goes straight on at an even speed, where the arm can follow its line."""
@@ -185,25 +185,25 @@ class VariedRisk:
         return new
 
 
-def _undetected_before_singularity(law: CollisionResult) -> float:
+def _undetected_before_singularity(result: CollisionResult) -> float:
     """Probability that a collision is not detected before the first singularity that the arm passes or stands at.
 
     The path up to there is that of a motion which ends there; of one that passes none it is 0.
     """
-    problem, curve = law.problem, law.curve
+    problem, curve = result.problem, result.curve
     cycle = _first_cycle_beyond_singularity(problem, curve)
     if cycle is None:
-        return law.undetected_probability if curve.end == "singularity" else 0.0
+        return result.undetected_probability if curve.end == "singularity" else 0.0
     if cycle == 0:
-        return 1 - law.no_contact_probability
+        return 1 - result.no_contact_probability
     step = problem.scenario.simulation.step_s
     motion = problem.scenario.motion.model_copy(update={"duration_s": (problem.period_steps * (cycle - 1) + 1) * step})
     shorter = replace(problem, scenario=problem.scenario.model_copy(update={"motion": motion}))
     before = integrate(shorter, stopping_curve(shorter))
     # Neither an alarm nor a detection until then, less what touches nothing and alarms of the later cycles.
-    later = law.false_alarm_probability - before.false_alarm_probability
+    later = result.false_alarm_probability - before.false_alarm_probability
     open_ = before.undetected_probability + before.no_contact_probability
-    return max(0.0, open_ - law.no_contact_probability - later)
+    return max(0.0, open_ - result.no_contact_probability - later)
 
 
 def _first_cycle_beyond_singularity(problem: CollisionProblem, curve: StoppingCurve) -> int | None:

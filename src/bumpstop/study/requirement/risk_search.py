@@ -22,13 +22,13 @@ _PRECISION, _ILL_CONDITIONED_PRECISION = 1e-4, 1e-3
 _MIN_RISK = 1e-30
 # A root search must see no zero: a value is met, or it is not.
 _SMALL = 1e-9
-# So much milder than a crossing of a risk that jumps others are looked for, in the logarithm.
+# So much more conservative than a crossing of a risk that jumps others are looked for, in the logarithm.
 _BESIDE = (0.03, 0.024, 0.018, 0.012, 0.006)
-# Of a risk that is a sawtooth so many values are looked at, at most.
+# Of a risk that has a sampling ripple so many values are looked at, at most.
 _MAX_RIPPLE_VALUES = 600
-# How closely a tooth's summit is found, in the logarithm.
-_SUMMIT = 3e-4
-# Of the accepted risk: no tooth is so high that a value with less is beside one that fails.
+# How closely a crest's peak is found, in the logarithm.
+_PEAK = 3e-4
+# Of the accepted risk: no crest is so high that a value with less is beside one that fails.
 _SOME_RISK = 1e-6
 # What changes how an arm gets going from rest.
 _CHANGES_START = ("motion.speed", "reaction.joint_acceleration_rad_s2")
@@ -39,8 +39,9 @@ class Crossing:
     """Where a risk passes what is accepted.
 
     Attributes:
-        value: the harshest that is met, with every milder one looked at; None: not even the mildest is.
-        fails: the next harsher value looked at; None: even the harshest of the range is met.
+        value: the least conservative that is met, with every more conservative one looked at; None: not even the most
+            conservative is.
+        fails: the next less conservative value looked at; None: even the least conservative of the range is met.
         ill_conditioned: the arm cannot follow its line, so the risk jumps from value to value.
     """
 
@@ -50,10 +51,10 @@ class Crossing:
 
 
 class RiskSearch:
-    """The search for the harshest value of a variable at which a risk is accepted.
+    """The search for the least conservative value of a variable at which a risk is accepted.
 
     Args:
-        upward: higher values are harsher.
+        upward: higher values are worse.
         ends: of the range looked at.
         accepted: probability of passing a limit.
     """
@@ -62,20 +63,20 @@ class RiskSearch:
         self, scenario: Scenario, variable: Variable, ends: tuple[float, float], accepted: float, *, upward: bool
     ) -> None:
         self.scenario, self.variable, self.accepted, self.upward = scenario, variable, accepted, upward
-        self.mildest, self.harshest = ends if self.upward else ends[::-1]
+        self.most_conservative, self.least_conservative = ends if self.upward else ends[::-1]
         self.quantum = variable.quantum(scenario)
         self.risks = VariedRisk(scenario, variable)
         self.known: dict[float, Risk] = {}
 
     def crossing(self) -> Crossing:
-        """Scan, look at teeth where the risk has any, and narrow the last step down."""
+        """Scan, look at crests where the risk has any, and narrow the last step down."""
         value, fails = self._first_failure(self._scan(_SCAN))
-        ill_conditioned = not self.risk(self.mildest if fails is None else fails).follows
-        if ill_conditioned and fails != self.mildest:
+        ill_conditioned = not self.risk(self.most_conservative if fails is None else fails).follows
+        if ill_conditioned and fails != self.most_conservative:
             value, fails = self._first_failure(self._scan(_FINE_SCAN))
-        if fails == self.mildest:
+        if fails == self.most_conservative:
             return Crossing(None, fails, ill_conditioned)
-        value, fails = self._refine_teeth(value, fails)
+        value, fails = self._refine_ripple(value, fails)
         if fails is None:
             return Crossing(value, None, ill_conditioned)
         value, fails = self._narrowed(value, fails, _ILL_CONDITIONED_PRECISION if ill_conditioned else _PRECISION)
@@ -84,14 +85,14 @@ class RiskSearch:
         return Crossing(self._rounded(value), fails, ill_conditioned)
 
     def risk(self, value: float) -> Risk:
-        """At a value, worked out once."""
+        """At a value, computed once."""
         if value not in self.known:
             self.known[value] = self.risks.at(value)
         return self.known[value]
 
     def _first_failure(self, values: list[float]) -> tuple[float, float | None]:
         """The last value before the first that fails, and that one; None: none does."""
-        value = self.mildest
+        value = self.most_conservative
         for candidate in values:
             if not self._met(candidate):
                 return value, candidate
@@ -102,17 +103,17 @@ class RiskSearch:
         return self.risk(value).met
 
     def _first_failure_beside(self, met: float, fails: float) -> tuple[float, float]:
-        """The same crossing, or one a little milder: a risk that jumps may pass what is accepted and come back."""
+        """The same crossing, or one a little more conservative: a risk that jumps may exceed and come back."""
         if self.quantum is not None:
             return met, fails
-        milder = [met * math.exp(-step if self.upward else step) for step in _BESIDE]
-        values = [value for value in milder if (value > self.mildest) == self.upward]
+        more_conservative = [met * math.exp(-step if self.upward else step) for step in _BESIDE]
+        values = [value for value in more_conservative if (value > self.most_conservative) == self.upward]
         before, failing = self._first_failure(values)
         return (met, fails) if failing is None else (before, failing)
 
     def _scan(self, count: int) -> list[float]:
-        """From the mildest value to the harshest, in even ratios."""
-        first, last = self.mildest, self.harshest
+        """From the most conservative value to the least conservative, in even ratios."""
+        first, last = self.most_conservative, self.least_conservative
         values = [first * (last / first) ** (i / (count - 1)) for i in range(count - 1)] + [last]
         if self.quantum is None:
             return values
@@ -121,37 +122,37 @@ class RiskSearch:
     def _quantised(self, value: float) -> float:
         return self.variable.quantised(self.scenario, value)
 
-    def _refine_teeth(self, met: float, fails: float | None) -> tuple[float, float | None]:
-        """Look below the first failure, or the harsh end, for earlier ones, where the risk is a sawtooth."""
-        last = self.harshest if fails is None else fails
+    def _refine_ripple(self, met: float, fails: float | None) -> tuple[float, float | None]:
+        """Look below the first failure, or the last value, for earlier ones, where the risk has a sampling ripple."""
+        last = self.least_conservative if fails is None else fails
         # Whether a collision is noticed before the motion ends hangs on where the last ticks fall.
         last_ticks_decide = self.quantum is not None and self.risk(last).undetected > _SOME_RISK * self.accepted
         if not (last_ticks_decide or has_ripple(self.scenario)):
             return met, fails
         while True:
-            candidates = self._with_summits(self._on_teeth(last))
+            candidates = self._with_peaks(self._on_crests(last))
             first = next((i for i, candidate in enumerate(candidates) if not self._met(candidate)), None)
             if first is None:
                 return met, fails
             if first:
                 return candidates[first - 1], candidates[first]
-            # A failure so far down has teeth of its own below it.
+            # A failure so far down has crests of its own below it.
             last = candidates[0]
 
-    def _on_teeth(self, last: float) -> list[float]:
-        """Values close enough together for the teeth below one, from the mildest to itself."""
-        start, apart = self._teeth(last)
+    def _on_crests(self, last: float) -> list[float]:
+        """Values close enough together for the crests below one, from the most conservative to itself."""
+        start, apart = self._ripple(last)
         first, end = self._hardness(start), self._hardness(last)
         count = min(_MAX_RIPPLE_VALUES, max(2, math.ceil(abs(math.log(end / first)) / apart)))
         if self.quantum is not None and abs(last - start) <= _MAX_RIPPLE_VALUES * self.quantum:
-            # No summits are searched for between whole steps, so each is looked at.
+            # No peaks are searched for between whole steps, so each is looked at.
             steps = round((last - start) / self.quantum)
             return [self._quantised(start + i * self.quantum) for i in range(steps)] + [last]
         values = [start, *(self._softened(first * (end / first) ** (i / count)) for i in range(1, count)), last]
         return values if self.quantum is None else list(dict.fromkeys(self._quantised(value) for value in values))
 
-    def _with_summits(self, values: list[float]) -> list[float]:
-        """The values up to the first that fails, with the summits between them: a tooth may fail at its point alone."""
+    def _with_peaks(self, values: list[float]) -> list[float]:
+        """The values up to the first that fails, with the peaks between them: a crest may fail at its point alone."""
         found: list[float] = []
         for i, value in enumerate(values):
             found.append(value)
@@ -160,15 +161,15 @@ class RiskSearch:
             beside = values[max(i - 1, 0)], values[min(i + 1, len(values) - 1)]
             highest = max(self.risk(each).height for each in beside)
             if self.quantum is None and self.risk(value).height >= highest:
-                found.append(self._summit(*beside))
+                found.append(self._peak(*beside))
         return sorted(found, reverse=not self.upward)
 
-    def _summit(self, low: float, high: float) -> float:
+    def _peak(self, low: float, high: float) -> float:
         """The value of the greatest risk between two, by golden sections, or the first that fails."""
         golden = (math.sqrt(5) - 1) / 2
         width = math.log(high / low)
         inner = [low * math.exp(width * (1 - golden)), low * math.exp(width * golden)]
-        while all(self._met(value) for value in inner) and abs(math.log(high / low)) > _SUMMIT:
+        while all(self._met(value) for value in inner) and abs(math.log(high / low)) > _PEAK:
             first_is_higher = self.risk(inner[0]).height > self.risk(inner[1]).height
             if first_is_higher:
                 high = inner[1]
@@ -178,28 +179,29 @@ class RiskSearch:
                 inner = [inner[1], low * math.exp(math.log(high / low) * golden)]
         return max(inner, key=lambda value: self.risk(value).height)
 
-    def _teeth(self, last: float) -> tuple[float, float]:
-        """Where a sawtooth may first pass the limit, and how far apart in the logarithm its points must be."""
+    def _ripple(self, last: float) -> tuple[float, float]:
+        """Where a sampling ripple may first pass the limit, and how far apart in the logarithm its points must be."""
         problem, name = self.risks.problem, self.variable.name
         hardness = self._hardness(last)
         own = self._hardness(self.variable.value(self.scenario)) if name != "contact.padding" else problem.stiffness
         scale = hardness / own
-        teeth = RippleScan.of(
+        ripple = RippleScan.of(
             problem,
             self.risks.force_limit,
             speed=problem.approach_speed * (scale if name == "motion.speed" else 1.0),
             stiffness=hardness if name == "contact.padding" else problem.stiffness,
             period=last if name == "detector.feedback_period_s" else None,
-            pick_up=initial_acceleration(problem) * (scale if name == "reaction.joint_acceleration_rad_s2" else 1.0),
+            start_acceleration=initial_acceleration(problem)
+            * (scale if name == "reaction.joint_acceleration_rad_s2" else 1.0),
         )
-        start = self._softened(hardness * (1 - teeth.share) if self.upward else hardness / (1 - teeth.share))
+        start = self._softened(hardness * (1 - ripple.share) if self.upward else hardness / (1 - ripple.share))
         if self.scenario.motion.start == "rest" and name in _CHANGES_START:
-            # What it changes may be the way before contact alone, and every tooth the same: from where there is a risk.
+            # What it changes may be the way before contact alone, and every crest the same: from where there is a risk.
             known = sorted(self.known, reverse=not self.upward)
             some = [self.risk(value).over > _SOME_RISK * self.accepted for value in known]
             first = known[max(some.index(True) - 1, 0)] if any(some) else start
             start = min(start, first) if self.upward else max(start, first)
-        return max(start, self.mildest) if self.upward else min(start, self.mildest), teeth.apart
+        return max(start, self.most_conservative) if self.upward else min(start, self.most_conservative), ripple.apart
 
     def _hardness(self, value: float) -> float:
         """What the force is in proportion to: the value itself, or the stiffness of padding and body in series."""
@@ -244,5 +246,5 @@ class RiskSearch:
         unit = 10.0 ** (math.floor(math.log10(value)) - 3)
         steps = math.floor(value / unit) if self.upward else math.ceil(value / unit)
         short = float(f"{steps * unit:.4g}")
-        inside = short >= self.mildest if self.upward else short <= self.mildest
+        inside = short >= self.most_conservative if self.upward else short <= self.most_conservative
         return short if inside and self._met(short) else value

@@ -1,4 +1,4 @@
-"""Where the risk is a sawtooth: ticks of the detector fall on other forces as something is varied."""
+"""Where the risk has a sampling ripple: ticks of the detector fall on other forces as something is varied."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionProblem, Scenario
 
-# Values looked at in each tooth.
-_IN_A_TOOTH = 6
-# A tooth reaches no farther than the force that grows in so many ticks, and never more than this share of the limit.
+# Values looked at in each crest.
+_PER_CREST = 6
+# A crest reaches no farther than the force that grows in so many ticks, and never more than this share of the limit.
 _TICKS, _MAX_SHARE = 3, 0.6
 
 
 def has_ripple(scenario: Scenario) -> bool:
-    """Whether a milder value may have the greater risk, because of where ticks fall.
+    """Whether a more conservative value may have the greater risk, because of where ticks fall.
 
-    Contact that begins anywhere between two ticks alike, at an even speed, has no teeth. Contact at a fixed distance,
+    Contact that begins anywhere between two ticks alike, at an even speed, has no crests. Contact at a fixed distance,
     or spread over less than a feedback period, has; and so has an arm that starts from rest, whose ticks are nearer to
     each other at the begin than the distances it is spread over.
     """
@@ -34,7 +34,7 @@ class RippleScan:
     """Of the risk over what the force is in proportion to.
 
     Attributes:
-        share: below a failure no tooth farther away than this share of it passes the accepted risk.
+        share: below a failure no crest farther away than this share of it passes the accepted risk.
         apart: between values looked at, in the logarithm.
     """
 
@@ -48,7 +48,7 @@ class RippleScan:
         force_limit: float,
         *,
         speed: float,
-        pick_up: float,
+        start_acceleration: float,
         stiffness: float | None = None,
         period: float | None = None,
     ) -> RippleScan:
@@ -58,7 +58,7 @@ class RippleScan:
             problem: all that is not said otherwise.
             force_limit: [N].
             speed: of the contact point along the normal [m/s].
-            pick_up: its acceleration where it starts from rest [m/s2].
+            start_acceleration: its acceleration where it starts from rest [m/s2].
             stiffness: of body and padding [N/m]; None: the problem's.
             period: of the feedback [s]; None: the problem's.
         """
@@ -67,12 +67,12 @@ class RippleScan:
         if period is None:
             period = problem.period_steps * problem.scenario.simulation.step_s
         fixed = problem.offset_kind == "fixed"
-        farthest = problem.offset_size * (1.0 if fixed else speed / problem.approach_speed)
-        deepest = farthest + force_limit / stiffness
+        max_offset = problem.offset_size * (1.0 if fixed else speed / problem.approach_speed)
+        max_travel = max_offset + force_limit / stiffness
         share = min(_MAX_SHARE, _TICKS * stiffness * speed * period / force_limit)
         if problem.scenario.motion.start == "rest":
-            speed = min(speed, math.sqrt(2 * pick_up * deepest))
-        return cls(share, speed * period / deepest / _IN_A_TOOTH)
+            speed = min(speed, math.sqrt(2 * start_acceleration * max_travel))
+        return cls(share, speed * period / max_travel / _PER_CREST)
 
 
 def initial_acceleration(problem: CollisionProblem) -> float:

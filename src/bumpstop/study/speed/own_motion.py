@@ -26,12 +26,12 @@ _FAR_ABOVE, _MAX_STEPS = 2.0, 120_000
 def own_speeds(
     problem: CollisionProblem, time: FloatArray, speed: FloatArray, guess: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Highest safe speeds of the tip, and risks there, where the whole trajectory is followed at one pace.
+    """Highest safe speeds of the tip, and risks there, where the whole trajectory is followed at one path speed.
 
-    The exact law of a collision that begins at a time of the trajectory decides, as in ``bumpstop evaluate`` with
-    ``motion.contact_onset_s``: contact at that place, and an arm that brakes along its path. Speeds are tried from the
-    guess down, or from the trajectory's own where that is higher; what lies above is not looked at. A guess far above
-    the trajectory's own speed is taken as it is.
+    The integrated distribution of a collision that begins at a time of the trajectory decides, as in ``bumpstop
+    evaluate`` with ``motion.contact_onset_s``: contact at that place, and an arm that brakes along its path. Speeds are
+    tried from the guess down, or from the trajectory's own where that is higher; what lies above is not looked at. A
+    guess far above the trajectory's own speed is taken as it is.
 
     Args:
         problem: of the trajectory; clamped contact.
@@ -47,7 +47,7 @@ def own_speeds(
     assert given is not None
     limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
     found, risk = np.zeros(len(time)), np.full(len(time), np.nan)
-    # Rows share the steps of the pace, so that one motion serves all that are tried at it.
+    # Rows share the steps of the path speed, so that one motion serves all that are tried at it.
     level = np.ceil(np.log(np.maximum(guess, speed) / speed) / np.log(_STEP)).astype(np.int64)
     far = guess > _FAR_ABOVE * speed
     found[far] = guess[far]
@@ -56,13 +56,13 @@ def own_speeds(
     while open_.any():
         now = int(level[open_].min())
         rows = np.flatnonzero(open_ & (level == now))
-        pace = _STEP**now
-        slower = Trajectory(given.time / pace, given.position, pace * _velocity(given))
-        over = _risks(replace(problem, trajectory=slower), time[rows] / pace, limit)
+        share = _STEP**now
+        slower = Trajectory(given.time / share, given.position, share * _velocity(given))
+        over = _risks(replace(problem, trajectory=slower), time[rows] / share, limit)
         met = over <= accepted
-        found[rows[met]], risk[rows[met]] = pace * speed[rows[met]], over[met]
+        found[rows[met]], risk[rows[met]] = share * speed[rows[met]], over[met]
         level[rows] += 1
-        open_[rows] = ~met & (pace * _STEP * speed[rows] >= MIN_SPEED) & (pace * _STEP >= slowest)
+        open_[rows] = ~met & (share * _STEP * speed[rows] >= MIN_SPEED) & (share * _STEP >= slowest)
     return found, risk
 
 

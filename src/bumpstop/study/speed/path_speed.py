@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _BESIDE = 0.02
 
 
-def deepest(problem: CollisionProblem) -> float:
+def max_penetration_travel(problem: CollisionProblem) -> float:
     """How far an arm goes from contact to the force that is allowed [m]."""
     return allowed_force(problem) / problem.stiffness
 
@@ -33,15 +33,16 @@ def deepest(problem: CollisionProblem) -> float:
 def max_path_speed(
     problem: CollisionProblem, trajectory: Trajectory, travelled: FloatArray, direction: FloatArray, rows: pl.DataFrame
 ) -> FloatArray:
-    """Greatest pace at every row, 0 to 1, at which no collision passes the limit of the row where it begins.
+    """Greatest path speed at every row, 0 to 1, at which no collision passes the limit of the row where it begins.
 
     An arm that feels little at one row and speeds up right behind it hits as hard as one that is too fast there. So
     a limit holds for the way on which the force may grow to what is allowed. Where joints turn more than a straight
     line asks for, the undetectable force does, with the rates that the joints have on that way.
 
-    The pace stays below every limit by as much as the search leaves open, and for some way on both sides of its row. It
-    stays below what lies between two rows, whose own limits were not looked for, as far as the rows beside them tell.
-    An arm that stands, or is slower than all these limits anyway, keeps its own time: a pause is no longer than before.
+    The path speed stays below every limit by as much as the search leaves open, and for some way on both sides of its
+    row. It stays below what lies between two rows, whose own limits were not looked for, as far as the rows beside them
+    tell. An arm that stands, or is slower than all these limits anyway, keeps its own time: a pause is no longer than
+    before.
 
     Args:
         problem: of the straight lines that speed limits are of.
@@ -57,7 +58,7 @@ def max_path_speed(
     limit = np.where(share < 1, np.minimum(limit, _least_beside(min_between(trajectory.time, limit))), limit)
     turning = rows["limited_by"].is_in(["joint_rates", "singularity"]).to_numpy()
     here = np.arange(rows.height)
-    first = (np.searchsorted(travelled, travelled - deepest(problem), side="right") - 1).clip(min=0)
+    first = (np.searchsorted(travelled, travelled - max_penetration_travel(problem), side="right") - 1).clip(min=0)
     lowest = sliding_min(np.where(turning, np.inf, limit), first, here)
     torque = np.einsum(
         "nij,ni->nj", PoseBatch(problem, trajectory.position, direction).linear_jacobian(trajectory.position), direction

@@ -41,63 +41,67 @@ class Retimed:
 
 
 def retime(
-    trajectory: Trajectory, pace: FloatArray, velocity_limit: FloatArray, acceleration_limit: FloatArray
+    trajectory: Trajectory, path_speed: FloatArray, velocity_limit: FloatArray, acceleration_limit: FloatArray
 ) -> Retimed:
     """Follow the path of a trajectory as fast as its limits allow, and nowhere faster than the original.
 
-    The pace lambda = du/dt, u being the original's time, obeys, for the path q(u) with derivatives ' in u,
+    The path speed lambda = du/dt, u being the original's time, obeys, for the path q(u) with derivatives ' in u,
     |q' lambda| <= velocity_limit and |q'' lambda^2 + q' a| <= acceleration_limit with a = d(lambda^2)/du / 2. In
     x = lambda^2 both are straight lines, so a backward pass finds the greatest x at every moment from which the rest
     can be followed, and a forward pass takes the greatest a that leads there (Pham and Pham, "A new approach to
     time-optimal path parameterization based on reachability analysis", 2018).
 
     Args:
-        trajectory: with its waypoints as near to each other as ``pace`` needs them.
-        pace: greatest lambda at every waypoint (rows,), 0 to 1.
+        trajectory: with its waypoints as near to each other as ``path_speed`` needs them.
+        path_speed: greatest lambda at every waypoint (rows,), 0 to 1.
         velocity_limit: of the joints (dof,) [rad/s or m/s].
         acceleration_limit: of the joints (dof,) [rad/s2 or m/s2].
 
     Raises:
-        InputError: a waypoint allows no pace at all, no pace keeps the acceleration limits, or waypoints are too far
-            apart for rows between them that keep to the path.
+        InputError: a waypoint allows no path speed at all, no path speed keeps the acceleration limits, or waypoints
+            are too far apart for rows between them that keep to the path.
     """
     u = trajectory.time
-    if (pace <= 0).any():
-        raise InputError("motion.file", f"no speed is safe at {u[int(np.argmax(pace <= 0))]:.6g} s", "change the path")
+    if (path_speed <= 0).any():
+        raise InputError(
+            "motion.file", f"no speed is safe at {u[int(np.argmax(path_speed <= 0))]:.6g} s", "change the path"
+        )
     rate = trajectory.at(u, 1)
     with np.errstate(divide="ignore"):
         joint = (_SHARE * velocity_limit / np.abs(rate)).min(axis=1)
-    most = np.minimum(np.minimum(pace, 1.0), joint) ** 2
-    # A piece of the path has one acceleration of the pace, and what it means is checked at both of its ends.
+    most = np.minimum(np.minimum(path_speed, 1.0), joint) ** 2
+    # A piece of the path has one acceleration of the path speed, and what it means is checked at both of its ends.
     after = trajectory.at(np.nextafter(u[:-1], np.inf), 2)
     before = trajectory.at(np.nextafter(u[1:], -np.inf), 2)
     step, limit = np.diff(u), _SHARE * acceleration_limit
     pieces = _Pieces(rate, after, before, step, limit)
     allowed = most.copy()
     for i in range(len(u) - 2, -1, -1):
-        allowed[i] = pieces.greatest_start(i, float(most[i]), float(allowed[i + 1]))
+        allowed[i] = pieces.max_start(i, float(most[i]), float(allowed[i + 1]))
         if not allowed[i] > 0:
-            raise InputError("motion.file", f"no pace keeps the acceleration limits at {u[i]:.6g} s", "smooth the path")
+            raise InputError(
+                "motion.file", f"no path speed keeps the acceleration limits at {u[i]:.6g} s", "smooth the path"
+            )
     x = np.empty_like(allowed)
     x[0] = allowed[0]
     for i in range(len(step)):
-        x[i + 1] = min(allowed[i + 1], x[i] + 2 * step[i] * pieces.greatest_change(i, float(x[i])))
+        x[i + 1] = min(allowed[i + 1], x[i] + 2 * step[i] * pieces.max_change(i, float(x[i])))
         if not x[i + 1] > 0:
             raise InputError(
-                "motion.file", f"no pace keeps the acceleration limits at {u[i + 1]:.6g} s", "smooth the path"
+                "motion.file", f"no path speed keeps the acceleration limits at {u[i + 1]:.6g} s", "smooth the path"
             )
     return _written(trajectory, x)
 
 
-# A joint that the pace accelerates less than this, per unit, is not accelerated by it at all.
+# A joint that the path speed accelerates less than this, per unit, is not accelerated by it at all.
 _STILL = 1e-200
-# Within a piece the square of the pace falls to no less than this share: an arm that could only just stop at the end of
-# a piece would not go on.
+# Within a piece the square of the path speed falls to no less than this share: an arm that could only just stop at the
+# end of a piece would not go on.
 _MIN_LEFT = 0.01
 
 
 class _Pieces:
-    """What the acceleration limits leave of the pace's own acceleration a, piece by piece of the path.
+    """What the acceleration limits leave of the path speed's own acceleration a, piece by piece of the path.
 
     At both ends of a piece that begins with x joints accelerate by A x + B a, so that |a + (A/B) x| <= limit / |B|.
     """
@@ -125,11 +129,11 @@ class _Pieces:
         with np.errstate(divide="ignore"):
             self._most = np.where(moving, np.inf, limits / np.abs(bend)).min(axis=1)
 
-    def greatest_change(self, i: int, x: float) -> float:
+    def max_change(self, i: int, x: float) -> float:
         """The greatest a of piece i that begins with x."""
         return float((self._room[i] - self._drift[i] * x).min())
 
-    def greatest_start(self, i: int, most: float, after: float) -> float:
+    def max_start(self, i: int, most: float, after: float) -> float:
         """The greatest x <= most from which some a keeps all limits and ends at no more than ``after``; 0: none.
 
         For a given x the a allowed are an interval, whose ends are concave and convex in x: it is empty beyond some
@@ -156,19 +160,19 @@ class _Pieces:
 
 def _written(trajectory: Trajectory, x: FloatArray) -> Retimed:
     """Rows close enough together that cubics between them keep to the path."""
-    u, pace = trajectory.time, np.sqrt(x)
+    u, path_speed = trajectory.time, np.sqrt(x)
     step = np.diff(u)
     change = np.diff(x) / (2 * step)
-    length = 2 * step / (pace[1:] + pace[:-1])
+    length = 2 * step / (path_speed[1:] + path_speed[:-1])
     parts = 1
     while True:
         share = np.arange(parts) / parts
         t = (length[:, None] * share).ravel()
         piece = np.repeat(np.arange(len(step)), parts)
         begin = np.concatenate([[0.0], np.cumsum(length)])
-        inside = pace[piece] * t + change[piece] / 2 * t**2
+        inside = path_speed[piece] * t + change[piece] / 2 * t**2
         moment = np.append(u[piece] + inside, u[-1])
-        speed = np.append(pace[piece] + change[piece] * t, pace[-1])
+        speed = np.append(path_speed[piece] + change[piece] * t, path_speed[-1])
         moment[::parts] = u
         time = np.append(begin[piece] + t, begin[-1])
         position = trajectory.at(moment)
@@ -197,6 +201,6 @@ def _strays(
     """Greatest distance of the cubics through the rows from the path, at the middle of every piece [rad or m]."""
     dt = np.diff(time)[:, None]
     middle = (position[1:] + position[:-1]) / 2 + dt / 8 * (velocity[:-1] - velocity[1:])
-    # With a pace that changes evenly in time the middle of the time lies here.
+    # With a path speed that changes evenly in time the middle of the time lies here.
     on_path = moment[:-1] + dt[:, 0] * (3 * speed[:-1] + speed[1:]) / 8
     return float(np.abs(middle - trajectory.at(on_path)).max())

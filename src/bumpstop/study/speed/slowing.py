@@ -62,7 +62,7 @@ class Slowing:
         retimed: the slowed trajectory, None where there is none.
         why: there is none; else empty.
         judged: the slowed trajectory's law.
-        eased: share by which its pace had to be lowered beyond what the rows ask for, 0 to 1.
+        eased: share by which its path speed had to be lowered beyond what the rows ask for, 0 to 1.
     """
 
     retimed: Retimed | None
@@ -79,20 +79,20 @@ def judge_motion(scenario: Scenario) -> Judged:
         return Judged(None, error.problem)
 
 
-def slow_down(problem: CollisionProblem, trajectory: Trajectory, pace: FloatArray) -> Slowing:
-    """Slow a trajectory down to paces of its rows, and further where its own law asks for it.
+def slow_down(problem: CollisionProblem, trajectory: Trajectory, path_speed: FloatArray) -> Slowing:
+    """Slow a trajectory down to path speeds of its rows, and further where its own law asks for it.
 
     Args:
         problem: of the trajectory as given.
-        trajectory: the same with a row for every pace.
-        pace: greatest share of its own speed at every row (rows,), 0 to 1.
+        trajectory: the same with a row for every path speed.
+        path_speed: greatest share of its own speed at every row (rows,), 0 to 1.
     """
     limits = problem.robot.velocity, problem.joint_acceleration
     first: Slowing | None = None
     least, factor = float("inf"), 1.0
     for _ in range(_ROUNDS):
         try:
-            retimed = retime(trajectory, factor * pace, *limits)
+            retimed = retime(trajectory, factor * path_speed, *limits)
         except InputError as error:
             return first or Slowing(None, error.problem)
         slowing = Slowing(retimed, judged=_judged(problem.scenario, retimed), eased=1 - factor)

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from bumpstop.collision import Scenario
 
 MIN_SPEED = 1e-3  # m/s; slower arms are not looked at
-_FIRST = 5e-3  # m/s; the first guess is no slower: laws of slow arms are long
+_FIRST = 5e-3  # m/s; the first guess is no slower: distributions of slow arms are long
 # The search ends by itself, mostly after five; late ones look at the middle too, so that none can go on for long.
 _ROUNDS = 48
-_BETWEEN = 8  # parts of a step beside a summit of the risk
+_BETWEEN = 8  # parts of a step beside a peak of the risk
 CLOSE = 0.01  # between a speed that is met and one that is not
 
 
@@ -33,17 +33,17 @@ class SpeedLimits:
 
     Attributes:
         speed: of the tip (N,) [m/s].
-        risk: probability of passing a limit at that speed, by the exact law; NaN where ``speed`` is 0.
+        risk: probability of passing a limit at that speed, by the integrated distribution; NaN where ``speed`` is 0.
         limited_by: (N,) what holds it down: ``"risk"``, ``"joint_rates"`` (joints that turn faster than a straight line
             asks for), ``"max_speed"``, ``"nothing_safe"`` (no speed is safe) or ``"singularity"`` (no straight line can
-            be followed there; the law of the trajectory itself).
-        laws: exact laws worked out.
+            be followed there; the distribution of the trajectory itself).
+        evaluations: integrated distributions computed.
     """
 
     speed: FloatArray
     risk: FloatArray
     limited_by: npt.NDArray[np.str_]
-    laws: int
+    evaluations: int
 
 
 def speed_limits(
@@ -56,16 +56,16 @@ def speed_limits(
 ) -> SpeedLimits:
     """Find the highest safe speeds along straight lines through poses.
 
-    A formula gives the first guess, exact laws decide: every speed returned has been worked out and meets
+    A formula gives the first guess, integrated distributions decide: every speed returned has been computed and meets
     verdict.accepted_probability, and one at most 1 % higher does not, unless the max_speed or the formula for turning
-    joints is lower. Where the risk is a sawtooth over speed no slower one is left that fails.
+    joints is lower. Where the risk has a sampling ripple over speed no slower one is left that fails.
 
     Args:
         scenario: a straight line of the tip, checked or not; its pose and velocity are replaced.
         q: poses (N, dof) [rad or m].
         direction: unit vectors, base frame (N, 3).
         max_speed: no speed above it is looked at (N,) [m/s].
-        threads: for the exact laws.
+        threads: for the integrated distributions.
     """
     problem = scenario if isinstance(scenario, CollisionProblem) else CollisionProblem.from_scenario(scenario)
     limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
@@ -73,15 +73,15 @@ def speed_limits(
     torque = np.einsum("nij,ni->nj", arms.linear_jacobian(q), direction)
     with np.errstate(invalid="ignore", over="ignore"):
         gain = stopping_time_per_speed(problem, arms.joint_rates(q))
-    silent = undetected_force(problem, torque, accepted)
-    guess = np.nan_to_num(predicted_speed_limit(problem, silent, gain, limit))
+    undetected = undetected_force(problem, torque, accepted)
+    guess = np.nan_to_num(predicted_speed_limit(problem, undetected, gain, limit))
     count = len(q)
     met, fails = np.zeros(count), np.full(count, np.inf)
     risk = np.full(count, np.nan)
     force_met, force_fails = np.zeros(count), np.full(count, np.inf)
     trial = np.clip(guess, np.minimum(_FIRST, max_speed), max_speed)
     open_ = np.flatnonzero(max_speed >= MIN_SPEED)
-    laws = 0
+    evaluations = 0
     for number in range(_ROUNDS):
         if not open_.size:
             break
@@ -90,7 +90,7 @@ def speed_limits(
             problem, q[open_], direction[open_] * v[:, None], probabilities=[1 - accepted], limits_N=[limit],
             threads=threads,
         )  # fmt: skip
-        laws += open_.size
+        evaluations += open_.size
         over, force = found.exceedance[:, 0], found.quantile[:, 0]
         good = over <= accepted
         for rows, at, forces, chosen in (
@@ -102,18 +102,18 @@ def speed_limits(
         done = (met >= max_speed * (1 - 1e-12)) | (fails <= met * (1 + CLOSE)) | (fails <= MIN_SPEED * (1 + 1e-9))
         open_ = open_[~done[open_]]
         trial[open_] = _next(
-            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * silent[open_],
+            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * undetected[open_],
             max_speed[open_], number,
         )  # fmt: skip
     limited_by = np.where(met >= max_speed * (1 - 1e-12), "max_speed", np.where(met > 0, "risk", "nothing_safe"))
     if has_ripple(problem.scenario):
-        slower, more = _below_all_teeth(problem, q, direction, met, risk, gain, threads)
+        slower, more = _below_all_crests(problem, q, direction, met, risk, gain, threads)
         limited_by = np.where(slower < met, np.where(slower > 0, "risk", "nothing_safe"), limited_by)
-        met, laws = slower, laws + more
-    return SpeedLimits(met, np.where(met > 0, risk, np.nan), limited_by, laws)
+        met, evaluations = slower, evaluations + more
+    return SpeedLimits(met, np.where(met > 0, risk, np.nan), limited_by, evaluations)
 
 
-def _below_all_teeth(
+def _below_all_crests(
     problem: CollisionProblem,
     q: FloatArray,
     direction: FloatArray,
@@ -122,19 +122,19 @@ def _below_all_teeth(
     gain: FloatArray,
     threads: int,
 ) -> tuple[FloatArray, int]:
-    """Highest speeds (N,) [m/s] below which no tooth of the risk passes what is accepted, and laws worked out.
+    """Highest speeds (N,) [m/s] below which no crest of the risk passes what is accepted, and distributions computed.
 
     ``risk`` is brought to these speeds.
     """
     limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
-    laws = 0
+    evaluations = 0
 
     def risks(trials: dict[int, FloatArray]) -> dict[int, FloatArray]:
         """Of speeds by row."""
-        nonlocal laws
+        nonlocal evaluations
         rows = np.repeat(list(trials), [each.size for each in trials.values()])
         speed = np.concatenate(list(trials.values()))
-        laws += rows.size
+        evaluations += rows.size
         over = evaluate_batch(
             problem, q[rows], direction[rows] * speed[:, None], limits_N=[limit], threads=threads
         ).exceedance[:, 0]
@@ -146,18 +146,18 @@ def _below_all_teeth(
     while open_:
         trials = {}
         for row in open_:
-            teeth = RippleScan.of(problem, limit, speed=float(top[row]), pick_up=float(1 / gain[row]))
-            count = math.ceil(-math.log(1 - teeth.share) / min(teeth.apart, 0.9 * CLOSE))
-            trials[row] = top[row] * (1 - teeth.share) ** (np.arange(count + 1) / count)
+            ripple = RippleScan.of(problem, limit, speed=float(top[row]), start_acceleration=float(1 / gain[row]))
+            count = math.ceil(-math.log(1 - ripple.share) / min(ripple.apart, 0.9 * CLOSE))
+            trials[row] = top[row] * (1 - ripple.share) ** (np.arange(count + 1) / count)
         found = risks(trials)
-        # A tooth may fail at its point alone.
-        summits = {row: _about_summits(trials[row], found[row]) for row in open_ if (found[row] <= accepted).all()}
-        high = risks(summits) if summits else {}
+        # A crest may fail at its point alone.
+        peaks = {row: _about_peaks(trials[row], found[row]) for row in open_ if (found[row] <= accepted).all()}
+        high = risks(peaks) if peaks else {}
         again = []
         for row in open_:
             failing = trials[row][~(found[row] <= accepted)]
-            if row in summits:
-                failing = summits[row][~(high[row] <= accepted)]
+            if row in peaks:
+                failing = peaks[row][~(high[row] <= accepted)]
             if not failing.size:
                 safe[row], risk[row] = trials[row][0], found[row][0]
                 continue
@@ -166,14 +166,14 @@ def _below_all_teeth(
             if top[row] >= MIN_SPEED:
                 again.append(row)
         open_ = again
-    return safe, laws
+    return safe, evaluations
 
 
-def _about_summits(speed: FloatArray, risk: FloatArray) -> FloatArray:
+def _about_peaks(speed: FloatArray, risk: FloatArray) -> FloatArray:
     """Speeds between those beside the greatest risks of their neighbourhood, descending as the speeds given."""
     beside = np.pad(risk, 1, constant_values=-1.0)
-    summit = np.flatnonzero((risk >= beside[:-2]) & (risk >= beside[2:]))
-    pieces = np.unique(np.concatenate([np.maximum(summit - 1, 0), np.minimum(summit, speed.size - 2)]))
+    peak = np.flatnonzero((risk >= beside[:-2]) & (risk >= beside[2:]))
+    pieces = np.unique(np.concatenate([np.maximum(peak - 1, 0), np.minimum(peak, speed.size - 2)]))
     share = np.arange(1, _BETWEEN) / _BETWEEN
     return np.asarray((speed[pieces, None] ** (1 - share) * speed[pieces + 1, None] ** share).ravel())
 
@@ -184,7 +184,7 @@ def _next(
     low: FloatArray,
     high: FloatArray,
     limit: float,
-    silent: FloatArray,
+    undetected: FloatArray,
     max_speed: FloatArray,
     number: int,
 ) -> FloatArray:
@@ -196,7 +196,7 @@ def _next(
         low: force at the former (N,) [N].
         high: force at the latter (N,) [N].
         limit: force to reach [N].
-        silent: force that even a slow arm reaches, about (N,) [N].
+        undetected: force that even a slow arm reaches, about (N,) [N].
         max_speed: no speed above it (N,) [m/s].
         number: of the round, from 0.
     """
@@ -208,7 +208,7 @@ def _next(
         if number > 8 and number % 3 == 2:
             between = np.sqrt(met * fails)
         between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
-        left = (limit - silent) / (low - silent)
+        left = (limit - undetected) / (low - undetected)
         up = met * np.clip(np.where(left > 0, left**0.8, 3.0), least, 3.0)
         down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6), MIN_SPEED)
     trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), down)

@@ -18,7 +18,7 @@ from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.own_motion import own_speeds
-from bumpstop.study.speed.path_speed import deepest, max_path_speed, sliding_min
+from bumpstop.study.speed.path_speed import max_path_speed, max_penetration_travel, sliding_min
 from bumpstop.study.speed.slowing import Judged, Slowing, judge_motion, slow_down
 from bumpstop.study.speed.speed_limit import MIN_SPEED, SpeedLimits
 from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
@@ -153,7 +153,7 @@ class TrajectorySpeedLimits(SpeedMap):
     def _fastest(self) -> FloatArray:
         """Of the tip from every row on, for as far as a collision that begins there can go (rows,) [m/s]."""
         way = self._travelled
-        last = np.searchsorted(way, way + deepest(self._line_problem), side="right") - 1
+        last = np.searchsorted(way, way + max_penetration_travel(self._line_problem), side="right") - 1
         return -sliding_min(-self._speed, np.arange(len(way)), last)
 
     @cached_property
@@ -207,11 +207,11 @@ class TrajectorySpeedLimits(SpeedMap):
             np.where(lower, allowed, found.speed),
             np.where(lower, np.nan, found.risk),
             np.where(lower, "joint_rates", found.limited_by),
-            found.laws,
+            found.evaluations,
         )
 
     def _by_itself(self, rows: Any, own: FloatArray, found: SpeedLimits) -> SpeedLimits:
-        """The limits with the law of the trajectory itself where it passes a singularity, or comes near to one.
+        """The limits by the trajectory's own distribution where it passes a singularity, or comes near to one.
 
         Its joints go on there as they are told to. A straight line would ask them for ever more speed.
         """
@@ -223,7 +223,7 @@ class TrajectorySpeedLimits(SpeedMap):
             straight = stopping_time_per_speed(problem, PoseBatch(problem, q, own).joint_rates(q))
         turning = found.limited_by == "joint_rates"
         apart = self._at_singularity[rows] | (~(gain >= _FOLLOWS_NO_LINE * straight) & (found.speed == 0))
-        # Where the formula leaves no speed, the law may.
+        # Where the formula leaves no speed, the distribution may.
         at = np.flatnonzero(apart | (turning & (found.speed == 0)))
         if not at.size:
             return found
@@ -241,8 +241,8 @@ class TrajectorySpeedLimits(SpeedMap):
         limited_by[at] = np.where(turning[at] & ~apart[at], "joint_rates", "singularity")
         return replace(found, limited_by=limited_by.astype(str))
 
-    def pace(self, rows: pl.DataFrame) -> FloatArray:
-        """Greatest pace at every row, 0 to 1, with which the whole trajectory keeps to the limits of its rows.
+    def path_speed(self, rows: pl.DataFrame) -> FloatArray:
+        """Greatest path speed at every row, 0 to 1, with which the whole trajectory keeps to the limits of its rows.
 
         All 1 where it keeps to them as it is.
         """
@@ -252,11 +252,11 @@ class TrajectorySpeedLimits(SpeedMap):
 
     @cached_property
     def _judged(self) -> Judged:
-        """The trajectory as given, by the law of all its moments."""
+        """The trajectory as given, by the distribution of all its moments."""
         return judge_motion(self.scenario)
 
     def slowed(self, rows: pl.DataFrame) -> Slowing:
-        """The trajectory slowed down to the limits of its rows, and as its own law judges it."""
+        """The trajectory slowed down to the limits of its rows, and as its own distribution judges it."""
         kept = self.__dict__.get("_slowed")
         if kept is None or kept[0] is not rows:
             kept = rows, self._slow_down(rows)
@@ -267,7 +267,7 @@ class TrajectorySpeedLimits(SpeedMap):
     def _slow_down(self, rows: pl.DataFrame) -> Slowing:
         if (rows["limit_mm_s"] == 0).any():
             return Slowing(None, "at some places no speed is safe")
-        return slow_down(self.problem, self.trajectory, self.pace(rows))
+        return slow_down(self.problem, self.trajectory, self.path_speed(rows))
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
         least = rows["limit_mm_s"].arg_min()

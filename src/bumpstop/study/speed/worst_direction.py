@@ -25,13 +25,13 @@ Rows = npt.NDArray[np.int64]
 # Directions the formula is asked about, all over the sphere; a narrower cone takes its share of them, but no fewer than
 # the latter. It takes next to nothing, and finds the narrow cones in which no joint feels much.
 _FORMULA, _MIN_DIRECTIONS = 3000, 200
-# Directions whose laws are worked out beside those the formula picks.
+# Directions whose distributions are computed beside those the formula picks.
 _SAMPLED = 48
 # So many of the worst are looked around in, none nearer to another than this [rad].
 _STARTS, _APART = 6, math.radians(12)
 # Places of less than this share of the greatest force are not gone on from.
 _CLOSE_SECOND = 0.85
-# Steps of the search about them, by the formula and by laws: first, last [rad], and how they shrink.
+# Steps of the search about them, by the formula and by distributions: first, last [rad], and how they shrink.
 _FORMULA_STEP, _LAW_STEP, _LAST, _SHRINK = 0.03, 0.02, 5e-4, 0.4
 _AROUND = 4
 _AT_ONCE = 40  # poses
@@ -70,9 +70,10 @@ def worst_directions(
 ) -> WorstDirections:
     """Search the cones of directions about ``own`` for the worst one, and the highest safe speeds there.
 
-    A formula ranks directions all over the cone and goes to the worst places between them. Exact laws at the safe speed
-    of the worst decide, in a spiral of directions and in those places; then they go on from the worst of these to where
-    the force is greatest. Where a law passes what is accepted the safe speed is solved for anew there, until none does.
+    A formula ranks directions all over the cone and goes to the worst places between them. Integrated distributions at
+    the safe speed of the worst decide, in a spiral of directions and in those places; then they go on from the worst of
+    these to where the force is greatest. Where a distribution passes what is accepted the safe speed is solved for anew
+    there, until none does.
 
     Args:
         problem: a straight line of the tip; its pose and velocity are replaced.
@@ -98,7 +99,7 @@ def worst_directions(
 
 
 class _Search:
-    """Speeds that come down wherever a law passes what is accepted."""
+    """Speeds that come down wherever a distribution passes what is accepted."""
 
     def __init__(self, problem: CollisionProblem, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> None:
         self.problem, self.q, self.direction, self.found = problem, q, direction, found
@@ -166,22 +167,22 @@ class _Search:
         slower = speed_limits(self.problem, self.q[rows], direction, (1 - 0.1 * CLOSE) * found.speed[rows])
         found.speed[rows], found.risk[rows] = slower.speed, slower.risk
         found.limited_by[rows] = np.where(slower.speed > 0, "risk", "nothing_safe")
-        self.found = replace(found, laws=found.laws + slower.laws)
+        self.found = replace(found, evaluations=found.evaluations + slower.evaluations)
 
     def _laws(self, rows: Rows, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Risk, and force at the accepted risk [N], of directions (M, 3) of rows (M,) at their speeds."""
         speed = np.maximum(self.found.speed[rows], 1e-6)
-        laws = evaluate_batch(
+        evaluations = evaluate_batch(
             self.problem,
             self.q[rows],
             direction * speed[:, None],
             probabilities=[1 - self._accepted],
             limits_N=[self._limit],
         )
-        self.found = replace(self.found, laws=self.found.laws + len(rows))
-        # Without a law, as at a singularity, no speed is safe either.
-        over = np.nan_to_num(laws.exceedance[:, 0], nan=np.inf)
-        return over, np.nan_to_num(laws.quantile[:, 0], nan=np.inf, posinf=np.inf)
+        self.found = replace(self.found, evaluations=self.found.evaluations + len(rows))
+        # Without a distribution, as at a singularity, no speed is safe either.
+        over = np.nan_to_num(evaluations.exceedance[:, 0], nan=np.inf)
+        return over, np.nan_to_num(evaluations.quantile[:, 0], nan=np.inf, posinf=np.inf)
 
 
 def _formula_worst(problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float) -> FloatArray:

@@ -90,7 +90,7 @@ def predictors(rows: pl.DataFrame, unsafe: Any, lowest_limit: float) -> dict[str
     """How well each predictor tells unsafe poses from safe ones.
 
     The bound is cut at the limit itself, which needs no law. The others are cut where the sum of both shares of errors
-    is least, with all laws known: no cut does better.
+    is least, with all distributions known: no cut does better.
 
     Args:
         rows: of poses with a law.

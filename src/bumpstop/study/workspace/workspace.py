@@ -13,7 +13,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.kernels import core
 from bumpstop.study.capsules import max_link_radius, self_collision
-from bumpstop.study.directions import DirectionLaw, draw_directions, spread_directions
+from bumpstop.study.directions import DirectionSampling, draw_directions, spread_directions
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
 from bumpstop.study.workspace import predictors
@@ -36,13 +36,13 @@ _MAX_ROUNDS = 1000
 
 @dataclass(frozen=True)
 class WorkspaceStudy(Study):
-    """One exact law for each pose and direction.
+    """One integrated distribution for each pose and direction.
 
     Attributes:
         poses: number of random poses; 0 with a grid.
         grid: values of each moving joint, at the middles of equal cells; 0 with random poses.
         grid_directions: directions at each pose of the grid.
-        directions: law of the directions.
+        directions: how directions are drawn.
         speed_sd_mm_s: spread of the speed about the scenario's; normal, drawn again where not above 0.
         joint_limits: ``"respect"``: a limit ends the motion. ``"ignore"``: the arm moves on, as the source's did. Poses
             lie inside the limits either way.
@@ -50,7 +50,8 @@ class WorkspaceStudy(Study):
             tip gets slower. ``"ignore"``: the tip keeps its speed, as the source's did.
         link_radius_mm: of the links as capsules; poses in which two touch are drawn again, or left out of a grid.
             0: self-collision is not looked for.
-        predict: peak forces predicted from the pose stand beside every law, for its direction and for the worst one.
+        predict: peak forces predicted from the pose stand beside every distribution, for its direction and for the
+            worst one.
         seed: of what is drawn.
     """
 
@@ -61,7 +62,7 @@ class WorkspaceStudy(Study):
     poses: int = 0
     grid: int = 0
     grid_directions: int = 1
-    directions: DirectionLaw = "sphere"
+    directions: DirectionSampling = "sphere"
     speed_sd_mm_s: float = 0.0
     joint_limits: Literal["respect", "ignore"] = "respect"
     velocity_limits: Literal["respect", "ignore"] = "respect"
@@ -88,7 +89,7 @@ class WorkspaceStudy(Study):
             problem = f"{self.speed_sd_mm_s:g} mm/s is more than the speed of {self._speed:g} mm/s"
             raise InputError("--speed-sd", problem, "wanted less, or most speeds would be drawn again")
         if self.drawn > MAX_ROWS:
-            raise InputError("--grid", f"{self.drawn} laws are too many", f"wanted at most {MAX_ROWS}")
+            raise InputError("--grid", f"{self.drawn} distributions are too many", f"wanted at most {MAX_ROWS}")
         if self.predict:
             predictors.check(self._problem)
         # Everything a shard would refuse, it refuses here, before any work.
@@ -264,7 +265,7 @@ class WorkspaceStudy(Study):
             columns |= predictors.predicted_columns(self._problem, q, velocity)
         columns["redrawn"] = redrawn
         columns["p_over_edges"] = pl.Series(values=laws.exceedance[:, : self.edges.size]).arr.to_list()
-        # A series at a time: half the price of a dictionary of arrays.
+        # A series at a time: half the cost of a dictionary of arrays.
         return pl.DataFrame(
             [
                 pl.Series(name, np.ascontiguousarray(column) if isinstance(column, np.ndarray) else column)

@@ -22,9 +22,9 @@ MAP_CELLS = 12
 
 
 def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
-    """Shares over the limits, the force distribution, how motions end, and what no law covers.
+    """Shares over the limits, the force distribution, how motions end, and what no distribution covers.
 
-    Poses that start at a singularity have no law and are counted apart; every share is of the others.
+    Poses that start at a singularity have no distribution and are counted apart; every share is of the others.
     """
     known = rows.filter(rows["end"] != "singular_start")
     limits = dict(zip(("force_N", "pressure_as_force_N"), study.force_limits, strict=False))
@@ -47,7 +47,7 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
     tails = known["p_over_edges"].explode().to_numpy().reshape(known.height, edges.size)
     # The last bin takes what lies beyond, undetected cases among it.
     mixture = -np.diff(np.column_stack([np.ones(known.height), tails[:, 1:], np.zeros(known.height)]), axis=1)
-    # A motion that ends before contact is no mild collision.
+    # A motion that ends before contact is not a weak collision.
     no_contact = known["no_contact"].to_numpy()
     mixture[:, 0] = np.maximum(0.0, mixture[:, 0] - no_contact)
     hits = no_contact <= 0.5
