@@ -34,7 +34,7 @@ def as_path(value: Any, field: str) -> Path:
 
 
 def read_text(
-    path: str | os.PathLike[str], wanted: str, *, field: str | None = None, most_bytes: int = MAX_BYTES
+    path: str | os.PathLike[str], wanted: str, *, field: str | None = None, max_bytes: int = MAX_BYTES
 ) -> str:
     """The text of a file, without the mark that editors on Windows begin UTF-8 with.
 
@@ -42,7 +42,7 @@ def read_text(
         path: of the file.
         wanted: what it should have been, as errors say it.
         field: what errors are about; they then quote the path. None: the path itself.
-        most_bytes: longer files are refused, as a device would never end.
+        max_bytes: longer files are refused, as a device would never end.
 
     Raises:
         InputError: the file cannot be read, is too long, or is not UTF-8.
@@ -51,12 +51,12 @@ def read_text(
     name, quoted = (str(path), "") if field is None else (field, f"{str(path)!r} ")
     try:
         with path.open("rb") as file:
-            content = file.read(most_bytes + 1)
+            content = file.read(max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(name, f"{quoted}cannot be read ({why})", wanted) from None
-    if len(content) > most_bytes:
-        raise InputError(name, f"{quoted}is longer than {most_bytes} bytes", wanted)
+    if len(content) > max_bytes:
+        raise InputError(name, f"{quoted}is longer than {max_bytes} bytes", wanted)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -70,12 +70,12 @@ def test_what_several_recordings_cannot_be(tmp_path: Path) -> None:
 def test_gains_and_dynamics_from_currents(tmp_path: Path) -> None:
     """A load that one recording carries gives the scale; the model then predicts the torque behind other currents."""
     robot = bs.Robot.load(ROBOT)
-    bare, loaded = tmp_path / "bare.parquet", tmp_path / "loaded.parquet"
-    currents(robot, 1).save(bare)
+    unpadded, loaded = tmp_path / "bare.parquet", tmp_path / "loaded.parquet"
+    currents(robot, 1).save(unpadded)
     currents(with_payload(robot, LOAD.mass, LOAD.center), 2).save(loaded)
     options = ("--robot", ROBOT, "--model", "dynamics", "--cutoff", 10)
     told = ("--payload", "2:3.0,0.03,0,0.08")
-    result = run("identify", bare, loaded, *options, *told, "-o", tmp_path / "arm.toml", "--json")
+    result = run("identify", unpadded, loaded, *options, *told, "-o", tmp_path / "arm.toml", "--json")
     assert result.status == 0, result.err
     found = strict_json(result.out)
     for joint, truth in zip(found["joints"], GAINS, strict=True):
@@ -83,7 +83,7 @@ def test_gains_and_dynamics_from_currents(tmp_path: Path) -> None:
         assert abs(gain["value"] - truth) < 4.5 * gain["standard_error"]
     compared = strict_json(run("validate", tmp_path / "arm.toml", loaded, "--payload", "3,0.03,0,0.08", "--json").out)
     assert min(joint["r2"] for joint in compared["joints"][:4]) > 0.98
-    words = run("identify", bare, *options, "--known", f"elbow_joint.B={GAINS[2]}").out
+    words = run("identify", unpadded, *options, "--known", f"elbow_joint.B={GAINS[2]}").out
     assert "elbow_joint: 10 (given) Nm/A" in words
     assert "wrist_3_joint: not identifiable" in words
     for more, message in (
@@ -93,7 +93,7 @@ def test_gains_and_dynamics_from_currents(tmp_path: Path) -> None:
         (("--known", "elbow.B=3"), "'elbow' is no joint of ur5e"),
         (("--shared-motor", "5,6"), "--shared-motor: is for torques"),
     ):
-        refused = run("identify", bare, *options, *more)
+        refused = run("identify", unpadded, *options, *more)
         assert refused.status == 2
         assert refused.err.count("\n") == 1
         assert message in refused.err

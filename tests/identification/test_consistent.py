@@ -99,8 +99,8 @@ def test_written_urdf_is_the_same_arm(name: str, tmp_path: Path) -> None:
     again = bs.Robot.from_urdf(tmp_path / "arm.urdf", tip=robot.tip_name)
     q, qd, qdd = np.random.default_rng(1).normal(size=(3, 20, robot.dof))
     np.testing.assert_allclose(again.pose(q)[0], robot.pose(q)[0], atol=1e-12)
-    bare = replace(robot, joints=tuple(replace(joint, rotor_inertia=0.0) for joint in robot.joints))
-    np.testing.assert_allclose(inverse_dynamics(again, q, qd, qdd), inverse_dynamics(bare, q, qd, qdd), atol=1e-9)
+    unpadded = replace(robot, joints=tuple(replace(joint, rotor_inertia=0.0) for joint in robot.joints))
+    np.testing.assert_allclose(inverse_dynamics(again, q, qd, qdd), inverse_dynamics(unpadded, q, qd, qdd), atol=1e-9)
     np.testing.assert_array_equal(again.lower, robot.lower)
     np.testing.assert_array_equal(again.velocity, robot.velocity)
 

@@ -72,8 +72,8 @@ def test_regressor_times_parameters_is_newton_euler() -> None:
         values += [m, *(m * c), *about_origin.diagonal(), *about_origin[[0, 0, 1], [1, 2, 2]]]
     columns = inertial_regressor(robot, q, qd, qdd, (0.0, 0.0, -9.80665))
     assert len(inertial_names(robot)) == columns.shape[2] == 70
-    bare = inverse_dynamics(robot, q, qd, qdd) - [joint.rotor_inertia for joint in robot.joints] * qdd
-    np.testing.assert_allclose(columns @ values, bare, rtol=1e-9, atol=1e-9)
+    unpadded = inverse_dynamics(robot, q, qd, qdd) - [joint.rotor_inertia for joint in robot.joints] * qdd
+    np.testing.assert_allclose(columns @ values, unpadded, rtol=1e-9, atol=1e-9)
 
 
 def test_planted_friction_is_recovered_and_unseen_motion_predicted() -> None:
@@ -86,7 +86,7 @@ def test_planted_friction_is_recovered_and_unseen_motion_predicted() -> None:
     other = planted(robot, 2, noise=0.0)
     assert min(score.r2 for score in fit.score(other)) > 0.995
     # A vertical first axis: gravity does not act about it, and only one of its moments can be seen.
-    assert {"m_1", "mx_1", "Ixx_1", "Ixy_1"} <= set(fit.unseen)
+    assert {"m_1", "mx_1", "Ixx_1", "Ixy_1"} <= set(fit.unobservable)
 
 
 def test_intervals_hold_under_correlated_noise() -> None:

@@ -226,12 +226,12 @@ def test_currents_beyond_those_of_the_fit_are_told() -> None:
 
 def test_gains_are_judged() -> None:
     robot = bs.Robot.load("ur5e")
-    bare, loaded = currents(robot, 1), currents(with_payload(robot, LOAD.mass, LOAD.center), 2)
-    fit = identify_gains([bare, loaded], robot, payloads=[None, LOAD], cutoff_hz=10.0)
-    verdict = judge_dynamics(fit, [bare, loaded])
+    unpadded, loaded = currents(robot, 1), currents(with_payload(robot, LOAD.mass, LOAD.center), 2)
+    fit = identify_gains([unpadded, loaded], robot, payloads=[None, LOAD], cutoff_hz=10.0)
+    verdict = judge_dynamics(fit, [unpadded, loaded])
     assert verdict.usable, verdict.reasons()
     sign = np.array([1.0, 1, -1, 1, 1, 1])
-    turned = [replace(log, current=log.current * sign) for log in (bare, loaded) if log.current is not None]
+    turned = [replace(log, current=log.current * sign) for log in (unpadded, loaded) if log.current is not None]
     fit = identify_gains(turned, robot, payloads=[None, LOAD], cutoff_hz=10.0, known={"shoulder_lift_joint": GAINS[1]})
     said = judge_dynamics(fit, turned).reasons()
     assert any("gain of elbow_joint is negative, unlike the others" in reason for reason in said), said
@@ -301,8 +301,8 @@ def test_payloads_are_judged() -> None:
     assert verdict.held_out is not None
     less = judge_payload(replace(found, parameters={**found.parameters, "m": Quantity(-1.0, "kg")}), log, robot)
     assert any("mass comes out as -1 kg" in fault for fault in less.faults)
-    unseen = judge_payload(replace(found, parameters={**found.parameters, "m": Quantity(None, "kg")}), log, robot)
-    assert unseen.status == "not usable"
+    unobservable = judge_payload(replace(found, parameters={**found.parameters, "m": Quantity(None, "kg")}), log, robot)
+    assert unobservable.status == "not usable"
     assert log.current is not None
     lying = replace(log, current=log.current.copy(), q=np.tile(log.q[:1], (log.t.size, 1)))
     still = judge_payload(identify_payload(lying, robot, model=truth), lying, robot)

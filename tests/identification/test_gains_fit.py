@@ -1,4 +1,5 @@
-"""Planted gains, friction and inertia recovered from currents alone; scales that cannot be seen are refused by name."""
+"""Planted gains, friction and inertia recovered from currents alone; scales that is not identifiable are refused by
+name."""
 
 from __future__ import annotations
 
@@ -56,7 +57,7 @@ def errors_in_sd(fit: DynamicsFit) -> np.ndarray:
 def test_a_known_load_gives_the_scale() -> None:
     """Gains and friction are the planted ones, and the torque of another motion is predicted in Nm."""
     fit = fitted()
-    assert not any(name.startswith("gain") for name in fit.unseen)
+    assert not any(name.startswith("gain") for name in fit.unobservable)
     assert errors_in_sd(fit).max() < 4.5
     np.testing.assert_allclose(fit.model.gains, GAINS, rtol=0.15)  # type: ignore[arg-type]
     np.testing.assert_allclose(fit.model.gains[1:3], GAINS[1:3], rtol=0.03)  # type: ignore[index]
@@ -93,7 +94,7 @@ def test_a_known_gain_gives_the_scale_as_far_as_joints_share_links() -> None:
     assert fit.gain_errors is not None
     assert fit.model.gains[1] == GAINS[1]
     assert fit.gain_errors[1] == 0
-    assert "gain_6" in fit.unseen
+    assert "gain_6" in fit.unobservable
     seen = np.isfinite(fit.gain_errors) & (fit.gain_errors > 0)
     assert seen.sum() >= 3
     assert (np.abs(fit.model.gains - GAINS)[seen] < 4.5 * fit.gain_errors[seen]).all()
@@ -160,6 +161,6 @@ def test_the_search_finds_the_deepest_of_several_valleys() -> None:
     assert fit.model.gains is not None
     assert fit.gain_errors is not None
     # The torque of the last joint is small, and friction makes it up.
-    assert [name for name in fit.unseen if name.startswith("gain")] == ["gain_7"]
+    assert [name for name in fit.unobservable if name.startswith("gain")] == ["gain_7"]
     found = [0, 2, 3, 4, 5]
     assert (np.abs(fit.model.gains - gains)[found] < 4 * fit.gain_errors[found]).all()

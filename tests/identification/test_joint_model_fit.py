@@ -175,7 +175,7 @@ def test_what_a_motion_cannot_show_is_named_and_not_made_up() -> None:
     fit = identify_joint_model(log, robot, cutoff_hz=10.0)
     lift, pan = fit.joints[1], fit.joints[0]
     assert lift.observable
-    assert {"F", "hysteresis"} <= set(lift.unseen)
+    assert {"F", "hysteresis"} <= set(lift.unobservable)
     assert lift.parameters.parameters["F"] == Parameter(0.0)  # fixed, and without a standard error
     # The vertical axis: no gravity torque, no scale.
     assert not pan.observable
@@ -208,7 +208,7 @@ def test_a_joint_at_rest_whose_map_does_not_rise_is_named(kind: str) -> None:
         log.current[:, rest] = own * np.abs(own) / np.abs(own).max()
     fit = identify_joint_model(log, robot, maps=[kind], joints=[rest], cutoff_hz=10.0, rest_speed=0.01)
     assert fit.joints[0].parameters.parameters["A"] == Parameter(0.0)
-    assert {"A", "D", "F"} <= set(fit.joints[0].unseen)
+    assert {"A", "D", "F"} <= set(fit.joints[0].unobservable)
     assert any(warning.startswith(f"{robot.joints[rest].name}: A is not identifiable") for warning in fit.warnings)
 
 

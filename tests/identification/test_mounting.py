@@ -47,7 +47,7 @@ def test_dynamics_of_a_mounted_arm(gravity: tuple[float, float, float], tmp_path
     again = DynamicsFit.load(path)
     assert again.model.gravity == gravity
     assert [score.r2 for score in again.score(other)] == [score.r2 for score in fit.score(other)]
-    assert ("mx_1" in fit.unseen) == (gravity == CEILING)
+    assert ("mx_1" in fit.unobservable) == (gravity == CEILING)
     if gravity == WALL:
         upright = identify_dynamics(hung(robot, 1, gravity=gravity), robot, cutoff_hz=6.0)
         assert min(score.r2 for score in upright.score(other)) < 0.9
@@ -74,10 +74,10 @@ def test_a_payload_of_a_mounted_arm() -> None:
 def test_a_payload_beside_fitted_dynamics() -> None:
     """An arm whose own inertia is wrong or unknown: dynamics without the payload take its place."""
     robot = bs.Robot.load("ur5e")
-    bare = identify_dynamics(hung(robot, 1), robot, cutoff_hz=6.0)
+    unpadded = identify_dynamics(hung(robot, 1), robot, cutoff_hz=6.0)
     log = hung(with_payload(robot, MASS, CENTER), 3)
     nothing = with_payload(robot, 20.0, (0.0, 0.0, 0.3))  # an inertia that is wrong by as much
-    fit = identify_payload(log, nothing, dynamics=bare.model)
+    fit = identify_payload(log, nothing, dynamics=unpadded.model)
     assert fit.parameters["m"].value == pytest.approx(MASS, rel=0.03)
     assert fit.center == pytest.approx(CENTER, abs=0.01)
 

@@ -1,4 +1,4 @@
-"""A payload that was planted is found, from torques and from currents; what cannot be seen is None."""
+"""A payload that was planted is found, from torques and from currents; what is not identifiable is None."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_from_currents_with_a_joint_model() -> None:
     inside = []
     for seed in range(4):
         fit = identify_payload(driven(carrying, motion, model, seed), robot, model=model)
-        assert fit.unseen == ()
+        assert fit.unobservable == ()
         assert fit.center is not None
         assert fit.center_errors is not None
         assert fit.standard_errors["m"] is not None
@@ -89,7 +89,7 @@ def test_a_pose_that_stands_still_does_not_show_every_moment() -> None:
     model = drives(robot, inverse_dynamics(with_rotors(carrying, 0.0), q, still, still) + 1.0)
     fit = identify_payload(driven(carrying, (t, q, still, still), model, 1), robot, model=model)
     # Along gravity a shift of the centre changes no torque.
-    assert fit.unseen
+    assert fit.unobservable
     assert fit.center is None
 
 
@@ -102,7 +102,7 @@ def test_a_pose_that_never_changes_shows_nothing_beside_offsets() -> None:
     for seed in range(5):
         noise = 0.01 * np.random.default_rng(seed).normal(size=q.shape)
         fit = identify_payload(Recording(t=t, q=q, tau=torque + noise), robot)
-        assert fit.unseen == ("m", "mx", "my", "mz")
+        assert fit.unobservable == ("m", "mx", "my", "mz")
 
 
 def test_a_moment_that_no_joint_can_feel_is_not_seen() -> None:
@@ -125,7 +125,7 @@ def test_a_moment_that_no_joint_can_feel_is_not_seen() -> None:
     tau = inverse_dynamics(with_payload(robot, MASS, (0.05, 0.0, 0.1)), q, qd, qdd) + 2 * np.tanh(qd / 0.01)
     tau += 0.2 * np.random.default_rng(2).normal(size=tau.shape)
     fit = identify_payload(Recording(t=t, q=q, tau=tau), robot)
-    assert fit.unseen == ("my",)
+    assert fit.unobservable == ("my",)
     assert fit.center is None
     assert fit.parameters["m"].value == pytest.approx(MASS, abs=0.05)
     assert fit.parameters["mx"].value == pytest.approx(0.05 * MASS, abs=0.03)

@@ -11,7 +11,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.collision.trajectory.trajectory_file import read_rows
 from bumpstop.identification.design.clearance import Clearance
-from bumpstop.identification.design.gravity_pose import Unseen, find_gravity_pose
+from bumpstop.identification.design.gravity_pose import Unobservable, find_gravity_pose
 from bumpstop.identification.design.plan import IdentificationPlan, ProtocolSettings, plan_identification
 from bumpstop.identification.design.plan_file import load_plan, save_plan
 from bumpstop.identification.design.timed_path import TimedPath
@@ -59,7 +59,7 @@ def test_gravity_turns_round_inside_the_stroke(name: str, plans: dict[str, Ident
         torque = bs.model.inverse_dynamics(plans[name].robot, pose, still, still)[:, experiment.joint]
         assert abs(torque[50]) < 1e-6 * np.abs(torque).max()
         assert torque[0] * torque[-1] < 0
-        assert min(abs(torque[0]), abs(torque[-1])) >= SHORT.least_torque
+        assert min(abs(torque[0]), abs(torque[-1])) >= SHORT.min_torque
         np.testing.assert_allclose([torque[0], torque[-1]], [experiment.torque_low, experiment.torque_high])
 
 
@@ -80,12 +80,12 @@ def test_the_pose_is_the_best_of_a_finer_search(plans: dict[str, IdentificationP
 
 def test_joints_that_gravity_cannot_show_are_named(plans: dict[str, IdentificationPlan]) -> None:
     for name, joints in (("sia5d", ["joint_s", "joint_t"]), ("ur10e", ["shoulder_pan_joint", "wrist_3_joint"])):
-        unseen = plans[name].unseen
-        assert [lost.name for lost in unseen] == joints
-        assert "vertical" in unseen[0].reason
-        assert "tilted base" in unseen[0].remedy
-        assert "near its axis" in unseen[1].reason
-        assert "load" in unseen[1].remedy
+        unobservable = plans[name].unobservable
+        assert [lost.name for lost in unobservable] == joints
+        assert "vertical" in unobservable[0].reason
+        assert "tilted base" in unobservable[0].remedy
+        assert "near its axis" in unobservable[1].reason
+        assert "load" in unobservable[1].remedy
 
 
 def test_tilted_base_and_load_show_them() -> None:
@@ -112,7 +112,7 @@ def test_load_is_what_another_physics_weighs() -> None:
 def test_what_leaves_no_way_is_said() -> None:
     robot = bs.Robot.load("ur5e")
     found = find_gravity_pose(robot, 1, Clearance(robot, floor=0.6), gravity=EARTH)
-    assert isinstance(found, Unseen)
+    assert isinstance(found, Unobservable)
     assert "clear of the floor" in found.reason
     with pytest.raises(bs.InputError, match="no pose of ur5e is clear"):
         plan_identification(robot, ProtocolSettings(floor=3.0))
@@ -143,7 +143,7 @@ def test_files_repeat_the_plan(tmp_path: Path, plans: dict[str, IdentificationPl
     save_plan(plan, file, robot={"robot": "ur10e"})
     again = load_plan(file)
     assert again.settings == plan.settings
-    assert again.unseen == plan.unseen
+    assert again.unobservable == plan.unobservable
     for one, other in zip(plan.experiments, again.experiments, strict=True):
         a, b = plan.path(one), again.path(other)
         np.testing.assert_allclose(a.q, b.q, atol=1e-9)

@@ -156,7 +156,7 @@ def test_what_is_not_the_same_thing_is_not_compared(beside: FitComparison) -> No
     assert replace(pair, protocol=other).difference("A") is None
     assert replace(pair, protocol=other).difference("B") is None
     assert replace(pair, protocol=other).difference("D") == pair.difference("D")
-    flat = replace(pair.general, unseen={"A": "of this test"})
+    flat = replace(pair.general, unobservable={"A": "of this test"})
     assert replace(pair, general=flat).difference("B") is None
     unsure = replace(pair.protocol, parameters={**pair.protocol.parameters, "F": Parameter(0.3), "inertia": None})
     assert replace(pair, protocol=unsure).difference("F") is None

@@ -47,10 +47,10 @@ def test_margins_go_through_the_filter_and_are_cut_off() -> None:
         columns = np.stack([some.carried, 0 * some.carried], axis=2)  # one of them does nothing
         assert np.array_equal(some.filtered(columns, 2.0), np.stack([filtered, 0 * filtered], axis=2))
     # Without margins every block has ends of its own, which count far above the margins' share.
-    bare = narrow.trimmed(100.0)
-    assert bare.unpadded
-    assert np.array_equal(bare.within(bare.carried), own)
-    assert np.abs(bare.filtered(bare.carried, 2.0) - wanted).max() > 1e-3 * np.ptp(SIGNAL)
+    unpadded = narrow.trimmed(100.0)
+    assert unpadded.unpadded
+    assert np.array_equal(unpadded.within(unpadded.carried), own)
+    assert np.abs(unpadded.filtered(unpadded.carried, 2.0) - wanted).max() > 1e-3 * np.ptp(SIGNAL)
 
 
 def test_parts_take_their_margins_with_them() -> None:

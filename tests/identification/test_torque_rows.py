@@ -219,9 +219,9 @@ def test_two_recordings_show_what_one_does_not() -> None:
         tau += 0.3 * factor * np.random.default_rng(seed).normal(size=tau.shape)
         logs.append(Recording(t=t, q=q, qd=qd, tau=tau))
     one = identify_dynamics(logs[0], robot, cutoff_hz=6.0)
-    assert {"viscous_4", "viscous_5", "viscous_6"} <= set(one.unseen)
+    assert {"viscous_4", "viscous_5", "viscous_6"} <= set(one.unobservable)
     fit = identify_dynamics(logs, robot, cutoff_hz=6.0)
-    assert not any(name.startswith("viscous") for name in fit.unseen)
+    assert not any(name.startswith("viscous") for name in fit.unobservable)
     for j in range(robot.dof):
         value, error = parameter(fit, f"viscous_{j + 1}")
         assert abs(value - factor[j] * VISCOUS) < 5 * error + 0.02 * factor[j], j
@@ -234,10 +234,13 @@ def test_a_declared_payload_is_no_part_of_the_arm() -> None:
     center = (0.02, -0.01, 0.07)
     # Seven seconds, and a period of the cut-off at either end, which a fit leaves away.
     seconds = 7.0 + 2 / 6.0
-    bare, carrying = planted(robot, 1, seconds=seconds), planted(with_payload(robot, 3.0, center), 2, seconds=seconds)
+    unpadded, carrying = (
+        planted(robot, 1, seconds=seconds),
+        planted(with_payload(robot, 3.0, center), 2, seconds=seconds),
+    )
     payloads = [None, Payload(3.0, center)]
-    fit = identify_dynamics([bare, carrying], robot, cutoff_hz=6.0, payloads=payloads)
-    wrong = identify_dynamics([bare, carrying], robot, cutoff_hz=6.0)
+    fit = identify_dynamics([unpadded, carrying], robot, cutoff_hz=6.0, payloads=payloads)
+    wrong = identify_dynamics([unpadded, carrying], robot, cutoff_hz=6.0)
     other = planted(robot, 3, noise=0.0, seconds=8.0)
     assert min(score.r2 for score in fit.score(other)) > 0.995
     errors = [np.mean([score.rmse**2 for score in own.score(other)]) for own in (fit, wrong)]
@@ -245,9 +248,9 @@ def test_a_declared_payload_is_no_part_of_the_arm() -> None:
     declared, silent = (fit.score(carrying, payloads=own)[1].rmse for own in ([payloads[1]], ()))
     assert declared < 0.2 * silent
     # On a page the recordings follow one another, whatever their clocks say.
-    page = fit.predict([bare, carrying], payloads=payloads)
+    page = fit.predict([unpadded, carrying], payloads=payloads)
     assert (np.diff(page.t) >= 0).all()
-    assert page.t[-1] > bare.duration + 0.9 * carrying.duration
+    assert page.t[-1] > unpadded.duration + 0.9 * carrying.duration
     assert page.scores()[1].rmse < 0.2 * silent
 
 

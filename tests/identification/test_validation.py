@@ -81,8 +81,8 @@ def test_small_torques_are_not_judged() -> None:
     """Eq 3.8 divides by the torque of the measured force: rows below three of its standard deviations are left out."""
     _, found = pressed(noise=0.5)
     own = np.abs(found.torque_expected)
-    assert found.least_torque == pytest.approx(1.5, rel=0.3)
-    assert (own[found.judged] > found.least_torque).all()
+    assert found.min_torque == pytest.approx(1.5, rel=0.3)
+    assert (own[found.judged] > found.min_torque).all()
     assert np.isnan(found.estimated[~found.judged]).all()
     assert 0 < found.not_judged < 0.2 * found.t.size
     # What is judged errs by at most noise over lever arm, here at four standard deviations.
@@ -97,7 +97,7 @@ def test_contact_by_the_base_frame_and_what_is_refused() -> None:
     wrench = np.zeros((30, 6))
     wrench[:, 2] = np.linspace(0, 50, 30)
     torque = np.einsum("nij,ni->nj", robot.jacobian(q), wrench)
-    found = compare_contact(robot, np.arange(30.0), q, torque, wrench, in_base_frame=True, joint=1, least_torque=0.5)
+    found = compare_contact(robot, np.arange(30.0), q, torque, wrench, in_base_frame=True, joint=1, min_torque=0.5)
     np.testing.assert_allclose(found.estimated[found.judged], found.force[found.judged])
     with pytest.raises(bs.InputError, match="has no force"):
         compare_contact(robot, np.arange(30.0), q, torque, 0 * wrench)

@@ -116,15 +116,15 @@ def test_friction_opposes_motion() -> None:
 
 def test_hysteresis_remembers_the_last_motion() -> None:
     m = model(joint())
-    bare = model(joint(hysteresis=0.0)).torque([300.0], [0.0])
-    assert m.torque([300.0], [0.0]) == bare  # no motion yet
+    unpadded = model(joint(hysteresis=0.0)).torque([300.0], [0.0])
+    assert m.torque([300.0], [0.0]) == unpadded  # no motion yet
     for direction in (1, -1):
         state = TorqueState.at_rest(1)
         m.torque([300.0], [direction * 0.5], state=state)
         assert state.direction == direction
         m.torque([300.0], [-direction * 1.9 * REST], state=state)
         assert state.direction == direction  # too slow to be a motion
-        assert m.torque([300.0], [0.0], state=state) == pytest.approx(bare - direction * 6)
+        assert m.torque([300.0], [0.0], state=state) == pytest.approx(unpadded - direction * 6)
 
 
 def test_state_joins_two_halves() -> None:

@@ -125,9 +125,9 @@ def test_names_of_objects_are_escaped() -> None:
 
 def test_links_without_inertia_or_with_one_that_nothing_has() -> None:
     robot = general_arm()
-    bare = replace(robot, joints=(*robot.joints[:2], replace(robot.joints[2], inertia=None), *robot.joints[3:]))
+    unpadded = replace(robot, joints=(*robot.joints[:2], replace(robot.joints[2], inertia=None), *robot.joints[3:]))
     with pytest.raises(InputError, match="no inertia of link 'l2' is known"):
-        mjcf(bare)
+        mjcf(unpadded)
     odd = LinkInertia(mass=1.0, tensor=((1.0, 0, 0), (0, 0.1, 0), (0, 0, 0.1)))
     with pytest.raises(InputError, match=r"link 'l0' has principal moments of inertia 0\.1, 0\.1 and 1 kg m2"):
         mjcf(replace(robot, joints=(replace(robot.joints[0], inertia=odd), *robot.joints[1:])))

@@ -9,7 +9,7 @@ import bumpstop as bs
 from bumpstop.identification.design.plan import IdentificationPlan, ProtocolSettings
 from bumpstop.model import inverse_dynamics
 from bumpstop.plant import Experiment, Plant, PlantReaction, Sensors, line
-from bumpstop.reproduction.schroeder2013.simulate_protocol import follow, planned_arm, rehearse
+from bumpstop.reproduction.schroeder2013.simulate_protocol import follow, planned_arm, simulate_protocol
 from plant.cases import ROTORS, STANDARD, source_arm, source_plant
 from plant.protocol_cases import recovered, source_plan
 
@@ -58,11 +58,11 @@ def test_planted_parameters_are_found(plan: IdentificationPlan) -> None:
 
 def test_plan_and_experiment_must_fit(plan: IdentificationPlan) -> None:
     with pytest.raises(bs.InputError, match="is not the plan's"):
-        next(rehearse(Experiment.from_dict({"robot": "ur10e"}), plan))
+        next(simulate_protocol(Experiment.from_dict({"robot": "ur10e"}), plan))
     with pytest.raises(bs.InputError, match=r"1 is not moved by the plan; wanted one of \[2, 3, 4, 5, 6\]"):
-        next(rehearse(Experiment.from_dict({"robot": "sia5d"}), plan, [1]))
+        next(simulate_protocol(Experiment.from_dict({"robot": "sia5d"}), plan, [1]))
     with pytest.raises(bs.InputError, match="gravity_m_s2: has no meaning with a plan"):
-        next(rehearse(Experiment.from_dict({"robot": "sia5d", "gravity_m_s2": [0.0, 0.0, -9.8]}), plan))
+        next(simulate_protocol(Experiment.from_dict({"robot": "sia5d", "gravity_m_s2": [0.0, 0.0, -9.8]}), plan))
     with pytest.raises(bs.InputError, match="motion: is missing"):
         Experiment.from_dict({"robot": "sia5d"}).prepare()
 
@@ -76,6 +76,6 @@ def test_plan_leaves_no_room_for_reactions(plan: IdentificationPlan) -> None:
 def test_load_of_the_plan_is_carried() -> None:
     loaded = source_plan(ProtocolSettings(load_kg=2.0, load_m=(0.1, 0.0, 0.0), holds=0))
     heavier = sum(joint.inertia.mass for joint in planned_arm(loaded).joints if joint.inertia)
-    bare = sum(joint.inertia.mass for joint in source_arm().joints if joint.inertia)
-    assert heavier - bare == pytest.approx(2.0)
+    unpadded = sum(joint.inertia.mass for joint in source_arm().joints if joint.inertia)
+    assert heavier - unpadded == pytest.approx(2.0)
     assert Plant(planned_arm(loaded)).robot.dof == 7

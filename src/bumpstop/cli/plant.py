@@ -61,7 +61,7 @@ def run(
     if plan is not None:
         if picture is not None or video is not None:
             raise InputError("--picture" if picture is not None else "--video", "has no meaning with --plan")
-        _rehearse(found, plan / "plan.toml" if plan.is_dir() else plan, joint or [], out, as_json)
+        _simulate_protocol(found, plan / "plan.toml" if plan.is_dir() else plan, joint or [], out, as_json)
         return
     if joint:
         raise InputError("--joint", "has no meaning without --plan")
@@ -94,17 +94,17 @@ def run(
         typer.echo(f"wrote {name}")
 
 
-def _rehearse(found: Experiment, plan_file: Path, joints: list[int], out: Path | None, as_json: bool) -> None:
+def _simulate_protocol(found: Experiment, plan_file: Path, joints: list[int], out: Path | None, as_json: bool) -> None:
     """Run the trajectories of a plan; every joint's files go into a folder of its own."""
     from bumpstop.cli.progress import progress
     from bumpstop.identification.design.plan_file import load_plan
-    from bumpstop.reproduction.schroeder2013.simulate_protocol import planned_experiments, rehearse
+    from bumpstop.reproduction.schroeder2013.simulate_protocol import planned_experiments, simulate_protocol
 
     plan = load_plan(plan_file)
     count = len(planned_experiments(plan, joints))
     rows = []
     with progress("running") as report:
-        for done, (one, run) in enumerate(rehearse(found, plan, joints)):
+        for done, (one, run) in enumerate(simulate_protocol(found, plan, joints)):
             written = [] if out is None else [str(path) for path in run.save(out / f"joint_{one.joint + 1}")]
             rows.append((one, run, written))
             report((done + 1) / count)

@@ -29,7 +29,7 @@ def band_pass_channel(series: ResidualSeries, settings: DetectorSettings | None 
     law.constant = law.rest_speed = law.fast = [_ANY] * core.max_joints
     decision.low_hz, decision.high_hz = given.low_hz, given.high_hz
     anew = np.zeros(series.t.size)
-    anew[[rows.start for rows in series.stretches()]] = 1.0
+    anew[[rows.start for rows in series.segments()]] = 1.0
     nothing = np.zeros_like(series.rows)
     fast: FloatArray = core.judge(decision, series.t, series.rows, nothing, nothing, anew, 0.0)[0]
     return fast

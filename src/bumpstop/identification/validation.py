@@ -33,7 +33,7 @@ class ContactComparison:
         torque_estimated: (N,) of that joint [Nm].
         estimated: (N,) force by eq 3.6 with its sign [N]; NaN where it is not judged.
         judged: (N,) rows where eq 3.6 says something.
-        least_torque: |J' F| below which it does not [Nm].
+        min_torque: |J' F| below which it does not [Nm].
         all_joints: (N,) force along the measured direction by least squares over all joints [N]; NaN likewise.
     """
 
@@ -44,7 +44,7 @@ class ContactComparison:
     torque_estimated: FloatArray
     estimated: FloatArray
     judged: np.ndarray
-    least_torque: float
+    min_torque: float
     all_joints: FloatArray
 
     @property
@@ -67,7 +67,7 @@ def compare_contact(
     *,
     joint: int | None = None,
     in_base_frame: bool = False,
-    least_torque: float | None = None,
+    min_torque: float | None = None,
     free: np.ndarray | None = None,
 ) -> ContactComparison:
     """Compare a measured contact force with the one that joint torques say.
@@ -75,7 +75,7 @@ def compare_contact(
     Eq 3.6, |F_est| = |F_meas| |tau_est| / |tau_pred|, takes the direction of the measured force for granted and divides
     by the torque that force has at the joint. Where that torque is small the quotient is noise: an error of 1 Nm in the
     torque is 1 / a newtons in the force, with the lever arm a = |J' f| of a unit force. Rows with less than
-    ``least_torque`` are therefore not judged; they are NaN and counted.
+    ``min_torque`` are therefore not judged; they are NaN and counted.
 
     Args:
         robot: the arm.
@@ -86,7 +86,7 @@ def compare_contact(
         wrench: (N, 6) that the environment exerts on the tip: force [N], then moment [Nm].
         joint: from 0; default: the one with the largest torque from the measured force.
         in_base_frame: the wrench is given along the base's axes; else along the tip's, as a sensor there gives it.
-        least_torque: below which a row is not judged [Nm]; default: three standard deviations of the torque while
+        min_torque: below which a row is not judged [Nm]; default: three standard deviations of the torque while
             nothing touches.
         free: (N,) rows without contact; default: those whose force is below 2 % of the largest.
 
@@ -108,10 +108,10 @@ def compare_contact(
     elif not 0 <= joint < robot.dof:
         raise InputError("joint", f"{joint + 1} is none of {robot.name}", f"wanted 1 to {robot.dof}")
     untouched = force < 0.02 * force.max() if free is None else np.asarray(free, dtype=bool)
-    if least_torque is None:
-        least_torque = 3 * float(external[untouched, joint].std()) if untouched.sum() > 10 else 1.0
+    if min_torque is None:
+        min_torque = 3 * float(external[untouched, joint].std()) if untouched.sum() > 10 else 1.0
     own = expected[:, joint]
-    judged = np.abs(own) > max(least_torque, 1e-9)
+    judged = np.abs(own) > max(min_torque, 1e-9)
     estimated = np.full(rows, math.nan)
     estimated[judged] = force[judged] * external[judged, joint] / own[judged]
     square = (expected**2).sum(axis=1)
@@ -125,7 +125,7 @@ def compare_contact(
         torque_estimated=external[:, joint],
         estimated=estimated,
         judged=judged,
-        least_torque=least_torque,
+        min_torque=min_torque,
         all_joints=everything,
     )
 

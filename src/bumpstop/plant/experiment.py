@@ -82,7 +82,7 @@ class Experiment(ExperimentTable):
             InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
         """
         path = as_path(path, "path")
-        data = parse_toml(read_text(path, "wanted an experiment file", most_bytes=_MAX_BYTES), str(path))
+        data = parse_toml(read_text(path, "wanted an experiment file", max_bytes=_MAX_BYTES), str(path))
         return cls.from_dict(data, path.parent)
 
     @classmethod

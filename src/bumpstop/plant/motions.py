@@ -22,8 +22,8 @@ _MOVES = 8
 _OF_RANGE = 0.8  # of each joint's range
 _GATHERING_S = 2.0
 _MIN_HEIGHT_M = 0.1  # of joint origins and tip [m]
-# Of the fastest the joint may go: the two motions differ in pace.
-_PACE = {1: (0.15, 0.45), 2: (0.25, 0.6)}
+# Of the fastest the joint may go: the two motions differ in speed.
+_SPEED_SHARES = {1: (0.15, 0.45), 2: (0.25, 0.6)}
 _ENDLESS = np.pi  # no joint turns farther to either side [rad]; the least a joint without limits has
 
 
@@ -77,7 +77,7 @@ def workspace(robot: Robot, number: int, moves: int = _MOVES) -> Command:
     """
     from scipy.stats import qmc
 
-    if number not in _PACE:
+    if number not in _SPEED_SHARES:
         raise InputError("motion.kind", f"there is no workspace motion {number}", "valid: 1, 2")
     n = robot.dof
     low = np.where(np.isfinite(robot.lower), robot.lower, -_ENDLESS)
@@ -85,7 +85,7 @@ def workspace(robot: Robot, number: int, moves: int = _MOVES) -> Command:
     middle, half = (low + high) / 2, _OF_RANGE * np.minimum((high - low) / 2, _ENDLESS)
     fastest = np.where(np.isfinite(robot.velocity), robot.velocity, 1.0)
     points = qmc.Halton(n, scramble=False).random(4000)[1 + 1000 * (number - 1) :]
-    slow, quick = _PACE[number]
+    slow, quick = _SPEED_SHARES[number]
     candidates = (middle, *(middle + half * (2 * u - 1) for u in points))
     start = next((q for q in candidates if _clear(robot, q[None])), middle)
     poses, times, at = [start], [0.0], 0

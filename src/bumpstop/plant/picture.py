@@ -58,7 +58,7 @@ def offscreen(width: int, height: int) -> Any:
     raise InputError("picture", f"no OpenGL without a screen ({'; '.join(causes)})", _NO_LIBRARY)
 
 
-class Painter:
+class Renderer:
     """Draws a plant; a context manager.
 
     Args:
@@ -81,7 +81,7 @@ class Painter:
         self._size = (width, height)
         self._data = self._mujoco.MjData(plant.model)
 
-    def __enter__(self) -> Painter:
+    def __enter__(self) -> Renderer:
         mj, model = self._mujoco, self._plant.model
         self._context = offscreen(*self._size)
         self._scene = mj.MjvScene(model, maxgeom=500)
@@ -128,8 +128,8 @@ def picture(plant: Plant, run: PlantRun, path: str | Path) -> None:
     path = checked_ending(path, "--picture", ".png")
     forces = run.trace.contact_force
     row = int(np.argmax(forces.sum(axis=1))) if forces.any() else len(run.trace.t) - 1
-    with _files(path), Painter(plant, run.trace.q[row : row + 1]) as painter:
-        _image(painter.draw(run.trace.q[row], pushed_and_away(plant, run, row))).save(path)
+    with _files(path), Renderer(plant, run.trace.q[row : row + 1]) as renderer:
+        _image(renderer.draw(run.trace.q[row], pushed_and_away(plant, run, row))).save(path)
 
 
 def video(plant: Plant, run: PlantRun, path: str | Path) -> int:
@@ -144,9 +144,9 @@ def video(plant: Plant, run: PlantRun, path: str | Path) -> int:
     every = round(1000 / _FRAMES_PER_S)
     while len(run.trace.t) / every > _MAX_FRAMES:
         every *= 2
-    with _files(path), Painter(plant, run.trace.q[::every], 480, 360) as painter:
+    with _files(path), Renderer(plant, run.trace.q[::every], 480, 360) as renderer:
         frames = [
-            _image(painter.draw(run.trace.q[row], pushed_and_away(plant, run, row)))
+            _image(renderer.draw(run.trace.q[row], pushed_and_away(plant, run, row)))
             for row in range(0, len(run.trace.t), every)
         ]
         # One palette for all, as palettes of their own flicker; the octree keeps small areas of strong colour.

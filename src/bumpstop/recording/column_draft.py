@@ -43,7 +43,7 @@ class MissingColumnsError(InputError):
         return type(self), (self.field, self.problem, self.valid, self.draft)
 
 
-def listed(names: Sequence[str]) -> str:
+def as_list(names: Sequence[str]) -> str:
     """The names a file has, as many as can be read."""
     more = len(names) - _MAX_LISTED
     return ", ".join(name[:40] for name in names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

@@ -11,7 +11,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
-from bumpstop.recording.column_draft import MissingColumnsError, draft_of_names, draft_of_numbers, listed
+from bumpstop.recording.column_draft import MissingColumnsError, as_list, draft_of_names, draft_of_numbers
 from bumpstop.recording.columns import Columns, Quantity
 from bumpstop.recording.formats.table import RawRecording, Table
 
@@ -132,7 +132,7 @@ def _found(table: Table, path: Path) -> tuple[dict[str, Quantity], bool]:
     if not names:
         problem = f"has no header, and {table.width} columns"
         raise MissingColumnsError(str(path), problem, valid, draft_of_numbers(table.width))
-    problem = f"has no columns t and q_1, but {len(table.names)} others: {listed(table.names)}"
+    problem = f"has no columns t and q_1, but {len(table.names)} others: {as_list(table.names)}"
     raise MissingColumnsError(str(path), problem, valid, draft_of_names(table.names))
 
 

@@ -78,7 +78,7 @@ def test_residuals_have_the_same_gaps(periods: float, parts: int) -> None:
     t[60:] += (periods - 1) * DT
     series = ResidualSeries(t, np.zeros((100, 2)))
     assert series.period == DT
-    assert len(series.stretches()) == parts
+    assert len(series.segments()) == parts
     assert gaps(series) == [(float(t[59]), float(t[60]))][: parts - 1]
     assert series.monitored_s == 100 * DT
 

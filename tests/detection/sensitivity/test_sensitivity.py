@@ -111,13 +111,13 @@ def test_along_a_direction() -> None:
     # The first tick comes a step after the start: the lever has moved by less than a ten-thousandth.
     assert float(along) == pytest.approx(np.min(problem.thresholds / np.maximum(share, 1e-300)), rel=1e-3)
     # No direction passes the farthest vertex, and its own direction reaches it.
-    forces = undetectable_forces(robot, problem.q, problem.thresholds)
+    worst = undetectable_forces(robot, problem.q, problem.thresholds)
     n = directions(500)
     rows = np.tile(problem.q, (500, 1))
     forces = undetectable_force_along(robot, rows, n, problem.thresholds)
-    assert forces.max() <= float(forces.largest) * (1 + ROUNDING)
-    own = undetectable_force_along(robot, problem.q, forces.farthest / forces.largest, problem.thresholds)
-    assert float(own) == pytest.approx(float(forces.largest), rel=1e-9)
+    assert forces.max() <= float(worst.largest) * (1 + ROUNDING)
+    own = undetectable_force_along(robot, problem.q, worst.farthest / worst.largest, problem.thresholds)
+    assert float(own) == pytest.approx(float(worst.largest), rel=1e-9)
 
 
 def test_mean_shifts_the_side_that_is_pushed_to() -> None:

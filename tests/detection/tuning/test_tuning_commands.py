@@ -45,14 +45,14 @@ def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) ->
     assert "60 false alarms an hour wanted" in text
     assert str(noise) in text
     # Fewer alarms cost newtons.
-    trade = found["trade"]
-    rates = [point["per_hour"] for point in trade]
+    operating_curve = found["operating_curve"]
+    rates = [point["per_hour"] for point in operating_curve]
     assert rates == sorted(rates)
     assert 60 in rates
-    forces = [point["scenarios"][str(EXAMPLE)]["p95"] for point in trade]
+    forces = [point["scenarios"][str(EXAMPLE)]["p95"] for point in operating_curve]
     assert forces == sorted(forces, reverse=True)
     assert forces[0] > 1.1 * forces[-1]
-    undetectable = [point["scenarios"][str(EXAMPLE)]["anywhere"] for point in trade]
+    undetectable = [point["scenarios"][str(EXAMPLE)]["anywhere"] for point in operating_curve]
     assert undetectable == sorted(undetectable, reverse=True)
     assert {path.name for path in out.iterdir()} == {
         "report.html", "alarm_rate.svg", "alarm_rate.png", "alarms_against_newtons.svg", "alarms_against_newtons.png",
@@ -77,7 +77,7 @@ def test_the_trade_says_by_what_a_scenario_fails(noise: Path, tmp_path: Path) ->
                 data["detector"].pop(key, None)
             data["detector"]["residuals"] = str(measured)
             scenario = bs.Scenario.from_dict(data, path.parent)
-        for point in found["trade"]:
+        for point in found["operating_curve"]:
             forces = point["scenarios"][str(path)]
             thresholds = [math.inf if x is None else x for x in point["thresholds_Nm"]]
             verdict = bs.evaluate(
@@ -88,14 +88,14 @@ def test_the_trade_says_by_what_a_scenario_fails(noise: Path, tmp_path: Path) ->
             assert ("force" in forces["fails_by"]) is ((verdict.p_over_force or 0) > 0.001)
             assert ("pressure" in forces["fails_by"]) is ((verdict.p_over_pressure or 0) > 0.001)
     notes = " ".join(found["notes"])
-    loud = sum("false_alarm" in point["scenarios"][str(deaf)]["fails_by"] for point in found["trade"])
-    assert 0 < loud < len(found["trade"])
-    assert f"deaf: at {loud} of {len(found['trade'])} rates" in notes
+    loud = sum("false_alarm" in point["scenarios"][str(deaf)]["fails_by"] for point in found["operating_curve"])
+    assert 0 < loud < len(found["operating_curve"])
+    assert f"deaf: at {loud} of {len(found['operating_curve'])} rates" in notes
     assert "deaf: its feedback period is 0.006 s, and the thresholds were found at 0.004 s" in notes
     assert f"{EXAMPLE.stem}: its noise is the residuals of the recordings, in place of its own" in notes
     assert f"{EXAMPLE.stem}: its feedback period" not in notes
     printed = run("tune", noise, "--per-hour", 60, "--scenario", deaf).out
-    assert printed.count("no: ") == sum(not p["scenarios"][str(deaf)]["acceptable"] for p in found["trade"])
+    assert printed.count("no: ") == sum(not p["scenarios"][str(deaf)]["acceptable"] for p in found["operating_curve"])
 
 
 def test_tune_for_people(noise: Path) -> None:

@@ -14,9 +14,9 @@ from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE
 from bumpstop.cli.detection.residual_source import (
     DETECTOR_OPTIONS,
     Arming,
-    Origin,
+    ResidualSource,
     Watcher,
-    takes_origin,
+    takes_residual_source,
     thresholds_of,
 )
 from bumpstop.cli.folders import check_folder, writing
@@ -41,12 +41,12 @@ At = Annotated[str | None, typer.Option("--link", help="Link the force is given 
 Where = Annotated[str, typer.Option("--point-m", metavar="LIST", help="Where, in that link's frame.")]
 
 
-@takes_origin
+@takes_residual_source
 def detect(
     recording: Annotated[Path, typer.Argument(help="Recording with currents or joint torques.", show_default=False)],
     thresholds: Limits,
     *,
-    origin: Origin,
+    residual_source: ResidualSource,
     arming_delay: Arming = 0.0,
     payload_change: PayloadChange = 0.0,
     direction: Direction = "0,0,-1",
@@ -74,13 +74,13 @@ def detect(
     from bumpstop.detection import undetectable_stretches
     from bumpstop.detection.standing import hidden_torques
 
-    given, arm = origin.parts
+    given, arm = residual_source.parts
     law = thresholds_of(thresholds, arm)
-    settings = _settings(origin, law, arming_delay, payload_change, link, point_m, direction)
+    settings = _settings(residual_source, law, arming_delay, payload_change, link, point_m, direction)
     if stiction is not None:
         settings = replace(settings, stiction=stiction_of(stiction, arm.dof))
     check_folder(out)
-    log = origin.recording(recording)
+    log = residual_source.recording(recording)
     with as_options(DETECTOR_OPTIONS), progress("running the detector"):
         run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
     stretches = None
@@ -119,7 +119,7 @@ def detect(
     return status
 
 
-@takes_origin
+@takes_residual_source
 def detector(
     file: Annotated[Path, typer.Argument(help="Where to write it.", show_default=False)],
     thresholds: Limits,
@@ -128,7 +128,7 @@ def detector(
         typer.Option(help="Between the samples of the loop [s].", show_default="what the thresholds were found at"),
     ] = None,
     *,
-    origin: Watcher,
+    residual_source: Watcher,
     arming_delay: Arming = 0.0,
     payload_change: PayloadChange = 0.0,
     direction: Direction = "0,0,-1",
@@ -140,11 +140,11 @@ def detector(
     from bumpstop.detection.detector import window_notes
     from bumpstop.identification import DynamicsModel
 
-    given, arm = origin.parts
+    given, arm = residual_source.parts
     law = thresholds_of(thresholds, arm)
     if isinstance(given, DynamicsModel):
         raise InputError("--model", "fitted dynamics look ahead and cannot run in a loop", "give a joint model")
-    settings = _settings(origin, law, arming_delay, payload_change, link, point_m, direction)
+    settings = _settings(residual_source, law, arming_delay, payload_change, link, point_m, direction)
     with as_options(DETECTOR_OPTIONS):
         if period is not None or law.period_s is not None:
             settings = replace(settings, period_s=law.period_s if period is None else period)
@@ -163,7 +163,7 @@ def detector(
 
 
 def _settings(
-    origin: Watcher,
+    residual_source: Watcher,
     law: Thresholds,
     arming_delay: float,
     payload_change: float,
@@ -174,7 +174,7 @@ def _settings(
     """Of options that ``detect`` and ``detector`` have in common."""
     from bumpstop.cli.detection.sensitivity import three, unit
 
-    return origin.settings_for(
+    return residual_source.settings_for(
         law,
         arming_delay_s=arming_delay,
         payload_change_kg=payload_change,

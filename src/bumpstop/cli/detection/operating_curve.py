@@ -21,7 +21,7 @@ _SAMPLES = 20_000  # runs of a law with measured noise
 
 
 @dataclass(frozen=True, eq=False)
-class TradePoint:
+class OperatingPoint:
     """One rate of false alarms, and the forces its thresholds let through.
 
     Attributes:
@@ -74,7 +74,7 @@ def check_joints(scenarios: Mapping[str, Scenario], dof: int) -> None:
             raise InputError(name, f"has thresholds for {count} joints", f"the residuals have {dof}")
 
 
-def trade(tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[TradePoint]:
+def operating_curve(tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[OperatingPoint]:
     """Force laws of scenarios at the thresholds of several rates around the wanted one.
 
     Everything but the constant thresholds and the noise stays as the scenario says. The noise is what was tuned on,
@@ -90,7 +90,7 @@ def trade(tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNois
             continue
         thresholds = tuning.thresholds(rate)
         forces = {name: _forces(scenario, thresholds) for name, scenario in noisy.items()}
-        points.append(TradePoint(rate, thresholds, tuning.extrapolation(rate) > MAX_EXTRAPOLATION, forces))
+        points.append(OperatingPoint(rate, thresholds, tuning.extrapolation(rate) > MAX_EXTRAPOLATION, forces))
     return points
 
 
@@ -114,7 +114,7 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
     }
 
 
-def notes(points: Sequence[TradePoint], scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[str]:
+def notes(points: Sequence[OperatingPoint], scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[str]:
     """Whose noise it is that a scenario's forces and alarms are told with."""
     found = []
     for path, scenario in scenarios.items():

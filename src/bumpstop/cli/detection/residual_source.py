@@ -199,7 +199,7 @@ class Watcher:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Origin(Watcher):
+class ResidualSource(Watcher):
     """The same, and the part of a recording.
 
     Attributes:
@@ -246,10 +246,10 @@ class Origin(Watcher):
                 raise InputError(option, f"has no meaning with {what}", "leave it out")
 
 
-def takes_origin(command: Callable[..., int | None]) -> Callable[..., int | None]:
-    """A command for typer whose keyword ``origin``, an Origin or a Watcher, is made of its options."""
+def takes_residual_source(command: Callable[..., int | None]) -> Callable[..., int | None]:
+    """A command for typer whose keyword ``residual_source``, an Origin or a Watcher, is made of its options."""
     signature = inspect.signature(command, eval_str=True)
-    kind = signature.parameters["origin"].annotation
+    kind = signature.parameters["residual_source"].annotation
     hints = get_type_hints(kind, include_extras=True)
     options = {
         field.name: inspect.Parameter(
@@ -259,12 +259,12 @@ def takes_origin(command: Callable[..., int | None]) -> Callable[..., int | None
     }
     parameters: list[inspect.Parameter] = []
     for parameter in signature.parameters.values():
-        parameters += options.values() if parameter.name == "origin" else [parameter]
+        parameters += options.values() if parameter.name == "residual_source" else [parameter]
 
     @wraps(command)
     def run(**given: Any) -> int | None:
-        origin = kind(**{name: given.pop(name) for name in options})
-        return command(origin=origin, **given)
+        residual_source = kind(**{name: given.pop(name) for name in options})
+        return command(residual_source=residual_source, **given)
 
     run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return run
@@ -308,7 +308,7 @@ def thresholds_of(text: str, joints: Robot | int) -> Thresholds:
         return Thresholds.of(Thresholds.parse(text, names), dof)
 
 
-def detector_settings(origin: Watcher, thresholds: str | None) -> dict[str, Any]:
+def detector_settings(residual_source: Watcher, thresholds: str | None) -> dict[str, Any]:
     """Settings of the detector by name, for a page: options, else what the thresholds were found with."""
-    found = None if thresholds is None else thresholds_of(thresholds, origin.parts[1])
-    return asdict(origin.settings_for(found))
+    found = None if thresholds is None else thresholds_of(thresholds, residual_source.parts[1])
+    return asdict(residual_source.settings_for(found))

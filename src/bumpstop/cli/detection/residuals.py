@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bumpstop.cli.detection.residual_source import DETECTOR_OPTIONS, Origin
+from bumpstop.cli.detection.residual_source import DETECTOR_OPTIONS, ResidualSource
 from bumpstop.cli.identification.arm_recordings import span_of
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
@@ -21,12 +21,14 @@ if TYPE_CHECKING:
 OF_RESIDUALS = ("begin", "until")
 
 
-def load_series(path: Path, origin: Origin, *, motion: bool = False) -> tuple[ResidualSeries, list[str]]:
+def load_series(
+    path: Path, residual_source: ResidualSource, *, motion: bool = False
+) -> tuple[ResidualSeries, list[str]]:
     """Residuals of a file that holds them, or of a contact-free recording; and what a reader must know of them.
 
     Args:
         path: of the file.
-        origin: of a recording's residuals.
+        residual_source: of a recording's residuals.
         motion: take speeds and accelerations of the joints, too.
 
     Raises:
@@ -38,20 +40,20 @@ def load_series(path: Path, origin: Origin, *, motion: bool = False) -> tuple[Re
     if holds_residuals(path):
         if motion:
             raise InputError("--terms", f"{str(path)!r} holds residuals without the motion", "give the recording")
-        return residuals_of(path, origin), []
-    model, arm = origin.parts
-    log = origin.recording(path)
+        return residuals_of(path, residual_source), []
+    model, arm = residual_source.parts
+    log = residual_source.recording(path)
     with as_options(DETECTOR_OPTIONS):
-        record = residual_record(log, arm, model, settings=origin.settings)
+        record = residual_record(log, arm, model, settings=residual_source.settings)
     assert record.t is not None
     notes = [note for note in record.notes if "blocks of" not in note]
     series = ResidualSeries(record.t, record.rows, str(path))
     if motion:
-        series = with_motion(series, log, arm, model, origin.settings)
+        series = with_motion(series, log, arm, model, residual_source.settings)
     return series, [*dropped(log, path), *notes]
 
 
-def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
+def residuals_of(path: Path, residual_source: ResidualSource) -> ResidualSeries:
     """Of a file that holds them: the part between ``--from`` and ``--until``.
 
     Raises:
@@ -61,12 +63,12 @@ def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
 
     from bumpstop.detection import ResidualSeries
 
-    origin.refuse(f"the residuals of {str(path)!r}", but=OF_RESIDUALS)
+    residual_source.refuse(f"the residuals of {str(path)!r}", but=OF_RESIDUALS)
     series = ResidualSeries.load(path)
-    if origin.begin is None and origin.until is None:
+    if residual_source.begin is None and residual_source.until is None:
         return series
     start, length = float(series.t[0]), float(series.t[-1] - series.t[0])
-    low, high = span_of(origin.begin, origin.until, length)
+    low, high = span_of(residual_source.begin, residual_source.until, length)
     first, last = np.searchsorted(series.t, [start + low, math.nextafter(start + high, math.inf)])
     if last - first < 2:
         raise InputError("--from", f"{low:g} leaves nothing before {high:g}", f"valid: 0 to {length:.6g} s")
@@ -74,7 +76,12 @@ def residuals_of(path: Path, origin: Origin) -> ResidualSeries:
 
 
 def load_run(
-    path: Path, thresholds: Thresholds, origin: Origin, arming_delay_s: float, rearm_s: float, log: Recording
+    path: Path,
+    thresholds: Thresholds,
+    residual_source: ResidualSource,
+    arming_delay_s: float,
+    rearm_s: float,
+    log: Recording,
 ) -> tuple[ResidualSeries | None, DetectionRun, list[str]]:
     """Residuals of a recording without its rows of no data, what the detector made of them, and what to know of them.
 
@@ -82,9 +89,9 @@ def load_run(
     """
     from bumpstop.detection import ResidualSeries, detect
 
-    model, arm = origin.parts
-    log = origin.recording(path)
-    settings = origin.settings_for(thresholds, arming_delay_s=arming_delay_s)
+    model, arm = residual_source.parts
+    log = residual_source.recording(path)
+    settings = residual_source.settings_for(thresholds, arming_delay_s=arming_delay_s)
     with as_options(DETECTOR_OPTIONS):
         run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
     seen, notes = ~run.no_data, [*dropped(log, path), *run.notes]

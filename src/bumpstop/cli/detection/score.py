@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.detection.residual_source import Arming, Origin, detector_settings, takes_origin, thresholds_of
+from bumpstop.cli.detection.residual_source import (
+    Arming,
+    ResidualSource,
+    detector_settings,
+    takes_residual_source,
+    thresholds_of,
+)
 from bumpstop.cli.detection.residuals import holds_residuals, load_run, residuals_of
 from bumpstop.cli.folders import check_folder
 from bumpstop.cli.progress import progress
@@ -28,7 +34,7 @@ _REARM_S = 0.5
 _FACTORS = tuple(2 ** (k / 4) for k in range(-8, 9))
 
 
-@takes_origin
+@takes_residual_source
 def command(
     file: Annotated[
         Path, typer.Argument(help="Events (JSON of detect), residuals (Parquet), or a recording.", show_default=False)
@@ -38,7 +44,7 @@ def command(
         str | None, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm], for residuals or a recording.")
     ] = None,
     *,
-    origin: Origin,
+    residual_source: ResidualSource,
     arming_delay: Arming = 0.0,
     early: Annotated[float, typer.Option(help="An event so long before a label still belongs to it [s].")] = 0.05,
     late: Annotated[float, typer.Option(help="An event so long after a label still belongs to it [s].")] = 0.25,
@@ -59,7 +65,7 @@ def command(
     known = load_labels(labels)
     notes: list[str] = []
     if file.suffix == ".json":
-        origin.refuse(f"the events of {str(file)!r}")
+        residual_source.refuse(f"the events of {str(file)!r}")
         for option, given in (
             ("--thresholds", thresholds is not None),
             ("--arming-delay", arming_delay != 0),
@@ -72,7 +78,9 @@ def command(
         if thresholds is None:
             raise InputError("--thresholds", "is missing", "residuals and recordings need it: numbers or a file")
         with progress("scoring"):
-            found, roc, inactive, notes = _of_residuals(file, known, thresholds, origin, arming_delay, rearm, tolerance)
+            found, roc, inactive, notes = _of_residuals(
+                file, known, thresholds, residual_source, arming_delay, rearm, tolerance
+            )
     report = None
     if out is not None:
         from bumpstop.report.detection.scoring import write_scoring
@@ -83,7 +91,7 @@ def command(
             found,
             roc,
             out,
-            "; ".join(filter(None, (origin.arm, asked))),
+            "; ".join(filter(None, (residual_source.arm, asked))),
             asked={
                 "events of": str(file),
                 "labels": str(labels),
@@ -92,9 +100,9 @@ def command(
                 "early, s": f"{early:g}",
                 "late, s": f"{late:g}",
                 "quiet time between events, s": f"{rearm:g}",
-                **origin.reading,
+                **residual_source.reading,
             },
-            detector=detector_settings(origin, thresholds) if recorded else {},
+            detector=detector_settings(residual_source, thresholds) if recorded else {},
             inactive=inactive,
         )
     if as_json:
@@ -115,7 +123,7 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> t
     from bumpstop.detection import score
 
     wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, no_data"
-    text = read_text(file, wanted, most_bytes=_MAX_BYTES)
+    text = read_text(file, wanted, max_bytes=_MAX_BYTES)
     try:
         data: Any = json.loads(text)
         events = [float(event["t"]) for event in data["events"]]
@@ -179,7 +187,7 @@ def _of_residuals(
     file: Path,
     labels: tuple[Label, ...],
     thresholds: str,
-    origin: Origin,
+    residual_source: ResidualSource,
     arming_delay_s: float,
     rearm_s: float,
     tolerance: Tolerance,
@@ -201,7 +209,7 @@ def _of_residuals(
     # As a run of the detector has them: a false alarm hides no contact behind it while it stands.
     apart_s = min(rearm_s, DetectorSettings.event_pause_s)
     if holds_residuals(file):
-        series = residuals_of(file, origin)
+        series = residuals_of(file, residual_source)
         if arming_delay_s:
             raise InputError("--arming-delay", f"has no meaning with the residuals of {str(file)!r}", "leave it out")
         given = thresholds_of(thresholds, series.dof)
@@ -209,9 +217,9 @@ def _of_residuals(
         times = event_times(series, scaled_residual(series, given.constant), 1.0, apart_s)
         monitored, no_data = (float(series.t[0]), float(series.t[-1])), gaps(series)
     else:
-        given = thresholds_of(thresholds, origin.parts[1])
-        log = origin.recording(file)
-        series, run, notes = load_run(file, given, origin, arming_delay_s, rearm_s, log)
+        given = thresholds_of(thresholds, residual_source.parts[1])
+        log = residual_source.recording(file)
+        series, run, notes = load_run(file, given, residual_source, arming_delay_s, rearm_s, log)
         inactive = run.inactive
         times = np.array([event.t for event in run.events])
         monitored, no_data = (float(run.t[0]), float(run.t[-1])), run.no_data_intervals()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.detection.residual_source import Origin, detector_settings, takes_origin
+from bumpstop.cli.detection.residual_source import ResidualSource, detector_settings, takes_residual_source
 from bumpstop.cli.detection.residuals import holds_residuals, joint_numbers, load_series
 from bumpstop.cli.folders import check_file, check_folder
 from bumpstop.cli.progress import progress
@@ -18,7 +18,7 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.text_files import list_items, toml_value, write_text
 
 if TYPE_CHECKING:
-    from bumpstop.cli.detection.operating_curve import TradePoint
+    from bumpstop.cli.detection.operating_curve import OperatingPoint
     from bumpstop.detection import ResidualSeries, Tuning
     from bumpstop.detection.tuning.tuning import Term
 
@@ -26,7 +26,7 @@ THRESHOLD_KEYS = ("thresholds_Nm", "per_speed_Nm_s", "per_acceleration_Nm_s2", "
 """Of a file of thresholds, as far as they are tuned."""
 
 
-@takes_origin
+@takes_residual_source
 def command(
     recordings: Annotated[
         list[Path],
@@ -40,7 +40,7 @@ def command(
         ),
     ] = None,
     *,
-    origin: Origin,
+    residual_source: ResidualSource,
     joints: Annotated[str | None, typer.Option(metavar="LIST", help="Watch these joints only: 1,2,3.")] = None,
     confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
     terms: Annotated[
@@ -63,7 +63,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Choose thresholds from contact-free recordings, with intervals, and show what they cost in newtons."""
-    from bumpstop.cli.detection.operating_curve import check_joints, load_scenarios, notes, trade
+    from bumpstop.cli.detection.operating_curve import check_joints, load_scenarios, notes, operating_curve
     from bumpstop.cli.detection.scenario_noise import ScenarioNoise
     from bumpstop.detection import tune
 
@@ -77,7 +77,7 @@ def command(
     loaded = []
     with progress("reading residuals") as report:
         for done, one_file in enumerate(recordings, start=1):
-            loaded.append(load_series(one_file, origin, motion="speed" in wanted or "acceleration" in wanted))
+            loaded.append(load_series(one_file, residual_source, motion="speed" in wanted or "acceleration" in wanted))
             report(done / len(recordings))
     series = [_trimmed(one, trim_start, trim_end) for one, _ in loaded]
     check_joints(scenarios, series[0].dof)
@@ -91,20 +91,20 @@ def command(
         option = options.get(error.field, error.field)
         raise InputError(option, error.problem, error.valid) from None
     tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, told in loaded for note in told)))
-    names = origin.names if recorded else []
-    with ScenarioNoise(series, origin.settings.residual if recorded else None) as noise:
-        points = trade(tuning, scenarios, noise)
+    names = residual_source.names if recorded else []
+    with ScenarioNoise(series, residual_source.settings.residual if recorded else None) as noise:
+        points = operating_curve(tuning, scenarios, noise)
     tuning = replace(tuning, notes=(*tuning.notes, *notes(points, scenarios, noise)))
     if save is not None:
-        _save(tuning, series, save, origin if recorded else None)
+        _save(tuning, series, save, residual_source if recorded else None)
     page = None
     if out is not None:
         from bumpstop.model import unit_of
         from bumpstop.report.detection.tuning import write_tuning
 
-        unit = unit_of(*origin.parts[1].joints) if recorded else "Nm"
+        unit = unit_of(*residual_source.parts[1].joints) if recorded else "Nm"
         asked = f"contact-free recordings: {', '.join(path.name for path in recordings)}"
-        about = "; ".join(filter(None, (origin.arm, asked)))
+        about = "; ".join(filter(None, (residual_source.arm, asked)))
         page = write_tuning(
             tuning,
             [point.to_json() for point in points],
@@ -121,14 +121,14 @@ def command(
                 "left out at the start, s": f"{trim_start:g}",
                 "left out at the end, s": f"{trim_end:g}",
                 "scenarios": ", ".join(str(path) for path in scenario or []) or "none",
-                **origin.reading,
+                **residual_source.reading,
             },
-            detector=detector_settings(origin, None) if recorded else {},
+            detector=detector_settings(residual_source, None) if recorded else {},
         )
     if as_json:
-        held = _hold_for(series, origin if recorded else None)
+        held = _hold_for(series, residual_source if recorded else None)
         found = tuning.to_json() | {key: None if value == math.inf else value for key, value in held.items()}
-        found |= {"trade": [point.to_json() for point in points]} if scenario else {}
+        found |= {"operating_curve": [point.to_json() for point in points]} if scenario else {}
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return
     _print(tuning, points if scenario else [], names)
@@ -137,15 +137,15 @@ def command(
             typer.echo(f"{what}: {path}")
 
 
-def _hold_for(series: list[ResidualSeries], origin: Origin | None) -> dict[str, Any]:
+def _hold_for(series: list[ResidualSeries], residual_source: ResidualSource | None) -> dict[str, Any]:
     """What a file of thresholds says of the detector they are for: the rate, and the residual where it is known."""
     held: dict[str, Any] = {"period_s": float(f"{series[0].period:.12g}")}
-    if origin is not None:
-        held |= origin.held
+    if residual_source is not None:
+        held |= residual_source.held
     return held
 
 
-def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, origin: Origin | None) -> None:
+def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, residual_source: ResidualSource | None) -> None:
     import bumpstop
 
     low, high = tuning.per_hour_interval()
@@ -163,7 +163,7 @@ def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, origin: Orig
         if key in found:
             values = ", ".join("inf" if x is None else repr(x) for x in found[key])
             lines.append(f"{key} = [{values}]")
-    lines += [f"{key} = {toml_value(value)}" for key, value in _hold_for(series, origin).items()]
+    lines += [f"{key} = {toml_value(value)}" for key, value in _hold_for(series, residual_source).items()]
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -193,7 +193,7 @@ def _trimmed(series: ResidualSeries, start_s: float, end_s: float) -> ResidualSe
     return series.only(slice(int(first), int(last)))
 
 
-def _print(tuning: Tuning, points: list[TradePoint], names: list[str]) -> None:
+def _print(tuning: Tuning, points: list[OperatingPoint], names: list[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -212,12 +212,12 @@ def _print(tuning: Tuning, points: list[TradePoint], names: list[str]) -> None:
         table.add_row(" ".join((str(j), *names[j - 1 : j])), *cells)
     console.print(table)
     if points:
-        console.print(_trade_table(points))
+        console.print(_operating_curve_table(points))
     for note in tuning.notes:
         console.print(f"note: {note}", soft_wrap=True)
 
 
-def _trade_table(points: list[TradePoint]) -> Any:
+def _operating_curve_table(points: list[OperatingPoint]) -> Any:
     from rich.table import Table
 
     from bumpstop.report.formatting import acceptable

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from bumpstop.identification import ConsistentFit
 
 
-def bodies_json(found: ConsistentFit) -> dict[str, Any]:
+def inertias_json(found: ConsistentFit) -> dict[str, Any]:
     """Links, rotors and torque errors for programs; tensors about the centre of mass, along the link's axes."""
     links = []
     for joint in found.robot.joints:
@@ -31,7 +31,7 @@ def bodies_json(found: ConsistentFit) -> dict[str, Any]:
     return {"links": links, "joints": joints}
 
 
-def print_bodies(found: ConsistentFit) -> None:
+def print_inertias(found: ConsistentFit) -> None:
     """A line for each link."""
     from bumpstop.model import unit_of
 

@@ -12,7 +12,7 @@ import typer
 
 from bumpstop.cli.collision.shares import or_null, share_text
 from bumpstop.cli.identification.arm_recordings import carried_of, known_of
-from bumpstop.cli.identification.consistent_inertia import bodies_json, print_bodies
+from bumpstop.cli.identification.consistent_inertia import inertias_json, print_inertias
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.model_report import dynamics_report
 from bumpstop.cli.identification.parameters import parameters_json
@@ -85,7 +85,7 @@ def identify_dynamics_of(
         replace(fit, source=named, verdict=verdict.status).save(model_file)
     if as_json:
         found = {"verdict": verdict.to_json()} | _identified(fit, scores, logs)
-        found |= {} if bodies is None else {"consistent": bodies_json(bodies)}
+        found |= {} if bodies is None else {"consistent": inertias_json(bodies)}
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return exit_status(verdict)
     print_verdict(verdict)
@@ -101,10 +101,10 @@ def identify_dynamics_of(
         weak = "" if abs(value) >= 2 * error else "  (not distinguishable from zero)"
         typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}{weak}")
     _print_laws(fit)
-    if fit.unseen:
-        typer.echo(f"not visible in this motion: {', '.join(fit.unseen)}")
+    if fit.unobservable:
+        typer.echo(f"not visible in this motion: {', '.join(fit.unobservable)}")
     if bodies is not None:
-        print_bodies(bodies)
+        print_inertias(bodies)
     print_reading(logs)
     if model_file is not None:
         typer.echo(f"model: {model_file}")
@@ -214,7 +214,7 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
         "joints": joints,
         "base_parameters": base,
         "filter": {"cutoff_hz": fit.model.cutoff_hz, "held_out": {f"{k:g}": v for k, v in fit.held_out.items()}},
-        "not_visible": list(fit.unseen),
+        "not_visible": list(fit.unobservable),
         "hardly_moved": list(fit.still),
         "rows_used": fit.rows_used,
         "rows_whole": fit.rows_whole,

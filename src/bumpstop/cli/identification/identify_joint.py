@@ -156,7 +156,7 @@ def _joint(joint: JointFit) -> dict[str, Any]:
             for name, found in own.parameters.items()
         },
         "gain_errors": dict(joint.gain_errors),
-        "unseen": dict(joint.unseen),
+        "unobservable": dict(joint.unobservable),
         "r2": or_null(joint.r2),
         "rmse_A": joint.rmse,
         "current_range": None if own.current_range is None else list(own.current_range),

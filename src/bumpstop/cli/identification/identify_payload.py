@@ -96,7 +96,7 @@ def _payload_json(found: PayloadFit, log: Recording) -> dict[str, Any]:
         "kind": "payload",
         "parameters": parameters_json(found),
         "center_m": center,
-        "unseen": list(found.unseen),
+        "unobservable": list(found.unobservable),
         "joints": [
             {"name": name, "rmse_Nm": float(rmse), "rmse_without_payload_Nm": float(without)}
             for name, rmse, without in zip(found.joints, found.rmse, found.rmse_without, strict=True)

@@ -51,7 +51,7 @@ def dynamics_report(
     from bumpstop.identification.validation import contact_of
     from bumpstop.model import unit_of
     from bumpstop.report.identification.fit_verdict import VerdictPart
-    from bumpstop.report.identification.inertias import BodiesPart
+    from bumpstop.report.identification.inertias import InertiasPart
     from bumpstop.report.identification.validation import SelectionPart, write_validation_report
 
     comparison = fit.predict(logs, filter_hz=filter_hz, payloads=payloads)
@@ -72,7 +72,7 @@ def dynamics_report(
     name = (Path(logs[0].source).name or "a recording") if len(logs) == 1 else f"{len(logs)} recordings"
     title = f"{fit.model.robot.title or fit.model.robot.name}: predicted torque, {name}"
     parts: list[Part] = [] if verdict is None else [VerdictPart(verdict)]
-    parts += [] if bodies is None else [BodiesPart(bodies)]
+    parts += [] if bodies is None else [InertiasPart(bodies)]
     write_validation_report(
         comparison, folder, title=title, where=where, contact=contact, selection=selection, parts=parts
     )
@@ -82,7 +82,7 @@ def dynamics_report(
     most = f"{abs(error).mean():.3g} N on average, {abs(error).max():.3g} N at most" if error.size else "none judged"
     return (
         f"contact force by {joint.name}: error {most}; {contact.not_judged} rows not judged, their torque is below "
-        f"{contact.least_torque:.3g} {unit_of(joint)}"
+        f"{contact.min_torque:.3g} {unit_of(joint)}"
     )
 
 

@@ -39,7 +39,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and 
 _RATES = (1.0, 2000.0)
 # Fields of the settings that are called as their options are, and one that is not.
 _OF_BOTH = ("acceleration", "floor", "radius")
-_OF_PROTOCOL = ("repeats", "holds", "hold_s", "least_torque", "gravity", "load_kg")
+_OF_PROTOCOL = ("repeats", "holds", "hold_s", "min_torque", "gravity", "load_kg")
 _OF_SERIES = ("period_s", "harmonics", "periods", "rounds", "seed")
 _OPTIONS = {field: f"--{field.replace('_', '-')}" for field in (*_OF_BOTH, *_OF_PROTOCOL, *_OF_SERIES)}
 _OPTIONS["ramp_repeats"] = "--ramps"
@@ -60,7 +60,7 @@ def identification(
     acceleration: Annotated[float, typer.Option(help="Peak of every ramp [rad/s2].")] = 4.5,
     floor: Floor = "0",
     radius: Radius = 0.08,
-    least_torque: Annotated[float, typer.Option(help="Wanted of gravity at both ends of a stroke [Nm].")] = 0.5,
+    min_torque: Annotated[float, typer.Option(help="Wanted of gravity at both ends of a stroke [Nm].")] = 0.5,
     gravity: Annotated[str, typer.Option(help="Acceleration of free fall in the base frame [m/s2].")] = "0,0,-9.80665",
     load_kg: Annotated[float, typer.Option(help="Known mass fixed to the tip [kg].")] = 0.0,
     load_m: Annotated[str, typer.Option(help="Where, in the tip's frame [m].")] = "0,0,0",
@@ -87,7 +87,7 @@ def identification(
             acceleration=acceleration,
             floor=_floor(floor),
             radius=radius,
-            least_torque=least_torque,
+            min_torque=min_torque,
             gravity=_three("--gravity", gravity),
             load_kg=load_kg,
             load_m=_three("--load-m", load_m),
@@ -181,11 +181,11 @@ def _as_json(plan: IdentificationPlan, seconds: list[float], files: list[str]) -
         }
         for one, duration in zip(plan.experiments, seconds, strict=True)
     ]
-    unseen = [
+    unobservable = [
         {"joint": lost.joint + 1, "name": lost.name, "reason": lost.reason, "remedy": lost.remedy}
-        for lost in plan.unseen
+        for lost in plan.unobservable
     ]
-    return {"robot": plan.robot.name, "joints": joints, "unseen": unseen, "files": files}
+    return {"robot": plan.robot.name, "joints": joints, "unobservable": unobservable, "files": files}
 
 
 def _print(plan: IdentificationPlan, seconds: list[float]) -> None:
@@ -214,7 +214,7 @@ def _print(plan: IdentificationPlan, seconds: list[float]) -> None:
         if one.too_fast:
             shares = ", ".join(f"{100 * share:.0f}" for share in one.too_fast)
             typer.echo(f"{one.name}: no room to reach {shares} % of its speed at {plan.settings.acceleration:g} rad/s2")
-    for lost in plan.unseen:
+    for lost in plan.unobservable:
         typer.echo(
             f"{lost.name}: its current-to-torque model is not identifiable, as {lost.reason}; remedy: {lost.remedy}"
         )

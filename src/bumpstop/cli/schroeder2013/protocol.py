@@ -80,7 +80,7 @@ def protocol_json(fit: ProtocolFit, beside: FitComparison, logs: Sequence[Record
     """Table 2.2 for programs, the general fit beside it; joints that were not identified have no parameters."""
     found = {joint.experiment.joint: joint for joint in fit.joints}
     other = {pair.protocol.experiment.joint: pair for pair in beside.joints}
-    lost = {one.joint: one.reason for one in fit.plan.unseen} | dict(fit.missing)
+    lost = {one.joint: one.reason for one in fit.plan.unobservable} | dict(fit.missing)
     joints = []
     for number, joint in enumerate(fit.plan.robot.joints):
         one = found.get(number)
@@ -120,7 +120,7 @@ def _general(pair: JointComparison | None) -> dict[str, Any] | None:
         "map": own.map,
         "friction": own.friction,
         "parameters": {name: _parameter(value) for name, value in own.parameters.items()},
-        "unseen": dict(pair.general.unseen),
+        "unobservable": dict(pair.general.unobservable),
         "protocol_less_general_in_standard_errors": {
             name: pair.difference(name) for name in SHOWN if name in pair.protocol.parameters
         },
@@ -157,7 +157,7 @@ def print_protocol(fit: ProtocolFit) -> None:
             typer.echo(f"{joint.experiment.name}: {note}")
     for number, why in fit.missing:
         typer.echo(f"{fit.plan.robot.joints[number].name}: not identified: {why}")
-    for lost in fit.plan.unseen:
+    for lost in fit.plan.unobservable:
         typer.echo(
             f"{lost.name}: its current-to-torque model is not identifiable, as {lost.reason}; remedy: {lost.remedy}"
         )
@@ -194,7 +194,7 @@ def print_beside(beside: FitComparison) -> None:
     )
     console.print(table)
     for pair in beside.joints:
-        for name, reason in pair.general.unseen.items():
+        for name, reason in pair.general.unobservable.items():
             typer.echo(f"{pair.general.name}: {name} is not seen by the general fit: {reason}")
 
 

@@ -29,7 +29,7 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
         InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
     """
     path = as_path(path, "scenario")
-    data = _parse(read_text(path, "wanted a scenario file", most_bytes=_MAX_BYTES), str(path))
+    data = _parse(read_text(path, "wanted a scenario file", max_bytes=_MAX_BYTES), str(path))
     set_keys(data, changes or {})
     return Scenario.from_dict(data, path.parent)
 

@@ -80,8 +80,8 @@ class TrajectoryCollisionResult(CollisionResult):
     def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
         """See :meth:`CollisionResult.phase_shares`."""
         own = self.detections
-        deepest = self.kernel.phases(own.tick.tolist(), own.begin, own.normal, FIRST_PHASE_S)
-        share = self.problem.stiffness * np.maximum(deepest[:, 0] * first, deepest[:, 1] * later)
+        max_compression = self.kernel.phases(own.tick.tolist(), own.begin, own.normal, FIRST_PHASE_S)
+        share = self.problem.stiffness * np.maximum(max_compression[:, 0] * first, max_compression[:, 1] * later)
         found, weight = own.distribution(share)
         if self.samples is not None:
             weight = own.tick.size / self.samples
@@ -232,12 +232,12 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
             contact_durations = mixer.distribution(kernel.contact_spans(tick.tolist(), begin[contact]), mass)
         force = K * out["distance"]
     expected = np.bincount(contact, probability * peak, len(begin)) + out["undetected"] * undetected_peak
-    hardest = float(begin[int(np.argmax(expected))])
+    worst_onset = float(begin[int(np.argmax(expected))])
     with np.errstate(invalid="ignore"):
         triggers = np.minimum(1.0, weight @ out["trigger"] / (detected if detected > 0 else math.nan))
     return TrajectoryCollisionResult(
         problem=problem,
-        curve=trajectory_curve(problem, kernel, hardest),
+        curve=trajectory_curve(problem, kernel, worst_onset),
         kind="exact",
         peak_force=peak_force,
         force_at_detection=mixer.distribution(np.where(after, force, math.nan), mass),
@@ -249,7 +249,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
         no_contact_probability=max(0.0, float(weight @ out["no_contact"])),
         kernel=kernel,
         times=times,
-        onset=hardest,
+        onset=worst_onset,
         contact_durations=contact_durations,
         detections=DetectedCollisions(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
         max_undetected_force=float(undetected_peak.max(where=never > 0, initial=0.0)),
@@ -313,10 +313,10 @@ def monte_carlo_trajectory(
     if problem.scenario.reaction.kind == "reverse" and not free:
         lasts = kernel.contact_spans(tick[detected].tolist(), begin[detected])
         contact_durations = SampledDistribution(lasts[np.isfinite(lasts)])
-    hardest = float(begin[int(np.argmax(peak))])
+    worst_onset = float(begin[int(np.argmax(peak))])
     return TrajectoryCollisionResult(
         problem=problem,
-        curve=trajectory_curve(problem, kernel, hardest),
+        curve=trajectory_curve(problem, kernel, worst_onset),
         kind="sampled",
         peak_force=SampledDistribution(peak, undetected if not free and stops_short(trajectory_of(problem)) else None),
         force_at_detection=SampledDistribution(force[after_contact]),
@@ -341,7 +341,7 @@ def monte_carlo_trajectory(
         },
         kernel=kernel,
         times=times,
-        onset=hardest,
+        onset=worst_onset,
         contact_durations=contact_durations,
         detections=DetectedCollisions(
             tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])

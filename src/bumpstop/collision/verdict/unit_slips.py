@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bumpstop.collision.result import CollisionResult
 
 # Softer than any body region of the limit tables by a factor of ten [N/m], and deeper than a body can be pressed [mm].
-_SOFTEST_N_M, _DEEPEST_MM = 1000.0, 50.0
+_SOFTEST_N_M, _MAX_DEFORMATION_MM = 1000.0, 50.0
 # Joint angles within a turn in radians are a small pose in degrees.
 _TURN = 2 * math.pi
 # Slower than this an arm creeps [mm/s]; m/s were written.
@@ -22,7 +22,7 @@ _MIN_SPEED_MM_S = 5.0
 # Faster than any industrial arm turns its joints [rad/s], where their own limit is not known.
 _MAX_SPEED_RAD_S = 15.0
 # Braking that no industrial arm reaches [rad/s2]; degrees were written.
-_HARDEST_RAD_S2 = 100.0
+_MAX_ACCELERATION_RAD_S2 = 100.0
 # The limit of pressure is this many times farther from being reached than that of the force, or nearer.
 _AREA_AT_ODDS = 10.0
 _SMALLEST_AREA_CM2 = 0.05
@@ -72,7 +72,7 @@ def _deformation(result: CollisionResult) -> list[str]:
     risk = result.scenario.verdict.accepted_probability
     deep = result.compression.quantile(1 - risk)
     deep = deep if math.isfinite(deep) else result.compression.quantile(0.5)
-    if not (math.isfinite(deep) and deep > _DEEPEST_MM):
+    if not (math.isfinite(deep) and deep > _MAX_DEFORMATION_MM):
         return []
     return [
         f"The body is deformed by {deep:.4g} mm: no body region is a linear spring so far. Check stiffness, speed and "
@@ -146,7 +146,7 @@ def _rates_asked(result: CollisionResult) -> FloatArray:
 
 def _braking(result: CollisionResult) -> list[str]:
     acceleration = result.problem.joint_acceleration[_turning(result)]
-    if not (acceleration.size and acceleration.max() > _HARDEST_RAD_S2):
+    if not (acceleration.size and acceleration.max() > _MAX_ACCELERATION_RAD_S2):
         return []
     return [
         f"reaction.joint_acceleration_rad_s2 = {acceleration.max():g} is more than industrial arms brake with: it is "

@@ -306,7 +306,7 @@ def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm
     if as_number(rearm_s, "rearm_s") < 0:
         raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")
     found, lasting = [], False
-    for part in series.stretches():
+    for part in series.segments():
         t = series.t[part]
         loud = np.flatnonzero(scaled[part] > factor)
         if lasting:
@@ -324,7 +324,7 @@ def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm
 
 def gaps(series: ResidualSeries) -> list[Interval]:
     """Times without rows [s]."""
-    parts = itertools.pairwise(series.stretches())
+    parts = itertools.pairwise(series.segments())
     return [(float(series.t[a.stop - 1]), float(series.t[b.start])) for a, b in parts]
 
 

@@ -43,7 +43,7 @@ class PeaksOverThreshold:
             times between them, at most the correlation time.
         rate: clusters an hour.
         scale, shape: of the tail, most likely.
-        rows: (k,) first row of each cluster, counted through all stretches.
+        rows: (k,) first row of each cluster, counted through all segments.
     """
 
     level: float
@@ -56,27 +56,27 @@ class PeaksOverThreshold:
     rows: npt.NDArray[np.int64]
 
     @classmethod
-    def fit(cls, stretches: Sequence[FloatArray], period: float, *, shape: float | None = None) -> PeaksOverThreshold:
+    def fit(cls, segments: Sequence[FloatArray], period: float, *, shape: float | None = None) -> PeaksOverThreshold:
         """Fit the tail of a series.
 
         The level is that which leaves a peak for every twenty rows that are as good as independent, at least 10 and at
         most 200 peaks.
 
         Args:
-            stretches: parts of the series without gaps, each (n,), zero or more.
+            segments: parts of the series without gaps, each (n,), zero or more.
             period: between rows [s].
             shape: of the tail, if it is known.
 
         Raises:
             InputError: fewer than 6 clusters, or than 100 rows.
         """
-        stretches = [part**2 for part in stretches]
-        joined = np.concatenate(stretches)
+        segments = [part**2 for part in segments]
+        joined = np.concatenate(segments)
         if joined.size < MIN_ROWS:
             raise InputError("residuals", f"{joined.size} rows", f"wanted at least {MIN_ROWS}")
-        memory = correlation_time(max(stretches, key=lambda part: part.size))
+        memory = correlation_time(max(segments, key=lambda part: part.size))
         wanted = int(np.clip(_TAIL * joined.size / memory, 10, MAX_PEAKS))
-        level, peaks, gap = _level(joined, stretches, math.ceil(memory), wanted)
+        level, peaks, gap = _level(joined, segments, math.ceil(memory), wanted)
         if peaks.size < MIN_PEAKS:
             problem = f"{peaks.size} independent peaks in {joined.size * period:.4g} s"
             raise InputError("residuals", problem, f"wanted at least {MIN_PEAKS}: record for longer")
@@ -85,8 +85,8 @@ class PeaksOverThreshold:
         scale, found = _most_likely(excess, shape)
         if found < 0:
             scale, found = _most_likely(excess, 0.0)
-        begins = np.cumsum([0, *(part.size for part in stretches[:-1])])
-        rows = [begin + clusters(part, level, gap)[0] for begin, part in zip(begins, stretches, strict=True)]
+        begins = np.cumsum([0, *(part.size for part in segments[:-1])])
+        rows = [begin + clusters(part, level, gap)[0] for begin, part in zip(begins, segments, strict=True)]
         return cls(level, excess, hours, gap, excess.size / hours, scale, found, np.concatenate(rows))
 
     def per_hour(self, x: float) -> float:
@@ -171,7 +171,7 @@ def clusters(x: FloatArray, level: float, gap: int) -> tuple[npt.NDArray[np.int6
 
 
 def _level(
-    joined: FloatArray, stretches: Sequence[FloatArray], longest: int, wanted: int
+    joined: FloatArray, segments: Sequence[FloatArray], longest: int, wanted: int
 ) -> tuple[float, FloatArray, int]:
     """The highest of some forty levels that leaves the wanted clusters, or that with most: level, peaks, gap."""
     rising = np.sort(joined)
@@ -180,8 +180,8 @@ def _level(
     ranks = np.unique(np.geomspace(wanted, joined.size / 2, 40).astype(np.int64))
     for rank in ranks:
         level = float(rising[rising.size - 1 - rank])
-        gap = _gap([np.flatnonzero(part > level) for part in stretches], longest)
-        found = np.concatenate([clusters(part, level, gap)[1] for part in stretches])
+        gap = _gap([np.flatnonzero(part > level) for part in segments], longest)
+        found = np.concatenate([clusters(part, level, gap)[1] for part in segments])
         if found.size > best.size:
             best_level, best, best_gap = level, found, gap
         if found.size >= wanted:

@@ -11,7 +11,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.signal import correlation_time
 
 # Blocks are as long as the slowest residual's memory, and shorter where that would leave fewer than these.
-_MIN_BLOCKS, _MOST_BLOCKS = 20, 4000
+_MIN_BLOCKS, _MAX_BLOCKS = 20, 4000
 # Of the blocks, those whose largest residuals are a joint's tail, and how many of them there are.
 _TAIL, _MIN_ROWS, _MAX_ROWS = 0.2, 5, 50
 # With fewer blocks no tail can be told, and in less time [s] an arm makes too few motions.
@@ -20,31 +20,31 @@ _FEW_BLOCKS, _SHORT_S = 40, 60.0
 _REACH = 20.0
 
 
-def block_rows(stretches: Sequence[FloatArray]) -> int:
-    """Rows in a block: the memory of the joint that remembers longest, in the longest stretch.
+def block_rows(segments: Sequence[FloatArray]) -> int:
+    """Rows in a block: the memory of the joint that remembers longest, in the longest segment.
 
     Args:
-        stretches: parts without gaps, each (n, dof), zero or more.
+        segments: parts without gaps, each (n, dof), zero or more.
     """
-    longest = max(stretches, key=len)
-    rows = sum(len(part) for part in stretches)
+    longest = max(segments, key=len)
+    rows = sum(len(part) for part in segments)
     memory = max(correlation_time(longest[:, j]) for j in range(longest.shape[1]))
-    return max(1, rows // _MOST_BLOCKS, min(math.ceil(memory), rows // _MIN_BLOCKS))
+    return max(1, rows // _MAX_BLOCKS, min(math.ceil(memory), rows // _MIN_BLOCKS))
 
 
-def too_few(stretches: Sequence[FloatArray], size: int, period: float) -> bool:
+def too_few(segments: Sequence[FloatArray], size: int, period: float) -> bool:
     """Whether no tails can be told: fewer than 40 blocks of ``size`` rows, or less than a minute.
 
     Args:
-        stretches: as of :func:`block_rows`.
+        segments: as of :func:`block_rows`.
         size: rows in a block.
         period: between rows [s].
     """
-    blocks = sum(len(_edges(part, size)) for part in stretches)
-    return blocks < _FEW_BLOCKS or sum(len(part) for part in stretches) * period < _SHORT_S
+    blocks = sum(len(_edges(part, size)) for part in segments)
+    return blocks < _FEW_BLOCKS or sum(len(part) for part in segments) * period < _SHORT_S
 
 
-def joint_scales(stretches: Sequence[FloatArray], size: int, passed: float | None) -> FloatArray:
+def joint_scales(segments: Sequence[FloatArray], size: int, passed: float | None) -> FloatArray:
     """(dof,) levels that the residuals of every joint pass equally often.
 
     The rows are cut into blocks, the same for all joints: joints whose errors change slowly have fewer clusters than
@@ -53,12 +53,12 @@ def joint_scales(stretches: Sequence[FloatArray], size: int, passed: float | Non
     asked for the same quantile of it.
 
     Args:
-        stretches: as of :func:`block_rows`.
+        segments: as of :func:`block_rows`.
         size: rows in a block.
         passed: how often in all the rows a level shall be passed; no less than once, or than a twentieth of the tail,
             is asked for. None: the largest residual.
     """
-    maxima = np.concatenate([np.maximum.reduceat(part, _edges(part, size), axis=0) for part in stretches])
+    maxima = np.concatenate([np.maximum.reduceat(part, _edges(part, size), axis=0) for part in segments])
     count = len(maxima)
     if passed is None:
         largest: FloatArray = maxima.max(axis=0)

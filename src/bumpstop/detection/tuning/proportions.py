@@ -20,7 +20,7 @@ _MIN_RUNS = 3  # from which on a fold is made of whole runs
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Segment:
     """Rows without a gap, of monitored joints.
 
     Attributes:
@@ -38,7 +38,7 @@ class Stretch:
     speed: FloatArray | None = None
     acceleration: FloatArray | None = None
 
-    def only(self, rows: slice | np.ndarray) -> Stretch:
+    def only(self, rows: slice | np.ndarray) -> Segment:
         """Some of its rows."""
         columns = {
             name: value[rows]
@@ -68,56 +68,56 @@ class Proportions:
         """All of them times a factor."""
         return Proportions(factor * self.constant, factor * self.speed, factor * self.acceleration, factor * self.fast)
 
-    def grown(self, stretch: Stretch) -> FloatArray | float:
+    def grown(self, segment: Segment) -> FloatArray | float:
         """(n, dof) what motion adds to both channels."""
         added: FloatArray | float = 0.0
-        if stretch.speed is not None:
-            added = added + self.speed * stretch.speed
-        if stretch.acceleration is not None:
-            added = added + self.acceleration * stretch.acceleration
+        if segment.speed is not None:
+            added = added + self.speed * segment.speed
+        if segment.acceleration is not None:
+            added = added + self.acceleration * segment.acceleration
         return added
 
-    def largest(self, stretch: Stretch) -> FloatArray:
+    def largest(self, segment: Segment) -> FloatArray:
         """(n,) largest residual of any joint and channel in units of its threshold."""
-        added = self.grown(stretch)
-        found: FloatArray = (np.abs(stretch.residual) / (self.constant + added)).max(axis=1)
-        if stretch.fast is not None:
-            found = np.maximum(found, (np.abs(stretch.fast) / (self.fast + added)).max(axis=1))
+        added = self.grown(segment)
+        found: FloatArray = (np.abs(segment.residual) / (self.constant + added)).max(axis=1)
+        if segment.fast is not None:
+            found = np.maximum(found, (np.abs(segment.fast) / (self.fast + added)).max(axis=1))
         return found
 
 
-def proportions(stretches: Sequence[Stretch], passed: float | None, size: int) -> Proportions:
+def proportions(segments: Sequence[Segment], passed: float | None, size: int) -> Proportions:
     """Thresholds that every joint, and every channel of it, passes equally often.
 
     What motion adds to a joint's threshold is found first: the constant, speed and acceleration whose sum is nearest
     the size of its residual in the mean of squares, none of them negative.
 
     Args:
-        stretches: of residuals.
+        segments: of residuals.
         passed: how often each joint shall pass its thresholds in all the rows, both channels together; None: those of
             the largest residuals.
         size: rows in a block.
     """
-    residual = [np.abs(part.residual) for part in stretches]
+    residual = [np.abs(part.residual) for part in segments]
     dof = residual[0].shape[1]
-    two = stretches[0].fast is not None
+    two = segments[0].fast is not None
     each = passed if passed is None else passed / (2 if two else 1)
-    growth = _growth(stretches)
+    growth = _growth(segments)
     alone = Proportions(growth[0], growth[1], growth[2], np.full(dof, math.inf))
     in_units = [
-        size_of / (alone.constant + alone.grown(part)) for size_of, part in zip(residual, stretches, strict=True)
+        size_of / (alone.constant + alone.grown(part)) for size_of, part in zip(residual, segments, strict=True)
     ]
     level = joint_scales(in_units, size, each)
     found = Proportions(level * alone.constant, level * alone.speed, level * alone.acceleration, alone.fast)
     if not two:
         return found
-    beyond = [np.maximum(0.0, np.abs(part.fast) - found.grown(part)) for part in stretches if part.fast is not None]
+    beyond = [np.maximum(0.0, np.abs(part.fast) - found.grown(part)) for part in segments if part.fast is not None]
     fast = joint_scales(beyond, size, each)
     return replace(found, fast=np.maximum(fast, _FLOOR * found.constant))
 
 
-def largest_unseen(
-    stretches: Sequence[Stretch], whole: Proportions, passed: float | None, size: int
+def largest_held_out(
+    segments: Sequence[Segment], whole: Proportions, passed: float | None, size: int
 ) -> list[FloatArray]:
     """The largest residual of any joint, in units that the row itself had no part in.
 
@@ -126,25 +126,25 @@ def largest_unseen(
     stands between joints is found anew, not what all have in common.
 
     Args:
-        stretches: of residuals.
+        segments: of residuals.
         whole: proportions of all of them.
         passed: as of :func:`proportions`.
         size: likewise.
 
     Returns:
-        (n,) of each stretch.
+        (n,) of each segment.
     """
-    runs = max(part.run for part in stretches) + 1
-    rows = sum(len(part.t) for part in stretches)
+    runs = max(part.run for part in segments) + 1
+    rows = sum(len(part.t) for part in segments)
     if runs >= _MIN_RUNS:
-        folds = [np.full(len(part.t), part.run * min(runs, 2 * _FOLDS) // runs) for part in stretches]
+        folds = [np.full(len(part.t), part.run * min(runs, 2 * _FOLDS) // runs) for part in segments]
     else:
-        begins = np.cumsum([0, *(len(part.t) for part in stretches)])
+        begins = np.cumsum([0, *(len(part.t) for part in segments)])
         every = np.arange(rows) * _FOLDS // rows
-        folds = [every[begin : begin + len(part.t)] for begin, part in zip(begins, stretches, strict=False)]
-    found = [np.empty(len(part.t)) for part in stretches]
+        folds = [every[begin : begin + len(part.t)] for begin, part in zip(begins, segments, strict=False)]
+    found = [np.empty(len(part.t)) for part in segments]
     for fold in range(int(max(of.max() for of in folds)) + 1):
-        others = [part.only(of != fold) for part, of in zip(stretches, folds, strict=True) if (of != fold).any()]
+        others = [part.only(of != fold) for part, of in zip(segments, folds, strict=True) if (of != fold).any()]
         share = sum(len(part.t) for part in others) / rows
         theirs = proportions(others, passed if passed is None else passed * share, size)
         theirs = replace(
@@ -157,26 +157,26 @@ def largest_unseen(
         if np.isfinite(whole.fast).all():
             both.append(np.log(whole.fast / theirs.fast))
         theirs = theirs.times(math.exp(float(np.mean(both))))
-        for values, part, of in zip(found, stretches, folds, strict=True):
+        for values, part, of in zip(found, segments, folds, strict=True):
             if (of == fold).any():
                 values[of == fold] = theirs.largest(part.only(of == fold))
     return found
 
 
-def _growth(stretches: Sequence[Stretch]) -> FloatArray:
+def _growth(segments: Sequence[Segment]) -> FloatArray:
     """(3, dof) constant, per speed and per acceleration, in proportion; ones and zeros where nothing grows."""
-    dof = stretches[0].residual.shape[1]
+    dof = segments[0].residual.shape[1]
     found = np.zeros((3, dof))
     found[0] = 1.0
     grown = [(1, "speed"), (2, "acceleration")]
-    grown = [(k, name) for k, name in grown if getattr(stretches[0], name) is not None]
+    grown = [(k, name) for k, name in grown if getattr(segments[0], name) is not None]
     if not grown:
         return found
     from scipy.optimize import nnls
 
-    stride = max(1, sum(len(part.t) for part in stretches) // _MAX_FITTED)
-    residual = np.concatenate([np.abs(part.residual) for part in stretches])[::stride]
-    columns = [np.concatenate([getattr(part, name) for part in stretches])[::stride] for _, name in grown]
+    stride = max(1, sum(len(part.t) for part in segments) // _MAX_FITTED)
+    residual = np.concatenate([np.abs(part.residual) for part in segments])[::stride]
+    columns = [np.concatenate([getattr(part, name) for part in segments])[::stride] for _, name in grown]
     for j in range(dof):
         fit, _ = nnls(np.stack([np.ones(len(residual)), *(column[:, j] for column in columns)], axis=1), residual[:, j])
         found[0, j] = max(fit[0], _FLOOR * float(residual[:, j].mean()))

@@ -65,8 +65,8 @@ class ResidualSeries:
         """Time in which there are residuals: a period for each row, so that gaps do not count [s]."""
         return self.t.size * self.period
 
-    def stretches(self) -> list[slice]:
-        """Rows between gaps: where an interval is longer than five typical ones, a new stretch begins."""
+    def segments(self) -> list[slice]:
+        """Rows between gaps: where an interval is longer than five typical ones, a new segment begins."""
         cuts = np.flatnonzero(np.diff(self.t) > _GAP * self.period) + 1
         edges = [0, *(int(cut) for cut in cuts), self.t.size]
         return [slice(a, b) for a, b in itertools.pairwise(edges)]

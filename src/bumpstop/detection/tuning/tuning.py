@@ -16,7 +16,7 @@ from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.extreme_values import MIN_ROWS, PeaksOverThreshold
 from bumpstop.detection.tuning.joint_scales import block_rows, too_few
 from bumpstop.detection.tuning.moments import ruling_moments
-from bumpstop.detection.tuning.proportions import Proportions, Stretch, largest_unseen, proportions
+from bumpstop.detection.tuning.proportions import Proportions, Segment, largest_held_out, proportions
 from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.detection.tuning.run_spread import RunSpread
 from bumpstop.errors import InputError, near_matches
@@ -161,7 +161,7 @@ def tune(
        ``joint_scales``).
     2. The largest residual of any joint, each in units of its threshold, is one series. Its tail gives the factor at
        which any joint alarms ``per_hour`` times an hour, whatever the joints have in common. The units of a part of the
-       rows come from the other parts (see ``largest_unseen``).
+       rows come from the other parts (see ``largest_held_out``).
     3. Intervals join what the tail does not tell, by profile likelihood, with how much runs differ (see ``RunSpread``):
        they are those of a new run. Every series is a run. A single one is cut into parts; then the interval holds for
        more of that run only.
@@ -200,7 +200,7 @@ def tune(
     for j in still:
         if j in monitored:
             raise InputError(f"residual of joint {j + 1}", "never changes", "leave that joint out")
-    rows = [one for number, part in enumerate(parts) for one in _stretches(part, number, monitored, wanted)]
+    rows = [one for number, part in enumerate(parts) for one in _segments(part, number, monitored, wanted)]
     found, tail, units = _tail(rows, period, per_hour)
     lengths = [sum(len(one.t) for one in rows if one.run == number) for number in range(len(parts))]
     tuning = Tuning(
@@ -218,7 +218,7 @@ def tune(
     notes = _notes(tuning, thresholds, rows, monitored, parts)
     notes += [f"The residual of joint {j + 1} never changes." for j in still]
 
-    def without(left: list[Stretch]) -> FloatArray:
+    def without(left: list[Segment]) -> FloatArray:
         fewer, its_tail, _ = _tail(left, period, per_hour)
         return fewer.constant * its_tail.level_of(per_hour)
 
@@ -231,7 +231,7 @@ def tune(
     return replace(tuning, notes=tuple(notes))
 
 
-def _tail(rows: Sequence[Stretch], period: float, per_hour: float) -> tuple[Proportions, PeaksOverThreshold, float]:
+def _tail(rows: Sequence[Segment], period: float, per_hour: float) -> tuple[Proportions, PeaksOverThreshold, float]:
     """The proportion of thresholds, the tail of the largest residual in units of them, and how sure these units are.
 
     Where the rows are too few for tails, a part of them does not know what joints do in the others, and units of other
@@ -251,7 +251,7 @@ def _tail(rows: Sequence[Stretch], period: float, per_hour: float) -> tuple[Prop
     few = too_few(residual, size, period)
     passed = None if few else per_hour / residual[0].shape[1] * count * period / 3600
     whole = proportions(rows, passed, size)
-    unseen = PeaksOverThreshold.fit(largest_unseen(rows, whole, passed, size), period)
+    unseen = PeaksOverThreshold.fit(largest_held_out(rows, whole, passed, size), period)
     if not few:
         return whole, unseen, 0.0
     tail = PeaksOverThreshold.fit([whole.largest(one) for one in rows], period)
@@ -260,7 +260,7 @@ def _tail(rows: Sequence[Stretch], period: float, per_hour: float) -> tuple[Prop
     return whole, tail, abs(math.log(unseen.level_of(per_hour) / tail.level_of(per_hour)))
 
 
-def _stretches(part: ResidualSeries, run: int, monitored: Sequence[int], terms: Sequence[Term]) -> list[Stretch]:
+def _segments(part: ResidualSeries, run: int, monitored: Sequence[int], terms: Sequence[Term]) -> list[Segment]:
     """Rows of a recording between its gaps, with what the terms need."""
     fast = band_pass_channel(part) if "fast" in terms else None
     columns = list(monitored)
@@ -269,7 +269,7 @@ def _stretches(part: ResidualSeries, run: int, monitored: Sequence[int], terms: 
         return np.abs(values[rows][:, columns]) if wanted and values is not None else None
 
     return [
-        Stretch(
+        Segment(
             run,
             part.t[rows],
             part.rows[rows][:, columns],
@@ -277,7 +277,7 @@ def _stretches(part: ResidualSeries, run: int, monitored: Sequence[int], terms: 
             of(part.qd, rows, "speed" in terms),
             of(part.qdd, rows, "acceleration" in terms),
         )
-        for rows in part.stretches()
+        for rows in part.segments()
     ]
 
 
@@ -328,7 +328,7 @@ def _common(parts: Sequence[ResidualSeries]) -> tuple[int, float]:
 def _notes(
     tuning: Tuning,
     thresholds: FloatArray,
-    rows: Sequence[Stretch],
+    rows: Sequence[Segment],
     monitored: Sequence[int],
     parts: Sequence[ResidualSeries],
 ) -> list[str]:
@@ -366,7 +366,7 @@ def _notes(
                 f"The residual of joint {j + 1} has a mean of {bias:.3g}, much of its threshold of "
                 f"{thresholds[j]:.3g}: a model that fits better would allow a lower one."
             )
-    gaps = sum(len(part.stretches()) - 1 for part in parts)
+    gaps = sum(len(part.segments()) - 1 for part in parts)
     if gaps:
         notes.append(f"{gaps} gaps in time: peaks on either side count as separate, and the gaps not as hours.")
     unmonitored = [str(j + 1) for j in np.flatnonzero(np.isinf(tuning.shares))]

@@ -46,7 +46,7 @@ class GravityPose:
 
 
 @dataclass(frozen=True)
-class Unseen:
+class Unobservable:
     """A joint whose map from current to torque the protocol cannot show.
 
     Attributes:
@@ -69,9 +69,9 @@ def find_gravity_pose(
     *,
     gravity: tuple[float, float, float],
     half_stroke: float = math.pi / 2,
-    least_torque: float = 0.5,
+    min_torque: float = 0.5,
     margin: float = math.radians(5),
-) -> GravityPose | Unseen:
+) -> GravityPose | Unobservable:
     """Search the pose of the other joints in which gravity loads a joint most on both sides of a stroke.
 
     Turning one joint alone, its gravity torque is a sine of its position, R sin(q - q0): two positions tell amplitude
@@ -84,12 +84,12 @@ def find_gravity_pose(
         clearance: what to keep clear of.
         gravity: acceleration of free fall in the base frame [m/s2].
         half_stroke: most to go on each side of the zero [rad].
-        least_torque: wanted at both ends [Nm].
+        min_torque: wanted at both ends [Nm].
         margin: to the joint limits [rad].
     """
     name = robot.joints[joint].name
     if robot.joints[joint].kind == "prismatic":
-        return Unseen(
+        return Unobservable(
             joint,
             name,
             "it slides: the weight it carries does not change along its stroke",
@@ -101,8 +101,8 @@ def find_gravity_pose(
     at_zero[:, joint], at_quarter[:, joint] = 0.0, math.pi / 2
     level, rise = (gravity_torque(robot, q, gravity=gravity)[:, joint] for q in (at_zero, at_quarter))
     amplitude = np.hypot(level, rise)
-    if amplitude.max() < least_torque:
-        return Unseen(joint, name, *_why(robot, joint, poses, gravity, float(amplitude.max()), least_torque))
+    if amplitude.max() < min_torque:
+        return Unobservable(joint, name, *_why(robot, joint, poses, gravity, float(amplitude.max()), min_torque))
     zero = np.arctan2(-level, rise)  # level = -R sin(q0), rise = R cos(q0)
     best = np.zeros(len(poses))
     where, half = np.zeros(len(poses)), np.zeros(len(poses))
@@ -115,7 +115,7 @@ def find_gravity_pose(
     # Of poses nearly as good the one that turns the other joints least.
     others = np.delete(np.abs(poses), joint, axis=1).sum(axis=1)
     order = np.lexsort((others, -np.floor(best / (_NEARLY * max(float(best.max()), 1e-12)))))
-    for some in np.array_split(order[best[order] >= least_torque], _CHUNKS):
+    for some in np.array_split(order[best[order] >= min_torque], _CHUNKS):
         strokes = np.repeat(poses[some], _ALONG, axis=0)
         share = np.tile(np.linspace(-1, 1, _ALONG), some.size)
         strokes[:, joint] = np.repeat(where[some], _ALONG) + np.repeat(half[some], _ALONG) * share
@@ -127,14 +127,14 @@ def find_gravity_pose(
             pose = poses[some[number]].copy()
             pose[joint] = where[some[number]]
             return GravityPose(joint, pose, *ends, float(torque[0]), float(torque[1]), float(least[number]))
-    if best.max() < least_torque:
-        return Unseen(
+    if best.max() < min_torque:
+        return Unobservable(
             joint,
             name,
             f"within its limits gravity gives it at most {best.max():.2g} Nm on both sides",
             "a known load off its axis, or another mounting",
         )
-    return Unseen(
+    return Unobservable(
         joint,
         name,
         "no stroke that gravity loads on both sides is clear of the floor and of the arm itself",

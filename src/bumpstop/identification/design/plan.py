@@ -12,7 +12,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.design.clearance import Clearance, usable_joint_range
-from bumpstop.identification.design.gravity_pose import GravityPose, Unseen, find_gravity_pose
+from bumpstop.identification.design.gravity_pose import GravityPose, Unobservable, find_gravity_pose
 from bumpstop.identification.design.timed_path import PathBuilder, TimedPath, top_speed
 from bumpstop.identification.payload.payload import with_payload
 from bumpstop.model import gravity_torque, with_rotors
@@ -47,7 +47,7 @@ class ProtocolSettings:
         half_stroke: most to go to each side of the pose without torque [rad].
         floor: height in the base frame [m], or None.
         radius: of the links' capsules [m].
-        least_torque: of gravity at both ends of a stroke [Nm].
+        min_torque: of gravity at both ends of a stroke [Nm].
         gravity: acceleration of free fall in the base frame [m/s2]; of a tilted base not along -z.
         load_kg: mass fixed to the tip, taken as a point [kg].
         load_m: where, in the tip's frame [m].
@@ -62,7 +62,7 @@ class ProtocolSettings:
     half_stroke: float = math.pi / 2
     floor: float | None = 0.0
     radius: float = 0.08
-    least_torque: float = 0.5
+    min_torque: float = 0.5
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
     load_kg: float = 0.0
     load_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -78,7 +78,7 @@ class ProtocolSettings:
             ("acceleration", 0.01, 1000),
             ("half_stroke", math.radians(5), math.pi / 2),
             ("radius", 0, 1),
-            ("least_torque", 1e-6, 1e6),
+            ("min_torque", 1e-6, 1e6),
             ("load_kg", 0, 1000),
         ):
             value = getattr(self, name)
@@ -142,14 +142,14 @@ class IdentificationPlan:
         settings: as asked for.
         home: pose (n,) where every trajectory begins and ends [rad or m].
         experiments: by joint.
-        unseen: the other joints.
+        unobservable: the other joints.
     """
 
     robot: Robot
     settings: ProtocolSettings
     home: FloatArray
     experiments: tuple[JointExperiment, ...]
-    unseen: tuple[Unseen, ...] = field(default=())
+    unobservable: tuple[Unobservable, ...] = field(default=())
 
     @cached_property
     def loaded(self) -> Robot:
@@ -229,7 +229,7 @@ def plan_identification(robot: Robot, settings: ProtocolSettings | None = None) 
     clearance = Clearance(arm, settings.floor, settings.radius)
     home = _home(arm, clearance)
     experiments: list[JointExperiment] = []
-    unseen: list[Unseen] = []
+    unobservable: list[Unobservable] = []
     for number in range(robot.dof):
         found = find_gravity_pose(
             arm,
@@ -237,18 +237,18 @@ def plan_identification(robot: Robot, settings: ProtocolSettings | None = None) 
             clearance,
             gravity=settings.gravity,
             half_stroke=settings.half_stroke,
-            least_torque=settings.least_torque,
+            min_torque=settings.min_torque,
         )
-        if isinstance(found, Unseen):
-            unseen.append(found)
+        if isinstance(found, Unobservable):
+            unobservable.append(found)
             continue
         experiment = _experiment(arm, found, settings, clearance, home)
-        if isinstance(experiment, Unseen):
-            unseen.append(experiment)
+        if isinstance(experiment, Unobservable):
+            unobservable.append(experiment)
         else:
             experiments.append(experiment)
     return IdentificationPlan(
-        robot=robot, settings=settings, home=home, experiments=tuple(experiments), unseen=tuple(unseen)
+        robot=robot, settings=settings, home=home, experiments=tuple(experiments), unobservable=tuple(unobservable)
     )
 
 
@@ -260,13 +260,13 @@ def loaded_robot(robot: Robot, load_kg: float, load_m: tuple[float, float, float
 
 def _experiment(
     arm: Robot, found: GravityPose, settings: ProtocolSettings, clearance: Clearance, home: FloatArray
-) -> JointExperiment | Unseen:
+) -> JointExperiment | Unobservable:
     joint = found.joint
     name, largest = arm.joints[joint].name, arm.joints[joint].velocity
     top = top_speed(found.high - found.low, settings.acceleration, _CONSTANT_SHARE)
     speeds = tuple(share * largest for share in settings.speed_shares if share * largest <= top)
     if len(speeds) < 2:
-        return Unseen(
+        return Unobservable(
             joint,
             name,
             f"its stroke of {math.degrees(found.high - found.low):.0f} deg has room for {len(speeds)} of the speeds",
@@ -276,7 +276,9 @@ def _experiment(
     start[joint] = found.high
     route = _route(arm, clearance, home, start)
     if route is None:
-        return Unseen(joint, name, "no way from home to its stroke is clear", "a higher base, or slimmer capsules")
+        return Unobservable(
+            joint, name, "no way from home to its stroke is clear", "a higher base, or slimmer capsules"
+        )
     hold_joint, swing = _hold_joint(arm, found, settings, clearance) if settings.holds else (None, 0.0)
     return JointExperiment(
         joint=joint,

@@ -11,14 +11,14 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.identification.design.gravity_pose import Unseen
+from bumpstop.identification.design.gravity_pose import Unobservable
 from bumpstop.identification.design.plan import IdentificationPlan, JointExperiment, ProtocolSettings
 from bumpstop.identification.dynamics.fit_file import chain_of
 from bumpstop.model import Robot
 from bumpstop.text_files import parse_toml, read_text, toml_value, write_text
 
 _KIND = "identification_plan"
-_TOP = {"kind", "robot", "base", "tip", "home", "settings", "experiment", "unseen"}
+_TOP = {"kind", "robot", "base", "tip", "home", "settings", "experiment", "unobservable"}
 _ANGLES = {"half_stroke"}
 _EXPERIMENT = {
     "joint", "name", "pose", "low_deg", "high_deg", "torque_low_Nm", "torque_high_Nm", "clearance_m", "speeds_deg_s",
@@ -65,10 +65,10 @@ def save_plan(plan: IdentificationPlan, path: str | Path, *, robot: dict[str, st
             f"swing_deg = {_degrees(one.swing)}",
             f"route = [{', '.join(_pose(arm, pose) for pose in one.route)}]  # from home to the stroke",
         ]
-    for lost in plan.unseen:
+    for lost in plan.unobservable:
         lines += [
             "",
-            "[[unseen]]",
+            "[[unobservable]]",
             f"joint = {lost.joint + 1}",
             *(f"{key} = {toml_value(getattr(lost, key))}" for key in ("name", "reason", "remedy")),
         ]
@@ -90,16 +90,20 @@ def load_plan(path: str | Path) -> IdentificationPlan:
     try:
         settings = _settings(data["settings"], where)
         experiments = tuple(_experiment(robot, entry, where) for entry in data.get("experiment", []))
-        unseen = tuple(
-            Unseen(_joint(robot, entry["joint"], where), str(entry["name"]), str(entry["reason"]), str(entry["remedy"]))
-            for entry in data.get("unseen", [])
+        unobservable = tuple(
+            Unobservable(
+                _joint(robot, entry["joint"], where), str(entry["name"]), str(entry["reason"]), str(entry["remedy"])
+            )
+            for entry in data.get("unobservable", [])
         )
         home = _rows(robot, [data["home"]], f"{where}: home")[0]
     except KeyError as error:
         raise InputError(where, f"has no key {error.args[0]!r}", "wanted a plan that bumpstop wrote") from None
     except (TypeError, AttributeError) as error:
         raise InputError(where, f"cannot be used ({error})", "wanted a plan that bumpstop wrote") from None
-    return IdentificationPlan(robot=robot, settings=settings, home=home, experiments=experiments, unseen=unseen)
+    return IdentificationPlan(
+        robot=robot, settings=settings, home=home, experiments=experiments, unobservable=unobservable
+    )
 
 
 def _known(table: dict[str, Any], keys: set[str], where: str) -> None:

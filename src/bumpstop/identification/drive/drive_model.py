@@ -68,7 +68,7 @@ class DriveModel:
 
     Attributes:
         map: of joint current to torque; ``"unknown_gain"`` stands for currents proportional to torque and acceleration,
-            for a joint whose gain cannot be seen.
+            for a joint whose gain is not identifiable.
         friction: how friction depends on the rate.
         names: of the free parameters, in the order of the columns of derivatives.
         fixed: values of the others; those named nowhere are zero.

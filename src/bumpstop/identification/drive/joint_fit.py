@@ -65,7 +65,7 @@ class JointFit:
         name: of the joint.
         observable: whether the motion shows how much torque a current makes. If not, B is unknown.
         parameters: of the joint torque model.
-        unseen: parameters that the motion cannot show, with the reason and what was put in their place.
+        unobservable: parameters that the motion cannot show, with the reason and what was put in their place.
         warnings: the same as sentences, and what else is doubtful.
         candidates: maps and friction laws that were tried.
         measured, predicted: (N,) motor currents, filtered alike, at the rows of the fit [A].
@@ -83,7 +83,7 @@ class JointFit:
     name: str
     observable: bool
     parameters: JointParameters
-    unseen: Mapping[str, str]
+    unobservable: Mapping[str, str]
     warnings: tuple[str, ...]
     candidates: tuple[Candidate, ...]
     measured: FloatArray
@@ -121,17 +121,19 @@ class _Task:
         both = self.rows.filtered(np.column_stack([current, columns]))
         return both[:, 0], both[:, 1:]
 
-    def fit(self, law: DriveModel, start: Mapping[str, float], sight: DriveObservability, **options: Any) -> RobustFit:
-        low, high = bounds(law.names, sight)
+    def fit(
+        self, law: DriveModel, start: Mapping[str, float], observability: DriveObservability, **options: Any
+    ) -> RobustFit:
+        low, high = bounds(law.names, observability)
         values = np.array([start[name] for name in law.names])
         return robust_fit(lambda x: self.model(law, x), self.measured, values, low, high, **options)
 
-    def left_out(self, law: DriveModel, fit: RobustFit, sight: DriveObservability) -> float:
+    def left_out(self, law: DriveModel, fit: RobustFit, observability: DriveObservability) -> float:
         """Root mean square error on fifths of the time, each predicted from the other four.
 
         Their fit is one Gauss-Newton step away from that to all five, so near that a second would change nothing.
         """
-        low, high = bounds(law.names, sight)
+        low, high = bounds(law.names, observability)
         held = at_bound(fit.columns, fit.residual, fit.values, low, high)
         error = np.empty_like(self.measured)
         for part in np.array_split(np.arange(self.measured.size), _FOLDS):
@@ -159,32 +161,32 @@ def fit_joint(
     """
     joint = arm.joints[j]
     task = _Task.of(rows, j, rest_speed)
-    sight = assess(rows, j, arm, rest_speed, known)
-    unseen = dict(sight.unseen)
-    fixed = {**sight.fixed, **known}
-    start = starting_values(sight, fixed)
+    observability = assess(rows, j, arm, rest_speed, known)
+    unobservable = dict(observability.unobservable)
+    fixed = {**observability.fixed, **known}
+    start = starting_values(observability, fixed)
     candidates: list[Candidate] = []
-    if sight.gain_unobservable:
+    if observability.gain_unobservable:
         kind, friction = "unknown_gain", "power"
     else:
         kind, friction, near = _choose(
-            rows, j, sight, fixed, start, maps, frictions, rest_speed, joint.name, candidates
+            rows, j, observability, fixed, start, maps, frictions, rest_speed, joint.name, candidates
         )
         start |= near
     while True:
-        law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
-        fit = task.fit(law, start, sight)
-        more = sight.ambiguous(law, fit)
-        gainless = None if more else sight.without_gain(law, fit)
+        law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=observability.hysteresis)
+        fit = task.fit(law, start, observability)
+        more = observability.ambiguous(law, fit)
+        gainless = None if more else observability.without_gain(law, fit)
         if gainless is not None:
-            sight, kind, friction = gainless, "unknown_gain", "power"
-            unseen, fixed = dict(sight.unseen), {**sight.fixed, **known}
-            start = starting_values(sight, fixed)
+            observability, kind, friction = gainless, "unknown_gain", "power"
+            unobservable, fixed = dict(observability.unobservable), {**observability.fixed, **known}
+            start = starting_values(observability, fixed)
             continue
         if not more:
             try:
                 errors, gain_errors = _errors(law, fit, task, changes, candidates)
-                parameters = _parameters(joint.name, law, fit.values, errors, known, sight, task)
+                parameters = _parameters(joint.name, law, fit.values, errors, known, observability, task)
                 break
             except InputError:
                 if "A" not in law.names:
@@ -192,10 +194,10 @@ def fit_joint(
                 # No other map was left to choose: this one holds as far as a line does.
                 more = {"A": (0.0, f"the {kind} map that fits best does not rise all the way, A is fixed at 0")}
         for name, (value, reason) in more.items():
-            fixed[name], unseen[name] = value, reason
+            fixed[name], unobservable[name] = value, reason
     predicted = task.measured - fit.residual
     estimated = _estimated(parameters, task)
-    warnings = [f"{name} is not identifiable: {reason}" for name, reason in unseen.items()]
+    warnings = [f"{name} is not identifiable: {reason}" for name, reason in unobservable.items()]
     gain = parameters.parameters["B"]
     if gain is not None and gain_errors and gain_errors["inertia"] > SURE_GAIN * gain.value:
         warnings.append(
@@ -207,9 +209,9 @@ def fit_joint(
     spread = float(((task.measured - task.measured.mean()) ** 2).sum())
     return JointFit(
         name=joint.name,
-        observable=not sight.gain_unobservable,
+        observable=not observability.gain_unobservable,
         parameters=parameters,
-        unseen=unseen,
+        unobservable=unobservable,
         warnings=tuple(warnings),
         candidates=tuple(candidates),
         measured=task.measured,
@@ -254,7 +256,7 @@ def _errors(
 def _choose(
     rows: DriveSamples,
     j: int,
-    sight: DriveObservability,
+    observability: DriveObservability,
     fixed: Mapping[str, float],
     start: Mapping[str, float],
     maps: tuple[str, ...],
@@ -270,22 +272,22 @@ def _choose(
     task = _Task.of(rows.spread(_ENOUGH_TO_CHOOSE), j, rest_speed)
     kinds = [kind for kind in _MAPS if kind in maps and not ("A" in fixed_parameters(fixed) and kind == "linear")]
     laws = [law for law in _FRICTIONS if law in frictions]
-    if sight.single_speed or sight.static:
+    if observability.single_speed or observability.static:
         laws = [law for law in laws if law == "power"] or laws[:1]
 
     near: dict[tuple[str, str], dict[str, float]] = {}
 
     def tried(kind: str, friction: str) -> Candidate:
-        law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=sight.hysteresis)
-        fit = task.fit(law, {**start, **near.get((kinds[0], friction), {})}, sight)
+        law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=observability.hysteresis)
+        fit = task.fit(law, {**start, **near.get((kinds[0], friction), {})}, observability)
         near[kind, friction] = dict(zip(law.names, fit.values.tolist(), strict=True))
-        refused, gain = sight.refused(law, fit), None
-        held_out = task.left_out(law, fit, sight)
+        refused, gain = observability.refused(law, fit), None
+        held_out = task.left_out(law, fit, observability)
         if "B" in law.names:
             place = law.names.index("B")
             gain = GainByModel(float(fit.values[place]), float(fit.standard_errors[place]), held_out)
         try:
-            _parameters(name, law, fit.values, fit.standard_errors, {}, sight, task)
+            _parameters(name, law, fit.values, fit.standard_errors, {}, observability, task)
         except InputError as error:
             refused, gain = refused or error.problem, None
         held = None if refused else held_out
@@ -322,7 +324,7 @@ def _parameters(
     found: FloatArray,
     standard_errors: FloatArray,
     known: Mapping[str, float],
-    sight: DriveObservability,
+    observability: DriveObservability,
     task: _Task,
 ) -> JointParameters:
     """The fit as a joint of a model, which refuses a map that is not monotone over the currents of the fit."""
@@ -346,7 +348,7 @@ def _parameters(
         friction=law.friction,  # type: ignore[arg-type]
         parameters=parameters,
         current_range=None if unknown_gain else _current_range(law, found, task),
-        speed_range=sight.speed_range,
+        speed_range=observability.speed_range,
         rest_speed=law.rest_speed,
     )
 

@@ -39,7 +39,7 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
     """
     faults = reading_faults(recordings)
     warnings: list[str] = []
-    opposite = [joint.name for joint in fit.joints if joint.unseen.get("B") == OPPOSITE_SIGN]
+    opposite = [joint.name for joint in fit.joints if joint.unobservable.get("B") == OPPOSITE_SIGN]
     if opposite:
         faults.append(
             f"the gain of {named(opposite)} is opposite: the current falls as the torque rises; give its sign in the "
@@ -59,12 +59,12 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
                 (faults if unexplained > _WORTHLESS else warnings).append(
                     f"{100 * unexplained:.3g} % of the current of {joint.name} is unexplained on held-out rows"
                 )
-        if "D" in joint.unseen and "F" in joint.unseen:
+        if "D" in joint.unobservable and "F" in joint.unobservable:
             warnings.append(f"{joint.name} rests: its friction stays unknown")
         at_zero = [
             name
             for name in ("D", "coulomb", "viscous", "inertia")
-            if name not in joint.unseen and _at_zero(joint, name)
+            if name not in joint.unobservable and _at_zero(joint, name)
         ]
         if at_zero:
             warnings.append(f"{named(at_zero)} of {joint.name} would come out negative and is held at 0")
@@ -151,9 +151,9 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
         faults.append(f"the payload's mass comes out as {mass:.3g} kg: are the arm's inertia and the signs right?")
     elif error is not None and error > _HARDLY * abs(mass):
         warnings.append(f"the payload's mass is hardly known: {mass:.3g} +- {error:.2g} kg")
-    unseen = [name for name in found.unseen if name != "m"]
-    if unseen:
-        warnings.append(f"the motion does not show {named(unseen)}")
+    unobservable = [name for name in found.unobservable if name != "m"]
+    if unobservable:
+        warnings.append(f"the motion does not show {named(unobservable)}")
     if found.center is not None and max(map(abs, found.center)) > 1.0:
         far = ", ".join(f"{x:.3g}" for x in found.center)
         warnings.append(f"the centre of mass lies at ({far}) m, farther from the tip than tools reach")

@@ -44,10 +44,10 @@ class DriveObservability:
         name: of the joint.
         gain, acceleration, coulomb, viscous: of the linear fit: current per torque, per acceleration, constant and per
             rate.
-        gain_unobservable: the gain cannot be seen.
+        gain_unobservable: the gain is not identifiable.
         single_speed, static: what it says.
         hysteresis: whether it can be seen.
-        unseen: parameters that cannot be seen, with reasons.
+        unobservable: parameters that is not identifiable, with reasons.
         fixed: what is put in their place.
         speeds: (2,) quartiles of the speeds of moving rows.
         speed_range: slowest and fastest of them; or None.
@@ -64,7 +64,7 @@ class DriveObservability:
     single_speed: bool
     static: bool
     hysteresis: bool
-    unseen: Mapping[str, str]
+    unobservable: Mapping[str, str]
     fixed: Mapping[str, float]
     speeds: tuple[float, float]
     speed_range: tuple[float, float] | None
@@ -111,12 +111,12 @@ class DriveObservability:
         if self.gain_unobservable or gain is None or errors["B"] < SURE_GAIN * gain:
             return None
         reasons = {"B": _TOO_LITTLE, "inertia": _NOT_FROM_GAIN}
-        return replace(self, gain_unobservable=True, unseen={**self.unseen, **reasons})
+        return replace(self, gain_unobservable=True, unobservable={**self.unobservable, **reasons})
 
 
 # A torque that varies by less than this share of its size, while the joint rests, says nothing of the gain.
 _SAME = 0.02
-_HELD_STILL = "the joint rests and its torque stays the same, friction may carry any part of it: its gain stays unknown"
+_AT_REST = "the joint rests and its torque stays the same, friction may carry any part of it: its gain stays unknown"
 
 
 def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Mapping[str, float]) -> DriveObservability:
@@ -130,20 +130,20 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
     never = moving.size < 0.01 * speed.size
     quantile = np.quantile(moving, [0.1, 0.25, 0.75, 0.9]) if moving.size else np.full(4, rest_speed)
     single_speed = bool(quantile[3] < _ONE_SPEED * quantile[0])
-    unseen: dict[str, str] = {}
+    unobservable: dict[str, str] = {}
     fixed: dict[str, float] = {}
     if never:
-        unseen["D"] = "the joint does not move, D and F are fixed at 0"
-        unseen["F"] = unseen["D"]
+        unobservable["D"] = "the joint does not move, D and F are fixed at 0"
+        unobservable["F"] = unobservable["D"]
         fixed |= {"D": 0.0, "F": 0.0}
     elif single_speed:
-        unseen["F"] = (
+        unobservable["F"] = (
             f"all speeds lie about {np.median(moving):.3g} rad/s, F is fixed at 0: D is the friction at that speed"
         )
         fixed["F"] = 0.0
     hysteresis = _rests(rows, raw[:, 4])
     if not hysteresis and "hysteresis" not in known:
-        unseen["hysteresis"] = f"the joint does not rest {_RESTS} times after motion both ways"
+        unobservable["hysteresis"] = f"the joint does not rest {_RESTS} times after motion both ways"
     values, errors = _linear_fit(rows, j, raw, hysteresis, known)
     gain = float(values[0])
     # Friction at rest may carry any part of a torque that never changes, or changes by the noise of the encoders alone.
@@ -151,10 +151,10 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
     if held and float(raw[:, 0].std()) >= _SAME * float(np.abs(raw[:, 0]).max()):
         beside, unsure = _linear_fit(rows, j, raw, hysteresis, known, constant=True)
         held = not unsure[0] < SURE_GAIN * abs(float(beside[0]))
-    unobservable = "B" not in known and (held or not (gain > 0 and errors[0] < SURE_GAIN * gain))
-    if unobservable:
-        unseen["B"] = _HELD_STILL if held else _why_blind(gain, float(errors[0]), raw)
-        unseen["inertia"] = _NOT_FROM_GAIN
+    gain_unobservable = "B" not in known and (held or not (gain > 0 and errors[0] < SURE_GAIN * gain))
+    if gain_unobservable:
+        unobservable["B"] = _AT_REST if held else _why_unobservable(gain, float(errors[0]), raw)
+        unobservable["inertia"] = _NOT_FROM_GAIN
     near = rows.q[:: max(1, rows.t.size // 50)]
     return DriveObservability(
         name=name,
@@ -162,11 +162,11 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
         acceleration=float(values[1]),
         coulomb=max(float(values[2]), 0.0),
         viscous=max(float(values[3]), 0.0),
-        gain_unobservable=unobservable,
+        gain_unobservable=gain_unobservable,
         single_speed=single_speed,
         static=never,
         hysteresis=hysteresis,
-        unseen={key: reason for key, reason in unseen.items() if key not in known},
+        unobservable={key: reason for key, reason in unobservable.items() if key not in known},
         fixed=fixed,
         speeds=(float(quantile[1]), float(quantile[2])),
         speed_range=(float(moving[0]), float(moving[-1])) if moving.size > 1 and moving[0] < moving[-1] else None,
@@ -176,34 +176,34 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
     )
 
 
-def starting_values(sight: DriveObservability, fixed: Mapping[str, float]) -> dict[str, float]:
+def starting_values(observability: DriveObservability, fixed: Mapping[str, float]) -> dict[str, float]:
     """Where fits begin, by name."""
-    slow, fast = sight.speeds
+    slow, fast = observability.speeds
     fast = max(fast, 1.05 * slow)
-    lower, upper = (max(sight.coulomb + sight.viscous * speed, 1e-6) for speed in (slow, fast))
+    lower, upper = (max(observability.coulomb + observability.viscous * speed, 1e-6) for speed in (slow, fast))
     exponent = float(np.clip(np.log(upper / lower) / np.log(fast / slow), 0.02, 2.0))
     exponent = fixed.get("F", exponent)
-    B = fixed.get("B", 1 / sight.gain)
+    B = fixed.get("B", 1 / observability.gain)
     return {
-        "torque": sight.gain,
-        "acceleration": sight.acceleration,
+        "torque": observability.gain,
+        "acceleration": observability.acceleration,
         "A": 0.0,
         "B": B,
-        "inertia": max(sight.acceleration * B, 0.0),
+        "inertia": max(observability.acceleration * B, 0.0),
         "D": float(0.5 * (lower / slow**exponent + upper / fast**exponent)),
         "F": exponent,
-        "coulomb": sight.coulomb,
-        "viscous": sight.viscous,
-        "stribeck": 0.2 * sight.coulomb,
-        "stribeck_speed": max(0.5 * slow, 2 * sight.rest_speed),
+        "coulomb": observability.coulomb,
+        "viscous": observability.viscous,
+        "stribeck": 0.2 * observability.coulomb,
+        "stribeck_speed": max(0.5 * slow, 2 * observability.rest_speed),
         "load": 0.02,
         "hysteresis": 0.0,
     }
 
 
-def bounds(names: Sequence[str], sight: DriveObservability) -> tuple[FloatArray, FloatArray]:
+def bounds(names: Sequence[str], observability: DriveObservability) -> tuple[FloatArray, FloatArray]:
     """Least and largest values of parameters."""
-    B = 1 / sight.gain
+    B = 1 / observability.gain
     own = {
         "B": (1e-2 * B, 1e2 * B),
         "D": (0.0, np.inf),
@@ -211,7 +211,7 @@ def bounds(names: Sequence[str], sight: DriveObservability) -> tuple[FloatArray,
         "coulomb": (0.0, np.inf),
         "viscous": (0.0, np.inf),
         "stribeck": (0.0, np.inf),
-        "stribeck_speed": (0.5 * sight.rest_speed, 10 * max(sight.speeds[1], sight.rest_speed)),
+        "stribeck_speed": (0.5 * observability.rest_speed, 10 * max(observability.speeds[1], observability.rest_speed)),
         "load": (0.0, 0.9),
         "inertia": (0.0, np.inf),
     }
@@ -269,7 +269,7 @@ def _linear_fit(
     return values, errors
 
 
-def _why_blind(gain: float, error: float, raw: FloatArray) -> str:
+def _why_unobservable(gain: float, error: float, raw: FloatArray) -> str:
     torque, acceleration = raw[:, 0], raw[:, 1]
     if np.abs(torque).max() < 1e-6:
         return "nothing that the arm does takes torque of this joint, its gain stays unknown"

@@ -17,7 +17,7 @@ from bumpstop.identification.dynamics.regressor_columns import column_unit
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
-from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, still_joints
+from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, joints_at_rest
 from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class DynamicsFit:
         gain_errors: (n,) standard errors of ``model.gains``; 0: it was given, infinite: the recordings do not show it;
             None: the recordings of the fit had torques.
         held_out: mean over joints of 1 - R2 on held-out fifths, by the cut-off that was tried [Hz].
-        unseen: inertial and friction parameters that the motion cannot show at all.
+        unobservable: inertial and friction parameters that the motion cannot show at all.
         still: joints that hardly moved: their friction, rotors and whatever only their motion shows are noise.
         rows_used: of the fit, behind the filter.
         rows_whole: rows that the filter leaves of the whole recordings; where these are more, blocks of ``rows_used``
@@ -73,7 +73,7 @@ class DynamicsFit:
     errors: FloatArray
     gain_errors: FloatArray | None = None
     held_out: dict[float, float]
-    unseen: tuple[str, ...]
+    unobservable: tuple[str, ...]
     rows_used: int
     covariance: FloatArray | None = None
     rows_left: int = 0
@@ -204,7 +204,7 @@ def identify_dynamics(
     logs = as_list(recordings)
     groups = tuple(checked_group(group, robot.dof) for group in couplings)
     held_out: dict[float, float] = {}
-    still = still_joints(logs, robot)
+    still = joints_at_rest(logs, robot)
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, groups, payloads, gravity=gravity)
     fit_hz = FIT_PER_CUTOFF * cutoff_hz
@@ -258,7 +258,7 @@ def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
         names=solution.names,
         errors=np.sqrt(np.maximum(np.diag(solution.covariance), 0.0)),
         held_out=held_out,
-        unseen=solution.unseen,
+        unobservable=solution.unobservable,
         rows_used=system.wanted.shape[0],
         covariance=solution.covariance,
         rows_left=system.rows.rows_left,

@@ -165,7 +165,7 @@ class System:
             values=base.values[own],
             covariance=clustered_covariance(matrix, (base.error * base.weight).ravel(), self.wanted.shape[1]),
             weight=1 / np.maximum(self.spread(base.error), 1e-12),
-            unseen=tuple(name for i, name in enumerate(names) if i not in set(base.seen.tolist())),
+            unobservable=tuple(name for i, name in enumerate(names) if i not in set(base.seen.tolist())),
         )
 
     @cached_property
@@ -336,7 +336,7 @@ class Solution:
         values: (p,) of them.
         covariance: (p, p) that holds under residuals correlated in time and between joints.
         weight: (n,) of the joints, one over their residuals' standard deviation.
-        unseen: columns that are zero.
+        unobservable: columns that are zero.
         condition: condition number of the weighted columns, each brought to length one.
     """
 
@@ -346,7 +346,7 @@ class Solution:
     values: FloatArray
     covariance: FloatArray
     weight: FloatArray
-    unseen: tuple[str, ...]
+    unobservable: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)

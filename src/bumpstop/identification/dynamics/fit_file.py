@@ -135,7 +135,7 @@ def load_fit(path: str | os.PathLike[str]) -> DynamicsFit:
             errors=_finite([parameter["standard_error"] for parameter in parameters]),
             gain_errors=gain_errors,
             held_out={},
-            unseen=(),
+            unobservable=(),
             rows_used=int(data["rows_used"]),
             seen=_seen(data.get("seen"), robot),
             source={key: str(data[key]) for key in ("robot", "base", "tip") if key in data},

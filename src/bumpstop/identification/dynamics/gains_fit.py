@@ -21,7 +21,7 @@ from bumpstop.identification.dynamics.dynamics_model_selection import ENOUGH_TO_
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
-from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, still_joints
+from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, joints_at_rest
 from bumpstop.identification.statistics.clusters import clustered_covariance
 from bumpstop.identification.statistics.independent_columns import condition_of, independent, label_of, triangle_of
 from bumpstop.identification.statistics.robust_fit import visible_share
@@ -70,7 +70,7 @@ def identify_gains(
 
     Returns:
         A fit whose model has ``gains``, with ``gain_errors``. Gains that the recordings do not show are named in
-        ``unseen`` (``gain_4``), with an infinite error.
+        ``unobservable`` (``gain_4``), with an infinite error.
 
     Raises:
         InputError: no currents, an unknown joint, nothing that gives a scale, or no gain that can be seen.
@@ -85,7 +85,7 @@ def identify_gains(
             f"their scale is not identifiable: {alike}, and a load that never changes is as good as a part of the arm",
             "wanted recordings with and without a known payload, or a known gain",
         )
-    still = still_joints(logs, robot)
+    still = joints_at_rest(logs, robot)
     held_out: dict[float, float] = {}
     if cutoff_hz is None:
         cutoff_hz, held_out = choose_cutoff(logs, robot, (), payloads, currents=True, gravity=gravity)
@@ -294,8 +294,8 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
     essential = system.essential(own, values, 1 / spread, inverse)
     predicting, takes = essential if essential is not None else (None, np.ones(n, dtype=bool))
     names = system.names
-    unseen = [name for i, name in enumerate(names) if i not in set(seen.tolist())]
-    unseen += [f"gain_{j + 1}" for j in np.flatnonzero(hidden)]
+    unobservable = [name for i, name in enumerate(names) if i not in set(seen.tolist())]
+    unobservable += [f"gain_{j + 1}" for j in np.flatnonzero(hidden)]
     return DynamicsFit(
         model=DynamicsModel(
             robot=system.robot,
@@ -315,7 +315,7 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
         errors=spreads[count:],
         gain_errors=np.where(hidden, np.inf, errors),
         held_out=held_out,
-        unseen=tuple(unseen),
+        unobservable=tuple(unobservable),
         rows_used=system.wanted.shape[0],
         covariance=covariance[count:, count:],
         rows_left=system.rows.rows_left,

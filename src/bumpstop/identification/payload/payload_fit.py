@@ -58,7 +58,7 @@ class PayloadFit:
         standard_errors: likewise; they hold under residuals correlated in time and between joints.
         center: of mass in the frame of the tip [m], or None.
         center_errors: standard errors of ``center``, or None.
-        unseen: names of what the motion cannot show.
+        unobservable: names of what the motion cannot show.
         joints_left_out: joints whose torque is unknown.
         rows_used: of the fit.
         rows_left: recorded rows left away: in segments between gaps too short to use, or within a period of the
@@ -81,7 +81,7 @@ class PayloadFit:
     standard_errors: Mapping[str, float | None]
     center: tuple[float, float, float] | None
     center_errors: tuple[float, float, float] | None
-    unseen: tuple[str, ...]
+    unobservable: tuple[str, ...]
     joints_left_out: tuple[str, ...]
     rows_used: int
     rows_left: int
@@ -151,7 +151,7 @@ class PayloadFit:
         for name, value, error in figures:
             if value is not None and error is not None:
                 lines.append(f"{name} = {{ value = {toml_value(value)}, standard_error = {toml_value(error)} }}")
-        lines.append(f"unseen = {toml_value(self.unseen)}")
+        lines.append(f"unseen = {toml_value(self.unobservable)}")
         write_text(path, "\n".join(lines) + "\n")
 
     @property
@@ -255,7 +255,7 @@ def identify_payload(
         standard_errors={name: float(spread[i]) if seen[i] else None for i, name in enumerate(names)},
         center=center,
         center_errors=center_errors,
-        unseen=tuple(name for i, name in enumerate(names) if not seen[i]),
+        unobservable=tuple(name for i, name in enumerate(names) if not seen[i]),
         joints_left_out=left_out,
         rows_used=samples.t.size,
         rows_left=samples.rows_left,

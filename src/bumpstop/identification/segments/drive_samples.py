@@ -167,7 +167,7 @@ def drive_samples(
     numbers: list[int] = []
     for number, (recording, robot) in enumerate(zip(recordings, robots, strict=True)):
         _check(recording, robot)
-        bare = with_rotors(robot, 0.0)
+        without_rotors = with_rotors(robot, 0.0)
         for rows in split_at_gaps(recording.t):
             span = float(recording.t[rows.stop - 1] - recording.t[rows.start])
             if rows.stop - rows.start < MIN_ROWS or span < _MIN_TRIMS * trim:
@@ -177,7 +177,7 @@ def drive_samples(
             inside = slice(math.ceil(trim * rate), t.size - math.ceil(trim * rate))
             t, current = t[inside], current[inside]
             motion = (motion[0][inside], motion[1][inside], motion[2][inside])
-            torque = inverse_dynamics(bare, *motion, gravity=gravity)
+            torque = inverse_dynamics(without_rotors, *motion, gravity=gravity)
             parts.append((t, *motion, torque, current))
             rates.append(rate)
             numbers.append(number)

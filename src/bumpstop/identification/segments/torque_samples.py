@@ -317,7 +317,7 @@ def _current_of(recording: Recording) -> FloatArray:
     return recording.current
 
 
-def still_joints(recordings: Sequence[Recording], robot: Robot) -> tuple[str, ...]:
+def joints_at_rest(recordings: Sequence[Recording], robot: Robot) -> tuple[str, ...]:
     """Names of the joints that hardly move: what their own motion would show is noise of their encoders.
 
     Raises:

@@ -12,7 +12,7 @@ from bumpstop.arrays import FloatArray
 # Standard errors from zero below which a parameter is left out of predictions.
 TELLING = 2.0
 _MENDINGS = 4  # of the values by what they leave
-_UNSEEN = 1e-9  # length of a column, of the longest one's, up to which it counts as zero
+_UNOBSERVABLE = 1e-9  # length of a column, of the longest one's, up to which it counts as zero
 _DEPENDENT = 1e-12  # share of a column's square that others leave, up to which they make it up
 
 
@@ -40,7 +40,7 @@ def essential_values(
     # Products of the blocks are all that a fit and its errors need: the rows are gone through once.
     products = np.stack([matrix[block].T @ matrix[block] for block in blocks])
     length = np.sqrt(np.diagonal(products, axis1=1, axis2=2).sum(axis=0))
-    seen = length > _UNSEEN * length.max(initial=0.0)
+    seen = length > _UNOBSERVABLE * length.max(initial=0.0)
     length[~seen] = np.inf
     products /= np.outer(length, length)
     moments = np.stack([matrix[block].T @ target[block] for block in blocks]) / length

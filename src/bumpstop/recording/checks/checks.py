@@ -103,7 +103,7 @@ def checked(
         counts[reason] = counts.get(reason, 0) + 1
     report = ReadReport(
         rows_read=raw.rows_read,
-        dropped=_listed(reasons),
+        dropped=_as_list(reasons),
         counts=counts,
         gaps=gaps_of(kept["t"][:, 0]),
         notes=(*notes, *_other_units(kept)),
@@ -233,7 +233,7 @@ def _parted(why: str) -> tuple[str, str]:
     return reason, what
 
 
-def _listed(reasons: list[tuple[int, str, str]]) -> tuple[tuple[int, str], ...]:
+def _as_list(reasons: list[tuple[int, str, str]]) -> tuple[tuple[int, str], ...]:
     return tuple((row, f"{reason}: {what}" if what else reason) for row, reason, what in sorted(reasons)[:_LISTED])
 
 
@@ -396,7 +396,7 @@ def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, m
         raise InputError(str(path), problem, "write time with more digits, or give rate_hz in place of its column")
     if reasons and len(reasons) > max_bad * raw.rows_read:
         share = len(reasons) / raw.rows_read
-        first = "; ".join(f"{raw.numbered} {row} ({why})" for row, why in _listed(reasons)[:3])
+        first = "; ".join(f"{raw.numbered} {row} ({why})" for row, why in _as_list(reasons)[:3])
         problem = f"{len(reasons)} of {raw.rows_read} rows are bad ({100 * share:.3g} %): {first}"
         raise InputError(str(path), problem, f"at most {100 * max_bad:g} % may be (--max-bad)")
     if good < 2:

@@ -13,7 +13,7 @@ _MAX_ROWS = 40_000
 _MOVES = 0.02  # root mean square speed below which nothing is compared [rad/s or m/s]
 _RELATED, _ALIKE = 0.5, 0.9  # correlations: the rate of these positions or not; alike but for a factor
 _SCALE = 1.2  # factor that is no noise
-_LAG_LEAST_S, _LAG_STEPS, _LAG_WORTH = 0.02, 1.5, 0.5  # a lag that is told: its size, and what it leaves unexplained
+_MIN_LAG_S, _LAG_STEPS, _LAG_WORTH = 0.02, 1.5, 0.5  # a lag that is told: its size, and what it leaves unexplained
 _FAR_TOO_FAST = 5.0  # times the speed limit
 # Factors that a wrong unit makes of recorded rates: difference of positions by recorded rate.
 _UNITS = (
@@ -83,7 +83,7 @@ def _lag(pairs: list[tuple[FloatArray, FloatArray]], step: float) -> list[str]:
     related = np.mean([_related(v, r, most) for v, r in pairs], axis=0)
     best, middle = int(np.argmax(related)), related.size // 2
     lag = (best - middle) * step
-    if abs(lag) < max(_LAG_LEAST_S, _LAG_STEPS * step):
+    if abs(lag) < max(_MIN_LAG_S, _LAG_STEPS * step):
         return []
     if 1 - float(related[best]) > _LAG_WORTH * (1 - float(related[middle])):
         return []

@@ -9,7 +9,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
-from bumpstop.recording.column_draft import MissingColumnsError, by_length, draft_of_variables, listed
+from bumpstop.recording.column_draft import MissingColumnsError, as_list, by_length, draft_of_variables
 from bumpstop.recording.columns import Columns, Quantity
 from bumpstop.recording.formats.table import RawRecording
 
@@ -27,7 +27,7 @@ def read_matlab(path: Path, columns: Columns) -> RawRecording:
     variables = _variables(path)
     if "position" not in columns.quantities:
         shapes = {name: np.shape(value) for name, value in variables.items() if np.asarray(value).dtype.kind in "fiu"}
-        problem = f"needs a column file; its variables are {listed(by_length(shapes)) or 'none'}"
+        problem = f"needs a column file; its variables are {as_list(by_length(shapes)) or 'none'}"
         example = 'say with --columns FILE.toml, for example position = { variable = "rec.q", unit = "rad" }'
         raise MissingColumnsError(str(path), problem, example, draft_of_variables(shapes))
     position = columns.quantities["position"]

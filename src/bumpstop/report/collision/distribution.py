@@ -54,11 +54,11 @@ class DistributionSection(Section):
                 "scale runs along the top."
             )
         ]
-        harmless = 1 - result.peak_force.exceedance(0.0)
-        if harmless > 1e-4:
+        zero_force = 1 - result.peak_force.exceedance(0.0)
+        if zero_force > 1e-4:
             text.append(
                 paragraph(
-                    f"In {percent(harmless)} of cases the arm does not press at all, as an alarm stops it before "
+                    f"In {percent(zero_force)} of cases the arm does not press at all, as an alarm stops it before "
                     "the body or the motion ends there. The upper panel leaves them out."
                 )
             )

@@ -124,7 +124,7 @@ class Rollouts:
             distance = np.concatenate([distance[:begin], reaction])
         displacement = np.zeros_like(distance)
         if problem.body_mass is not None:
-            distance, displacement = _until_parted(problem, distance, offset)
+            distance, displacement = _until_separated(problem, distance, offset)
         time: FloatArray = np.arange(distance.size, dtype=np.float64) * step
         touch = _first_passage(distance, time, offset)
         detection = None if tick < 0 else float(curve.tick_time[tick])
@@ -178,7 +178,7 @@ def _motion_steps(result: CollisionResult, distance: FloatArray) -> int:
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
 
 
-def _until_parted(problem: CollisionProblem, distance: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
+def _until_separated(problem: CollisionProblem, distance: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
     """A path of the arm, prolonged until a free body has got away, and how far that has been pushed [m].
 
     Where the path ends in contact, the arm stands; the body swings away in a quarter of an oscillation at most.
@@ -191,8 +191,8 @@ def _until_parted(problem: CollisionProblem, distance: FloatArray, offset: float
     swing = math.ceil(math.pi / 2 * math.sqrt(mass / stiffness) / step) + 1
     distance = np.append(distance, np.full(swing, distance[-1]))
     pushed = body_displacement(distance, offset, stiffness, mass, step)
-    parted = size + int(np.argmax(distance[size:] - offset <= pushed[size:]))
-    return distance[: parted + 1], pushed[: parted + 1]
+    separated = size + int(np.argmax(distance[size:] - offset <= pushed[size:]))
+    return distance[: separated + 1], pushed[: separated + 1]
 
 
 def _between_steps(

@@ -27,7 +27,7 @@ _STYLES = (("-", LAW), ("--", EVENT), ("-.", INK), (":", LIMIT))
 
 def write_tuning(
     tuning: Tuning,
-    trade: Sequence[dict[str, Any]],
+    operating_curve: Sequence[dict[str, Any]],
     folder: Path,
     joints: Sequence[str] = (),
     unit: str = "Nm",
@@ -40,7 +40,8 @@ def write_tuning(
 
     Args:
         tuning: thresholds and the tail they stand on.
-        trade: ``per_hour``, ``extrapolated_too_far`` and forces of ``scenarios``, as ``tune --json`` has them.
+        operating_curve: ``per_hour``, ``extrapolated_too_far`` and forces of ``scenarios``, as ``tune --json`` has
+            them.
         folder: made where it is missing.
         joints: their names, where they are known.
         unit: of the thresholds.
@@ -49,8 +50,8 @@ def write_tuning(
         detector: settings of the detector whose residuals they are; empty where they came from a file.
     """
     parts: list[Part] = [TailPart(tuning, joints, unit)]
-    if any(point["scenarios"] for point in trade):
-        parts.append(TradePart(trade, tuning.target))
+    if any(point["scenarios"] for point in operating_curve):
+        parts.append(OperatingCurvePart(operating_curve, tuning.target))
     parts.append(SettingsPart(asked, detector))
     title = f"Thresholds for {number(tuning.target)} false alarms an hour"
     return write_document(Document(title, "bumpstop tuning", "tuning", parts, about), folder)
@@ -123,14 +124,14 @@ class TailPart(Part):
         return [Picture("alarm_rate", alt, caption, draw)]
 
 
-class TradePart(Part):
+class OperatingCurvePart(Part):
     """What fewer alarms cost in newtons."""
 
     title = "Alarms against newtons"
-    anchor = "trade"
+    anchor = "operating_curve"
 
-    def __init__(self, trade: Sequence[dict[str, Any]], target: float) -> None:
-        self.trade, self.target = trade, target
+    def __init__(self, operating_curve: Sequence[dict[str, Any]], target: float) -> None:
+        self.operating_curve, self.target = operating_curve, target
 
     def content(self) -> list[Html]:
         """Every rate and scenario."""
@@ -142,7 +143,7 @@ class TradePart(Part):
                 *(number(math.inf if forces[key] is None else forces[key]) for key in keys),
                 acceptable(forces, "no limits"),
             )
-            for point in self.trade
+            for point in self.operating_curve
             for name, forces in point["scenarios"].items()
         ]
         headings = ["alarms an hour", "scenario", "median, N", "p95, N", "p99.9, N", "undetectable, N", "acceptable"]
@@ -156,10 +157,10 @@ class TradePart(Part):
 
         def draw(figure: Figure) -> None:
             plot = axes(figure)
-            rates = [point["per_hour"] for point in self.trade]
-            for k, name in enumerate(self.trade[0]["scenarios"]):
+            rates = [point["per_hour"] for point in self.operating_curve]
+            for k, name in enumerate(self.operating_curve[0]["scenarios"]):
                 line, colour = _STYLES[k % len(_STYLES)]
-                forces = [point["scenarios"][name] for point in self.trade]
+                forces = [point["scenarios"][name] for point in self.operating_curve]
                 p95 = [math.nan if force["p95"] is None else force["p95"] for force in forces]
                 plot.plot(rates, p95, line, color=colour, marker="o", markersize=3, label=Path(name).stem)
                 if forces[0]["limit"] is not None:

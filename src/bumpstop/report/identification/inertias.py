@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bumpstop.identification import ConsistentFit
 
 
-class BodiesPart(Part):
+class InertiasPart(Part):
     """Mass, centre and principal moments of every link, and what the condition costs."""
 
     title = "Inertias that bodies can have"

@@ -8,7 +8,7 @@ from bumpstop.model import unit_of
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.formatting import number
 from bumpstop.report.identification.fit_verdict import VerdictPart
-from bumpstop.report.identification.validation import thin
+from bumpstop.report.identification.validation import decimate
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import FAINT, LAW, Picture, axes
 from bumpstop.report.section import Part
@@ -44,7 +44,7 @@ class PayloadPart(Part):
                 (f"centre, {axis}", f"{x:.4g}", f"{error:.2g}", "m")
                 for axis, x, error in zip("xyz", found.center, found.center_errors, strict=True)
             ]
-        said = [f"{name} is not identifiable in this motion" for name in found.unseen]
+        said = [f"{name} is not identifiable in this motion" for name in found.unobservable]
         said += [f"{name} is left out: its gain is unknown" for name in found.joints_left_out]
         return [
             paragraph(
@@ -98,8 +98,10 @@ class ExplainedPart(Part):
         def draw(figure: Figure) -> None:
             panel = axes(figure, left=0.75)
             panel.axhline(0, color=FAINT, linewidth=0.6)
-            panel.plot(*thin(found.t, found.wanted[:, j]), color=FAINT, linewidth=0.9, label="without payload")
-            panel.plot(*thin(found.t, found.explained[:, j]), color=LAW, linewidth=1.2, linestyle="--", label="payload")
+            panel.plot(*decimate(found.t, found.wanted[:, j]), color=FAINT, linewidth=0.9, label="without payload")
+            panel.plot(
+                *decimate(found.t, found.explained[:, j]), color=LAW, linewidth=1.2, linestyle="--", label="payload"
+            )
             panel.set_title(name)
             panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
             panel.set_xlabel("time [s]")

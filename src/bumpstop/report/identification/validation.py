@@ -101,16 +101,16 @@ class OverTimePart(_JointsPart):
         def draw(figure: Figure) -> None:
             upper, middle, lower = stack(figure, [2.0, 1.0, 1.0], left=0.75)
             t = found.t
-            upper.plot(*thin(t, found.measured[:, j]), color=FAINT, linewidth=0.9, label="measured")
-            upper.plot(*thin(t, found.predicted[:, j]), color=LAW, linewidth=1.2, linestyle="--", label="predicted")
+            upper.plot(*decimate(t, found.measured[:, j]), color=FAINT, linewidth=0.9, label="measured")
+            upper.plot(*decimate(t, found.predicted[:, j]), color=LAW, linewidth=1.2, linestyle="--", label="predicted")
             upper.set_ylabel(unit)
             upper.set_title(name)
             upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
             middle.axhline(0, color=FAINT, linewidth=0.6)
-            middle.plot(*thin(t, found.error[:, j]), color=LIMIT, linewidth=0.8)
+            middle.plot(*decimate(t, found.error[:, j]), color=LIMIT, linewidth=0.8)
             middle.set_ylabel(f"error, {unit}")
             lower.axhline(0, color=FAINT, linewidth=0.6)
-            lower.plot(*thin(t, found.qdd[:, j]), color=EVENT, linewidth=0.8)
+            lower.plot(*decimate(t, found.qdd[:, j]), color=EVENT, linewidth=0.8)
             lower.set_ylabel(f"{_way(unit)}/s2")
             lower.set_xlabel("time [s]")
 
@@ -222,7 +222,7 @@ class ContactPart(Part):
             paragraph(
                 f"The force that the torque of {self._names[found.joint]} says, if it has the direction of the "
                 f"measured one (eqs 3.3 to 3.8). {size} The formula divides by the torque that the measured force has "
-                f"at that joint: where this is below {number(found.least_torque)} {self._units[found.joint]} it is "
+                f"at that joint: where this is below {number(found.min_torque)} {self._units[found.joint]} it is "
                 f"noise, and {found.not_judged} rows are not judged."
             )
         ]
@@ -234,14 +234,14 @@ class ContactPart(Part):
 
         def draw(figure: Figure) -> None:
             force, torque, error = stack(figure, [1.5, 1.5, 1.0], left=0.75)
-            force.plot(*thin(found.t, found.force), color=FAINT, linewidth=1.2, label="measured")
+            force.plot(*decimate(found.t, found.force), color=FAINT, linewidth=1.2, label="measured")
             force.plot(found.t, found.estimated, color=LAW, linewidth=1.0, linestyle="--", label="estimated")
             force.set_ylabel("force [N]")
             force.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
-            torque.plot(*thin(found.t, found.torque_expected), color=FAINT, linewidth=1.2)
-            torque.plot(*thin(found.t, found.torque_estimated), color=LAW, linewidth=1.0, linestyle="--")
+            torque.plot(*decimate(found.t, found.torque_expected), color=FAINT, linewidth=1.2)
+            torque.plot(*decimate(found.t, found.torque_estimated), color=LAW, linewidth=1.0, linestyle="--")
             for sign in (-1, 1):
-                torque.axhline(sign * found.least_torque, color=LIMIT, linestyle=":", linewidth=0.9)
+                torque.axhline(sign * found.min_torque, color=LIMIT, linestyle=":", linewidth=0.9)
             torque.set_ylabel(f"torque [{self._units[found.joint]}]")
             error.axhline(0, color=FAINT, linewidth=0.6)
             error.plot(found.t, found.error, color=LIMIT, linewidth=0.9)
@@ -322,7 +322,7 @@ def write_validation_report(
     return write_document(Document(title, "bumpstop: a model and a recording", "model", everything), folder)
 
 
-def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def decimate(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A line that looks the same: lowest and highest value of each of many stretches."""
     if t.size <= 2 * _MAX_POINTS:
         return t, x
@@ -331,7 +331,7 @@ def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.repeat(t[begins], 2), ends.ravel()
 
 
-def few(count: int, most: int) -> np.ndarray:
+def first_few(count: int, most: int) -> np.ndarray:
     """Numbers of at most ``most`` of ``count`` rows, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 

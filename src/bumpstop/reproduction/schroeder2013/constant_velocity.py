@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 _WINDOW_S = 0.12  # of the derivatives
-_SPEED_SHARE, _SPEED_LEAST = 0.04, 0.006  # how far a constant speed may be from the planned one: share, and rad/s
+_SPEED_SHARE, _MIN_SPEED = 0.04, 0.006  # how far a constant speed may be from the planned one: share, and rad/s
 _STEADY = 0.2  # acceleration at constant speed, as a share of the stroke's largest
 _STILL = 0.01  # speed below which a joint stands [rad/s]
 _NEAR_POSE = math.radians(3.0)
@@ -137,7 +137,7 @@ def _strokes(experiment: JointExperiment, log: Prepared) -> tuple[list[Segment],
         # The fastest planned speed that the stroke reaches: slower ones are passed on the ramps.
         top = float(np.quantile(speed, 0.9))
         planned = float(speeds[np.argmin(np.abs(speeds - top))])
-        near = np.abs(speed - planned) < max(_SPEED_SHARE * planned, _SPEED_LEAST)
+        near = np.abs(speed - planned) < max(_SPEED_SHARE * planned, _MIN_SPEED)
         near &= np.abs(log.qdd[rows, j]) < _STEADY * np.abs(log.qdd[rows, j]).max()
         for part in _runs(near, log.t[rows]):
             at = rows[part][_trimmed(log.t[rows][part])]

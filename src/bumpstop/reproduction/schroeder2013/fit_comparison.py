@@ -44,7 +44,7 @@ class JointComparison:
             return None
         if name in ("A", "B") and self.protocol.map != self.general.parameters.map:
             return None
-        if name == "B" and "A" in self.general.unseen:
+        if name == "B" and "A" in self.general.unobservable:
             return None
         combined = math.hypot(own.standard_error, other.standard_error)
         return (own.value - other.value) / combined if combined > 0 else None

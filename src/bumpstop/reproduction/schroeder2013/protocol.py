@@ -166,7 +166,7 @@ class ProtocolFit:
         self.model().save(path)
 
     def _note(self) -> str:
-        lost = [lost.name for lost in self.plan.unseen]
+        lost = [lost.name for lost in self.plan.unobservable]
         lost += [self.plan.robot.joints[number].name for number, _ in self.missing]
         return f"Not identified by the protocol: {', '.join(lost)}." if lost else ""
 
@@ -239,10 +239,10 @@ def _lacking(experiment: JointExperiment, found: Cut, plan: IdentificationPlan) 
         )
     poses = np.stack([experiment.at(position) for position in np.linspace(experiment.low, experiment.high, _POSES)])
     span = float(np.ptp(gravity_torque(plan.loaded, poses, gravity=plan.settings.gravity)[:, experiment.joint]))
-    least_torque = plan.settings.least_torque
-    if span < _MIN_SPAN * least_torque:
+    min_torque = plan.settings.min_torque
+    if span < _MIN_SPAN * min_torque:
         return (
-            f"gravity's torque changes by {span:.2g} Nm along its strokes, wanted {2 * least_torque:g}: give it a pose "
+            f"gravity's torque changes by {span:.2g} Nm along its strokes, wanted {2 * min_torque:g}: give it a pose "
             "in which gravity acts about it, tilt the base or fix a known load to the tip"
         )
     return ""

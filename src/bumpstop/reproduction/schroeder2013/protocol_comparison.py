@@ -58,7 +58,7 @@ class BesidePart(Part):
         said = [
             f"{pair.general.name}: {name} is not seen by the general fit: {reason}"
             for pair in beside.joints
-            for name, reason in pair.general.unseen.items()
+            for name, reason in pair.general.unobservable.items()
         ]
         said += [
             f"{pair.general.name}: the general fit takes the {pair.general.parameters.map} map, the protocol the "

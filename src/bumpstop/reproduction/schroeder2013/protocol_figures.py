@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.identification.drive.drive_model import inverse_map
 from bumpstop.report.formatting import number, with_error
-from bumpstop.report.identification.validation import few
+from bumpstop.report.identification.validation import first_few
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
@@ -92,7 +92,7 @@ class StrokesPart(_JointsPart):
         for k in _some(joint):
             stroke, part = joint.strokes[k], joint.cut.constant[k]
             colour, mark = _SIDES[1 if part.speed > 0 else -1]
-            rows = few(part.t.size, _POINTS)
+            rows = first_few(part.t.size, _POINTS)
             panel.plot(part.current[rows], part.torque[rows], mark, color=colour, markersize=1.6, alpha=0.35)
             torque = np.linspace(part.torque.min(), part.torque.max(), 60)
             current = stroke.friction + inverse_map(kind, stroke.A, stroke.B, torque, math.copysign(1, part.speed))[0]
@@ -156,7 +156,7 @@ class MapPart(_JointsPart):
         for k in _some(joint):
             part, current = joint.cut.constant[k], joint.joint_currents[k]
             colour, mark = _SIDES[1 if part.speed > 0 else -1]
-            rows = few(part.t.size, _POINTS)
+            rows = first_few(part.t.size, _POINTS)
             panel.plot(current[rows], part.torque[rows], mark, color=colour, markersize=1.6, alpha=0.35)
         found = joint.map_fit
         x = np.linspace(*found.reach, 200)
@@ -190,7 +190,7 @@ class HysteresisPart(_JointsPart):
         found = joint.map_fit
         for hold in joint.cut.holds:
             colour, mark = _SIDES[1 if hold.speed > 0 else -1]
-            rows = few(hold.t.size, 80)
+            rows = first_few(hold.t.size, 80)
             left = joint_torque(found.kind, found.A.value, found.B.value, hold.current, hold.speed) - hold.torque
             panel.plot(hold.t[rows] - hold.t[0], left[rows], mark, color=colour, markersize=2, alpha=0.4)
         held = joint.parameters["hysteresis"]
@@ -233,7 +233,7 @@ class InertiaPart(_JointsPart):
         """Points and line."""
         found = joint.inertia_fit
         assert found is not None
-        rows = few(found.acceleration.size, 1500)
+        rows = first_few(found.acceleration.size, 1500)
         panel.plot(found.acceleration[rows], found.torque[rows], "o", color=EVENT, markersize=1.8, alpha=0.4)
         x = np.array([found.acceleration.min(), found.acceleration.max()])
         panel.plot(x, found.inertia.value * x, color=INK, linewidth=1.2)
@@ -244,4 +244,4 @@ class InertiaPart(_JointsPart):
 def _some(joint: ProtocolJoint) -> list[int]:
     """Strokes of both directions at speeds that differ, few enough to be told apart."""
     order = np.argsort([stroke.speed for stroke in joint.strokes], kind="stable")
-    return [int(order[k]) for k in few(len(order), _STROKES)]
+    return [int(order[k]) for k in first_few(len(order), _STROKES)]

@@ -61,7 +61,8 @@ class TablePart(Part):
         said = [f"{joint.experiment.name}: {note}" for joint in self._fit.joints for note in joint.notes]
         said += [f"{self._fit.plan.robot.joints[k].name}: not identified: {why}" for k, why in self._fit.missing]
         said += [
-            f"{lost.name}: not identifiable, as {lost.reason}; remedy: {lost.remedy}" for lost in self._fit.plan.unseen
+            f"{lost.name}: not identifiable, as {lost.reason}; remedy: {lost.remedy}"
+            for lost in self._fit.plan.unobservable
         ]
         return [*found, *([bullets(said)] if said else [])]
 

@@ -57,7 +57,7 @@ def planned_experiments(plan: IdentificationPlan, joints: Sequence[int] = ()) ->
     return tuple(one for one in plan.experiments if not joints or one.joint + 1 in joints)
 
 
-def rehearse(
+def simulate_protocol(
     experiment: Experiment, plan: IdentificationPlan, joints: Sequence[int] = ()
 ) -> Iterator[tuple[JointExperiment, PlantRun]]:
     """Run a plan's trajectories on the plant of an experiment, one after the other.
