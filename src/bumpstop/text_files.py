@@ -124,36 +124,30 @@ def shell_command(words: Sequence[str]) -> str:
 
 
 def to_toml(data: Mapping[str, Any]) -> str:
-    """Nested tables and lists of tables as TOML, one level deep, with all digits."""
-    lines = [f"{key} = {toml_value(value)}" for key, value in data.items() if not _is_table(value)]
-    for key, value in data.items():
-        if isinstance(value, Mapping):
-            lines += ["", f"[{key}]", *(f"{inner} = {toml_value(item)}" for inner, item in value.items())]
-        elif _is_table(value):
-            for row in value:
-                lines += ["", f"[[{key}]]", *(f"{inner} = {toml_value(item)}" for inner, item in row.items())]
-    return "\n".join(lines) + "\n"
+    """Nested tables and lists of tables as TOML, with all digits."""
+    import tomli_w
+
+    return tomli_w.dumps({key: _plain(value) for key, value in data.items()})
 
 
 def toml_value(value: Any) -> str:
-    """A number, a boolean, a text, or a list of them as TOML; anything else as its text."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, numbers.Integral):
-        return str(int(value))
-    if isinstance(value, numbers.Real):
-        return repr(float(value))  # numpy's are floats, too, but say so
+    """A number, a boolean, a text, or a list of them as TOML on one line; anything else as its text."""
     if isinstance(value, list | tuple):
         return "[" + ", ".join(toml_value(item) for item in value) + "]"
-    # Not as JSON: there what lies beyond 65 535 may be two halves, which are no characters in TOML.
-    escaped = "".join(
-        {"\\": "\\\\", '"': '\\"'}.get(c, c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}") for c in str(value)
-    )
-    return f'"{escaped}"'
+    return to_toml({"value": value}).removeprefix("value = ").rstrip("\n")
 
 
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))
+def _plain(value: Any) -> Any:
+    """The same of Python's own types: numpy's numbers are none that TOML knows."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    return float(value) if isinstance(value, numbers.Real) else str(value)
 
 
 def list_items(text: str) -> list[str]:

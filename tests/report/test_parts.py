@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import bumpstop as bs
-from bumpstop.collision.verdict.verdict import percent
+from bumpstop.collision.probability_text import percent
 from bumpstop.detection import Label, score
 from bumpstop.identification.comparison import Comparison
 from bumpstop.joint.model import Parameter

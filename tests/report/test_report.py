@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.verdict.verdict import percent
+from bumpstop.collision.probability_text import percent
 from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError
 from bumpstop.report import write_report

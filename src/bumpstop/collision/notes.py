@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE
+from bumpstop.collision.probability_text import percent
 from bumpstop.collision.scenario.unused_keys import unused_notes
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.collision.verdict.verdict import percent
 
 if TYPE_CHECKING:
     from bumpstop.collision.result import CollisionResult

@@ -23,10 +23,11 @@ from bumpstop.collision.distribution.distribution import (
 )
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, impact_bounds
 from bumpstop.collision.notes import notes_of
+from bumpstop.collision.probability_text import percent
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import TwoPhaseUse, phase_shares
-from bumpstop.collision.verdict.verdict import Verdict, judge, percent
+from bumpstop.collision.verdict.verdict import Verdict, judge
 from bumpstop.collision.verdict.verdict_notes import nothing_hit, verdict_notes
 
 if TYPE_CHECKING:
@@ -137,6 +138,7 @@ class CollisionResult:
             unbounded_because=self.unbounded_because or "",
             nothing_hit=nothing_hit(self),
             false_alarms_per_hour=alarm_rate(self.problem).per_hour,
+            integrated=self.kind == "exact",
         )
 
     @cached_property
@@ -258,6 +260,11 @@ class CollisionResult:
     def notes(self) -> tuple[str, ...]:
         """What was assumed, and what was cut short."""
         return tuple(notes_of(self))
+
+    def __str__(self) -> str:
+        from bumpstop.collision.summary import summary_text
+
+        return summary_text(self)
 
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""

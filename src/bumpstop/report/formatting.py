@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 NO_BOUND = "unbounded"
 NONE = "none"
-NEXT_TO_NOTHING = 1e-6  # in any unit that a page uses: digits of rounding, not of a quantity
+MIN_PRINTED_NUMBER = 1e-6  # in any unit that a page uses: digits of rounding, not of a quantity
 
 
 def number(value: float) -> str:
@@ -23,7 +23,7 @@ def number(value: float) -> str:
         return NONE
     if math.isinf(value):
         return NO_BOUND
-    if abs(value) < NEXT_TO_NOTHING:
+    if abs(value) < MIN_PRINTED_NUMBER:
         return "0"
     text = f"{value:.4g}"
     # Newtons by the ten thousand are still newtons: no powers of ten.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
 
+from bumpstop.collision.probability_text import percent
 from bumpstop.report.markup import Html, element
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class Part(ABC):
 
 
 class Section(Part):
-    """A part of the report on one law.
+    """A part of the report on one collision.
 
     Attributes:
         result: what is reported on.
@@ -55,3 +56,7 @@ class Section(Part):
 
     def __init__(self, result: CollisionResult) -> None:
         self.result = result
+
+    def _percent(self, p: float) -> str:
+        """A probability of the result."""
+        return percent(p, integrated=self.result.kind == "exact")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.verdict.verdict import percent
+from bumpstop.collision.probability_text import percent
 from collision.cases import control_group
 
 DEAF = [6000.0] * 7

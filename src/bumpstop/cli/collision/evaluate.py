@@ -85,9 +85,15 @@ def command(
     if as_json:
         typer.echo(json.dumps(result.to_json(), allow_nan=False, indent=2))
     else:
-        from bumpstop.cli.collision.summary import print_summary
+        from rich.console import Console
 
-        print_summary(result, report)
+        from bumpstop.collision.summary import print_summary
+
+        console = Console(highlight=False, markup=False)
+        print_summary(result, console)
+        if report is not None:
+            # Not wrapped, so that it can be copied or clicked.
+            console.print(f"report: {report}", soft_wrap=True)
     # Without a body region there is nothing to judge, and no verdict that could fail.
     return {"not_acceptable": NOT_ACCEPTABLE, "inconclusive": INCONCLUSIVE}.get(result.verdict.conclusion, 0)
 

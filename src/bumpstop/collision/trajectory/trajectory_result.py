@@ -15,6 +15,7 @@ from bumpstop.collision.arm_mass import arm_mass_at
 from bumpstop.collision.curve import StoppingCurve
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE, Distribution, SampledDistribution
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, bounds_at
+from bumpstop.collision.probability_text import percent
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
 from bumpstop.collision.trajectory.onset import (
@@ -28,7 +29,6 @@ from bumpstop.collision.trajectory.onset_mixture import DetectedCollisions, Onse
 from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_curve, trajectory_kernel
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.collision.verdict.verdict import percent
 from bumpstop.errors import InputError
 
 # Every pair of a contact time and a tick that may detect it takes some 300 bytes of memory.

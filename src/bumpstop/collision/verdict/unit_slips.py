@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.collision.verdict.verdict import percent
+from bumpstop.collision.probability_text import percent
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray

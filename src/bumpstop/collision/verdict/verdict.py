@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from bumpstop.collision.probability_text import MIN_PERCENT, percent, small_percent
+
 if TYPE_CHECKING:
     from bumpstop.collision.distribution.distribution import Distribution
     from bumpstop.collision.scenario.scenario import VerdictTable
@@ -102,8 +104,6 @@ class Verdict:
 
 Conclusion = Literal["acceptable", "not_acceptable", "inconclusive", "no_limits"]
 
-_NEXT_TO_NOTHING = 1e-6  # a probability that is not spelt out
-
 
 def judge(
     peak_force: Distribution,
@@ -118,6 +118,7 @@ def judge(
     unbounded_because: str = "",
     nothing_hit: str = "",
     false_alarms_per_hour: float = math.nan,
+    integrated: bool = False,
 ) -> Verdict:
     """Judge peak force [N] and pressure [N/cm²] by limits.
 
@@ -133,6 +134,7 @@ def judge(
         unbounded_because: why those have no bound, to follow "not detected".
         nothing_hit: why most cases touch nothing; empty where they do.
         false_alarms_per_hour: of free motion.
+        integrated: the probabilities come from a quadrature, which leaves out what is next to nothing.
     """
     p_force = p_pressure = None
     if limits is not None and over is not None:
@@ -141,7 +143,7 @@ def judge(
         p_force = peak_force.exceedance(limits.force_N)
         if limits.pressure_N_cm2 is not None and pressure is not None:
             p_pressure = pressure.exceedance(limits.pressure_N_cm2)
-    words = _Words(settings)
+    words = _Words(settings, integrated)
     faults = words.faults(
         limits, transient, (p_force, p_pressure), false_alarm_probability, (undetected_probability, unbounded_because)
     )
@@ -165,13 +167,14 @@ def judge(
 class _Words:
     """The sentence that gives the reason."""
 
-    def __init__(self, settings: VerdictTable) -> None:
-        self._settings = settings
+    def __init__(self, settings: VerdictTable, integrated: bool) -> None:
+        self._settings, self._integrated = settings, integrated
         # Where what is accepted is itself next to nothing, figures must be told apart there.
-        self._tiny = min(settings.accepted_probability, settings.max_false_alarm) < _NEXT_TO_NOTHING
+        tiny = min(settings.accepted_probability, settings.max_false_alarm) < MIN_PERCENT
+        self._text = small_percent if tiny else percent
 
     def _said(self, p: float) -> str:
-        return f"{100 * p:.2g} %" if self._tiny and 0 < p < _NEXT_TO_NOTHING else percent(p)
+        return self._text(p, integrated=self._integrated)
 
     def faults(
         self,
@@ -209,7 +212,7 @@ class _Words:
             assert p_pressure is not None
             faults.append(f"the pressure exceeds {pressure} with probability {said(p_pressure)}")
         accepted = (
-            f", more than the accepted {said(settings.accepted_probability)}"
+            f", more than the accepted {self._text(settings.accepted_probability)}"
             if faults or missed > settings.accepted_probability
             else ""
         )
@@ -218,7 +221,7 @@ class _Words:
         if false_alarm > settings.max_false_alarm:
             faults.append(
                 f"a false alarm comes before contact with probability {said(false_alarm)} (accepted: "
-                f"{said(settings.max_false_alarm)})"
+                f"{self._text(settings.max_false_alarm)})"
             )
         if not faults:
             return ""
@@ -235,21 +238,5 @@ class _Words:
         what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
         return (
             f"{what} the limits for {limits.label} with probability {self._said(worst)}, "
-            f"within the accepted {self._said(self._settings.accepted_probability)}."
+            f"within the accepted {self._text(self._settings.accepted_probability)}."
         )
-
-
-def percent(p: float) -> str:
-    """A probability in percent that never rounds to certainty, nor to impossibility."""
-    if math.isnan(p):
-        return "none"
-    if p <= 0 or p >= 1:  # sums of many shares may pass one by a rounding
-        return "0 %" if p <= 0 else "100 %"
-    if p < _NEXT_TO_NOTHING:
-        return "less than 0.0001 %"
-    if p > 1 - 1e-6:
-        return "over 99.9999 %"
-    if p < 0.1:
-        return f"{float(f'{100 * p:.2g}'):.7g} %"
-    # Beyond 99.9 % it is the distance from certainty that tells.
-    return f"{100 * p:.3g} %" if p <= 0.999 else f"{math.floor(1e6 * p) / 1e4:.6g} %"

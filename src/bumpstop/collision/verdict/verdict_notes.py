@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.finer_steps import finer_steps
 from bumpstop.collision.verdict.unit_slips import unit_slips
-from bumpstop.collision.verdict.verdict import percent
 
 if TYPE_CHECKING:
     from bumpstop.collision.result import CollisionResult

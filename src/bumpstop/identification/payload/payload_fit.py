@@ -151,7 +151,7 @@ class PayloadFit:
         for name, value, error in figures:
             if value is not None and error is not None:
                 lines.append(f"{name} = {{ value = {toml_value(value)}, standard_error = {toml_value(error)} }}")
-        lines.append(f"unseen = {toml_value(self.unobservable)}")
+        lines.append(f"unobservable = {toml_value(self.unobservable)}")
         write_text(path, "\n".join(lines) + "\n")
 
     @property

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.probability_text import percent
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
-from bumpstop.collision.verdict.verdict import percent
 from bumpstop.model import unit_of
 from bumpstop.report.collision.distribution import bins, draw_density
 from bumpstop.report.formatting import number, quantity
@@ -38,11 +38,11 @@ class DetectionSection(Section):
         result = self.result
         text = [
             paragraph(
-                f"False alarm before contact: {percent(result.false_alarm_probability)}. "
-                f"Never detected: {percent(result.undetected_probability)}. "
-                f"Neither contact nor alarm: {percent(result.no_contact_probability)}. "
+                f"False alarm before contact: {self._percent(result.false_alarm_probability)}. "
+                f"Never detected: {self._percent(result.undetected_probability)}. "
+                f"Neither contact nor alarm: {self._percent(result.no_contact_probability)}. "
                 f"Two or more joints in the same control cycle, given detection: "
-                f"{percent(result.multi_joint_probability)}."
+                f"{self._percent(result.multi_joint_probability)}."
             )
         ]
         if not self._detects:
@@ -84,7 +84,7 @@ class DetectionSection(Section):
                     quantity(float(problem.noise_mean[j]), unit),
                     quantity(100 * lever if lever > 1e-9 else 0.0, unit),
                     (quantity(needed, "N") if math.isfinite(needed) else "not detectable") if monitored else "",
-                    percent(float(result.trigger_joint_probability[j])),
+                    self._percent(float(result.trigger_joint_probability[j])),
                 )
             )
         return rows
@@ -104,7 +104,8 @@ class DetectionSection(Section):
         pictures = []
         if self._detects:
             shares = ", ".join(
-                f"joint {j} {percent(float(p))}" for j, p in enumerate(self.result.trigger_joint_probability, start=1)
+                f"joint {j} {self._percent(float(p))}"
+                for j, p in enumerate(self.result.trigger_joint_probability, start=1)
             )
             pictures.append(
                 Picture(
@@ -143,7 +144,7 @@ class DetectionSection(Section):
         panel.barh(numbers, 100 * shares, height=0.66, color=AREA, edgecolor=LAW, hatch="//")
         for j, share in zip(numbers, shares, strict=True):
             monitored = math.isfinite(problem.thresholds[j - 1])
-            text = percent(float(share)) if monitored else "not monitored"
+            text = self._percent(float(share)) if monitored else "not monitored"
             panel.annotate(
                 text, (100 * share, j), (4, 0), textcoords="offset points", va="center", fontsize=8.5,
                 color=INK if monitored else FAINT,

@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import QUANTILES
-from bumpstop.collision.verdict.verdict import percent
+from bumpstop.collision.probability_text import percent
 from bumpstop.report.formatting import number, percentile, quantity
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
@@ -38,9 +38,9 @@ class DistributionSection(Section):
         if not self._edges.size:
             return [
                 paragraph(
-                    f"There is no figure: {percent(result.undetected_probability)} of collisions are never detected, "
-                    f"so that their force is unbounded, and in {percent(result.no_contact_probability)} of cases the "
-                    "arm touches nothing."
+                    f"There is no figure: {self._percent(result.undetected_probability)} of collisions are never "
+                    "detected, so that their force is unbounded, and in "
+                    f"{self._percent(result.no_contact_probability)} of cases the arm touches nothing."
                 )
             ]
         meets = "where this curve meets a limit stands the probability of exceeding it"
@@ -65,7 +65,7 @@ class DistributionSection(Section):
         if result.undetected_probability > _MIN_PROBABILITY and result.unbounded_because is not None:
             text.append(
                 paragraph(
-                    f"{percent(result.undetected_probability)} of collisions are not detected "
+                    f"{self._percent(result.undetected_probability)} of collisions are not detected "
                     f"{result.unbounded_because} and count as beyond every force: the lower curve stays above that."
                 )
             )

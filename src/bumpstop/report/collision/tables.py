@@ -8,8 +8,8 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.distribution.distribution import QUANTILES, finite_mean
+from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.collision.verdict.verdict import percent
 from bumpstop.contact import LimitTable, builtin_tables
 from bumpstop.kernels import target
 from bumpstop.report.formatting import in_phases, method_words, number, percentile, quantity

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.collision.verdict.verdict import percent
 from bumpstop.report.formatting import in_phases, number, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
@@ -64,20 +64,26 @@ class VerdictSection(Section):
         ]  # fmt: skip
         for what, over in (("force", verdict.p_over_force), ("pressure", verdict.p_over_pressure)):
             if over is not None:
-                rows.append(_accepted(f"Probability of exceeding the {what} limit", over, verdict.accepted_probability))
+                rows.append(
+                    self._accepted(f"Probability of exceeding the {what} limit", over, verdict.accepted_probability)
+                )
         rows.append(
-            _accepted(
+            self._accepted(
                 "Probability of a false alarm before contact",
                 verdict.false_alarm_probability,
                 verdict.max_false_alarm,
             )
         )
         rows.append(("False alarms in free motion", alarm_rate(result.problem).words, "", ""))
-        rows.append(("Probability of no detection", percent(result.undetected_probability), "", ""))
+        rows.append(("Probability of no detection", self._percent(result.undetected_probability), "", ""))
         delay = result.detection_delay
         shown = f"{number(1e3 * delay.quantile(0.5))} / {quantity(1e3 * delay.quantile(0.99), 'ms')}"
         rows.append(("Delay from touch to detection, median / p99", shown, "", ""))
         return rows
+
+    def _accepted(self, what: str, p: float, accepted: float) -> tuple[str, str, str, str]:
+        judged = "" if math.isnan(p) else "within" if p <= accepted else element("strong", "too high")
+        return what, self._percent(p), f"at most {percent(accepted)}", judged
 
     def _meaning(self) -> str:
         verdict, limits, contact = self.result.verdict, self.result.problem.limits, self.result.scenario.contact
@@ -127,8 +133,3 @@ def _below(what: str, value: float, unit: str, limit: float | None, first: float
         return what, quantity(value, unit), in_phases(first, limit, unit), judged
     allowed = quantity(limit, unit) if limit > 0 else "none permitted"
     return what, quantity(value, unit), allowed, "below" if value <= limit else element("strong", "above")
-
-
-def _accepted(what: str, p: float, accepted: float) -> tuple[str, str, str, str]:
-    judged = "" if math.isnan(p) else "within" if p <= accepted else element("strong", "too high")
-    return what, percent(p), f"at most {percent(accepted)}", judged

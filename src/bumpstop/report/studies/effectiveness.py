@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.verdict.verdict import percent
+from bumpstop.collision.probability_text import percent
 from bumpstop.report.formatting import NONE, number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture
@@ -153,7 +153,10 @@ class CollisionsPart(Part):
                 f"{c['speed_mm_s']:g}",
                 f"{c['area_cm2']:g}",
                 *(NONE if c[name] is None else number(c[name]) for name in ("mean_N", "p99_N")),
-                *(NONE if c[name] is None else percent(c[name]) for name in ("p_over_force", "p_over_pressure")),
+                *(
+                    NONE if c[name] is None else percent(c[name], integrated=True)
+                    for name in ("p_over_force", "p_over_pressure")
+                ),
                 "no verdict" if c["acceptable"] is None else "yes" if c["acceptable"] else element("strong", "no"),
             ]
             for c in self._collisions
@@ -230,8 +233,8 @@ class TriggersPart(Part):
         rows = [
             [
                 f"{row['direction']}, {row['speed_mm_s']:g} mm/s",
-                *(percent(row[name]) for name in self._names),
-                percent(row["several_joints"]),
+                *(percent(row[name], integrated=True) for name in self._names),
+                percent(row["several_joints"], integrated=True),
             ]
             for row in own.iter_rows(named=True)
         ]

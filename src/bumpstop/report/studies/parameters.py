@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision.verdict.verdict import percent
+from bumpstop.collision.probability_text import percent
 from bumpstop.report.formatting import NONE, number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes

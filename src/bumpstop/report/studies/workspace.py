@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision.verdict.verdict import percent
+from bumpstop.collision.probability_text import percent
 from bumpstop.report.formatting import NONE, correlation, number
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
@@ -127,7 +127,7 @@ def _part(share: float) -> str:
 def _share(found: dict[str, float] | None) -> str:
     if found is None:
         return NONE
-    return f"{percent(found['mean'])} (standard error {percent(found['standard_error'])})"
+    return f"{percent(found['mean'], integrated=True)} (standard error {percent(found['standard_error'])})"
 
 
 class ForcePart(Part):
@@ -150,8 +150,8 @@ class ForcePart(Part):
             paragraph(
                 f"Most common peak force of all collisions: {collisions[0]:g} to {collisions[1]:g} N; of the poses' "
                 f"medians: {medians[0]:g} to {medians[1]:g} N. Motions that end before contact are left out "
-                f"({percent(self._summary['no_contact']['mean'])} of all cases). The last bin holds everything beyond, "
-                "undetected collisions among it."
+                f"({percent(self._summary['no_contact']['mean'], integrated=True)} of all cases). The last bin holds "
+                "everything beyond, undetected collisions among it."
             ),
         ]
         scenario = self._study.scenario

@@ -1,20 +1,32 @@
-"""What ``bumpstop evaluate`` prints for a person."""
+"""A collision's result as a person reads it on a terminal."""
 
 from __future__ import annotations
 
+import io
 import math
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from pathlib import Path
+from bumpstop.collision.probability_text import decimal
 
-    from bumpstop.collision import CollisionResult, Distribution
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bumpstop.collision.distribution.distribution import Distribution
+    from bumpstop.collision.result import CollisionResult
     from bumpstop.contact import ContactLimits
 
 
-def print_summary(result: CollisionResult, report: Path | None) -> None:
-    """Print verdict, figures and notes; ``report`` is the page that was written, if any."""
+def summary_text(result: CollisionResult) -> str:
+    """What ``bumpstop evaluate`` prints: verdict, figures and notes, in lines of at most 80 letters."""
     from rich.console import Console
+
+    text = io.StringIO()
+    print_summary(result, Console(file=text, width=80, highlight=False, markup=False, color_system=None))
+    return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
+
+
+def print_summary(result: CollisionResult, console: Console) -> None:
+    """Print verdict, figures and notes."""
     from rich.table import Table
     from rich.text import Text
 
@@ -23,8 +35,7 @@ def print_summary(result: CollisionResult, report: Path | None) -> None:
     from bumpstop.collision.scenario.unused_keys import unused_notes
     from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
-    console = Console(highlight=False, markup=False)
-    verdict = result.verdict
+    verdict, integrated = result.verdict, result.kind == "exact"
     word, style = {
         "acceptable": ("ACCEPTABLE", "bold black on bright_cyan"),
         "not_acceptable": ("NOT ACCEPTABLE", "bold white on red"),
@@ -59,7 +70,7 @@ def print_summary(result: CollisionResult, report: Path | None) -> None:
         # Short, or the table does not fit into 80 columns.
         nothing = "none" if math.isnan(quantity.mean) else "inf"
         cells = [nothing if value is None else _figure(value) for value in figures.values()]
-        table.add_row(name, *cells, limit, "" if over is None else _probability(over, result))
+        table.add_row(name, *cells, limit, "" if over is None else decimal(over, integrated=integrated))
     # Small figures are long: rather columns that are closer than names in two lines.
     table.collapse_padding = console.measure(table, options=console.options.update(width=1000)).maximum > console.width
     console.print(table)
@@ -74,22 +85,17 @@ def print_summary(result: CollisionResult, report: Path | None) -> None:
     ]
     console.print("triggered by joint " + ", ".join(triggers) if triggers else "triggered by no joint", end="")
     console.print(
-        f"; false alarm before contact {_probability(result.false_alarm_probability, result)}; "
-        f"never detected {_probability(result.undetected_probability, result)}"
+        f"; false alarm before contact {decimal(result.false_alarm_probability, integrated=integrated)}; "
+        f"never detected {decimal(result.undetected_probability, integrated=integrated)}"
     )
     console.print(alarm_rate(result.problem).words)
     # What the figures above are not about; what was assumed otherwise is in the report.
     for note in (*unused_notes(result.scenario), *sample_notes(result), *result.end_notes()):
         console.print(f"note: {note}")
     kind = (
-        "integrated distribution"
-        if result.kind == "exact"
-        else f"sampled distribution, {result.samples} runs, seed {result.seed}"
+        "integrated distribution" if integrated else f"sampled distribution, {result.samples} runs, seed {result.seed}"
     )
     console.print(f"{kind}; {result.notes[-1][0].lower()}{result.notes[-1][1:]}", style="dim")
-    if report is not None:
-        # Not wrapped, so that it can be copied or clicked.
-        console.print(f"report: {report}", soft_wrap=True)
 
 
 def _limits(first: ContactLimits | None, later: ContactLimits | None, name: str) -> str:
@@ -101,13 +107,3 @@ def _limits(first: ContactLimits | None, later: ContactLimits | None, name: str)
 def _figure(value: float) -> str:
     """Four significant digits; what is below a millionth in units of the table is rounding, and zero."""
     return "0" if abs(value) < 1e-6 else f"{value:.4g}"
-
-
-def _probability(p: float, result: CollisionResult) -> str:
-    """Four decimals, powers of ten below a thousandth.
-
-    The quadrature counts what is far less probable as nothing; of runs, none seen is no bound on the probability.
-    """
-    if p >= 0.001 or (p == 0 and result.kind == "sampled"):
-        return f"{p:.4f}"
-    return f"{p:.1e}" if p > 1e-12 else "< 1e-12"
