@@ -17,7 +17,7 @@ from bumpstop.identification.design.plan_file import save_plan
 from bumpstop.identification.design.simulated import SensorNoise, currents, simulated_recording
 from bumpstop.identification.drive.drive_model import inverse_map
 from bumpstop.joint import JointTorqueModel
-from bumpstop.joint.model import JointParameters, Parameter
+from bumpstop.joint.parameters import JointParameters, Parameter
 from bumpstop.recording import Recording
 from bumpstop.reproduction.schroeder2013 import fit_comparison
 from bumpstop.reproduction.schroeder2013.fit_comparison import FitComparison, compare_fits

@@ -16,7 +16,7 @@ import bumpstop as bs
 from bumpstop.collision.probability_text import percent
 from bumpstop.detection import Label, score
 from bumpstop.identification.comparison import Comparison
-from bumpstop.joint.model import Parameter
+from bumpstop.joint.parameters import Parameter
 from bumpstop.recording import Recording
 from bumpstop.report.collision.area import AreaSection
 from bumpstop.report.collision.arm import ArmSection

@@ -31,7 +31,7 @@ def pose_from_text(robot: Robot, text: str | None) -> FloatArray:
     """
     import numpy as np
 
-    from bumpstop.cli.detection.sensitivity import numbers
+    from bumpstop.cli.numbers import numbers
     from bumpstop.model.pose_limits import check_pose
 
     turns = [joint.kind == "revolute" for joint in robot.joints]

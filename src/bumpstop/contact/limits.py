@@ -84,7 +84,7 @@ class LimitTable:
 
         path = as_path(relative_to or ".", "relative_to") / as_path(name_or_path, "contact.limits")
         wanted = f"wanted a limit table (TOML), or one of {', '.join(_BUILTIN)}"
-        table = read_table(read_text(path, wanted, field="contact.limits"), str(path))
+        table = read_table(read_text(path, wanted, field="contact.limits"), str(path), cls)
         if table.name in _BUILTIN:
             # A changed copy under the old name would pass for the original in every report.
             raise InputError(
@@ -197,4 +197,4 @@ def _load_builtin(name: str) -> LimitTable:
     from bumpstop.contact.table_file import read_table
 
     file = resources.files("bumpstop.contact").joinpath("data", f"{name}.toml")
-    return read_table(file.read_text(encoding="utf-8"), file.name)
+    return read_table(file.read_text(encoding="utf-8"), file.name, LimitTable)

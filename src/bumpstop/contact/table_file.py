@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Any
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, TypeVar
 
-from bumpstop.contact.limits import LimitTable
 from bumpstop.contact.regions import PressureArea, Region
 from bumpstop.errors import InputError, near_matches
 from bumpstop.text_files import parse_toml
+
+Table = TypeVar("Table")
 
 # Wide enough for any body and any unit slip, narrow enough that no derived number overflows or vanishes.
 _MIN_VALUE, _MAX_VALUE = 1e-6, 1e6
@@ -107,8 +108,8 @@ class _Row:
         return limit
 
 
-def read_table(text: str, file: str) -> LimitTable:
-    """A table from the text of its file; ``file`` is how messages call it.
+def read_table(text: str, file: str, make: Callable[..., Table]) -> Table:
+    """A table from the text of its file; ``file`` is how messages call it, ``make`` takes what is in it.
 
     Raises:
         InputError: damaged TOML; a key that is unknown, missing or of the wrong type; a figure that is not finite and
@@ -135,7 +136,7 @@ def read_table(text: str, file: str) -> LimitTable:
                 "rows of one name differ in their side",
             )
         areas[area.region, area.label] = area
-    return LimitTable(
+    return make(
         name=head.text("name"),
         title=head.text("title"),
         source=source,

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.joint.model import (
-    COMMON,
-    DEFAULT_REST_SPEED,
-    OF_FRICTION,
-    OF_MAP,
-    JointParameters,
-    JointTorqueModel,
-    Parameter,
-)
+from bumpstop.joint.parameters import COMMON, DEFAULT_REST_SPEED, OF_FRICTION, OF_MAP, JointParameters, Parameter
 from bumpstop.text_files import parse_toml, toml_value
 
 if TYPE_CHECKING:
-    from bumpstop.joint.model import CurrentMap, FrictionLaw
+    from bumpstop.joint.parameters import CurrentMap, FrictionLaw
+
+Model = TypeVar("Model")
 
 _UNKNOWN = "unknown"
 _HEAD = ("robot", "created_from", "unit")
@@ -27,8 +21,8 @@ _RANGES = ("current_range", "speed_range")
 _OPTIONAL = ("friction", "rest_speed", "friction_sd")
 
 
-def model_from_toml(text: str, file: str) -> JointTorqueModel:
-    """Build a model from a file (see docs/joint.md for its keys).
+def model_from_toml(text: str, file: str, make: Callable[..., Model]) -> Model:
+    """Build a model from a file (see docs/joint.md for its keys); ``make`` takes what is in it.
 
     Raises:
         InputError: damaged TOML; a key that is unknown, missing or has a value that cannot be used. Names file and key.
@@ -40,7 +34,7 @@ def model_from_toml(text: str, file: str) -> JointTorqueModel:
         joints = _needed(data, "joint", "")
         if not isinstance(joints, list):
             raise InputError("joint", "is not a list of tables", "wanted one [[joint]] for every joint")
-        return JointTorqueModel(
+        return make(
             **head,
             note=_text(data, "note", "") if "note" in data else "",
             joints=tuple(_joint(joint, number) for number, joint in enumerate(joints, start=1)),
@@ -49,12 +43,12 @@ def model_from_toml(text: str, file: str) -> JointTorqueModel:
         raise InputError(f"{file} {error.field}", error.problem, error.valid) from None
 
 
-def model_to_toml(model: JointTorqueModel) -> str:
-    """The file :func:`model_from_toml` reads the same model from."""
-    lines = [f"{key} = {toml_value(getattr(model, key))}" for key in _HEAD]
-    if model.note:
-        lines.append(f"note = {toml_value(model.note)}")
-    for joint in model.joints:
+def model_to_toml(head: Mapping[str, str], note: str, joints: Iterable[JointParameters]) -> str:
+    """The file that :func:`model_from_toml` reads the same from."""
+    lines = [f"{key} = {toml_value(head[key])}" for key in _HEAD]
+    if note:
+        lines.append(f"note = {toml_value(note)}")
+    for joint in joints:
         lines += [
             "",
             "[[joint]]",

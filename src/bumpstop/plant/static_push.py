@@ -24,8 +24,6 @@ _MIN_LEVER = 1e-6
 
 def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
     """See :meth:`bumpstop.plant.Plant.series_stiffness`."""
-    from bumpstop.plant.plant import Plant
-
     pose = as_float_array(q, "q", (arm.robot.dof,))
     n = np.array(thing.direction)
     # Where the links hang in their gears, or the first push might not get to the face; and a hair's breadth away, so
@@ -34,7 +32,7 @@ def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
     x, y, z = (touch + 1e-6 * n).tolist()
     series = thing.stiffness if thing.spring is None else 1 / (1 / thing.stiffness + 1 / thing.spring)
     held = replace(thing, position=(x, y, z), stiffness=series, body_mass=None, spring=None)
-    pushed = Plant(
+    pushed = type(arm)(
         arm.robot,
         arm.joint_model,
         # What swings must have come to rest: damping changes when it does, not where.

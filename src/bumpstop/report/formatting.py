@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
-    from bumpstop.joint.model import Parameter
+    from bumpstop.joint.parameters import Parameter
 
 NO_BOUND = "unbounded"
 NONE = "none"

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bumpstop.cli.detection.residual_source import thresholds_of
+from bumpstop.cli.numbers import numbers
 from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
-from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -153,17 +153,6 @@ def _refuse_half_of_what_is_needed(noise_sd: str, z: float, stiffness: float, sp
     ):
         if given and not wanted:
             raise InputError(option, f"has no effect without {other}", "give both, or neither")
-
-
-def numbers(text: str, option: str, count: int) -> list[float]:
-    """Finite numbers with commas between them."""
-    try:
-        values = [float(part) for part in list_items(text)]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(map(math.isfinite, values)):
-        raise InputError(option, f"{text[:80]!r} cannot be used", f"wanted {count} numbers with commas between them")
-    return values
 
 
 def three(text: str, option: str) -> tuple[float, float, float]:

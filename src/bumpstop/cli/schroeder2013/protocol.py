@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bumpstop.identification import FitVerdict
-    from bumpstop.joint.model import Parameter
+    from bumpstop.joint.parameters import Parameter
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
     from bumpstop.reproduction.schroeder2013.fit_comparison import FitComparison, JointComparison

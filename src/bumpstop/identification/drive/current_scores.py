@@ -14,7 +14,8 @@ from bumpstop.identification.comparison import Comparison, JointScore, one_after
 from bumpstop.identification.drive.drive_model import DriveModel, JointMotion, motor_current
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.identification.segments.motion import GRAVITY
-from bumpstop.joint.model import JointParameters, JointTorqueModel, TorqueState
+from bumpstop.joint.model import JointTorqueModel, TorqueState
+from bumpstop.joint.parameters import JointParameters
 from bumpstop.model import unit_of
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.joint.model import OF_FRICTION, OF_MAP, JointParameters
+from bumpstop.joint.parameters import OF_FRICTION, OF_MAP, JointParameters
 
 # Slope of the map below this share of B: it has no inverse worth the name, and another value is tried.
 _MIN_SLOPE = 0.02

@@ -11,7 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
-from bumpstop.joint.model import DEFAULT_REST_SPEED
+from bumpstop.joint.parameters import DEFAULT_REST_SPEED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

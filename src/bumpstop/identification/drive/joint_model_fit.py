@@ -18,7 +18,8 @@ from bumpstop.identification.fit import Quantity
 from bumpstop.identification.recording_consistency import inconsistent_joints
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.identification.segments.motion import GRAVITY
-from bumpstop.joint.model import BOUNDS, OF_FRICTION, OF_MAP, JointTorqueModel
+from bumpstop.joint.model import JointTorqueModel
+from bumpstop.joint.parameters import BOUNDS, OF_FRICTION, OF_MAP
 
 if TYPE_CHECKING:
     from bumpstop.identification.comparison import Comparison, JointScore

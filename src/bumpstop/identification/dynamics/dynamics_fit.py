@@ -13,7 +13,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
 from bumpstop.identification.dynamics.dynamics_model_selection import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
-from bumpstop.identification.dynamics.regressor_columns import column_unit
+from bumpstop.identification.dynamics.regressor_columns import checked_group, column_unit
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
@@ -167,7 +167,7 @@ class DynamicsFit:
         """
         from bumpstop.identification.dynamics.fit_file import load_fit
 
-        return load_fit(path)
+        return load_fit(path, cls)
 
 
 def identify_dynamics(
@@ -218,22 +218,6 @@ def identify_dynamics(
         )
     fit = fit_of(best_friction(few, robot, cutoff_hz, groups, of=rows), held_out)
     return replace(fit, still=still, created_from=tuple(log.source for log in logs))
-
-
-def checked_group(group: Sequence[tuple[int, float]], dof: int) -> tuple[tuple[int, float], ...]:
-    """A shared motor: two joints or more, each once and with a share; (joint from 0, share) pairs.
-
-    Raises:
-        InputError: it is none of a robot with ``dof`` joints.
-    """
-    made = tuple((int(j), float(share)) for j, share in group)
-    joints = [j for j, _ in made]
-    usable = all(0 <= j < dof and share != 0 and math.isfinite(share) for j, share in made)
-    if not usable or len(joints) < 2 or len(set(joints)) < len(joints):
-        told = ",".join(f"{j + 1}:{share:g}" for j, share in made)
-        valid = f"for example 5,6 or 5:1,6:-1, two joints or more; joints are 1 to {dof}"
-        raise InputError("couplings", f"{told!r} cannot be used", valid)
-    return made
 
 
 def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:

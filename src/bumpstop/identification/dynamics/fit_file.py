@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit, checked_group
 from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
-from bumpstop.identification.dynamics.regressor_columns import column_names
+from bumpstop.identification.dynamics.regressor_columns import checked_group, column_names
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.model import Robot
 from bumpstop.model.inertia import vector3
 from bumpstop.text_files import is_path, parse_toml, read_text, toml_value, write_text
+
+if TYPE_CHECKING:
+    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
+
+Fit = TypeVar("Fit")
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
 _KEYS |= {"rows_used", "sign_speed", "top_speed", "loaded", "predicted_by_all", "couplings", "parameter", "gain"}
@@ -80,8 +85,8 @@ def save_fit(fit: DynamicsFit, path: str | os.PathLike[str]) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
-def load_fit(path: str | os.PathLike[str]) -> DynamicsFit:
-    """Read a fit.
+def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
+    """Read a fit; ``make`` takes what is in the file.
 
     Raises:
         InputError: the file is absent, damaged, or not of this kind.
@@ -115,7 +120,7 @@ def load_fit(path: str | os.PathLike[str]) -> DynamicsFit:
         predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]
         if predicting and len(predicting) < len(parameters):
             raise ValueError("only some parameters have a value in predictions")
-        return DynamicsFit(
+        return make(
             model=DynamicsModel(
                 robot=robot,
                 columns=tuple(names.index(parameter["column"]) for parameter in parameters),

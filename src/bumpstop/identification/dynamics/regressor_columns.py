@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.regressor import inertial_names, inertial_regressor, inertial_torque
 from bumpstop.identification.segments.motion import UniformMotion
 from bumpstop.model import unit_of
@@ -147,3 +149,19 @@ def speeds_of(motion: UniformMotion, couplings: Couplings) -> FloatArray:
     """Speeds (N, n + shared motors) of joints, then of shared motors."""
     shared = [np.asarray(sum(share * motion.qd[:, j] for j, share in group)) for group in couplings]
     return np.column_stack([motion.qd, *shared])
+
+
+def checked_group(group: Sequence[tuple[int, float]], dof: int) -> tuple[tuple[int, float], ...]:
+    """A shared motor: two joints or more, each once and with a share; (joint from 0, share) pairs.
+
+    Raises:
+        InputError: it is none of a robot with ``dof`` joints.
+    """
+    made = tuple((int(j), float(share)) for j, share in group)
+    joints = [j for j, _ in made]
+    usable = all(0 <= j < dof and share != 0 and math.isfinite(share) for j, share in made)
+    if not usable or len(joints) < 2 or len(set(joints)) < len(joints):
+        told = ",".join(f"{j + 1}:{share:g}" for j, share in made)
+        valid = f"for example 5,6 or 5:1,6:-1, two joints or more; joints are 1 to {dof}"
+        raise InputError("couplings", f"{told!r} cannot be used", valid)
+    return made

@@ -12,7 +12,7 @@ from bumpstop.identification.drive.joint_model_fit import identify_joint_model
 
 if TYPE_CHECKING:
     from bumpstop.identification.drive.joint_fit import JointFit
-    from bumpstop.joint.model import Parameter
+    from bumpstop.joint.parameters import Parameter
     from bumpstop.recording import Recording
     from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit, ProtocolJoint
 

@@ -16,7 +16,7 @@ from bumpstop.identification.design.plan import MIN_SPEED_RATIO
 from bumpstop.identification.drive.current_scores import compare_currents
 from bumpstop.identification.drive.drive_quantities import drive_errors, drive_quantities
 from bumpstop.joint import JointTorqueModel
-from bumpstop.joint.model import JointParameters, Parameter
+from bumpstop.joint.parameters import JointParameters, Parameter
 from bumpstop.model import gravity_torque
 from bumpstop.reproduction.schroeder2013.constant_velocity import Cut, Segment, cut, prepare
 from bumpstop.reproduction.schroeder2013.protocol_friction import LAWS, FrictionFit, fit_friction, held_out_by_law

@@ -14,7 +14,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.drive.drive_model import inverse_map
-from bumpstop.joint.model import Parameter
+from bumpstop.joint.parameters import Parameter
 from bumpstop.reproduction.schroeder2013.protocol_steps import (
     StrokeFit,
     cluster_covariance,
