@@ -217,3 +217,35 @@ def test_contact_may_end_and_begin_again() -> None:
         apart = (found.time > end + 1e-6) & (found.time < begin - 1e-6)
         assert begin > end
         assert not found.force[apart].any()
+
+
+def test_a_feedforward_through_the_motors_winds_the_gears_up_first() -> None:
+    """While the path slows down steadily the links are ahead of it by M q_r'' over the gears' stiffness."""
+    arm = random_arm(
+        np.random.default_rng(12), feeds_motors=True, servo_stiffness=1e6, servo_damping=1e4, gear_damping=300.0
+    )
+    # A bend of the path a millisecond is a blow each time; here they are small beside the gears' swing.
+    path = stopping(0.3, 400, 50, 0.5)
+    found = collide(arm, Body(stiffness=1e4), path, STEP, offset=10.0, tiny=5e-5)
+    mass, gear, rates = (np.asarray(x) for x in (arm.mass_matrix, arm.gear_stiffness, arm.rates))
+    wound_up = mass @ rates * 0.5 / gear
+    late = found.link[found.time > 0.3].mean(axis=0) - found.rotor[found.time > 0.3].mean(axis=0)
+    np.testing.assert_allclose(late, wound_up, atol=0.02 * np.abs(wound_up).max())
+
+
+def test_where_gears_are_stiff_it_does_not_matter_what_is_fed() -> None:
+    path, body = stopping(0.3, 120, 20, 6.0), Body(stiffness=2e4)
+    arm = random_arm(np.random.default_rng(13), gear_stiffness=3e7, gear_damping=2e3, feedforward=[1.0, 0.5, 0.8])
+    direct, through = (collide(replace(arm, feeds_motors=fed), body, path, STEP, tiny=4e-6) for fed in (False, True))
+    nothing = collide(replace(arm, feedforward=0.0), body, path, STEP, tiny=4e-6)
+    assert through.peak_force == pytest.approx(direct.peak_force, rel=2e-3)
+    assert abs(nothing.peak_force / direct.peak_force - 1) > 0.02
+
+
+def test_two_levers_where_the_force_acts_elsewhere() -> None:
+    """A lever twice as long in the distance alone is a spring twice as stiff against the links, at half the way."""
+    arm = free(random_arm(np.random.default_rng(14)))
+    a = np.asarray(arm.lever)
+    twice = collide(replace(arm, gap_lever=2 * a), Body(stiffness=2e4), line(0.4, 60), STEP)
+    other = collide(arm, Body(stiffness=4e4), line(0.2, 60), STEP)
+    np.testing.assert_allclose(twice.force, other.force, atol=1e-6 * other.peak_force)
