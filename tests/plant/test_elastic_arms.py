@@ -25,6 +25,7 @@ from bumpstop.plant import (
     line,
 )
 from bumpstop.plant.objects import rubber_modulus
+from cli.support import run
 from plant.pendulum import pendulum
 from plant.test_closed_forms import still, without_end
 from reference.elastic_arm import Body, ElasticArm, collide
@@ -233,3 +234,13 @@ def test_a_gauge_needs_a_body() -> None:
     for change, problem in (({"body_mass": None}, "body_mass"), ({"spring": 0.0}, "spring")):
         with pytest.raises(InputError, match=problem):
             replace(gauge, **change)  # type: ignore[arg-type]
+
+
+def test_the_command_tells_what_a_gauge_shows() -> None:
+    done = run("plant", "run", Path(__file__).parents[2] / "examples/plant/06_gauge.toml")
+    assert done.status == 0
+    told = next(text for text in done.out.splitlines() if text.startswith("gauge_hand"))
+    assert "on 0.5 kg on a spring of 75000 N/m, shows " in told
+    shown, felt = (float(part.split()[1]) for part in (told[told.index("shows") :], told[told.index("peak") :]))
+    # The pad's mass takes part in the blow.
+    assert 60 < shown < felt < 1.2 * shown

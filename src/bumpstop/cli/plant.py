@@ -81,10 +81,14 @@ def run(
         return
     log = done.recording
     typer.echo(f"{log.robot}: {log.duration:.3f} s, {len(log.t)} samples at {log.rate_hz:.0f} Hz, {done.lost} lost")
-    for thing, peak in zip(done.truth["object"], done.truth["run"]["peak_force_N"], strict=True):
+    peaks = (done.truth["run"][key] for key in ("peak_force_N", "peak_measured_force_N"))
+    for thing, peak, measured in zip(done.truth["object"], *peaks, strict=True):
         series = thing.get("series_stiffness_N_m")
         words = "never touched" if series is None else f"peak {peak:.1f} N, {series:.0f} N/m with the arm in series"
         free = f", free with {thing['body_mass_kg']:g} kg" if "body_mass_kg" in thing else ""
+        if "spring_N_m" in thing:
+            free = f" on {thing['body_mass_kg']:g} kg on a spring of {thing['spring_N_m']:g} N/m"
+            words = words.replace("peak", f"shows {measured:.1f} N, peak", 1)
         typer.echo(f"{thing['name']}: {thing['stiffness_N_m']:g} N/m ({thing['status']}){free}, {words}")
     if done.reaction_time is not None:
         typer.echo(f"reaction after {done.reaction_time:.3f} s")
