@@ -155,14 +155,14 @@ def test_slopes_are_those_of_laws_much_closer_together(scenario: bs.Scenario, ke
         assert each["derivative"]["mean"] == pytest.approx(slope, rel=5e-3), name
 
 
-@pytest.mark.parametrize("law", ["uniform", "half_normal"])
+@pytest.mark.parametrize("offset_law", ["uniform", "half_normal"])
 @pytest.mark.parametrize("kind", ["stop", "reverse"])
 @pytest.mark.parametrize("arm", [control_group, ur10e])
 def test_where_the_force_has_corners_the_slope_is_that_of_its_trend_within_the_error(
-    arm: Callable[..., bs.Scenario], kind: str, result: str
+    arm: Callable[..., bs.Scenario], kind: str, offset_law: str
 ) -> None:
     """An arm comes to rest at the end of a step: between two corners the slope is off by up to some per cent."""
-    scenario = arm(reaction__kind=kind, contact__offset_law=result)
+    scenario = arm(reaction__kind=kind, contact__offset_law=offset_law)
     speed = np.array(scenario.motion.velocity_mm_s)
     acceleration = scenario.reaction.joint_acceleration_rad_s2
     assert not isinstance(acceleration, list)

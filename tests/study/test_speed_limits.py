@@ -221,7 +221,7 @@ def test_nothing_to_slow_down_changes_nothing() -> None:
     assert np.allclose(found.time[found.waypoint], trajectory.time, rtol=1e-12)
 
 
-@pytest.mark.parametrize("pace", [1.5, 3.0])
+@pytest.mark.parametrize("path_speed", [1.5, 3.0])
 def test_no_pace_makes_a_path_faster_than_it_was_given(path_speed: float) -> None:
     trajectory = wavy(np.random.default_rng(1), 50, True)
     found = retime(trajectory, np.full(50, path_speed), np.full(6, 1e3), np.full(6, 1e4))

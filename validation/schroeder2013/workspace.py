@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import bumpstop as bs
 from bumpstop.report.picture import INK, LAW, LIMIT, Picture, axes
 from bumpstop.study import run
-from bumpstop.study.directions import DirectionLaw
+from bumpstop.study.directions import DirectionSampling
 from bumpstop.study.workspace.workspace import WorkspaceStudy
 from collision.cases import control_group, reference_settings
 from reference import simulate_seeded
@@ -27,7 +27,7 @@ LIMIT_N = 135.0  # hand, clamped, BG/BGIA 2011
 ACCELERATIONS_RAD_S2 = (4.5, 20.0)
 # Damped least squares, the way many controllers cross singularities: the arm gets slower there instead of faster.
 DAMPING = 0.01
-DIRECTIONS: dict[DirectionLaw, str] = {"polar": "polar angle even", "sphere": "even on the sphere"}
+DIRECTIONS: dict[DirectionSampling, str] = {"polar": "polar angle even", "sphere": "even on the sphere"}
 BIN_N = 10.0  # as wide as Schroeder (2013) states its most common force
 MOST_COMMON_N = (30.0, 50.0)
 # Bins differ by more than chance if their counts differ by this many standard errors.
@@ -132,7 +132,12 @@ def _limits(findings: Findings, robot: bs.Robot, study: dict[str, Any], pose_fac
 
 
 def _study(
-    directions: DirectionLaw, acceleration: float, damping: float, limits: Limits, count: int, facts: dict[str, Any]
+    directions: DirectionSampling,
+    acceleration: float,
+    damping: float,
+    limits: Limits,
+    count: int,
+    facts: dict[str, Any],
 ) -> WorkspaceStudy:
     scenario = control_group(
         reaction__joint_acceleration_rad_s2=acceleration,
