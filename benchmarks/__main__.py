@@ -22,7 +22,7 @@ import reference  # noqa: E402
 import reference.library as reference_library  # noqa: E402
 from benchmarks import studies  # noqa: E402
 from benchmarks.million_rows import million_rows  # noqa: E402
-from bumpstop import kernels  # noqa: E402
+from bumpstop import _native  # noqa: E402
 from bumpstop.model import inverse_dynamics  # noqa: E402
 from bumpstop.plant import line  # noqa: E402
 from collision.cases import control_group, free, reference_settings  # noqa: E402
@@ -91,7 +91,7 @@ def figures(name: str) -> list[float]:
     compiler = os.environ.get("CXX", "c++")
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / name
-        command = [compiler, *COMMON, "-Wno-psabi", *FLAGS[kernels.target]]
+        command = [compiler, *COMMON, "-Wno-psabi", *FLAGS[_native.target]]
         command += ["-I", str(REPOSITORY / "include"), str(REPOSITORY / f"benchmarks/{name}.cpp"), "-o", str(program)]
         subprocess.run(command, check=True)
         return [float(x) for x in subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()]
@@ -203,9 +203,9 @@ def study_rows() -> None:
 
 def main() -> None:
     """Print the table."""
-    reference_library.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[kernels.target])
+    reference_library.DEFAULT_FLAGS = (*COMMON, "-shared", "-fPIC", *FLAGS[_native.target])
     needed = f"the reference simulator needs {REFERENCE_RUNS} runs for a distribution like Schroeder's"
-    print(f"kernels: {kernels.target}; one core; {needed}\n")
+    print(f"kernels: {_native.target}; one core; {needed}\n")
     row("", "measured", "target", None, "reference / ours")
     for path in sorted((REPOSITORY / "examples").glob("*.toml")):
         scenario = bs.load_scenario(path)
@@ -261,8 +261,9 @@ def main() -> None:
     problem = bs.CollisionProblem.from_scenario(scenario)
     curve = bs.stopping_curve(problem)
     runs = 500_000
-    question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
-    ours = seconds(lambda: curve.kernel.sample(*question, 1, 0, runs, False, 1), 3) / runs
+    settings = _native.MonteCarloSettings()
+    settings.seed, settings.count, settings.noise = 1, runs, False
+    ours = seconds(lambda: curve.line.monte_carlo(problem.detector, problem.contact, settings, None), 3) / runs
     theirs = reference_seconds_per_run(scenario)
     row("sampled runs per second, one curve", f"{1 / ours:.3g}", ">= 1e6", ours <= 1e-6, f"{theirs / ours:.0f}")
 
@@ -271,7 +272,7 @@ def main() -> None:
     begin = time.perf_counter()
     path = reference.trace(reference_settings(scenario, duration_s=0.4), float("inf"))
     literal = (time.perf_counter() - begin) / (len(path.time_s) * settings.substeps) * 1e9
-    wide = kernels.target == "avx512"
+    wide = _native.target == "avx512"
     what = f"controller sub-step per lane, {lanes} lanes"
     for joints, took in (("6 of 7 joints", six), ("7 joints", seven), ("6 joints on a rail", rail)):
         passes = took <= 60 if wide else None

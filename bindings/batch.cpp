@@ -1,76 +1,49 @@
-// Laws of many poses at once, and what runs draw.
+// Distributions of many poses at once.
 #include "bumpstop/collision/batch.hpp"
 
-#include "bumpstop/collision/distribution/monte_carlo.hpp"
+#include "common.hpp"
 #include "interrupt.hpp"
-#include "setup.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace {
 
-using L = NativeLanes;
-
-nb::dict batch(const Setup& setup, Matrix q, Matrix velocity, const GaussianThresholds& detector, double stiffness,
-               const std::string& offset_kind, double offset_size, Vector probability, Vector limit, int threads) {
-    const std::size_t n = q.shape(0), dof = std::size_t(setup.chain.dof);
-    const std::size_t probabilities = probability.shape(0), limits = limit.shape(0);
-    NewArray<double> mean({n}), sd({n}), quantile({n, probabilities}), exceedance({n, limits}), trigger({n, dof});
-    NewArray<double> false_alarm({n}), undetected({n}), no_contact({n});
-    NewArray<std::uint8_t> end({n});
-    {
-        const Unlocked unlocked;
-        const BatchProblem problem{&setup.chain,       &setup.motion,
-                                   &setup.contact,     &setup.timing,
-                                   setup.reaction,     &detector,
-                                   stiffness,          offset_distribution(offset_kind, 0).kind,
-                                   offset_size,        int(n),
-                                   q.data(),           velocity.data(),
-                                   int(probabilities), probability.data(),
-                                   int(limits),        limit.data()};
-        evaluate_batch<L>(
-            problem, threads,
-            {mean.data.get(), sd.data.get(), quantile.data.get(), exceedance.data.get(), trigger.data.get(),
-             false_alarm.data.get(), undetected.data.get(), no_contact.data.get(), end.data.get()});
-    }
-    nb::dict out;
-    out["mean"] = mean.release();
-    out["sd"] = sd.release();
-    out["quantile"] = quantile.release();
-    out["exceedance"] = exceedance.release();
-    out["trigger"] = trigger.release();
-    out["false_alarm"] = false_alarm.release();
-    out["undetected"] = undetected.release();
-    out["no_contact"] = no_contact.release();
-    out["end"] = end.release();
-    return out;
+View<double> rows(const BatchResult& of, const std::vector<double>& values, std::size_t width) {
+    return view(values.data(), {of.end.size(), width});
 }
 
 }  // namespace
 
 void bind_batch(nb::module_& module) {
-    module.def("batch", &batch, nb::arg("setup"), nb::arg("q"), nb::arg("velocity"), nb::arg("detector"),
-               nb::arg("stiffness"), nb::arg("offset_kind"), nb::arg("offset_size"), nb::arg("probability"),
-               nb::arg("limit"), nb::arg("threads"));
+    nb::class_<BatchSettings>(module, "BatchSettings", "What is asked of every pose.")
+        .def(nb::init<>())
+        .def_rw("probability", &BatchSettings::probability)
+        .def_rw("limit", &BatchSettings::limit)
+        .def_rw("threads", &BatchSettings::threads);
+    nb::class_<BatchResult>(module, "BatchResult", "What is kept of every pose, an entry or a row each.")
+        .def_prop_ro("mean", [](const BatchResult& self) { return view(self.mean); })
+        .def_prop_ro("sd", [](const BatchResult& self) { return view(self.sd); })
+        .def_prop_ro(
+            "quantile",
+            [](const BatchResult& self) { return rows(self, self.quantile, self.settings.probability.size()); })
+        .def_prop_ro("exceedance",
+                     [](const BatchResult& self) { return rows(self, self.exceedance, self.settings.limit.size()); })
+        .def_prop_ro("trigger", [](const BatchResult& self) { return rows(self, self.trigger, self.dof); })
+        .def_prop_ro("false_alarm", [](const BatchResult& self) { return view(self.false_alarm); })
+        .def_prop_ro("undetected", [](const BatchResult& self) { return view(self.undetected); })
+        .def_prop_ro("no_contact", [](const BatchResult& self) { return view(self.no_contact); })
+        .def_prop_ro("end", [](const BatchResult& self) { return view(self.end); });
     module.def(
-        "residual_rows",
-        [](std::uint64_t seed, std::int64_t run, std::int64_t ticks, std::int64_t rows, std::int64_t block_rows) {
-            const ResidualRecord record{nullptr, rows, 0, block_rows};
-            NewArray<std::int64_t> out({std::size_t(ticks)});
-            for (std::int64_t k = 0; k < ticks; ++k) out.data[k] = record.row_of(seed, run, k);
-            return out.release();
+        "evaluate_batch",
+        [](const CollisionSetup& setup, const GaussianThresholds& detector, const Contact& contact, Matrix q,
+           Matrix velocity, const BatchSettings& settings) {
+            return unlocked([&] {
+                return evaluate_batch<NativeLanes>(setup, detector, contact,
+                                                   {int(q.shape(0)), q.data(), velocity.data()}, settings);
+            });
         },
-        nb::arg("seed"), nb::arg("run"), nb::arg("ticks"), nb::arg("rows"), nb::arg("block_rows"),
-        "The rows of a record of residuals that play the ticks of a run.");
-    module.def(
-        "offsets",
-        [](std::uint64_t seed, std::int64_t first_run, std::size_t runs, const std::string& kind, double size) {
-            NewArray<double> out({runs});
-            for (std::size_t i = 0; i < runs; ++i)
-                out.data[i] = draw_offset<double>(offset_distribution(kind, size), seed, first_run + std::int64_t(i));
-            return out.release();
-        },
-        nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("kind"), nb::arg("size"));
+        nb::arg("setup"), nb::arg("detector"), nb::arg("contact"), nb::arg("q"), nb::arg("velocity"),
+        nb::arg("settings"), "Of a half-normal or uniform offset the size is in seconds of travel.");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -3,6 +3,7 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -43,6 +44,19 @@ struct NewArray {
     }
 };
 
+// What a member vector holds, for as long as Python has its object: nanobind ties a property's array to that.
+template <class Scalar>
+using View = nb::ndarray<nb::numpy, const Scalar>;
+template <class Scalar>
+View<Scalar> view(const Scalar* data, std::vector<std::size_t> shape) {
+    static constexpr Scalar none{};  // an empty vector may be nowhere
+    return View<Scalar>(data != nullptr ? data : &none, shape.size(), shape.data(), nb::handle());
+}
+template <class Scalar>
+View<Scalar> view(const std::vector<Scalar>& values) {
+    return view(values.data(), {values.size()});
+}
+
 inline NewArray<double>::Array array_of(const std::vector<double>& values, std::vector<std::size_t> shape) {
     NewArray<double> array(std::move(shape));
     std::copy(values.begin(), values.end(), array.data.get());
@@ -71,9 +85,9 @@ void bind_joint(nb::module_& module);
 void bind_detection(nb::module_& module);
 void bind_sensitivity(nb::module_& module);
 void bind_workspace(nb::module_& module);
-void bind_threshold(nb::module_& module);
+void bind_setup(nb::module_& module);
+void bind_distribution(nb::module_& module);
 void bind_collision(nb::module_& module);
-void bind_exact_law(nb::module_& module);
 void bind_batch(nb::module_& module);
 void bind_trajectory(nb::module_& module);
 

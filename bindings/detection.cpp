@@ -1,6 +1,4 @@
 // The detector over the rows of a recording, and tick by tick.
-#include <nanobind/stl/array.h>
-
 #include "bumpstop/detection/detector.hpp"
 #include "common.hpp"
 #include "links.hpp"

@@ -35,6 +35,13 @@ class Unlocked {
     MayBeInterrupted interruption_;
 };
 
+// Does work without the lock.
+template <class Work>
+auto unlocked(Work work) {
+    const Unlocked here;
+    return work();
+}
+
 // Python has set its error where the interruption was heard.
 inline void translate_interruptions() {
     nanobind::register_exception_translator([](const std::exception_ptr& thrown, void*) {

@@ -77,6 +77,7 @@ NewArray<double>::Array jacobians(const Chain& chain, Matrix q, int link, Vector
 
 void bind_model(nb::module_& module) {
     module.attr("max_joints") = max_joints;
+    nb::class_<LinkPoint>(module, "LinkPoint", "A point fixed to a link.").def_ro("link", &LinkPoint::link);
     nb::class_<Chain>(module, "Chain", "A serial chain in computing form.")
         .def(
             "__init__",
@@ -85,6 +86,10 @@ void bind_model(nb::module_& module) {
             },
             nb::arg("prismatic"), nb::arg("origin"), nb::arg("rotation"), nb::arg("axis"))
         .def_ro("dof", &Chain::dof)
+        .def(
+            "link_point",
+            [](const Chain& chain, int link, const Vector3& point) { return link_point(chain, link, point); },
+            nb::arg("link"), nb::arg("point"), "A point given in the frame of a link [m].")
         .def("poses", &poses, nb::arg("q"), nb::arg("link"), nb::arg("point"),
              "Homogeneous transforms (N, 4, 4) of the frame of `link`, moved to `point` of it, in the base "
              "frame.")

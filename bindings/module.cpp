@@ -16,9 +16,9 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_detection(module);
     bumpstop::bind_sensitivity(module);
     bumpstop::bind_workspace(module);
-    bumpstop::bind_threshold(module);
+    bumpstop::bind_setup(module);
+    bumpstop::bind_distribution(module);
     bumpstop::bind_collision(module);
-    bumpstop::bind_exact_law(module);
     bumpstop::bind_batch(module);
     bumpstop::bind_trajectory(module);
 }

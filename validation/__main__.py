@@ -20,7 +20,7 @@ if str(REPOSITORY / "tests") not in sys.path:
 import numpy as np  # noqa: E402
 
 import bumpstop as bs  # noqa: E402
-from bumpstop import kernels  # noqa: E402
+from bumpstop import _native  # noqa: E402
 from validation import (  # noqa: E402
     batches,
     convergence,
@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = list(dict.fromkeys(options.only or COMPARISONS))
     made_by = {
         "bumpstop": bs.__version__,
-        "kernels": kernels.target,
+        "kernels": _native.target,
         "Python": platform.python_version(),
         "NumPy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",

@@ -167,8 +167,7 @@ def _far_tails(findings: Findings, *, quick: bool) -> None:
 def _tail(result: bs.CollisionResult, x: float) -> float:
     """P(detected, and peak force > x), computed by itself."""
     problem = result.problem
-    question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
-    return float(result.curve.kernel.tail_directly(*question, x))
+    return result.curve.line.tail_without_interpolation(problem.detector, problem.contact, x)
 
 
 def _force_of_tail(result: bs.CollisionResult, p: float) -> float | None:

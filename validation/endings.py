@@ -9,7 +9,7 @@ import sys
 from collections import Counter
 from typing import Any
 
-from bumpstop import kernels
+from bumpstop import _native
 from collision.random_scenarios import ALLOWED, difference
 from validation.facts import REPOSITORY
 from validation.findings import Cell, Findings
@@ -40,7 +40,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     findings.table(
         "How their motions end", ["End", "Scenarios"], ["", "d"], [[end, n] for end, n in ends.most_common()]
     )
-    targets = kernels.available_targets()
+    targets = _native.available_targets()
     share = 40 if quick else count // 10
     first, *others = [_run(count, share, "--one-sub-step", target=target) for target in targets]
     rows: list[list[Cell]] = []

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bumpstop import kernels
+from bumpstop import _native
 from validation.facts import REPOSITORY
 from validation.findings import Cell, Findings
 
@@ -50,7 +50,7 @@ class Difference:
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Run the examples in one process for each target, and compare."""
-    targets = kernels.available_targets()
+    targets = _native.available_targets()
     runs, along, poses = (70_000, 3000, 20) if quick else (300_000, 300_000, 3000)
     findings.say(
         f"This processor and this build have the kernels {', '.join(targets)}. Each runs all examples in a process of "

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import bumpstop as bs
-from bumpstop import kernels
+from bumpstop import _native
 
 EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.toml"))
 
@@ -84,7 +84,7 @@ def probe(runs: int, trajectory_runs: int, poses: int) -> dict[str, Any]:
         vars(bs.evaluate_batch(scenario, q, velocity, limits_N=[50.0, 135.0], threads=threads)) for threads in (1, 2)
     ]
     return {
-        "target": kernels.target,
+        "target": _native.target,
         "figures": {name: figures(result) for name, result in exact.items()},
         "tails": {name: tails(result) for name, result in exact.items()},
         "ticks": ticks,

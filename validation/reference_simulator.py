@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import bumpstop as bs
-from bumpstop import kernels
+from bumpstop import _native
 from bumpstop.collision.distribution.contact_duration import monte_carlo_contact_duration
 from bumpstop.collision.distribution.distribution import SampledDistribution
 from collision.cases import VARIED, reference_settings
@@ -133,7 +133,7 @@ def _differences(scenario: bs.Scenario, runs: int, seed: int = 5) -> Differences
     theirs: list[ReferenceRuns] = []
     for begin in range(0, runs, size):
         count = min(size, runs - begin)
-        noise = kernels.core.standard_noise(seed, begin, count, ticks, problem.robot.dof)
+        noise = _native.standard_noise(seed, begin, count, ticks, problem.robot.dof)
         noise = noise * problem.noise_sd + problem.noise_mean
         theirs.append(simulate(settings, offset[begin : begin + count], noise))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bumpstop.kernels import core
+from bumpstop import _native
 from detection.direction_search import directions, enumerated, farthest
 from detection.sensitivity_cases import random_cases, singular_cases
 from validation.findings import Cell, Findings
@@ -58,7 +58,7 @@ def _chunk(rng: np.random.Generator, dof: int, size: int, rank: int) -> tuple[fl
         columns, low, high, walls, lost = singular_cases(rng, dof, size, rank)
         normals = np.concatenate([columns.transpose(0, 2, 1), lost], axis=1)
         lower, upper = np.concatenate([low, -walls], axis=1), np.concatenate([high, walls], axis=1)
-    found = [core.undetectable_forces(columns[i : i + 1], low[i], high[i]) for i in range(size)]
+    found = [_native.undetectable_forces(columns[i : i + 1], low[i], high[i]) for i in range(size)]
     found_force = np.array([float(one[1][0]) for one in found])
     wrong = sum(int(one[4][0]) != rank for one in found)
     searched = farthest(normals, lower, upper, directions(FEW))

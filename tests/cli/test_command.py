@@ -53,7 +53,7 @@ def test_version_and_help() -> None:
 @pytest.mark.parametrize(
     ("arguments", "unwanted"),
     [
-        (["--help"], {"numpy", "scipy", "pydantic", "polars", "matplotlib", "rich.table", "bumpstop.kernels"}),
+        (["--help"], {"numpy", "scipy", "pydantic", "polars", "matplotlib", "rich.table", "bumpstop._native"}),
         (["evaluate", str(EXAMPLE), "--json"], {"scipy", "polars", "matplotlib", "rich.table", "bumpstop.report"}),
         (["bodies"], {"scipy", "polars", "matplotlib", "bumpstop.report"}),
     ],

@@ -262,7 +262,7 @@ def reference_settings(scenario: Scenario, **changes: Any) -> ReferenceSettings:
         settings |= {"contact_link": link, "contact_point_m": tuple(point)}
     if contact.normal is not None or motion.damping > 0:
         # Damped rates do not quite go where they were asked to, and the normal is where they go.
-        normal = np.array(contact.normal or problem.start["point_velocity"])
+        normal = np.array(contact.normal or problem.start.point_velocity)
         settings["normal"] = normal / np.linalg.norm(normal)
     return ReferenceSettings(**settings | changes)
 

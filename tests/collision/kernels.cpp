@@ -4,12 +4,9 @@
 #include <cstdlib>
 
 #include "bumpstop/collision/batch.hpp"
-#include "bumpstop/collision/contact/separation_criterion.hpp"
-#include "bumpstop/collision/distribution/monte_carlo.hpp"
-#include "bumpstop/collision/distribution/survival_criterion.hpp"
+#include "bumpstop/collision/collision.hpp"
 #include "bumpstop/collision/distribution/tail_without_interpolation.hpp"
-#include "bumpstop/collision/motion/line_tracer.hpp"
-#include "bumpstop/collision/trajectory.hpp"
+#include "bumpstop/collision/trajectory/onset_monte_carlo.hpp"
 
 using namespace bumpstop;
 using L = Lanes<native_lanes>;
@@ -22,11 +19,7 @@ void require(bool holds, const char* what) {
     std::exit(1);
 }
 
-struct Arm {
-    Chain chain;
-    MotionSettings motion;
-    ContactGeometry contact;
-    Timing timing;
+struct Arm : CollisionSetup {
     GaussianThresholds detector;
     std::array<double, max_joints> q{};
 };
@@ -52,89 +45,59 @@ Arm make_arm(int dof, int rows) {
         arm.motion.velocity_limit[j] = 3;
         arm.motion.lower[j] = arm.q[j] - 0.5;
         arm.motion.upper[j] = arm.q[j] + 0.5;
-        arm.detector.watch(j, 15, j % 2 == 0 ? 2.5 : 0.0, 0.1 * j);
-        arm.detector.noise_sd[j] = j % 2 == 0 ? 2.5 : 0.0;
+        arm.detector.add_joint(15, j % 2 == 0 ? 2.5 : 0.0, 0.1 * j);
     }
     arm.contact.point = arm.motion.tip;
     arm.timing.steps = 300;
     return arm;
 }
 
-void check_case(const Arm& arm, ReactionKind reaction, OffsetDistribution offset) {
-    StoppingCurve curve;
-    curve.path =
-        trace_line<L>(arm.chain, arm.motion, arm.contact, arm.timing, {arm.q.data(), {0.03, -0.02, 0.04}},
-                      SurvivalCriterion<L>(arm.detector, arm.timing, arm.motion.step, 20000, offset.largest()));
-    complete_curves<L>(
-        arm.chain, arm.motion, arm.contact, arm.timing, reaction, &curve, 1, [&](int) { return arm.q.data(); },
-        [](int) { return OvertravelTolerance{}; });
+void check_case(const Arm& arm, OffsetDistribution offset) {
+    const Contact contact{{20000}, offset};
+    const StoppingCurve curve = stopping_curve<L>(arm, {arm.q.data(), {0.03, -0.02, 0.04}}, &arm.detector, contact);
     for (int k = 0; k < curve.path.ticks; ++k)
         require(curve.farthest[k] >= curve.path.at_tick(k, arm.timing.period) - 1e-12, "the farthest point is ahead");
-    const QuadratureSettings settings{20000, offset, 1, true};
-    const CollisionDistribution law = integrate<L>(curve, arm.timing, arm.motion, arm.detector, settings);
+    const CollisionDistribution law = integrate<L>(arm, curve, arm.detector, {contact});
     const double total = law.peak_force.total + law.harmless + law.unbounded();
     require(std::fabs(total - 1) < 1e-8, "probabilities add up");
     const double half = tail<L>(law.density, law.peak_force, 20).probability;
-    const double direct = tail_without_interpolation<L>(curve, arm.timing, arm.motion, arm.detector, settings, 20);
+    const double direct = tail_without_interpolation<L>(arm, curve, arm.detector, contact, 20);
     require(std::fabs(half - direct) < 1e-6, "two routes to a tail");
 
     constexpr int runs = 1025;
-    std::vector<double> offsets(runs), noise(std::size_t(runs) * arm.chain.dof), residual(noise.size());
-    std::vector<std::int32_t> tick(runs);
-    std::vector<std::uint32_t> triggers(runs);
-    MonteCarlo<L>(curve, arm.timing, arm.motion, arm.detector, 20000, offset, 42)
-        .run(0, runs, {offsets.data(), tick.data(), triggers.data(), noise.data(), residual.data()});
+    const MonteCarloRuns drawn = monte_carlo<L>(arm, curve, arm.detector, contact, {.seed = 42, .count = runs});
     double over = 0;
     const double end = curve.path.greatest(std::size_t(arm.timing.steps));
     for (int i = 0; i < runs; ++i) {
-        require((tick[i] >= 0) == (triggers[i] != 0), "a detected run has a joint that detected it");
+        const int tick = drawn.tick[i];
+        require((tick >= 0) == (drawn.triggers[i] != 0), "a detected run has a joint that detected it");
         // An arm that comes to rest has a force for what it never detects, too.
-        if (tick[i] < 0 && !law.rests) continue;
-        over += 20000 * ((tick[i] < 0 ? end : curve.farthest[tick[i]]) - offsets[i]) > 20;
+        if (tick < 0 && !law.rests) continue;
+        over += 20000 * ((tick < 0 ? end : curve.farthest[tick]) - drawn.offset[i]) > 20;
     }
     require(std::fabs(over / runs - half) < 5 * std::sqrt(0.25 / runs), "exact and sampled agree");
 }
 
 // Noise that remembers, an observer, and a body that gets away.
 void check_memory_and_free_contact(Arm arm) {
-    const OffsetDistribution offset{OffsetKind::uniform, 0.0005};
-    const ContactBody body{20000, 0, 3.0};
-    const ContactPropagator by(ContactSystem(ElasticArm{}, body), arm.motion.step);
+    const Contact contact{{20000, 0, 3.0}, {OffsetKind::uniform, 0.0005}};
     arm.timing.steps = 60;
     for (const auto& [correlation, filter] : {std::pair{0.0, 0.0}, std::pair{0.6, 0.7}}) {
         arm.detector.correlation = correlation;
         arm.detector.filter = filter;
-        check_case(arm, ReactionKind::reverse, {OffsetKind::fixed, 0.0004});
-        StoppingCurve curve;
-        curve.path = trace_line<L>(arm.chain, arm.motion, arm.contact, arm.timing, {arm.q.data(), {0.03, -0.02, 0.04}},
-                                   SeparationCriterion<L>(by, arm.timing, offset.largest()));
-        complete_curves<L>(
-            arm.chain, arm.motion, arm.contact, arm.timing, ReactionKind::reverse, &curve, 1,
-            [&](int) { return arm.q.data(); }, [](int) { return OvertravelTolerance{}; });
-        const ContactPaths paths = contact_paths<L>(arm.chain, arm.motion, arm.contact, arm.timing,
-                                                    ReactionKind::reverse, curve, by, curve.path.ticks, arm.q.data());
-        QuadratureSettings settings{body.stiffness, offset, 1, true, &paths, &by};
-        const CollisionDistribution law = integrate<L>(curve, arm.timing, arm.motion, arm.detector, settings);
+        check_case(arm, {OffsetKind::fixed, 0.0004});
+        const StoppingCurve curve = stopping_curve<L>(arm, {arm.q.data(), {0.03, -0.02, 0.04}}, &arm.detector, contact);
+        const CollisionDistribution law = integrate<L>(arm, curve, arm.detector, {contact});
         // No body is struck harder than by an arm that never reacts.
-        const double most = curve.path.approach_speed * std::sqrt(body.stiffness * body.mass) * 1.01;
+        const double most = curve.path.approach_speed * std::sqrt(contact.body.stiffness * contact.body.mass) * 1.01;
         for (double force : law.nodes.peak_force) require(force <= most && force >= 0, "free contact is bounded");
 
         constexpr int runs = 129;
-        std::vector<double> offsets(runs), peak(runs), duration(runs), force(runs);
-        std::vector<double> noise(std::size_t(runs) * arm.chain.dof), residual(noise.size());
-        std::vector<std::int32_t> tick(runs);
-        std::vector<std::uint32_t> triggers(runs);
-        MonteCarloRuns out{offsets.data(), tick.data(), triggers.data(), noise.data(), residual.data()};
-        out.peak_force = peak.data();
-        out.duration = duration.data();
-        out.force_at_detection = force.data();
-        std::vector<double> rows(std::size_t(40) * arm.chain.dof, 0.5);
-        const ResidualRecord record{rows.data(), 40, arm.chain.dof, 7};
+        const ResidualRecord record{std::vector<double>(std::size_t(40) * arm.chain.dof, 0.5), 40, 7};
         for (const ResidualRecord* noise_of : {static_cast<const ResidualRecord*>(nullptr), &record}) {
-            MonteCarlo<L>(curve, arm.timing, arm.motion, arm.detector, body.stiffness, offset, 42, noise_of, &paths,
-                          &by)
-                .run(0, runs, out);
-            for (int i = 0; i < runs; ++i) require(peak[i] <= most && peak[i] >= 0, "so are single runs");
+            const MonteCarloRuns drawn =
+                monte_carlo<L>(arm, curve, arm.detector, contact, {.seed = 42, .count = runs}, noise_of);
+            for (double peak : drawn.peak_force) require(peak <= most && peak >= 0, "so are single runs");
         }
     }
 }
@@ -147,34 +110,14 @@ void check_batch(const Arm& arm) {
         for (int j = 0; j < dof; ++j) q.push_back(arm.q[j] + 0.02 * i);
         velocity.insert(velocity.end(), {0.02, 0.01 * i, 0.03});
     }
-    const double probability[] = {0.5, 0.99}, limit[] = {50.0};
-    std::vector<double> mean(poses), sd(poses), quantile(2 * poses), excess(poses), trigger(std::size_t(poses) * dof);
-    std::vector<double> alarm(poses), undetected(poses), none(poses);
-    std::vector<std::uint8_t> end(poses);
-    const BatchProblem problem{&arm.chain,
-                               &arm.motion,
-                               &arm.contact,
-                               &arm.timing,
-                               ReactionKind::reverse,
-                               &arm.detector,
-                               20000,
-                               OffsetKind::half_normal,
-                               0.05,
-                               poses,
-                               q.data(),
-                               velocity.data(),
-                               2,
-                               probability,
-                               1,
-                               limit};
-    evaluate_batch<L>(problem, 2,
-                      {mean.data(), sd.data(), quantile.data(), excess.data(), trigger.data(), alarm.data(),
-                       undetected.data(), none.data(), end.data()});
+    const BatchResult found = evaluate_batch<L>(arm, arm.detector, {{20000}, {OffsetKind::half_normal, 0.05}},
+                                                {poses, q.data(), velocity.data()}, {{0.5, 0.99}, {50.0}, 2});
+    const std::vector<double>& quantile = found.quantile;
     for (int i = 0; i < poses; ++i) require(quantile[2 * i] <= quantile[2 * i + 1], "quantiles are in order");
 }
 
 // A motion of two cubics from rest to rest, hit at its very beginning, near its end and between.
-void check_trajectory(const Arm& arm, ReactionKind reaction, double duration) {
+void check_trajectory(const Arm& arm, double duration) {
     const int dof = arm.chain.dof;
     JointSpline spline;
     spline.dof = dof;
@@ -188,33 +131,34 @@ void check_trajectory(const Arm& arm, ReactionKind reaction, double duration) {
             for (int j = 0; j < dof; ++j)
                 spline.coefficient.push_back(0.2 * duration * power[c] + (c == 3 ? arm.q[j] : 0));
     }
-    const TrajectorySettings settings{arm.contact.point, arm.motion, 4, arm.timing.latency, reaction};
-    const ArmTrajectory trajectory(arm.chain, spline, settings);
-    const PreContactAlarms before(arm.detector, trajectory.timing(), trajectory.step(), trajectory.ticks());
+    const ArmTrajectory trajectory(arm, spline);
+    const PreContactAlarms before(trajectory.setup(), arm.detector, trajectory.ticks());
     for (double share : {0.001, 0.3, 0.5, 0.8, 0.999}) {
         const double begin = share * duration, h = 1e-6 * duration;
         const Point3<double> way = trajectory.point_at(begin + h) - trajectory.point_at(begin - h);
         const double length = std::sqrt(dot(way, way));
         const Point3<double> normal{way.x / length, way.y / length, way.z / length};
         for (double mass : {2.0, 0.0}) {
-            const ContactPropagator by(ContactSystem(ElasticArm{}, {20000, 0, mass, 0}), trajectory.step());
-            const ContactLaw law =
-                contact_law<L>(trajectory, begin, normal, arm.detector, 20000, before, mass > 0 ? &by : nullptr);
+            const Contact contact{{20000, 0, mass}};
+            const auto by = contact.propagator(trajectory.step());
+            const OnsetDistribution law =
+                integrate_onset<L>(trajectory, begin, normal, arm.detector, contact, by ? &*by : nullptr, before);
             double all = law.harmless + law.undetected;
-            for (const ContactLaw::Detection& one : law.detection) {
+            for (const OnsetDistribution::Detection& one : law.detection) {
                 all += one.probability;
                 require(one.peak >= 0 && one.duration >= 0, "free contact is bounded");
             }
             require(std::fabs(all - 1) < 1e-8, "probabilities add up");
         }
-        const ContactLaw law = contact_law<L>(trajectory, begin, normal, arm.detector, 20000, before);
+        const OnsetDistribution law =
+            integrate_onset<L>(trajectory, begin, normal, arm.detector, {{20000}}, nullptr, before);
         double total = law.harmless + law.undetected;
-        for (const ContactLaw::Detection& one : law.detection) {
+        for (const OnsetDistribution::Detection& one : law.detection) {
             total += one.probability;
             require(one.tick >= 0 && one.tick < trajectory.ticks(), "detections are at ticks");
             require(one.farthest >= one.distance, "the farthest point is ahead");
-            if (reaction != ReactionKind::reverse || !(one.farthest > 0)) continue;
-            require(trajectory.contact_span(one.tick, begin) > 0, "a reversing arm lets go");
+            if (arm.reaction != ReactionKind::reverse || !(one.farthest > 0)) continue;
+            require(trajectory.contact_duration(one.tick, begin) > 0, "a reversing arm lets go");
             require(trajectory.reaction_distances(one.tick, begin, normal).back() <= 0, "and is back before the body");
         }
         require(std::fabs(total - 1) < 1e-8, "probabilities add up");
@@ -227,10 +171,11 @@ int main() {
     for (const auto& [dof, rows] : {std::pair{6, 6}, std::pair{8, 6}, std::pair{4, 3}}) {
         Arm arm = make_arm(dof, rows);
         for (ReactionKind reaction : {ReactionKind::stop, ReactionKind::reverse}) {
-            check_case(arm, reaction, {OffsetKind::half_normal, 0.004});
-            check_case(arm, reaction, {OffsetKind::uniform, 0.0003});
-            check_case(arm, reaction, {OffsetKind::fixed, 0.0011});
-            for (double duration : {0.0015, 0.05, 0.9}) check_trajectory(arm, reaction, duration);
+            arm.reaction = reaction;
+            check_case(arm, {OffsetKind::half_normal, 0.004});
+            check_case(arm, {OffsetKind::uniform, 0.0003});
+            check_case(arm, {OffsetKind::fixed, 0.0011});
+            for (double duration : {0.0015, 0.05, 0.9}) check_trajectory(arm, duration);
             arm.timing.latency = 3;
             arm.timing.from_rest = !arm.timing.from_rest;
         }
@@ -239,7 +184,7 @@ int main() {
         // A motion that ends at a joint limit before the body is reached.
         arm.motion.upper[0] = arm.q[0] + 0.001;
         arm.motion.lower[0] = arm.q[0] - 0.001;
-        check_case(arm, ReactionKind::reverse, {OffsetKind::half_normal, 0.004});
+        check_case(arm, {OffsetKind::half_normal, 0.004});
     }
     return 0;
 }

@@ -10,10 +10,7 @@ namespace random_arm {
 
 using namespace bumpstop;
 
-struct Arm {
-    Chain chain;
-    MotionSettings motion;
-};
+using Arm = CollisionSetup;
 
 inline Arm make(int dof, const std::vector<int>& sliding, int held) {
     std::vector<JointSpec> joints(static_cast<std::size_t>(dof));

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop import kernels
+from bumpstop import _native
 from collision.cases import control_group, ur10e
 
 
@@ -61,7 +61,7 @@ np.savez(sys.argv[2], **vars(distributions))
 def test_every_instruction_set_gives_the_same_batches(robot: str, tmp_path: Path) -> None:
     """Anywhere in the arm's reach: reactions near singularities enlarge a rounding a billion times."""
     found = {}
-    for target in kernels.available_targets():
+    for target in _native.available_targets():
         file = tmp_path / f"{target}.npz"
         tests = str(Path(__file__).resolve().parents[1])
         environment = os.environ | {"BUMPSTOP_TARGET": target, "PYTHONPATH": tests}

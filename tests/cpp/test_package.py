@@ -85,7 +85,7 @@ def test_dynamics(built: Path, name: str, tmp_path: Path) -> None:
 def test_force_law(built: Path, tmp_path: Path) -> None:
     law = bs.evaluate(bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml"))
     force = law.peak_force
-    found = numbers(built, "03_force_law", bs.Robot.load("sia5d"), tmp_path)
+    found = numbers(built, "03_force_distribution", bs.Robot.load("sia5d"), tmp_path)
     expected = [force.mean, force.sd, *(force.quantile(p) for p in (0.5, 0.95, 0.99, 0.999))]
     np.testing.assert_allclose(found[:6], expected, rtol=1e-7)
     assert found[-1] == pytest.approx(law.false_alarm_probability, rel=1e-3)

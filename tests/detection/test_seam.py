@@ -8,9 +8,9 @@ from typing import get_args
 
 import pytest
 
+from bumpstop import _native
 from bumpstop.detection.events import FAULTS, STATES
 from bumpstop.detection.settings import ResidualKind
-from bumpstop.kernels import core
 
 HEADERS = Path(__file__).resolve().parents[2] / "include/bumpstop"
 TEXT = re.sub(
@@ -46,20 +46,20 @@ def body(kind: str, name: str) -> str:
 @pytest.mark.parametrize("name", sorted(re.findall(r"enum class (\w+)", TEXT)))
 def test_enums_have_the_names_and_values_of_cpp(name: str) -> None:
     names = [part.strip() for part in body("enum class", name).split(",") if part.strip()]
-    kind = getattr(core, name)
+    kind = getattr(_native, name)
     assert {member.name: member.value for member in kind} == {one: value for value, one in enumerate(names)}
 
 
 def test_names_in_python_are_those_of_the_enums() -> None:
     for names, kind in (
-        (STATES, core.DetectorState),
-        (FAULTS, core.SampleFault),
-        (get_args(ResidualKind), core.ResidualKind),
-        (("current", "torque"), core.TorqueSource),
+        (STATES, _native.DetectorState),
+        (FAULTS, _native.SampleFault),
+        (get_args(ResidualKind), _native.ResidualKind),
+        (("current", "torque"), _native.TorqueSource),
     ):
         assert tuple(member.name for member in sorted(kind, key=lambda member: member.value)) == names
-    assert core.detector_states == len(STATES)
-    assert core.sample_faults == len(FAULTS)
+    assert _native.detector_states == len(STATES)
+    assert _native.sample_faults == len(FAULTS)
 
 
 @pytest.mark.parametrize("name", STRUCTS)
@@ -74,7 +74,7 @@ def test_structs_have_the_fields_of_cpp(name: str) -> None:
         if found:
             fields |= {part.split("=")[0].strip() for part in found[1].split(",")}
     assert len(fields) >= 2
-    kind = getattr(core, name)
+    kind = getattr(_native, name)
     bound = {key for key in vars(kind) if not key.startswith("_")}
     assert fields - bound == STRUCTS[name]
     assert bound <= fields | {key for key in bound if callable(getattr(kind, key))}

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from bumpstop import kernels
+from bumpstop import _native
 from cpp.builds import COMPILER, ROOT, SANITIZERS, WARNINGS, can, compiled
 
 # As the kernels are compiled (CMakeLists.txt), for the widest instruction set that runs here.
@@ -21,7 +21,7 @@ FLAGS_OF_TARGET = {
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma"],
     "avx2": ["-mavx2", "-mfma"],
 }
-OPTIMISED = ["-O1", "-ffp-contract=fast", *FLAGS_OF_TARGET.get(kernels.available_targets()[0], [])]
+OPTIMISED = ["-O1", "-ffp-contract=fast", *FLAGS_OF_TARGET.get(_native.available_targets()[0], [])]
 
 BUILDS = {
     "sanitized": [["clang++-14", "-O0", *SANITIZERS], [*COMPILER, "-O0", *SANITIZERS]],
@@ -84,7 +84,7 @@ def test_the_build_and_the_package_ask_alike_what_the_processor_runs(tmp_path: P
     printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     runnable = [name for name in printed.split(";") if name]
     # What make build leaves out is what cannot run; a package without the rest lacks nothing here.
-    assert runnable == kernels.available_targets()
+    assert runnable == _native.available_targets()
 
 
 @pytest.mark.parametrize("flag", ["-O2", "-ffast-math", "-ffinite-math-only"])

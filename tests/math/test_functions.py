@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from bumpstop import kernels
+from bumpstop import _native
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-TARGETS = kernels.available_targets()
+TARGETS = _native.available_targets()
 EPSILON = 2.0**-52
 
 # Largest x whose erfc is a normal number is 26.543; the exponential is cut off at exp(-708), x = 26.6083.
@@ -142,7 +142,7 @@ def reference(name: str) -> Reference:
 
 
 def call(target: str, name: str, x: npt.ArrayLike) -> Floats:
-    value: Floats = getattr(kernels.load(target), name)(np.ascontiguousarray(x, dtype=np.float64))
+    value: Floats = getattr(_native.load(target), name)(np.ascontiguousarray(x, dtype=np.float64))
     return value
 
 

@@ -10,10 +10,9 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from bumpstop import kernels
-from bumpstop.kernels import core
+from bumpstop import _native
 
-TARGETS = kernels.available_targets()
+TARGETS = _native.available_targets()
 
 # kat_vectors of Random123: counter, key, result; a seed is the key with its first word low.
 KNOWN_ANSWERS = [
@@ -63,7 +62,7 @@ def signed_probability(seed: int, run: int, tick: int, joint: int) -> tuple[floa
 @pytest.mark.parametrize(("counter", "key", "result"), KNOWN_ANSWERS)
 def test_known_answers(counter: tuple[int, ...], key: tuple[int, int], result: tuple[int, ...], target: str) -> None:
     seed = key[0] | key[1] << 32
-    assert kernels.load(target).philox(np.array([counter], dtype=np.int64), seed)[0].tolist() == list(result)
+    assert _native.load(target).philox(np.array([counter], dtype=np.int64), seed)[0].tolist() == list(result)
     assert philox(counter, seed) == result
 
 
@@ -72,7 +71,7 @@ def test_random_counters(target: str) -> None:
     rng = np.random.default_rng(11)
     counters = rng.integers(0, 2**32, (200, 4), dtype=np.int64)
     seed = 0xFEDCBA9876543210
-    blocks = kernels.load(target).philox(counters, seed)
+    blocks = _native.load(target).philox(counters, seed)
     assert blocks.tolist() == [list(philox(tuple(row), seed)) for row in counters.tolist()]
 
 
@@ -80,7 +79,7 @@ SEED = 20_260_101
 
 
 def sample(seed: int = SEED, runs: int = 300, ticks: int = 100, dof: int = 7) -> npt.NDArray[np.float64]:
-    noise: npt.NDArray[np.float64] = core.standard_noise(seed, 0, runs, ticks, dof)
+    noise: npt.NDArray[np.float64] = _native.standard_noise(seed, 0, runs, ticks, dof)
     return noise
 
 
@@ -126,7 +125,7 @@ def test_numbers_are_uncorrelated() -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_number_depends_on_seed_run_tick_and_joint_only(target: str) -> None:
-    noise = kernels.load(target).standard_noise
+    noise = _native.load(target).standard_noise
     whole = noise(5, 0, 40, 30, 9)
     assert whole.shape == (40, 30, 9)
     assert np.array_equal(noise(5, 0, 3, 4, 2), whole[:3, :4, :2])
@@ -140,18 +139,25 @@ def test_number_depends_on_seed_run_tick_and_joint_only(target: str) -> None:
 @pytest.mark.parametrize("seed", [0, 1, 2**32, 2**64 - 1])
 @pytest.mark.parametrize("first_run", [0, 2**32 - 1, 2**40 + 3, 2**62 - 2])
 def test_noise_is_what_the_page_says(first_run: int, seed: int, target: str) -> None:
-    noise = kernels.load(target).standard_noise(seed, first_run, 2, 3, 5)
+    noise = _native.load(target).standard_noise(seed, first_run, 2, 3, 5)
     for run, tick, joint in np.ndindex(2, 3, 5):
         p, sign = signed_probability(seed, first_run + run, tick, joint)
         assert noise[run, tick, joint] == pytest.approx(sign * stats.norm.isf(p), rel=1e-13, abs=1e-300)
 
 
 def test_targets_agree() -> None:
-    noise = [kernels.load(target).standard_noise(7, 2**33, 50, 20, 7) for target in TARGETS]
-    offsets = [kernels.load(target).offsets(7, 2**33, 2000, "half_normal", 0.05) for target in TARGETS]
+    noise = [_native.load(target).standard_noise(7, 2**33, 50, 20, 7) for target in TARGETS]
+    offsets = [offsets_of(7, 2**33, 2000, "half_normal", 0.05, target) for target in TARGETS]
     for values in (noise, offsets):
         for other in values[1:]:
             np.testing.assert_allclose(other, values[0], rtol=1e-12, atol=0)
+
+
+def offsets_of(seed: int, first: int, count: int, kind: str, size: float, target: str = _native.target) -> Any:
+    module = _native.load(target)
+    offset = module.Contact().offset
+    offset.kind, offset.size = module.OffsetKind[kind], size
+    return module.sample_offsets(offset, seed, first, count)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +165,7 @@ def test_targets_agree() -> None:
     [("half_normal", stats.halfnorm(scale=0.05)), ("uniform", stats.uniform(0.0, 0.05))],
 )
 def test_offsets_follow_their_law(kind: str, law: Any) -> None:
-    offsets = core.offsets(SEED, 0, 50_000, kind, 0.05)
+    offsets = offsets_of(SEED, 0, 50_000, kind, 0.05)
     assert offsets.min() > 0
     assert offsets.max() <= (0.05 if kind == "uniform" else 7 * 0.05)
     assert stats.kstest(offsets, law.cdf).pvalue > 1e-3
@@ -168,28 +174,28 @@ def test_offsets_follow_their_law(kind: str, law: Any) -> None:
 
 
 def test_fixed_offsets() -> None:
-    assert core.offsets(SEED, 3, 5, "fixed", 0.125).tolist() == [0.125] * 5
+    assert offsets_of(SEED, 3, 5, "fixed", 0.125).tolist() == [0.125] * 5
 
 
 @pytest.mark.parametrize("kind", ["half_normal", "uniform"])
 def test_offset_depends_on_seed_and_run_only(kind: str) -> None:
-    whole = core.offsets(SEED, 0, 200, kind, 0.05)
-    assert np.array_equal(core.offsets(SEED, 150, 50, kind, 0.05), whole[150:])
-    assert np.array_equal(core.offsets(SEED, 150, 1, kind, 0.05), whole[150:151])
-    np.testing.assert_allclose(core.offsets(SEED, 0, 200, kind, 0.1), 2 * whole, rtol=1e-15)
-    assert not np.isin(core.offsets(SEED + 1, 0, 200, kind, 0.05), whole).any()
+    whole = offsets_of(SEED, 0, 200, kind, 0.05)
+    assert np.array_equal(offsets_of(SEED, 150, 50, kind, 0.05), whole[150:])
+    assert np.array_equal(offsets_of(SEED, 150, 1, kind, 0.05), whole[150:151])
+    np.testing.assert_allclose(offsets_of(SEED, 0, 200, kind, 0.1), 2 * whole, rtol=1e-15)
+    assert not np.isin(offsets_of(SEED + 1, 0, 200, kind, 0.05), whole).any()
 
 
 def test_offsets_are_what_the_page_says() -> None:
     first = 2**32 - 3
     p = np.array([signed_probability(9, first + run, 0xFFFFFFFF, 0)[0] for run in range(6)])
-    np.testing.assert_allclose(core.offsets(9, first, 6, "half_normal", 0.2), 0.2 * stats.norm.isf(p), rtol=1e-13)
-    np.testing.assert_allclose(core.offsets(9, first, 6, "uniform", 0.2), 0.4 * p, rtol=1e-15)
+    np.testing.assert_allclose(offsets_of(9, first, 6, "half_normal", 0.2), 0.2 * stats.norm.isf(p), rtol=1e-13)
+    np.testing.assert_allclose(offsets_of(9, first, 6, "uniform", 0.2), 0.4 * p, rtol=1e-15)
 
 
 def test_offsets_are_independent_of_the_noise() -> None:
-    offsets = stats.norm.ppf(core.offsets(SEED, 0, 20_000, "uniform", 1.0))
-    noise = core.standard_noise(SEED, 0, 20_000, 2, 2)
+    offsets = stats.norm.ppf(offsets_of(SEED, 0, 20_000, "uniform", 1.0))
+    noise = _native.standard_noise(SEED, 0, 20_000, 2, 2)
     for tick, joint in np.ndindex(2, 2):
         assert abs(correlation(offsets, noise[:, tick, joint])) < 4
         assert abs(correlation(offsets**2 - 1, noise[:, tick, joint] ** 2 - 1) / 2) < 4

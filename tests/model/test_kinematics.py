@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pinocchio as pin
 import pytest
 
-from bumpstop import kernels
+from bumpstop import _native
 from bumpstop.errors import InputError
 from bumpstop.model import Joint, Robot, robots
 from model.random_chains import Floats, positions, random_robots, rows, turn, unit
@@ -18,7 +18,7 @@ from model.random_chains import Floats, positions, random_robots, rows, turn, un
 # Numbers of a link's pose (N, 4, 4) and Jacobian (N, 6, dof) at a point of it.
 Kinematics = tuple[Floats, Floats]
 
-TARGETS = kernels.available_targets()
+TARGETS = _native.available_targets()
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -244,7 +244,7 @@ def test_joints_beyond_the_link_do_not_move_it() -> None:
 
 
 def chain_of(robot: Robot, target: str) -> object:
-    return kernels.load(target).Chain(
+    return _native.load(target).Chain(
         prismatic=[joint.kind == "prismatic" for joint in robot.joints],
         origin=np.array([joint.origin for joint in robot.joints]),
         rotation=np.array([joint.rotation for joint in robot.joints]),

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import bumpstop as bs
-from bumpstop.kernels import core
+from bumpstop import _native
 from bumpstop.report.collision.force_over_time import ForceOverTimeSection
 from bumpstop.report.collision.rollout import Rollouts
 from collision.cases import FREE, OUTLASTING
@@ -48,7 +48,7 @@ def test_rollout_is_the_sampled_run(changes):
         delay = curve.tick_time[tick] - np.interp(runs["offset"][run], curve.distance, step_times(result))
         assert rollout.detection == pytest.approx(delay, abs=1e-9)
         assert rollout.reaction == pytest.approx(rollout.detection + problem.latency_steps * 1e-3)
-        noise = core.standard_noise(0, run, 1, tick + 1, 7)[0, :, rollout.joint]
+        noise = _native.standard_noise(0, run, 1, tick + 1, 7)[0, :, rollout.joint]
         expected = noise * problem.noise_sd[rollout.joint] + problem.noise_mean[rollout.joint]
         np.testing.assert_allclose(rollout.residual - rollout.contact_torque, expected, atol=1e-12)
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bumpstop import _native
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 from bumpstop.signal import causal_derivatives, derivatives, differences, filter_even, filter_reach, zero_phase_lowpass
 
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -367,4 +367,4 @@ def test_refusals(call: Callable[[], object], message: str) -> None:
 
 
 def test_limits_are_those_of_the_kernels() -> None:
-    assert (core.max_fit_degree, core.max_causal_window) == (5, 64)
+    assert (_native.max_fit_degree, _native.max_causal_window) == (5, 64)

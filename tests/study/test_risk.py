@@ -78,8 +78,8 @@ def test_an_arm_that_passes_a_singularity_may_as_well_stop_there() -> None:
                 continue
             curve = stopping_curve(problem)
             result = integrate(problem, curve)
-            along = np.tile(pose, (curve.kernel.reaction_state.shape[0] + 1, 1))
-            along[1:, moving] = curve.kernel.reaction_state[:, 0]
+            along = np.tile(pose, (curve.line.reaction_state.shape[0] + 1, 1))
+            along[1:, moving] = curve.line.reaction_state[:, 0]
             side = np.linalg.slogdet(robot.jacobian(along)[:, :, moving])[0]
             beyond = np.flatnonzero(side[1:] != side[0])
             found = _undetected_before_singularity(result)

@@ -346,7 +346,7 @@ def test_a_line_of_code_is_a_part_of_the_fingerprint(tmp_path: Path, monkeypatch
         (package / name).parent.mkdir(parents=True, exist_ok=True)
         (package / name).write_text("x = 1\n")
     monkeypatch.setattr("bumpstop.study.study.__file__", str(package / "study/study.py"))
-    monkeypatch.setattr("bumpstop.kernels.core.__file__", str(package / "kernel.so"))
+    monkeypatch.setattr("bumpstop._native.module.__file__", str(package / "kernel.so"))
 
     def fingerprint() -> str:
         code_digest.cache_clear()

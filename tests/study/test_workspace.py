@@ -12,8 +12,8 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
+from bumpstop import _native
 from bumpstop.detection import undetectable_force_along
-from bumpstop.kernels import core
 from bumpstop.report.studies.workspace import pages_of
 from bumpstop.study import run
 from bumpstop.study.capsules import self_collision
@@ -257,7 +257,7 @@ def test_distance_of_segments_against_brute_force() -> None:
     rng = np.random.default_rng(0)
     a, b, c, d = rng.normal(size=(4, 100, 3))
     b[:20] = a[:20] + 1.7 * (d[:20] - c[:20])  # parallel
-    found = core.segment_distances(a, b, c, d)
+    found = _native.segment_distances(a, b, c, d)
     share = np.linspace(0, 1, 301)[None, :, None]
     first, second = a[:, None] + share * (b - a)[:, None], c[:, None] + share * (d - c)[:, None]
     brute = np.array([np.linalg.norm(p[:, None] - r[None], axis=2).min() for p, r in zip(first, second, strict=True)])

@@ -10,7 +10,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// A tick alarms when any joint has |residual| > threshold. The residual is estimated minus predicted motor
 /// torque, so a force -n F on the arm raises it by (J_v' n) F.
 struct GaussianThresholds {
-    int watched = 0;  ///< joints with a finite threshold
+    int joints = 0;   ///< so many have been added
+    int watched = 0;  ///< of those, joints with a finite threshold
     std::array<int, max_joints> joint{};
     std::array<double, max_joints> threshold{};               ///< Nm or N, by watched joint
     std::array<double, max_joints> sd{}, mean{};              ///< of the noise, by watched joint [Nm or N]
@@ -32,15 +33,20 @@ struct GaussianThresholds {
         return filter == 0 ? torque : torque + filter * (before - torque);
     }
 
-    /// Watches joint j, once: limit, standard deviation and mean of the noise [Nm or N].
-    void watch(int j, double limit, double noise_sd, double noise_mean) {
+    /// Adds the next joint, from the base on: its threshold, infinite where it is not monitored, and the standard deviation
+    /// and mean of its noise [Nm or N].
+    void add_joint(double limit, double joint_sd, double joint_mean) {
+        const int j = joints++;
+        noise_sd[j] = joint_sd;
+        noise_mean[j] = joint_mean;
+        if (!std::isfinite(limit)) return;
         joint[watched] = j;
         threshold[watched] = limit;
-        sd[watched] = noise_sd;
-        mean[watched] = noise_mean;
+        sd[watched] = joint_sd;
+        mean[watched] = joint_mean;
         // Without noise the error function becomes a step; 1e150 does that and still squares without overflow
         // after erfc has cut its argument.
-        scale[watched] = noise_sd > 0 ? 0.70710678118654752440 / noise_sd : 1e150;
+        scale[watched] = joint_sd > 0 ? 0.70710678118654752440 / joint_sd : 1e150;
         ++watched;
     }
 };

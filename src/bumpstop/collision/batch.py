@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.scenario.scenario import Scenario, as_scenario
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 
-# The kernels' reasons for the end of a path, by number; 255 is a singular start.
+# Reasons for the end of a path by their number; 255 is a singular start.
 _ENDS = {0: "horizon", 1: "joint_limit", 2: "singularity", 3: "certain_detection", 255: "singular_start"}
 
 
@@ -107,27 +107,21 @@ def evaluate_batch(
         "uniform": problem.period_steps * scenario.simulation.step_s,
         "fixed": (contact.offset_mm or 0.0) / 1e3,
     }[contact.offset_law]
-    out = core.batch(
-        problem.setup,
-        poses,
-        velocities,
-        problem.detector,
-        problem.stiffness,
-        contact.offset_law,
-        size,
-        quantiles,
-        limits,
-        threads,
-    )
+    met = _native.Contact()
+    met.body.stiffness = problem.stiffness
+    met.offset.kind, met.offset.size = _native.OffsetKind[contact.offset_law], size
+    settings = _native.BatchSettings()
+    settings.probability, settings.limit, settings.threads = quantiles.tolist(), limits.tolist(), threads
+    out = _native.evaluate_batch(problem.setup, problem.detector, met, poses, velocities, settings)
     names = np.array([_ENDS.get(i, "") for i in range(256)])
     return BatchResult(
-        mean=out["mean"],
-        sd=out["sd"],
-        quantile=out["quantile"],
-        exceedance=out["exceedance"],
-        trigger_joint_probability=out["trigger"],
-        false_alarm_probability=out["false_alarm"],
-        undetected_probability=out["undetected"],
-        no_contact_probability=out["no_contact"],
-        end=names[out["end"]],
+        mean=out.mean,
+        sd=out.sd,
+        quantile=out.quantile,
+        exceedance=out.exceedance,
+        trigger_joint_probability=out.trigger,
+        false_alarm_probability=out.false_alarm,
+        undetected_probability=out.undetected,
+        no_contact_probability=out.no_contact,
+        end=names[out.end],
     )

@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, cast
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 
 # Ends of a line at which the arm comes to rest; at the others it would go on.
 AT_REST = ("joint_limit", "singularity")
+
+
+PathEnd = Literal["horizon", "joint_limit", "singularity", "certain_detection", "trajectory"]
+
+
+class TrajectoryReactions:
+    """The reactions of one contact of a trajectory, in the manner of the compiled curve of a line."""
+
+    def __init__(self, trajectory: _native.Trajectory, onset: float, normal: FloatArray) -> None:
+        """Of the contact that begins at a time [s], on a plane across ``normal`` (3,)."""
+        self._trajectory, self._onset, self._normal = trajectory, onset, normal.tolist()
+
+    def reaction_paths(self, ticks: Sequence[int], return_to: Sequence[float]) -> list[FloatArray]:
+        """Distances [m] after every simulation step of the reactions to ticks, until contact is over."""
+        return [self._trajectory.reaction_distances(tick, self._onset, self._normal) for tick in ticks]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -21,7 +37,7 @@ class StoppingCurve:
     """Where the contact point is at every feedback tick, and the farthest it still gets if the arm reacts there.
 
     Attributes:
-        kernel: the kernels' curve.
+        kernel: the compiled curve, which simulates reactions.
         tick_time: (ticks,) [s] after the start of the motion.
         tick_distance: s(k), (ticks,) distance along the contact normal [m].
         farthest: s_stop(k), (ticks,) [m].
@@ -34,7 +50,7 @@ class StoppingCurve:
         end_joint: the joint at its limit, from 1, or None.
     """
 
-    kernel: Any
+    kernel: _native.LineStoppingCurve | TrajectoryReactions
     tick_time: FloatArray
     tick_distance: FloatArray
     farthest: FloatArray
@@ -43,12 +59,18 @@ class StoppingCurve:
     start: FloatArray
     normal: FloatArray
     approach_speed: float
-    end: Literal["horizon", "joint_limit", "singularity", "certain_detection", "trajectory"]
+    end: PathEnd
     end_joint: int | None
 
     def __repr__(self) -> str:
         """How long it is, and why it ends."""
         return f"StoppingCurve({self.ticks} ticks, {1e3 * self.distance[-1]:.4g} mm, end={self.end!r})"
+
+    @property
+    def line(self) -> _native.LineStoppingCurve:
+        """The compiled curve, of a line."""
+        assert isinstance(self.kernel, _native.LineStoppingCurve)
+        return self.kernel
 
     @property
     def ticks(self) -> int:
@@ -74,20 +96,15 @@ def stopping_curve(problem: CollisionProblem, *, whole: bool = False) -> Stoppin
         )
     if problem.trajectory is not None:
         raise InputError("motion.kind", "a trajectory has a stopping curve for every time of contact", "wanted 'line'")
-    kernel = problem.setup.trace(
-        problem.q,
-        problem.velocity,
-        None if whole else _certain_detector(problem),
-        problem.stiffness,
-        problem.largest_offset,
-        problem.moving_mass,
+    kernel = _native.stopping_curve(
+        problem.setup, problem.q, problem.velocity, None if whole else _certain_detector(problem), problem.contact
     )
     period, step = problem.period_steps, problem.scenario.simulation.step_s
     distance = kernel.distance
     index = np.arange(kernel.ticks) * period + 1
     return StoppingCurve(
         kernel=kernel,
-        tick_time=index * step,
+        tick_time=np.asarray(index * step, dtype=np.float64),
         tick_distance=distance[index],
         farthest=kernel.farthest,
         torque_per_newton=kernel.torque_per_newton,
@@ -95,12 +112,12 @@ def stopping_curve(problem: CollisionProblem, *, whole: bool = False) -> Stoppin
         start=kernel.start,
         normal=kernel.normal,
         approach_speed=kernel.approach_speed,
-        end=kernel.end,
+        end=cast(PathEnd, kernel.end),
         end_joint=kernel.end_joint + 1 if kernel.end == "joint_limit" else None,
     )
 
 
-def _certain_detector(problem: CollisionProblem) -> Any:
+def _certain_detector(problem: CollisionProblem) -> _native.GaussianThresholds:
     """A detector that alarms for certain only where the problem's does.
 
     Measured noise is neither centred nor white nor Gaussian: a tick is certain to alarm where each row of the record
@@ -110,11 +127,7 @@ def _certain_detector(problem: CollisionProblem) -> Any:
     if record is None:
         return problem.detector
     low, high = record.rows.min(axis=0), record.rows.max(axis=0)
-    return core.Detector(
-        threshold=problem.thresholds + (high - low) / 2,
-        sd=np.zeros_like(low),
-        mean=(high + low) / 2,
-        arming_delay=problem.scenario.detector.arming_delay_s,
-        correlation=0.0,
-        filter=problem.observer_memory,
-    )
+    detector = _native.GaussianThresholds(problem.thresholds + (high - low) / 2, np.zeros_like(low), (high + low) / 2)
+    detector.arming_delay = problem.scenario.detector.arming_delay_s
+    detector.filter = problem.observer_memory
+    return detector

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_whole_number
 from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
 from bumpstop.collision.distribution.contact_duration import first_passage_times
@@ -92,13 +94,12 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
         raise InputError(
             "detector.residuals", "measured residuals have no integrated distribution", "draw it: give samples"
         )
-    question = (problem.detector, problem.stiffness, problem.offset_kind, problem.offset_size)
-    law = curve.kernel.exact_law(*question, refinement, problem.moving_mass)
+    law = curve.line.integrate(problem.detector, problem.contact, refinement)
     undetected = min(1.0, max(0.0, law.undetected))
     after_contact = law.total("force_at_detection")
     detected = after_contact + law.false_alarm
     with np.errstate(invalid="ignore"):
-        triggers = np.minimum(1.0, np.asarray(law.trigger) / (detected if detected > 0 else math.nan))
+        triggers = np.minimum(1.0, law.trigger[: problem.robot.dof] / (detected if detected > 0 else math.nan))
     if problem.body_mass is not None:
         free = TransientQuantities(law)
         peak_force: Distribution = free.peak_force()
@@ -110,7 +111,7 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
             "peak_force",
             undetected=0.0 if law.rests else undetected,
             bounded=curve.end != "horizon",
-            far_tail=lambda force: float(curve.kernel.tail_directly(*question, force)),
+            far_tail=lambda force: curve.line.tail_without_interpolation(problem.detector, problem.contact, force),
         )
         force_at_detection = ExactDistribution(law, "force_at_detection", condition=after_contact)
         contact_duration = None
@@ -148,21 +149,10 @@ def monte_carlo(
         InputError: no samples, or a seed that is none.
     """
     _check_sample(samples, seed, threads)
-    runs = curve.kernel.sample(
-        problem.detector,
-        problem.stiffness,
-        problem.offset_kind,
-        problem.offset_size,
-        seed,
-        first,
-        samples,
-        True,
-        threads,
-        problem.residuals.rows if problem.residuals is not None else None,
-        problem.residuals.block_rows if problem.residuals is not None else 1,
-        problem.moving_mass,
-    )
-    offset, tick = runs["offset"], runs["tick"]
+    settings = _native.MonteCarloSettings()
+    settings.seed, settings.first, settings.count, settings.threads = seed, first, samples, threads
+    runs = curve.line.monte_carlo(problem.detector, problem.contact, settings, problem.residual_record)
+    offset, tick = runs.offset, runs.tick
     detected = tick >= 0
     at = np.where(detected, tick, 0)
     K, step = problem.stiffness, problem.scenario.simulation.step_s
@@ -174,7 +164,7 @@ def monte_carlo(
     peak = K * np.maximum(0.0, at_tick(curve.farthest) - offset)
     # The path goes on for a latency beyond the horizon, for the reactions; the motion does not.
     motion = curve.distance[: _horizon(problem) + 1]
-    braking = curve.kernel.braking if curve.end in ("joint_limit", "singularity") else np.zeros(0)
+    braking = curve.line.braking if curve.end in ("joint_limit", "singularity") else np.zeros(0)
     if problem.body_mass is not None:
         motion, braking = np.append(motion, braking), np.zeros(0)
     touches = offset < motion.max()
@@ -189,13 +179,25 @@ def monte_carlo(
         tick >= np.searchsorted(np.maximum.accumulate(curve.tick_distance), offset, side="right")
     )
     if problem.body_mass is not None:
-        peak, force = runs["peak_force"], np.where(detected, runs["force_at_detection"], 0.0)
+        peak, force = runs.peak_force, np.where(detected, runs.force_at_detection, 0.0)
         after_contact = detected & (force > 0)
-        transient_contact_duration = SampledDistribution(runs["duration"][runs["duration"] > 0])
+        transient_contact_duration = SampledDistribution(runs.duration[runs.duration > 0])
     delay = at_tick(curve.tick_time) - first_passage_times(curve.distance, offset, step)
     dof = problem.robot.dof
-    fired = (runs["triggers"][:, None] >> np.arange(dof, dtype=np.uint32)) & 1
+    fired = (runs.triggers[:, None] >> np.arange(dof, dtype=np.uint32)) & 1
     some = detected.any()
+    kept: dict[str, npt.NDArray[Any]] = {
+        "offset": offset,
+        "tick": tick,
+        "triggers": runs.triggers,
+        "noise": runs.noise,
+        "residual": runs.residual,
+        "peak_force": peak,
+        "force_at_detection": force,
+        "detected_after_contact": after_contact,
+    }
+    if problem.body_mass is not None:
+        kept["duration"] = runs.duration
     return CollisionResult(
         problem=problem,
         curve=curve,
@@ -211,7 +213,7 @@ def monte_carlo(
         no_contact_probability=float((~detected & ~touches).mean()),
         samples=samples,
         seed=seed,
-        runs=runs | {"peak_force": peak, "force_at_detection": force, "detected_after_contact": after_contact},
+        runs=kept,
     )
 
 

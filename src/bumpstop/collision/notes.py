@@ -74,10 +74,10 @@ def line_end_notes(result: CollisionResult) -> list[str]:
     problem, curve = result.problem, result.curve
     if problem.trajectory is not None:
         return []
-    notes, cut = [], curve.kernel.cut_step
+    notes, cut = [], curve.line.cut_step
     if cut >= 0:
         step = problem.scenario.simulation.step_s
-        joint = curve.kernel.end_joint
+        joint = curve.line.end_joint
         where = f"joint {joint + 1} reaches its limit" if joint >= 0 else "a singularity is met"
         notes.append(
             f"Where {where}, after {cut * step:.3g} s, the arm brakes at its acceleration limits; no reaction begins "

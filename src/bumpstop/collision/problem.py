@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.scenario.scenario import Scenario
@@ -16,7 +17,6 @@ from bumpstop.collision.scenario.scenario_file import robot_of
 from bumpstop.contact import ContactLimits, LimitTable
 from bumpstop.detection import ResidualRecord
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 from bumpstop.model import Robot
 from bumpstop.model.pose_limits import check_pose
 
@@ -162,10 +162,24 @@ class CollisionProblem:
             raise InputError(f"contact.{error.field}", error.problem, error.valid) from None
 
     @cached_property
-    def setup(self) -> Any:
-        """Arm, motion, contact point and reaction for the kernels."""
+    def setup(self) -> _native.CollisionSetup:
+        """Arm, motion, contact point and reaction; of a trajectory without the line."""
         scenario, robot = self.scenario, self.robot
-        motion, contact, step = scenario.motion, scenario.contact, scenario.simulation.step_s
+        setup = _native.CollisionSetup(robot.chain)
+        motion, timing = setup.motion, setup.timing
+        motion.step, motion.substeps = scenario.simulation.step_s, scenario.simulation.substeps
+        motion.acceleration_limit = self.joint_acceleration
+        link, point = self.contact_point
+        setup.contact.point = robot.chain.link_point(link, point.tolist())
+        timing.period, timing.latency = self.period_steps, self.latency_steps
+        setup.reaction = _native.ReactionKind[scenario.reaction.kind]
+        if self.trajectory is None:
+            self._add_line(setup)
+        return setup
+
+    def _add_line(self, setup: _native.CollisionSetup) -> None:
+        robot, motion, contact = self.robot, self.scenario.motion, self.scenario.contact
+        step = self.scenario.simulation.step_s
         free = [j for j in range(robot.dof) if j not in self.held]
         rows = 6 if motion.task == "pose" else 3
         if len(free) < rows:
@@ -179,7 +193,6 @@ class CollisionProblem:
                 valid = 'an arm with fewer than 3 joints follows no line: give motion.kind = "trajectory"'
             raise InputError("motion.task", f"{motion.task!r} needs {rows} free joints, {len(free)} are free", valid)
         tip_link, tip_point = robot.frame(None)
-        link, point = self.contact_point
         steps = round(motion.duration_s / step)
         if not 1 <= steps <= MAX_STEPS:
             raise InputError(
@@ -187,43 +200,38 @@ class CollisionProblem:
                 f"{motion.duration_s} is {motion.duration_s / step:.7g} simulation steps",
                 f"wanted 1 to {MAX_STEPS}",
             )
-        normal = None
         if contact.normal is not None:
-            normal = np.array(contact.normal) / np.linalg.norm(contact.normal)
-        return core.Setup(
-            chain=robot.chain,
-            tip_link=tip_link,
-            tip_point=tip_point,
-            task_rows=rows,
-            free_joints=free,
-            damping=motion.damping,
-            step=step,
-            substeps=scenario.simulation.substeps,
-            acceleration=self.joint_acceleration,
-            velocity=np.where(np.isfinite(robot.velocity), robot.velocity, 1e300),
-            lower=robot.lower,
-            upper=robot.upper,
-            contact_link=link,
-            contact_point=point,
-            normal=normal,
-            steps=steps,
-            period=self.period_steps,
-            latency=self.latency_steps,
-            from_rest=motion.start == "rest",
-            reverse=scenario.reaction.kind == "reverse",
-        )
+            setup.contact.along_motion = False
+            setup.contact.normal = (np.array(contact.normal) / np.linalg.norm(contact.normal)).tolist()
+        line = setup.motion
+        line.tip = robot.chain.link_point(tip_link, tip_point.tolist())
+        line.task_rows, line.free_joints, line.damping = rows, free, motion.damping
+        line.velocity_limit, line.lower, line.upper = robot.velocity, robot.lower, robot.upper
+        setup.timing.steps, setup.timing.from_rest = steps, motion.start == "rest"
 
     @cached_property
-    def detector(self) -> Any:
-        """Thresholds and noise for the kernels."""
-        return core.Detector(
-            threshold=self.thresholds,
-            sd=self.noise_sd,
-            mean=self.noise_mean,
-            arming_delay=self.scenario.detector.arming_delay_s,
-            correlation=self.scenario.detector.noise_correlation,
-            filter=self.observer_memory,
-        )
+    def detector(self) -> _native.GaussianThresholds:
+        """Thresholds and noise."""
+        detector = _native.GaussianThresholds(self.thresholds, self.noise_sd, self.noise_mean)
+        detector.arming_delay = self.scenario.detector.arming_delay_s
+        detector.correlation = self.scenario.detector.noise_correlation
+        detector.filter = self.observer_memory
+        return detector
+
+    @cached_property
+    def contact(self) -> _native.Contact:
+        """What is hit; of a trajectory its offset does not count."""
+        contact = _native.Contact()
+        contact.body.stiffness, contact.body.mass = self.stiffness, self.moving_mass
+        if self.trajectory is None:
+            contact.offset.kind, contact.offset.size = _native.OffsetKind[self.offset_kind], self.offset_size
+        return contact
+
+    @cached_property
+    def residual_record(self) -> _native.ResidualRecord | None:
+        """The measured noise as runs draw it."""
+        record = self.residuals
+        return None if record is None else _native.ResidualRecord(record.rows, record.block_rows)
 
     @property
     def observer_memory(self) -> float:
@@ -245,15 +253,14 @@ class CollisionProblem:
         return max(0, math.ceil((delay - 1) / self.period_steps))
 
     @cached_property
-    def start(self) -> dict[str, Any]:
+    def start(self) -> _native.LineStart:
         """Joint rates (``qd``, rad/s or m/s) and velocity of the contact point [m/s] at the start of the motion."""
-        result: dict[str, Any] = self.setup.start(self.q, self.velocity)
-        return result
+        return _native.line_start(self.setup, self.q, self.velocity)
 
     @cached_property
     def approach_speed(self) -> float:
         """Speed of the contact point along the contact normal at the start of the motion [m/s]."""
-        velocity = self.start["point_velocity"]
+        velocity = self.start.point_velocity
         normal = self.scenario.contact.normal
         if normal is None:
             return float(np.linalg.norm(velocity))
@@ -275,11 +282,6 @@ class CollisionProblem:
         assert contact.offset_mm is not None
         return contact.offset_mm / 1e3
 
-    @property
-    def largest_offset(self) -> float:
-        """Offset beyond which the distribution has no probability [m]."""
-        return 7.0 * self.offset_size if self.offset_kind == "half_normal" else self.offset_size
-
     @cached_property
     def transient_limits(self) -> ContactLimits | None:
         """Limits of the first half second of clamped contact; None where one set of limits judges all of it."""
@@ -293,7 +295,7 @@ class CollisionProblem:
     def arm_mass(self) -> float | None:
         """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or not believed."""
         normal = self.scenario.contact.normal
-        along = np.array(normal) if normal is not None else self.start["point_velocity"]
+        along = np.array(normal) if normal is not None else self.start.point_velocity
         return arm_mass_at(self.robot, self.scenario.contact, self.q, along)
 
     @cached_property
@@ -320,7 +322,7 @@ class CollisionProblem:
 
     def _check_motion(self) -> None:
         start = self.start
-        if start["singular"] and self.scenario.motion.damping == 0:
+        if start.singular and self.scenario.motion.damping == 0:
             raise InputError(
                 "pose_deg" if self.scenario.pose_deg is not None else "pose_rad",
                 "is singular: no finite joint rates move the tip as motion.velocity_mm_s asks",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.curve import AT_REST, StoppingCurve
 from bumpstop.collision.distribution.contact_duration import (
@@ -54,6 +55,7 @@ class CollisionResult:
         no_contact_probability: neither contact nor alarm by the end of the motion.
         runs: of the sampled distribution: offset [m], tick (-1: never), triggers (bit j: joint j + 1), noise and
             residual, and whether it was ``detected_after_contact``.
+        kernel: the compiled distribution, of an integrated one; of a trajectory that.
         transient_contact_duration: of free contact, until the body has got away [s].
     """
 
@@ -71,13 +73,19 @@ class CollisionResult:
     samples: int | None = None
     seed: int | None = None
     runs: dict[str, npt.NDArray[Any]] | None = None
-    kernel: Any = None
+    kernel: _native.CollisionDistribution | _native.Trajectory | None = None
     transient_contact_duration: Distribution | None = None
 
     def __repr__(self) -> str:
         """What hits how hard: its arrays would fill screens."""
         who, verdict = f"{self.problem.robot.name} {self.problem.motion_in_words}", self.verdict.acceptable
         return f"{type(self).__name__}({self.kind}, {who}, acceptable={verdict}, peak_force={self.peak_force!r})"
+
+    @property
+    def integral(self) -> _native.CollisionDistribution:
+        """The compiled distribution of a line that is integrated."""
+        assert isinstance(self.kernel, _native.CollisionDistribution)
+        return self.kernel
 
     @property
     def scenario(self) -> Scenario:
@@ -105,12 +113,12 @@ class CollisionResult:
         if self.kind == "exact":
             return self._integrated_contact_duration[0]
         assert self.runs is not None
-        times = monte_carlo_contact_duration(self.problem, self.curve.kernel, self.runs["tick"], self.runs["offset"])
+        times = monte_carlo_contact_duration(self.problem, self.curve.line, self.runs["tick"], self.runs["offset"])
         return SampledDistribution(times[np.isfinite(times)])
 
     @cached_property
     def _integrated_contact_duration(self) -> tuple[Distribution, float]:
-        return integrated_contact_duration(self.problem, self.curve.kernel, self.kernel)
+        return integrated_contact_duration(self.problem, self.curve.line, self.integral)
 
     @property
     def left_in_contact_probability(self) -> float:
@@ -157,7 +165,7 @@ class CollisionResult:
 
     def approach_cosine(self) -> float:
         """Speed along the contact normal as a share of the contact point's own, at the start of the motion."""
-        return self.problem.approach_speed / float(np.linalg.norm(self.problem.start["point_velocity"]))
+        return self.problem.approach_speed / float(np.linalg.norm(self.problem.start.point_velocity))
 
     def contact_alone(self) -> dict[str, Any]:
         """Keys that leave one contact of many; empty where there is but one."""
@@ -194,7 +202,7 @@ class CollisionResult:
         }
         if curve.end in ends:
             notes.append(ends[curve.end])
-        if curve.kernel.velocity_limited:
+        if curve.line.velocity_limited:
             notes.append("A joint-velocity limit slows the motion below the speed asked for.")
         if self.undetected_probability > NEGLIGIBLE and self.problem.body_mass is None:
             notes.append(self._undetected_note())
@@ -240,7 +248,7 @@ class CollisionResult:
         if self.runs is not None:
             missed = (self.runs["tick"] < 0) & (self.runs["offset"] < self.curve.distance.max())
             return float((missed & (self.runs["peak_force"] > force)).mean())
-        return float(self.kernel.tail("end_force", np.array([force]))[0, 0])
+        return float(self.integral.tail("end_force", np.array([force]))[0, 0])
 
     def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
         """How far detected clamped collisions use the limits of two phases, and the probability of these collisions.
@@ -296,4 +304,4 @@ def _finite(value: float) -> float | None:
 
 
 def _end_time(result: CollisionResult) -> float:
-    return float(result.curve.kernel.cut_step * result.scenario.simulation.step_s)
+    return float(result.curve.line.cut_step * result.scenario.simulation.step_s)

@@ -120,7 +120,7 @@ def _singular_values(result: CollisionResult, tick: np.ndarray) -> tuple[FloatAr
     if problem.trajectory is not None:
         q = problem.trajectory.at(np.minimum(curve.tick_time, problem.trajectory.duration))
     else:
-        states = curve.kernel.reaction_state
+        states = curve.line.reaction_state
         q = np.tile(problem.q, (max(1, curve.ticks), 1))
         free = [j for j in range(problem.robot.dof) if j not in problem.held]
         q[: len(states), free] = states[:, 0]

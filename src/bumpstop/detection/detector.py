@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.drive_matching import MatchedDrives
 from bumpstop.detection.events import FAULTS, DetectionRun, Event, bits, check_rearm, frozen_notes
@@ -17,7 +18,6 @@ from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.standing import checked_stiction
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 from bumpstop.model import unit_of
 from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
@@ -246,7 +246,7 @@ class Detector:
                 )
         return notes
 
-    def kernel(self, period_s: float | None = None, *, latched: bool = False) -> core.LoopDetector:
+    def kernel(self, period_s: float | None = None, *, latched: bool = False) -> _native.LoopDetector:
         """The detector in the kernels' form, for one sample after another.
 
         Args:
@@ -265,7 +265,7 @@ class Detector:
         settings = self.kernel_settings(period)
         if latched:
             settings.decision.event_pause = math.inf
-        return core.LoopDetector(
+        return _native.LoopDetector(
             self.robot.chain,
             np.array([link.mass for link, _ in links]),
             np.array([link.center for link, _ in links], dtype=np.float64),
@@ -278,16 +278,16 @@ class Detector:
 
     # --- Parts --------------------------------------------------------------------------------------------------------
 
-    def parts(self) -> tuple[list[Any], list[core.JointTorqueParameters], list[core.JointTorqueErrors]]:
+    def parts(self) -> tuple[list[Any], list[_native.JointTorqueParameters], list[_native.JointTorqueErrors]]:
         """Inertia and rotor of every link, and parameters and standard errors of every joint, in the robot's order."""
         return self._drives.links(), self._drives.parameters(), self._drives.errors()
 
-    def kernel_settings(self, period: float) -> core.DetectorSettings:
+    def kernel_settings(self, period: float) -> _native.DetectorSettings:
         """The settings in the kernels' form, for samples every ``period`` seconds."""
         given, robot, n = self.settings, self.robot, self.robot.dof
-        out = core.DetectorSettings()
-        out.residual = getattr(core.ResidualKind, given.residual)
-        out.source = core.TorqueSource.torque if self.model is None else core.TorqueSource.current
+        out = _native.DetectorSettings()
+        out.residual = getattr(_native.ResidualKind, given.residual)
+        out.source = _native.TorqueSource.torque if self.model is None else _native.TorqueSource.current
         out.observer_gain = given.observer_gain_1_s
         out.window, out.degree = given.window_s, int(given.degree)
         out.gravity = list(given.gravity)
@@ -321,7 +321,7 @@ class Detector:
         out.payload_monitor.window = given.payload_window_s
         return out
 
-    def fill_decision(self, out: core.DecisionSettings) -> None:
+    def fill_decision(self, out: _native.DecisionSettings) -> None:
         """Put thresholds and arming into the kernels' form."""
         given, law = self.settings, out.thresholds
         for name in ("constant", "speed", "acceleration", "rest", "fast"):
@@ -400,7 +400,7 @@ class Detector:
 
     def explain(
         self, q: npt.ArrayLike, residual: npt.ArrayLike, qd: npt.ArrayLike | None = None
-    ) -> core.ContactEstimate:
+    ) -> _native.ContactEstimate:
         """What a residual (n,) at a pose (n,) says of a contact, as an event says it.
 
         A joint that stands still, as ``qd`` (n,) says, and whose friction hides more than its noise, says nothing where
@@ -409,7 +409,7 @@ class Detector:
         n = self.robot.dof
         hidden = np.zeros(n) if qd is None else self.hidden(qd)
         number, point = self._contact
-        return core.estimate_contact(
+        return _native.estimate_contact(
             self.robot.chain,
             as_float_array(q, "q", (n,)),
             as_float_array(residual, "residual", (n,)),
@@ -420,7 +420,7 @@ class Detector:
             np.array(self.settings.direction),
         )
 
-    def _event(self, found: core.DetectorEvent) -> Event:
+    def _event(self, found: _native.DetectorEvent) -> Event:
         n = self.robot.dof
         return self.event_of(
             found.contact,
@@ -435,7 +435,7 @@ class Detector:
             payload_change_kg=found.payload_change if found.payload_changed else None,
         )
 
-    def event_of(self, contact: core.ContactEstimate, span: core.EventSpan, **fields: Any) -> Event:
+    def event_of(self, contact: _native.ContactEstimate, span: _native.EventSpan, **fields: Any) -> Event:
         """An event from what its residual says of a contact, and how long it lasts."""
         names = [joint.link for joint in self.robot.joints]
         return Event(
@@ -500,4 +500,4 @@ def window_notes(settings: DetectorSettings, period: float) -> list[str]:
 def padded(values: npt.ArrayLike, rest: float = 0.0) -> list[float]:
     """As many numbers as the kernels' arrays hold."""
     numbers = [float(value) for value in np.asarray(values)]
-    return numbers + [rest] * (core.max_joints - len(numbers))
+    return numbers + [rest] * (_native.max_joints - len(numbers))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from bumpstop.joint import JointParameters, JointTorqueModel
@@ -69,19 +69,19 @@ class MatchedDrives:
             for joint, drive in zip(self.robot.joints, self._kernels, strict=True)
         ]
 
-    def parameters(self) -> list[core.JointTorqueParameters]:
+    def parameters(self) -> list[_native.JointTorqueParameters]:
         """In the kernels' form, (dof,); empty without a model."""
         if self.model is None:
             return []
-        return [core.JointTorqueParameters() if drive is None else drive for drive in self._kernels]
+        return [_native.JointTorqueParameters() if drive is None else drive for drive in self._kernels]
 
-    def errors(self) -> list[core.JointTorqueErrors]:
+    def errors(self) -> list[_native.JointTorqueErrors]:
         """Standard errors in the kernels' form, (dof,); empty without a model."""
         return [] if self.model is None else [_errors(drive) for drive in self.joints]
 
     def dead_zone(self) -> FloatArray:
         """(dof,) torque that friction can hide at standstill [Nm or N]; zero where no drive is known."""
-        return np.array([0.0 if drive is None else core.dead_zone(drive, 0.0) for drive in self._kernels])
+        return np.array([0.0 if drive is None else _native.dead_zone(drive, 0.0) for drive in self._kernels])
 
     def rest_speed(self, otherwise: float) -> FloatArray:
         """(dof,) speed below which a joint rests, or what holds where no drive is known [rad/s or m/s]."""
@@ -107,8 +107,8 @@ class MatchedDrives:
         return notes
 
 
-def _errors(drive: JointParameters | None) -> core.JointTorqueErrors:
-    out = core.JointTorqueErrors()
+def _errors(drive: JointParameters | None) -> _native.JointTorqueErrors:
+    out = _native.JointTorqueErrors()
     if drive is None:
         return out
     for name, parameter in drive.parameters.items():

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_number
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -263,7 +263,7 @@ def frozen_notes(t: FloatArray, frozen: npt.NDArray[np.bool_]) -> list[str]:
 
 def bits(mask: int) -> tuple[int, ...]:
     """Numbers of the bits that are set."""
-    return tuple(j for j in range(core.max_joints) if mask >> j & 1)
+    return tuple(j for j in range(_native.max_joints) if mask >> j & 1)
 
 
 def check_rearm(rearm_s: float) -> None:

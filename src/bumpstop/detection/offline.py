@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.detection.detector import Detector
 from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, check_rearm, frozen_notes
 from bumpstop.detection.rate import period_of
@@ -16,7 +17,6 @@ from bumpstop.detection.standing import hidden_torques
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_record import ResidualRecord
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 from bumpstop.model import unit_of
 from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
@@ -99,12 +99,12 @@ def detect(
     frozen = _frozen(recording, motion.t, given.frozen_s)
     dark |= frozen
     seen = np.flatnonzero(~dark)
-    decision = core.DecisionSettings()
+    decision = _native.DecisionSettings()
     detector.fill_decision(decision)
     if math.isinf(rearm_s):
         decision.event_pause = math.inf
     after_gap = np.diff(seen, prepend=-1) > 1
-    judged = core.judge(
+    judged = _native.judge(
         decision,
         motion.t[seen],
         residual[seen],

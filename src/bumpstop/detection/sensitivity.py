@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number, as_rows
 from bumpstop.detection.standing import REST_SPEED, checked_stiction, standing_share
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 from bumpstop.model import Robot
 
 PerJoint = float | npt.ArrayLike
@@ -93,7 +93,7 @@ def undetectable_forces(
     rows, single = as_rows(q, "q", robot.dof)
     low, high = residual_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
     jacobian = robot.jacobian(rows, link, point)[:, :3]
-    found = core.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
+    found = _native.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
     largest, detectable, farthest, singular, rank, axes = (value[0] if single else value for value in found)
     return UndetectableForces(largest, detectable, farthest, rank, axes, singular)
 
@@ -218,7 +218,7 @@ def undetectable_force_along(
     low, high = residual_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
     jacobian = np.ascontiguousarray(robot.jacobian(rows, link, point)[:, :3])
     along = np.ascontiguousarray(np.broadcast_to(along, (len(rows), 3)))
-    forces: FloatArray = core.undetectable_forces_along(jacobian, low, high, along)
+    forces: FloatArray = _native.undetectable_forces_along(jacobian, low, high, along)
     return forces[0] if single else forces
 
 

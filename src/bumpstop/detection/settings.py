@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from bumpstop import _native
 from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.kernels import core
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 ResidualKind = Literal["direct", "observer"]
@@ -85,7 +85,7 @@ class DetectorSettings:
         if self.residual not in get_args(ResidualKind):
             near = near_matches(str(self.residual), get_args(ResidualKind))
             raise InputError("residual", f"{self.residual!r} is no kind of residual", near)
-        self._check_whole("degree", 2, core.max_fit_degree)
+        self._check_whole("degree", 2, _native.max_fit_degree)
         for name, low, high in (
             ("observer_gain_1_s", 1e-3, 1e5),
             ("window_s", 1e-5, 10.0),
@@ -123,7 +123,7 @@ class DetectorSettings:
 
     def window_samples(self, period_s: float) -> int:
         """Samples in the window where there is one every ``period_s`` seconds."""
-        return int(core.window_samples(self.window_s, period_s, int(self.degree)))
+        return int(_native.window_samples(self.window_s, period_s, int(self.degree)))
 
     def _check_whole(self, name: str, low: int, high: int) -> None:
         value = getattr(self, name)

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_rows
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint.parameters import COMMON, JointParameters, fields_of, remake
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -67,7 +67,7 @@ class JointTorqueModel:
     unit: CurrentUnit
     joints: tuple[JointParameters, ...]
     note: str = ""
-    _kernel: list[core.JointTorqueParameters] = field(init=False, repr=False, compare=False)
+    _kernel: list[_native.JointTorqueParameters] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.unit not in get_args(CurrentUnit):
@@ -87,7 +87,7 @@ class JointTorqueModel:
         return remake, (type(self), fields_of(self))
 
     @property
-    def kernel(self) -> list[core.JointTorqueParameters]:
+    def kernel(self) -> list[_native.JointTorqueParameters]:
         """The joints in the kernels' form."""
         return self._kernel
 
@@ -167,7 +167,7 @@ class JointTorqueModel:
                 for name in ("direction", "outside_current", "outside_speed")
             ]
         )
-        tau: FloatArray = core.joint_torques(self._kernel, currents, rates, accelerations, memory)
+        tau: FloatArray = _native.joint_torques(self._kernel, currents, rates, accelerations, memory)
         state.direction, state.outside_current, state.outside_speed = memory
         return tau.reshape(shape)
 
@@ -198,11 +198,11 @@ class JointTorqueModel:
         return tuple(notes)
 
 
-def _kernel(joint: JointParameters) -> core.JointTorqueParameters:
-    out = core.JointTorqueParameters()
+def _kernel(joint: JointParameters) -> _native.JointTorqueParameters:
+    out = _native.JointTorqueParameters()
     # Without A both maps are the linear one, and without the Stribeck part that law is Coulomb and viscous friction.
-    out.map = core.CurrentMap.load_dependent if joint.map == "load_dependent" else core.CurrentMap.odd
-    out.friction = core.FrictionLaw.power if joint.friction == "power" else core.FrictionLaw.stribeck
+    out.map = _native.CurrentMap.load_dependent if joint.map == "load_dependent" else _native.CurrentMap.odd
+    out.friction = _native.FrictionLaw.power if joint.friction == "power" else _native.FrictionLaw.stribeck
     for name, parameter in joint.parameters.items():
         if parameter is not None:
             setattr(out, name, float(parameter.value))

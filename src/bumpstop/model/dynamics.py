@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import as_float_array, as_rows
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -195,7 +195,7 @@ def singular_values(
     Returns:
         (3,), (6,), (N, 3) or (N, 6); where fewer joints than rows move the link, the rest are 0.
     """
-    return _of_jacobian(core.singular_values, robot, q, link, point, rows)
+    return _of_jacobian(_native.singular_values, robot, q, link, point, rows)
 
 
 def manipulability(
@@ -218,7 +218,7 @@ def manipulability(
     Returns:
         () or (N,); 0 at a singularity.
     """
-    return _of_jacobian(core.manipulability, robot, q, link, point, rows)
+    return _of_jacobian(_native.manipulability, robot, q, link, point, rows)
 
 
 def _of_jacobian(

@@ -15,9 +15,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_name, as_number, as_rows
 from bumpstop.errors import InputError, near_matches
-from bumpstop.kernels import core
 from bumpstop.model.drive_train.drive_train import DriveTrain, DriveTrainEntry, check_entries, drive_train_of
 from bumpstop.model.inertia import LinkInertia, Matrix3, Vector3
 
@@ -150,8 +150,8 @@ class Robot:
     def __post_init__(self) -> None:
         _check_name(self.name, "name")
         _check_name(self.tip_name, "tip name")
-        if not 1 <= len(self.joints) <= core.max_joints:
-            raise InputError("joints", f"{len(self.joints)} of them", f"wanted 1 to {core.max_joints}")
+        if not 1 <= len(self.joints) <= _native.max_joints:
+            raise InputError("joints", f"{len(self.joints)} of them", f"wanted 1 to {_native.max_joints}")
         for what, names in (
             ("joint", [j.name for j in self.joints]),
             ("link", [*(j.link for j in self.joints), *(frame.name for frame in self.frames)]),
@@ -209,7 +209,7 @@ class Robot:
     def chain(self) -> Any:
         """The chain in the kernels' computing form, its axes of length one to the last digit."""
         axes = np.array([joint.axis for joint in self.joints], dtype=np.float64)
-        return core.Chain(
+        return _native.Chain(
             prismatic=[joint.kind == "prismatic" for joint in self.joints],
             origin=np.array([joint.origin for joint in self.joints], dtype=np.float64),
             rotation=np.array([joint.rotation for joint in self.joints], dtype=np.float64),
@@ -223,7 +223,7 @@ class Robot:
         if unknown:
             raise InputError("robot", f"{self.name}: no inertia of link {unknown[0]!r} is known", "dynamics needs it")
         links = [joint.inertia for joint in self.joints if joint.inertia is not None]
-        return core.Dynamics(
+        return _native.Dynamics(
             chain=self.chain,
             mass=np.array([link.mass for link in links], dtype=np.float64),
             center=np.array([link.center for link in links], dtype=np.float64),

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
-from bumpstop.kernels import core
 from bumpstop.model.drive_train.urdf_drives import with_drives
 from bumpstop.model.inertia import LinkInertia, matrix3, merged, vector3
 from bumpstop.model.robot import Frame, Joint, Robot
@@ -54,8 +54,8 @@ def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_ine
             raise InputError(where, f"is {joint.kind}", "wanted revolute, continuous, prismatic and fixed joints only")
         if joint.mimics is not None:
             raise InputError(where, f"follows joint {joint.mimics!r} (mimic)", "wanted joints that move on their own")
-    if len(chain) > core.max_joints:
-        raise InputError(str(path), f"{len(chain)} joints move {tip!r}", f"wanted at most {core.max_joints}")
+    if len(chain) > _native.max_joints:
+        raise InputError(str(path), f"{len(chain)} joints move {tip!r}", f"wanted at most {_native.max_joints}")
     bodies = [_body(tree, base), *(_body(tree, joint.child) for joint in chain)]
     warnings += _faults(tree, bodies, _path(tree, base, tip))
     warnings += _doubts(tree, bodies, strict=strict_inertia)

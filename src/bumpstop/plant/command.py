@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from bumpstop.collision.trajectory.trajectory import Trajectory
@@ -155,36 +155,21 @@ def line(
     if len(free) < rows:
         raise InputError("task", f"{task!r} needs {rows} free joints, {len(free)} are free", "free more of them")
     steps = round(duration / COMMAND_STEP)
-    tip_link, tip_point = robot.frame(None)
-    setup = core.Setup(
-        chain=robot.chain,
-        tip_link=tip_link,
-        tip_point=tip_point,
-        task_rows=rows,
-        free_joints=free,
-        damping=0.0,
-        step=COMMAND_STEP,
-        substeps=SUBSTEPS,
-        acceleration=limit,
-        velocity=np.where(np.isfinite(robot.velocity), robot.velocity, 1e300),
-        lower=robot.lower,
-        upper=robot.upper,
-        contact_link=tip_link,
-        contact_point=tip_point,
-        normal=target / np.linalg.norm(target) if target.any() else None,
-        steps=steps,
-        # A tick after every step, as the path of the joints is told at ticks.
-        period=1,
-        latency=0,
-        from_rest=start == "rest",
-        reverse=False,
-    )
-    begin = setup.start(pose, target)
-    if begin["singular"]:
+    setup = _setup(robot, limit, "stop")
+    line, timing = setup.motion, setup.timing
+    line.tip = setup.contact.point
+    line.task_rows, line.free_joints = rows, free
+    line.velocity_limit, line.lower, line.upper = robot.velocity, robot.lower, robot.upper
+    if target.any():
+        setup.contact.along_motion = False
+        setup.contact.normal = (target / np.linalg.norm(target)).tolist()
+    timing.steps, timing.from_rest = steps, start == "rest"
+    begin = _native.line_start(setup, pose, target)
+    if begin.singular:
         raise InputError("pose", "is singular: no finite joint rates move the tip as asked", "give another pose")
-    path = setup.trace(pose, target, None, 1.0, 0.0)
-    states = np.asarray(path.reaction_state)
-    first = np.zeros(n) if start == "rest" else np.asarray(begin["qd"])
+    path = _native.stopping_curve(setup, pose, target, None, _native.Contact())
+    states = path.reaction_state
+    first = np.zeros(n) if start == "rest" else begin.qd
     positions = np.tile(pose, (len(states) + 1, 1))
     rates = np.zeros_like(positions)
     rates[0] = first
@@ -214,6 +199,18 @@ def line(
 
         return Command(whole_q, whole_qd, react_on_line, notes)
     return command
+
+
+def _setup(robot: Robot, limit: FloatArray, reaction: str) -> _native.CollisionSetup:
+    """The tip hits. A tick comes after every step, as the path of the joints is told at ticks."""
+    setup = _native.CollisionSetup(robot.chain)
+    link, point = robot.frame(None)
+    setup.contact.point = robot.chain.link_point(link, point.tolist())
+    setup.motion.step, setup.motion.substeps = COMMAND_STEP, SUBSTEPS
+    setup.motion.acceleration_limit = limit
+    setup.timing.period, setup.timing.latency = 1, 0
+    setup.reaction = _native.ReactionKind[reaction]
+    return setup
 
 
 class _Resolver:
@@ -278,26 +275,14 @@ def along(trajectory: Trajectory, robot: Robot, hold: float = 0.0) -> Command:
     if hold > 0:
         rows = round(hold / COMMAND_STEP)
         q, qd = np.concatenate([q, np.tile(q[-1], (rows, 1))]), np.concatenate([qd, np.zeros((rows, robot.dof))])
-    link, point = robot.frame(None)
 
     def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
         if knot >= count - 1:
             return np.tile(q[knot], (2, 1)), np.zeros((2, robot.dof))
-        kernel: Any = core.Trajectory(
-            chain=robot.chain,
-            time=trajectory.time,
-            coefficient=trajectory.coefficients,
-            contact_link=link,
-            contact_point=point,
-            step=COMMAND_STEP,
-            substeps=SUBSTEPS,
-            acceleration=limit,
-            period=1,
-            latency=0,
-            reverse=reaction.kind == "reverse",
-        )
+        setup = _setup(robot, limit, reaction.kind)
+        kernel = _native.Trajectory(setup, trajectory.time, trajectory.coefficients)
         # Tick k comes after step k + 1, and the path begins there.
-        way = np.concatenate([[t[knot]], np.asarray(kernel.reaction(max(0, knot - 1)))])
+        way = np.concatenate([[t[knot]], kernel.reaction(max(0, knot - 1))])
         if reaction.kind == "reverse":
             way = np.concatenate([way, way[-1] - np.arange(1, round(rest / COMMAND_STEP) + 1) * COMMAND_STEP])
         else:

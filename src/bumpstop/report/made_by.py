@@ -6,7 +6,7 @@ import platform
 from datetime import UTC, datetime
 from importlib.metadata import version
 
-from bumpstop.kernels import target
+from bumpstop._native import target
 from bumpstop.text_files import running_command
 
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.kernels import core
 from bumpstop.signal.lowpass import lowpass_derivatives
 from bumpstop.signal.samples import as_samples
 
@@ -65,9 +65,9 @@ def derivatives(
         return rows, *differences(times, rows)
     if method == "butterworth":
         return lowpass_derivatives(t, q, window)
-    order = _whole(degree, "degree", 2, core.max_fit_degree)
+    order = _whole(degree, "degree", 2, _native.max_fit_degree)
     times, rows = as_samples(t, q, "q", order + 1, f"a polynomial of degree {order}")
-    position, rate, acceleration = core.local_polynomial(times, rows, window, order)
+    position, rate, acceleration = _native.local_polynomial(times, rows, window, order)
     return position, rate, acceleration
 
 
@@ -97,10 +97,10 @@ def causal_derivatives(
     Raises:
         InputError: a shape, a value or a setting that cannot be used; times that do not increase.
     """
-    order = _whole(degree, "degree", 2, core.max_fit_degree)
-    count = _whole(window, "window", order + 1, core.max_causal_window)
+    order = _whole(degree, "degree", 2, _native.max_fit_degree)
+    count = _whole(window, "window", order + 1, _native.max_causal_window)
     times, rows = as_samples(t, q, "q", 1, "a derivative")
-    rate, acceleration = core.causal_derivatives(times, rows, count, order)
+    rate, acceleration = _native.causal_derivatives(times, rows, count, order)
     return rate, acceleration
 
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import as_number
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 from bumpstop.signal.samples import as_samples
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def filter_even(x: FloatArray, rate_hz: float, cutoff_hz: float, order: int = 4)
     flat = np.ascontiguousarray(x, dtype=np.float64).reshape(x.shape[0], -1)
     if x.shape[0] <= _padding(order):
         raise InputError("x", f"has {x.shape[0]} rows", f"a filter of order {order} needs {_padding(order) + 1}")
-    filtered: FloatArray = core.zero_phase_lowpass(flat, order, cutoff_hz, rate_hz, _padding(order))
+    filtered: FloatArray = _native.zero_phase_lowpass(flat, order, cutoff_hz, rate_hz, _padding(order))
     return filtered.reshape(x.shape)
 
 

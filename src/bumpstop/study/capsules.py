@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -33,7 +33,7 @@ def self_collision(robot: Robot, q: FloatArray, radius: float) -> npt.NDArray[np
         (N,).
     """
     link, point = robot.frame(None)
-    return np.asarray(core.self_collisions(robot.chain, np.ascontiguousarray(q), link, point, radius))
+    return np.asarray(_native.self_collisions(robot.chain, np.ascontiguousarray(q), link, point, radius))
 
 
 def max_link_radius(robot: Robot, q: FloatArray) -> float:

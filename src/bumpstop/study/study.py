@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from bumpstop import kernels
+from bumpstop import _native
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.settings_file import files_of, scenario_data
 from bumpstop.errors import InputError
@@ -102,7 +102,7 @@ def versions() -> dict[str, str]:
         "bumpstop": version("bumpstop"),
         "numpy": version("numpy"),
         "python": platform.python_version(),
-        "instruction_set": kernels.target,
+        "instruction_set": _native.target,
     }
 
 
@@ -112,7 +112,7 @@ def code_digest() -> str:
     home = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     files = [path for path in home.rglob("*") if path.suffix in (".py", ".toml")]
-    for path in [*sorted(files), Path(kernels.core.__file__)]:
+    for path in [*sorted(files), Path(str(_native.module.__file__))]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.kernels import core
+from bumpstop import _native
 from collision.cases import VARIED, control_group, reference_settings
 from reference import half_normal_offsets, simulate, simulate_seeded, tick_count, trace
 
@@ -31,7 +31,7 @@ def test_run_by_run(name: str) -> None:
     # nobody reaches.
     ticks = int(tick.max()) + 2
     settings = replace(settings, duration_s=ticks * settings.period_steps * settings.step_s)
-    noise = core.standard_noise(5, 0, RUNS, ticks, problem.robot.dof) * problem.noise_sd + problem.noise_mean
+    noise = _native.standard_noise(5, 0, RUNS, ticks, problem.robot.dof) * problem.noise_sd + problem.noise_mean
     detected = tick >= 0
     runs = simulate(settings, offset[detected], noise[detected])
     np.testing.assert_array_equal(runs.detection_tick, tick[detected])

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop import kernels
+from bumpstop import _native
 from collision.cases import VARIED, control_group
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*.toml"))
@@ -80,9 +80,9 @@ def test_tails_against_forty_digits() -> None:
 
 def test_far_tail_joins_the_near_one() -> None:
     result = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -75]))
-    question = result.problem.detector, result.problem.stiffness, result.problem.offset_kind, result.problem.offset_size
+    question = result.problem.detector, result.problem.contact
     for x in (150.0, 160.0, 165.0, 170.0):
-        assert result.curve.kernel.tail_directly(*question, x) == pytest.approx(
+        assert result.curve.line.tail_without_interpolation(*question, x) == pytest.approx(
             result.peak_force.exceedance(x), rel=1e-7
         )
     tails = [result.peak_force.exceedance(x) for x in np.linspace(170, 260, 40)]
@@ -107,9 +107,9 @@ def test_noise_that_vanishes_tends_to_no_noise() -> None:
 def test_probabilities_add_up() -> None:
     for name, scenario in VARIED.items():
         result = bs.evaluate(scenario)
-        total = result.kernel.total("peak_force") + result.kernel.harmless
+        total = result.integral.total("peak_force") + result.integral.harmless
         # An arm that comes to rest has a force for what it never detects, too.
-        total += 0.0 if result.kernel.rests else result.undetected_probability
+        total += 0.0 if result.integral.rests else result.undetected_probability
         assert total == pytest.approx(1, abs=1e-9), name
         p = [result.peak_force.exceedance(x) for x in np.linspace(0, 400, 60)]
         assert all(a >= b - 1e-12 for a, b in pairwise(p)), name
@@ -145,7 +145,7 @@ def test_every_instruction_set_gives_the_same_figures(path: Path) -> None:
         "print(json.dumps([law.to_json(), runs.to_json()]))"
     )
     found = {}
-    for target in kernels.available_targets():
+    for target in _native.available_targets():
         done = subprocess.run(
             [sys.executable, "-c", script, str(path)],
             env=os.environ | {"BUMPSTOP_TARGET": target},
@@ -176,7 +176,7 @@ def _numbers(value: object, where: str = "", scale: float = 0) -> list[tuple[str
 def test_a_target_this_machine_lacks_is_refused() -> None:
     done = subprocess.run(
         [sys.executable, "-c", "from bumpstop.cli.main import main; main(['robots'])"],
-        env=os.environ | {"BUMPSTOP_TARGET": "neon" if "baseline" in kernels.available_targets() else "avx2"},
+        env=os.environ | {"BUMPSTOP_TARGET": "neon" if "baseline" in _native.available_targets() else "avx2"},
         capture_output=True,
         text=True,
         check=False,
@@ -234,7 +234,7 @@ def test_probabilities_of_a_motion_that_ends_early_add_up() -> None:
     )
     result = bs.evaluate(scenario)
     assert result.curve.end == "joint_limit"
-    kernel = result.kernel
+    kernel = result.integral
     assert result.no_contact_probability > 0.7
     # The arm comes to rest there: what it does not detect has a force.
     assert kernel.rests
@@ -272,6 +272,6 @@ def assert_farthest_is_that_of_each_reaction(scenario: bs.Scenario) -> None:
     problem = bs.CollisionProblem.from_scenario(scenario)
     curve = bs.stopping_curve(problem)
     ticks = list(range(len(curve.farthest)))
-    there = [float(curve.kernel.distance[problem.period_steps * k + 1]) for k in ticks]
+    there = [float(curve.distance[problem.period_steps * k + 1]) for k in ticks]
     farthest = [path.max() for path in curve.kernel.reaction_paths(ticks, there)]
     np.testing.assert_allclose(curve.farthest, farthest, rtol=0, atol=5e-9)

@@ -139,7 +139,7 @@ def test_a_line_that_ends_before_the_first_tick_has_both_laws() -> None:
     assert exact.curve.end == "joint_limit"
     assert exact.no_contact_probability == drawn.no_contact_probability == 1
     # The arm brakes into the body: a joint does not stop from full speed in no time.
-    pressed = exact.problem.stiffness * (exact.curve.kernel.braking[-1] - 1e-3)
+    pressed = exact.problem.stiffness * (exact.curve.line.braking[-1] - 1e-3)
     assert pressed > 30
     assert exact.peak_force.mean == pytest.approx(pressed, rel=1e-12)
     assert drawn.peak_force.mean == pytest.approx(pressed, rel=1e-12)

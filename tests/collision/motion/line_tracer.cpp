@@ -66,12 +66,11 @@ std::vector<double> plain_path(const Arm& arm, const LinkPoint& point, const Lin
 }
 
 template <Tracing tracing>
-std::vector<LinePath> traced(const Arm& arm, const Timing& timing, const ContactGeometry& contact,
-                             const std::vector<LineRequest>& requests) {
+std::vector<LinePath> traced(const Arm& arm, const std::vector<LineRequest>& requests) {
     std::vector<LinePath> paths(requests.size());
     std::vector<NoCriterion<L>> criteria(requests.size());
-    LineTracer<L, tracing, NoCriterion<L>>(arm.chain, arm.motion, contact, timing)
-        .trace(requests.data(), criteria.data(), paths.data(), int(requests.size()));
+    LineTracer<L, tracing, NoCriterion<L>>(arm).trace(requests.data(), criteria.data(), paths.data(),
+                                                      int(requests.size()));
     return paths;
 }
 
@@ -79,10 +78,9 @@ std::vector<LinePath> traced(const Arm& arm, const Timing& timing, const Contact
 void paths_agree(int dof, const std::vector<int>& sliding, int held, bool from_rest) {
     int whole = 0;
     for (int i = 0; i < 6; ++i) {
-        const Arm arm = random_arm::make(dof, sliding, held);
-        ContactGeometry contact;
-        contact.point = arm.motion.tip;
-        const Timing timing{steps, period, 0, from_rest};
+        Arm arm = random_arm::make(dof, sliding, held);
+        arm.contact.point = arm.motion.tip;
+        arm.timing = {steps, period, 0, from_rest};
         constexpr int count = native_lanes + 3;
         double q[count][max_joints];
         std::vector<LineRequest> requests;
@@ -91,14 +89,14 @@ void paths_agree(int dof, const std::vector<int>& sliding, int held, bool from_r
             const Vector3 velocity{0.1 * checks::normal(), 0.1 * checks::normal(), 0.1 * checks::normal()};
             requests.push_back({q[line], velocity});
         }
-        const std::vector<LinePath> exact = traced<Tracing::exact>(arm, timing, contact, requests);
-        const std::vector<LinePath> fast = traced<Tracing::fast>(arm, timing, contact, requests);
+        const std::vector<LinePath> exact = traced<Tracing::exact>(arm, requests);
+        const std::vector<LinePath> fast = traced<Tracing::fast>(arm, requests);
         for (int line = 0; line < count; ++line) {
             State state;
             const LineRequest& request = requests[std::size_t(line)];
-            const std::vector<double> plain = plain_path(arm, contact.point, request, from_rest, state);
+            const std::vector<double> plain = plain_path(arm, arm.contact.point, request, from_rest, state);
             const LinePath& path = exact[std::size_t(line)];
-            const LinePath alone = traced<Tracing::exact>(arm, timing, contact, {request})[0];
+            const LinePath alone = traced<Tracing::exact>(arm, {request})[0];
             CHECK(alone.s == path.s && alone.reaction_state == path.reaction_state && alone.end == path.end);
             const std::size_t known = std::min(plain.size(), path.s.size());
             for (std::size_t step = 0; step < known; ++step) {

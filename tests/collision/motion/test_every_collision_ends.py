@@ -14,13 +14,13 @@ from typing import Any
 
 import pytest
 
-from bumpstop import kernels
+from bumpstop import _native
 from cli.support import REPOSITORY
 from collision.random_scenarios import ALLOWED, difference
 
 # Hundreds of times as long as it takes.
 MAX_DURATION_S = 120
-TARGETS = kernels.available_targets()
+TARGETS = _native.available_targets()
 ONE_SUB_STEP = "--one-sub-step"
 
 

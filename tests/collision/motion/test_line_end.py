@@ -71,7 +71,7 @@ def test_an_arm_that_brakes_goes_as_far_as_the_reference_simulator(latency: floa
     # Undetected it comes to rest where the reference simulator does.
     undetected = replace(settings, thresholds_Nm=math.inf)
     body = simulate(undetected, np.zeros(1), None)
-    assert body.force_at_end_N[0] == pytest.approx(result.problem.stiffness * curve.kernel.braking[-1], rel=1e-9)
+    assert body.force_at_end_N[0] == pytest.approx(result.problem.stiffness * curve.line.braking[-1], rel=1e-9)
 
 
 def test_a_body_reached_only_while_the_arm_brakes_is_hit() -> None:
@@ -81,7 +81,7 @@ def test_a_body_reached_only_while_the_arm_brakes_is_hit() -> None:
         **NEAR_LIMIT | {"contact__offset_law": "fixed"}, contact__offset_mm=float(reach) * 1e3 + 2
     )  # fmt: skip
     result = bs.evaluate(scenario)
-    force = result.problem.stiffness * (result.curve.kernel.braking.max() - reach - 2e-3)
+    force = result.problem.stiffness * (result.curve.line.braking.max() - reach - 2e-3)
     assert force > 100
     assert result.no_contact_probability == pytest.approx(1, abs=1e-6)
     assert result.peak_force.quantile(0.5) == pytest.approx(force, rel=1e-9)

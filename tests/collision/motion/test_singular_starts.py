@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop import CollisionProblem, Robot, Scenario
+from bumpstop import CollisionProblem, Robot, Scenario, _native
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 
@@ -77,7 +77,7 @@ def test_right_angles_and_their_parts(name: str, motion: dict[str, Any]) -> None
     robot = problem.robot
     q = np.concatenate([multiples(robot, degrees, 150) for degrees in (90, 45, 30)])
     near = closeness(robot, q, motion["task"], motion["held_joints"])
-    found = np.array([problem.setup.start(pose, np.array(VELOCITY))["singular"] for pose in q])
+    found = np.array([_native.line_start(problem.setup, pose, np.array(VELOCITY)).singular for pose in q])
     # An arm that need not keep its orientation is hardly ever singular.
     assert (near < SINGULAR).sum() > 20 or motion["task"] == "position"
     assert (near > REGULAR).sum() > 20
@@ -97,7 +97,7 @@ def test_random_poses_are_not_refused(name: str) -> None:
         np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), (300, robot.dof)
     )
     assert closeness(robot, q, "pose", []).min() > 1e-6
-    assert not any(problem.setup.start(pose, np.array(VELOCITY))["singular"] for pose in q)
+    assert not any(_native.line_start(problem.setup, pose, np.array(VELOCITY)).singular for pose in q)
 
 
 @pytest.mark.parametrize(
@@ -115,8 +115,8 @@ def test_with_damping_there_is_none(damping: float) -> None:
     """However small it is, and alone as in a batch."""
     damped = scenario("ur10e", damping=damping).with_values({"pose_deg": [0, -90, 90, 0, 0, 0]})
     problem = CollisionProblem.from_scenario(damped)
-    assert not problem.start["singular"]
-    assert np.isfinite(problem.start["qd"]).all()
+    assert not problem.start.singular
+    assert np.isfinite(problem.start.qd).all()
     end = bs.evaluate_batch(problem, problem.q[None], np.array([VELOCITY])).end
     assert end[0] not in ("singular_start", "singularity")
 
@@ -130,4 +130,4 @@ def test_how_near_does_not_depend_on_the_base_frame(off: float) -> None:
         # A turn of the first joint turns the whole Jacobian.
         pose = singular + off
         pose[0] = turn
-        assert problem.setup.start(pose, np.array(VELOCITY))["singular"] == (off < 1e-6)
+        assert _native.line_start(problem.setup, pose, np.array(VELOCITY)).singular == (off < 1e-6)

@@ -70,8 +70,8 @@ def test_a_turning_arm_along_a_line(tmp_path: Path) -> None:
     free = [j for j in range(7) if j not in problem.held]
     state = np.zeros((curve.ticks + 1, 2, 7))
     state[:, 0] = problem.q
-    state[0, 1] = problem.start["qd"]
-    state[1:, :, free] = curve.kernel.reaction_state
+    state[0, 1] = problem.start.qd
+    state[1:, :, free] = curve.line.reaction_state
     write_csv(tmp_path / "path.csv", np.append(0.0, curve.tick_time), state[:, 0], state[:, 1])
     data = line.to_dict()
     data["motion"] = trajectory_motion(contact_onset_s=6.3e-3 / curve.approach_speed)
@@ -95,9 +95,9 @@ def test_stopping_distance(speed: float, tmp_path: Path) -> None:
     write_csv(tmp_path / "path.csv", t, t[:, None] * [0, 0, -speed])
     problem = bs.CollisionProblem.from_scenario(scenario(tmp_path, trajectory_motion()))
     kernel = trajectory_kernel(problem)
-    curve = kernel.curve(0.1, np.array([0.0, 0.0, -1.0]))
+    curve = kernel.curve(0.1, [0.0, 0.0, -1.0])
     for k in (30, 100, 200):
-        travelled = curve["farthest"][k] - curve["distance"][4 * k + 1]
+        travelled = curve.farthest[k] - curve.distance[4 * k + 1]
         # The controller works in sub-steps of 0.2 ms; it has lost speed before it moves on.
         assert travelled == pytest.approx(speed**2 / (2 * 2.0) - speed * 0.2e-3 / 2, abs=2e-6 * speed)
 

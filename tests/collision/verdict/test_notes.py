@@ -41,7 +41,7 @@ def test_what_differs_from_the_usual_is_said(changes: dict[str, Any], said: str)
 def test_a_motion_that_ends_at_a_joint_limit_says_when_and_at_which() -> None:
     """Joint 2 has 0.3 degrees left."""
     result = bs.evaluate(control_group(pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30]))
-    rate = result.problem.start["qd"][1]
+    rate = result.problem.start.qd[1]
     after = math.radians(0.3) / rate
     (said,) = (float(note.split()[4]) for note in result.notes if note.endswith(" s: joint 2 reaches its limit."))
     assert said == pytest.approx(after, abs=2e-3)

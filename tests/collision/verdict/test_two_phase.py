@@ -126,7 +126,7 @@ def test_an_arm_whose_motion_ends_within_the_latency_stays_in_contact() -> None:
         detector__arming_delay_s=0.041,
     )  # fmt: skip
     result = bs.evaluate(scenario)
-    stands = 5000.0 * (float(bs.stopping_curve(result.problem, whole=True).kernel.braking[-1]) - 0.5e-3)
+    stands = 5000.0 * (float(bs.stopping_curve(result.problem, whole=True).line.braking[-1]) - 0.5e-3)
     assert deepest(result) == pytest.approx((stands, stands), rel=1e-9)
 
 

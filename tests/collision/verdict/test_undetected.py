@@ -43,7 +43,7 @@ def test_a_line_that_comes_to_rest_is_judged_by_its_force() -> None:
     assert result.curve.end == "joint_limit"
     assert result.undetected_probability > 0.2
     # The arm brakes at the limit, and gets farther than the line.
-    farthest = max(result.curve.distance.max(), result.curve.kernel.braking.max())
+    farthest = max(result.curve.distance.max(), result.curve.line.braking.max())
     assert farthest > result.curve.distance.max()
     hardest = result.problem.stiffness * farthest
     assert result.peak_force.exceedance(0.99 * hardest) > 1e-3
@@ -84,10 +84,10 @@ def test_exact_sampled_and_batch_agree(thresholds: float, offset_law: str) -> No
 
 def test_far_tails_of_what_comes_to_rest_join_the_near_ones() -> None:
     result = bs.evaluate(at_a_limit(detector__thresholds_Nm=[6.0] * 7, detector__noise_sd_Nm=0.4))
-    question = result.problem.detector, result.problem.stiffness, result.problem.offset_kind, result.problem.offset_size
+    question = result.problem.detector, result.problem.contact
     for force in (10.0, 40.0, 80.0):
-        near = float(result.kernel.tail("peak_force", np.array([force]))[0, 0])
-        assert result.curve.kernel.tail_directly(*question, force) == pytest.approx(near, rel=1e-7)
+        near = float(result.integral.tail("peak_force", np.array([force]))[0, 0])
+        assert result.curve.line.tail_without_interpolation(*question, force) == pytest.approx(near, rel=1e-7)
 
 
 def test_no_milder_than_a_simulator_that_follows_the_line() -> None:

@@ -69,7 +69,7 @@ def test_angles_in_the_wrong_unit() -> None:
 def test_joints_too_fast() -> None:
     result = bs.evaluate(control_group(motion__velocity_mm_s=[0, 0, -2500]))
     (said,) = [warning for warning in result.warnings if "needs joint" in warning]
-    qd = np.abs(result.problem.start["qd"])
+    qd = np.abs(result.problem.start.qd)
     limit = result.problem.robot.velocity
     joint = int(np.argmax(qd / limit))
     assert f"needs joint {joint + 1} at" in said

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bumpstop import _native
 from bumpstop.detection import Detector, DetectorSettings, describe_detector, residual_record
-from bumpstop.kernels import core
 from bumpstop.recording import Recording
 from detection.moving_arms import UR5E, live, moving
 
@@ -49,7 +49,7 @@ def test_samples_of_the_window_are_those_of_the_time(rate_hz: int) -> None:
 def test_windows_that_do_not_fit_are_noted() -> None:
     t, q, _, _, tau = moving(UR5E, 700, 1e-4, pace=0.1)
     run = Detector(UR5E, None, [1e3] * 6).run_rows(t, q, tau)
-    assert run.settings["window_samples"] == core.window_samples(0.07, 1e-4, 2) == 512
+    assert run.settings["window_samples"] == _native.window_samples(0.07, 1e-4, 2) == 512
     assert "The window is 512 samples, 0.0511 s, at a row every 0.0001 s: not 0.07 s." in run.notes
     t, q, _, _, tau = moving(UR5E, 60, 0.2, pace=0.1)
     run = Detector(UR5E, None, [1e3] * 6).run_rows(t, q, tau)

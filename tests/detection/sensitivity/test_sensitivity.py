@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop import _native
 from bumpstop.detection import (
     largest_undetected_force,
     largest_undetected_torque,
@@ -17,7 +18,6 @@ from bumpstop.detection import (
     undetectable_forces,
     undetectable_stretches,
 )
-from bumpstop.kernels import core
 from bumpstop.model import Joint, Robot
 from detection.direction_search import directions, farthest
 from detection.sensitivity_cases import random_cases, singular_cases
@@ -59,7 +59,7 @@ def kernel(columns: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, 
     """Of cases with bands of their own."""
     names = ("largest", "detectable", "farthest", "singular", "rank", "axes")
     rows = [
-        core.undetectable_forces(np.ascontiguousarray(c[None]), a, b)
+        _native.undetectable_forces(np.ascontiguousarray(c[None]), a, b)
         for c, a, b in zip(columns, low, high, strict=True)
     ]
     return {name: np.concatenate([row[k] for row in rows]) for k, name in enumerate(names)}

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from bumpstop import kernels
+from bumpstop import _native
 from bumpstop.errors import InputError
 from bumpstop.model import (
     Joint,
@@ -205,16 +205,16 @@ def test_targets_agree() -> None:
     rng = np.random.default_rng(33)
     q, qd, qdd = positions(robot, 9, rng), rng.normal(size=(9, 7)), rng.normal(size=(9, 7))
     results = []
-    for target in kernels.available_targets():
-        core = kernels.load(target)
+    for target in _native.available_targets():
+        module = _native.load(target)
         links = [joint.inertia for joint in robot.joints if joint.inertia is not None]
-        chain = core.Chain(
+        chain = module.Chain(
             prismatic=[False] * 7,
             origin=np.array([joint.origin for joint in robot.joints]),
             rotation=np.array([joint.rotation for joint in robot.joints]),
             axis=np.array([joint.axis for joint in robot.joints]),
         )
-        arm = core.Dynamics(
+        arm = module.Dynamics(
             chain=chain,
             mass=np.array([link.mass for link in links]),
             center=np.array([link.center for link in links]),

@@ -204,39 +204,36 @@ class ReactionFamily {
 
 /// The paths of a line motion. Reactions that reverse are followed until every body that they find in contact has been
 /// left behind: at the latest `certain` ticks after contact, when a body that is held has been detected.
-template <class T, class Pose>
-ContactPaths contact_paths(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                           const Timing& timing, ReactionKind kind, const StoppingCurve& curve,
-                           const ContactPropagator& by, int certain, Pose pose) {
+template <class T>
+ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& curve, const ContactPropagator& by,
+                           int certain) {
     const LinePath& path = curve.path;
+    const Timing& timing = setup.timing;
     ContactPaths paths{&path,
                        timing.period,
                        timing.latency,
                        int(path.brakes() ? path.s.size() + path.braking.size() - 1 : path.end_step(timing)),
-                       motion.step,
+                       setup.motion.step,
                        {},
                        {},
                        {},
                        {}};
     paths.reaction.resize(std::size_t(path.ticks));
     paths.later.resize(std::size_t(path.ticks));
-    const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
     const std::vector<double> least =
-        kind == ReactionKind::reverse ? detail::least_touched(paths, by, certain) : std::vector<double>();
+        setup.reaction == ReactionKind::reverse ? detail::least_touched(paths, by, certain) : std::vector<double>();
     auto simulate = [&](const std::vector<int>& ticks) {
         std::vector<ReactionJob> jobs;
-        for (int k : ticks) jobs.push_back({&path, 0, k, {}, {}});
-        simulate_reactions<T>(
-            chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), ReactionDetail::every_step,
-            [&](const ReactionJob&) { return pose; },
-            [&](const ReactionJob& job) {
-                const double at_tick = path.at_tick(job.tick, timing.period);
-                return least.empty() ? at_tick : std::min(at_tick, least[std::size_t(job.tick)]);
-            });
+        for (int k : ticks) {
+            const double at_tick = path.at_tick(k, timing.period);
+            jobs.push_back({&path, 0, k, {}, {}});
+            jobs.back().return_to = least.empty() ? at_tick : std::min(at_tick, least[std::size_t(k)]);
+        }
+        simulate_reactions<T>(setup, jobs.data(), int(jobs.size()), ReactionDetail::every_step);
         for (ReactionJob& job : jobs) paths.reaction[std::size_t(job.tick)] = std::move(job.distance);
     };
     std::vector<detail::TickRange> ranges;
-    if (known > 0) detail::split_at_switches(motion, timing, path, 0, known, OvertravelTolerance{}, ranges);
+    detail::split_at_switches(setup, path, 0, OvertravelTolerance{}, ranges);
     std::vector<detail::ReactionFamily> families;
     for (const detail::TickRange& range : ranges) families.emplace_back(range.first, range.last, range.contains_switch);
     while (!families.empty()) {

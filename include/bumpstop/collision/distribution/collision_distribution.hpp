@@ -27,26 +27,24 @@ struct CollisionDistribution {
 
     /// Probability of collisions never detected whose force has no bound: they count as over every limit.
     double unbounded() const { return rests ? 0 : undetected; }
+
+    /// P(peak force > force), collisions never detected and without a bound included.
+    template <class T = Lanes<native_lanes>>
+    double exceedance(double force) const {
+        return tail<T>(density, peak_force, force).probability + unbounded();
+    }
+    /// The peak force that is exceeded with probability `allowed` [N]; infinite where that much is unbounded.
+    template <class T = Lanes<native_lanes>>
+    double upper_quantile(double allowed) const {
+        return bumpstop::upper_quantile<T>(density, peak_force, allowed, unbounded());
+    }
+    /// Mean and standard deviation of the peak force, counting the force by the end where nothing was detected.
+    Moments moments() const {
+        const double bounded = peak_force.total + harmless;
+        const Moments known = mixture(peak_force.total, peak_force.moments, harmless, {0, 0});
+        // Where the arm comes to rest the others are among them.
+        return rests ? known : mixture(bounded, known, end_force.total, end_force.moments);
+    }
 };
-
-/// P(peak force > force), collisions never detected and without a bound included.
-template <class T>
-double peak_force_over(const CollisionDistribution& from, double force) {
-    return tail<T>(from.density, from.peak_force, force).probability + from.unbounded();
-}
-
-/// The force that is exceeded with probability `allowed`; infinite where that much is unbounded.
-template <class T>
-double peak_force_upper_quantile(const CollisionDistribution& from, double allowed) {
-    return upper_quantile<T>(from.density, from.peak_force, allowed, from.unbounded());
-}
-
-/// Mean and standard deviation of the peak force, counting the force by the end where nothing was detected.
-inline Moments peak_force_moments(const CollisionDistribution& from) {
-    const double bounded = from.peak_force.total + from.harmless;
-    const Moments moments = mixture(from.peak_force.total, from.peak_force.moments, from.harmless, {0, 0});
-    // Where the arm comes to rest the others are among them.
-    return from.rests ? moments : mixture(bounded, moments, from.end_force.total, from.end_force.moments);
-}
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

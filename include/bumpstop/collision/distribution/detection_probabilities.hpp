@@ -128,9 +128,9 @@ class ClampedContact {
 template <class T, class Alarms>
 class DetectionIntegrator {
   public:
-    DetectionIntegrator(const Timing& timing, const GaussianThresholds& detector, const PreContactAlarms& before,
+    DetectionIntegrator(const CollisionSetup& setup, const GaussianThresholds& detector, const PreContactAlarms& before,
                         Alarms alarms, double negligible_survival = Alarms::negligible_survival)
-        : timing_(timing),
+        : timing_(setup.timing),
           detector_(detector),
           before_(before),
           alarms_(std::move(alarms)),

@@ -339,6 +339,18 @@ TailAt tail(const PiecewiseDensity& density, const LinearQuantity& quantity, dou
     return {std::max(0.0, sum.probability), std::max(0.0, sum.density) / quantity.scale};
 }
 
+/// At `count` values y, each its probability and density, one after the other.
+template <class T>
+std::vector<double> tails(const PiecewiseDensity& density, const LinearQuantity& quantity, const double* y,
+                          std::size_t count) {
+    std::vector<double> out;
+    for (std::size_t i = 0; i < count; ++i) {
+        const TailAt at = tail<T>(density, quantity, y[i]);
+        out.insert(out.end(), {at.probability, at.density});
+    }
+    return out;
+}
+
 /// Two independent parts of a distribution, by their probabilities and moments.
 inline Moments mixture(double one_mass, const Moments& one, double two_mass, const Moments& two) {
     if (!(two_mass > 0)) return one;

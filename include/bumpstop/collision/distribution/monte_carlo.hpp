@@ -3,34 +3,54 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <optional>
 
+#include "bumpstop/collision/contact/contact.hpp"
 #include "bumpstop/collision/contact/contact_collision.hpp"
-#include "bumpstop/collision/distribution/offset_distribution.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 #include "bumpstop/math/philox.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// The runs' results, one entry a run; noise and residual (run-major, dof wide) may be null.
+/// Which runs, and what is kept of them.
+struct MonteCarloSettings {
+    std::uint64_t seed = 0;
+    std::int64_t first = 0, count = 0;  ///< number of the first run, and how many there are
+    int threads = 1;
+    bool noise = true;  ///< noise and residual at the tick of detection are kept
+};
+
+/// The runs' results, one entry a run; noise and residual are run-major, dof wide.
 struct MonteCarloRuns {
-    double* offset;                        ///< [m]
-    std::int32_t* tick;                    ///< of detection; -1: never
-    std::uint32_t* triggers;               ///< bit j: joint j over its threshold at that tick
-    double* noise = nullptr;               ///< at that tick [Nm or N]; zero when never
-    double* residual = nullptr;            ///< noise and contact torque
-    double* peak_force = nullptr;          ///< where something gives way [N]
-    double* duration = nullptr;            ///< [s]
-    double* force_at_detection = nullptr;  ///< [N]; zero when never, or before contact
+    std::vector<double> offset;              ///< [m]
+    std::vector<std::int32_t> tick;          ///< of detection; -1: never
+    std::vector<std::uint32_t> triggers;     ///< bit j: joint j over its threshold at that tick
+    std::vector<double> noise;               ///< at that tick [Nm or N]; zero when never; empty where it is not kept
+    std::vector<double> residual;            ///< noise and contact torque
+    std::vector<double> peak_force;          ///< where something gives way [N]; else empty, as are the next two
+    std::vector<double> duration;            ///< [s]
+    std::vector<double> force_at_detection;  ///< [N]; zero when never, or before contact
+    int dof;
+
+    MonteCarloRuns(const MonteCarloSettings& settings, int joints, const Contact& contact)
+        : offset(std::size_t(settings.count)),
+          tick(offset.size()),
+          triggers(offset.size()),
+          noise(settings.noise ? offset.size() * std::size_t(joints) : 0),
+          residual(noise.size()),
+          peak_force(contact.body.clamped() ? 0 : offset.size()),
+          duration(peak_force.size()),
+          force_at_detection(peak_force.size()),
+          dof(joints) {}
 };
 
 /// Measured residuals of free motion, resampled in blocks so that their correlation between joints and in time is kept: a
 /// run is made of blocks of consecutive rows, each begun at a random row, the first entered at a random place.
 struct ResidualRecord {
-    const double* row = nullptr;  ///< [row][dof], at the feedback rate [Nm or N]
+    std::vector<double> row;  ///< [row][dof], at the feedback rate [Nm or N]
     std::int64_t rows = 0;
-    int dof = 0;
     std::int64_t block = 1;  ///< rows in a block, at most `rows`
 
     /// The row that plays tick k of a run.
@@ -75,17 +95,22 @@ IntOf<T> run_lanes(const std::int64_t* run) {
 template <class T>
 class MonteCarlo {
   public:
-    MonteCarlo(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-               const GaussianThresholds& detector, double stiffness, const OffsetDistribution& offset,
-               std::uint64_t seed, const ResidualRecord* record = nullptr, const ContactPaths* paths = nullptr,
-               const ContactPropagator* propagator = nullptr)
-        : curve_(curve), detector_(detector), stiffness_(stiffness), offset_(offset), seed_(seed), record_(record) {
+    /// `settings` tell the seed and the number of the first run. `paths` and `propagator`: where something gives way.
+    MonteCarlo(const CollisionSetup& setup, const StoppingCurve& curve, const GaussianThresholds& detector,
+               const Contact& contact, const MonteCarloSettings& settings, const ResidualRecord* record = nullptr,
+               const ContactPaths* paths = nullptr, const ContactPropagator* propagator = nullptr)
+        : curve_(curve),
+          detector_(detector),
+          stiffness_(contact.body.stiffness),
+          offset_(contact.offset),
+          seed_(settings.seed),
+          first_run_(settings.first),
+          record_(record) {
         if (paths != nullptr) reactions_.emplace(*paths, *propagator);
         const int ticks = curve.path.ticks;
         s_.resize(ticks);
-        for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, timing.period);
-        while (first_armed_ < ticks && !detector.armed((double(first_armed_) * timing.period + 1) * motion.step))
-            ++first_armed_;
+        for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, setup.timing.period);
+        while (first_armed_ < ticks && !detector.armed(setup.tick_time(first_armed_))) ++first_armed_;
         for (int w = 0; w < detector.watched; ++w) {
             pair_[w] = detector.joint[w] / 2;
             half_[w] = detector.joint[w] % 2;
@@ -96,15 +121,15 @@ class MonteCarlo {
         }
     }
 
-    /// Runs first_run .. first_run + count - 1 into out[0..count).
-    void run(std::int64_t first_run, std::int64_t count, const MonteCarloRuns& out) const {
+    /// The results [first, last) of `out`.
+    void run(std::int64_t first, std::int64_t last, MonteCarloRuns& out) const {
         constexpr std::int64_t block = 4096;
         std::vector<std::int64_t> order;
-        for (std::int64_t begin = 0; begin < count; begin += block) {
-            const std::int64_t end = std::min(count, begin + block);
+        for (std::int64_t begin = first; begin < last; begin += block) {
+            const std::int64_t end = std::min(last, begin + block);
             for (std::int64_t i = begin; i < end; i += lanes) {
                 std::int64_t number[lanes];
-                for (int lane = 0; lane < lanes; ++lane) number[lane] = first_run + std::min(i + lane, end - 1);
+                for (int lane = 0; lane < lanes; ++lane) number[lane] = first_run_ + std::min(i + lane, end - 1);
                 const T o = draw_offset<T>(offset_, seed_, run_lanes<T>(number));
                 for (int lane = 0; lane < lanes && i + lane < end; ++lane) out.offset[i + lane] = lane_of(o, lane);
             }
@@ -123,7 +148,7 @@ class MonteCarlo {
                 std::int64_t index[lanes];
                 const int used = int(std::min<std::size_t>(lanes, order.size() - i));
                 for (int lane = 0; lane < lanes; ++lane) index[lane] = order[i + std::min(lane, used - 1)];
-                simulate(first_run, index, used, out);
+                simulate(index, used, out);
             }
         }
     }
@@ -133,12 +158,12 @@ class MonteCarlo {
     static constexpr int many_ticks = 1024;            ///< which take a moment
     static constexpr double beyond_four_sd = 3.17e-5;  ///< a little more than P(Z > 4) = 3.167e-5
 
-    void simulate(std::int64_t first_run, const std::int64_t* index, int used, const MonteCarloRuns& out) const {
+    void simulate(const std::int64_t* index, int used, MonteCarloRuns& out) const {
         std::int64_t number[lanes];
         T offset;
         bool open[lanes];
         for (int lane = 0; lane < lanes; ++lane) {
-            number[lane] = first_run + index[lane];
+            number[lane] = first_run_ + index[lane];
             set_lane(offset, lane, out.offset[index[lane]]);
             open[lane] = lane < used;
             if (!open[lane]) continue;
@@ -200,13 +225,13 @@ class MonteCarlo {
                 if (close(k, lane, fired, over, open, index, out)) --remaining;
             }
         }
-        if (out.noise != nullptr) describe(first_run, index, used, out);
+        if (!out.noise.empty()) describe(index, used, out);
     }
 
     /// A lane still open in which some joint has `fired` is detected at tick k, by the joints that are `over`. False where
     /// it is not.
     bool close(int k, int lane, const MaskOf<T>& fired, const MaskOf<T>* over, bool* open, const std::int64_t* index,
-               const MonteCarloRuns& out) const {
+               MonteCarloRuns& out) const {
         if (!open[lane] || !lane_of(fired, lane)) return false;
         open[lane] = false;
         const std::int64_t i = index[lane];
@@ -225,7 +250,7 @@ class MonteCarlo {
     }
 
     void keep_outcome(ContactCollision<T>& collision, const int* touch, const std::int64_t* index, int used,
-                      const MonteCarloRuns& out) const {
+                      MonteCarloRuns& out) const {
         int since[lanes] = {};
         bool missed = false;
         for (int lane = 0; lane < used; ++lane) {
@@ -248,7 +273,7 @@ class MonteCarlo {
     /// Runs whose noise or noiseless residual depends on the ticks before: every tick is played from the first on.
     /// Where something gives way, the collision comes with the first tick in contact of every lane.
     void tick_by_tick(const std::int64_t* number, IntOf<T> runs, T offset, bool* open, const std::int64_t* index,
-                      int used, const MonteCarloRuns& out, const int* touch, ContactCollision<T>* collision) const {
+                      int used, MonteCarloRuns& out, const int* touch, ContactCollision<T>* collision) const {
         const int dof = curve_.path.dof;
         const double fresh = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
         T noise[max_joints], contact[max_joints];  // by joint, watched or not
@@ -284,7 +309,7 @@ class MonteCarlo {
             if (k < first_armed_) continue;
             if (record_ != nullptr) {
                 for (int lane = 0; lane < used; ++lane) {
-                    const double* row = record_->row + record_->row_of(seed_, number[lane], k) * dof;
+                    const double* row = &record_->row[std::size_t(record_->row_of(seed_, number[lane], k) * dof)];
                     for (int j = 0; j < dof; ++j) set_lane(noise[j], lane, row[j] + detector_.noise_mean[j]);
                 }
             } else {
@@ -308,31 +333,31 @@ class MonteCarlo {
                 if (!close(k, lane, fired, over, open, index, out)) continue;
                 --remaining;
                 const std::int64_t i = index[lane];
-                for (int j = 0; out.noise != nullptr && j < dof; ++j) {
+                for (int j = 0; !out.noise.empty() && j < dof; ++j) {
                     out.noise[i * dof + j] = lane_of(noise[j], lane);
                     out.residual[i * dof + j] = lane_of(noise[j], lane) + lane_of(contact[j], lane);
                 }
             }
         }
-        for (int lane = 0; out.noise != nullptr && lane < used; ++lane) {
+        for (int lane = 0; !out.noise.empty() && lane < used; ++lane) {
             for (int j = 0; out.tick[index[lane]] < 0 && j < dof; ++j)
                 out.noise[index[lane] * dof + j] = out.residual[index[lane] * dof + j] = 0;
         }
     }
 
     /// Noise and residual of all joints at the tick of detection, watched or not.
-    void describe(std::int64_t first_run, const std::int64_t* index, int used, const MonteCarloRuns& out) const {
+    void describe(const std::int64_t* index, int used, MonteCarloRuns& out) const {
         const int dof = curve_.path.dof;
         for (int lane = 0; lane < used; ++lane) {
             const std::int64_t i = index[lane];
             const int k = out.tick[i];
-            double* noise = out.noise + i * dof;
-            double* residual = out.residual + i * dof;
+            double* noise = &out.noise[std::size_t(i * dof)];
+            double* residual = &out.residual[std::size_t(i * dof)];
             for (int j = 0; j < dof; ++j) noise[j] = residual[j] = 0;
             if (k < 0) continue;
             const double force = std::max(0.0, s_[k] - out.offset[i]) * stiffness_;
             for (int j = 0; j < dof; ++j) {
-                const auto block = noise_block<std::int64_t>(seed_, first_run + i, k, j / 2);
+                const auto block = noise_block<std::int64_t>(seed_, first_run_ + i, k, j / 2);
                 noise[j] =
                     signed_probability<double>(block, j % 2).normal() * detector_.noise_sd[j] + detector_.noise_mean[j];
             }
@@ -346,6 +371,7 @@ class MonteCarlo {
     double stiffness_;
     OffsetDistribution offset_;
     std::uint64_t seed_;
+    std::int64_t first_run_;
     const ResidualRecord* record_;                  ///< measured noise instead of Gaussian; may be null
     std::optional<ContactReactions<T>> reactions_;  ///< where something gives way
     std::vector<double> s_;
@@ -354,5 +380,25 @@ class MonteCarlo {
     int pair_[max_joints] = {}, half_[max_joints] = {};
     double upper_[max_joints] = {}, lower_[max_joints] = {};  ///< probabilities beyond +- threshold without contact
 };
+
+/// Single collisions on a stopping curve. `record`: measured noise instead of Gaussian.
+template <class T>
+MonteCarloRuns monte_carlo(const CollisionSetup& setup, const StoppingCurve& curve, const GaussianThresholds& detector,
+                           const Contact& contact, const MonteCarloSettings& settings,
+                           const ResidualRecord* record = nullptr) {
+    MonteCarloRuns out(settings, setup.chain.dof, contact);
+    const std::optional<ContactPropagator> by = contact.propagator(setup.motion.step);
+    const ContactPaths paths = by ? contact_paths<T>(setup, curve, *by, curve.path.ticks) : ContactPaths{};
+    const MonteCarlo<T> runs(setup, curve, detector, contact, settings, record, by ? &paths : nullptr,
+                             by ? &*by : nullptr);
+    // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.
+    constexpr std::int64_t block = 1 << 16;
+    std::atomic<std::int64_t> next{0};
+    work_in_threads(settings.threads, [&] {
+        for (std::int64_t begin = block * next++; begin < settings.count; begin = block * next++)
+            runs.run(begin, std::min(begin + block, settings.count), out);
+    });
+    return out;
+}
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

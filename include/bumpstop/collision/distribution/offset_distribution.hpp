@@ -20,6 +20,9 @@ struct OffsetDistribution {
     inline static const double beyond_reach = std::erfc(reach * 0.70710678118654752440);
     inline static const double within_reach = std::erf(reach * 0.70710678118654752440);
 
+    /// Of one whose size is in seconds of travel, at an approach speed [m/s]; a fixed one stays as it is.
+    OffsetDistribution at_speed(double speed) const { return {kind, kind == OffsetKind::fixed ? size : size * speed}; }
+
     double largest() const { return kind == OffsetKind::half_normal ? reach * size : size; }
 
     /// Probability per metre, inside [0, largest()]. Not for a fixed offset.

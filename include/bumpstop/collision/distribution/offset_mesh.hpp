@@ -2,16 +2,15 @@
 /// Cuts the contact offsets into panels inside which everything is smooth.
 #pragma once
 
+#include "bumpstop/collision/contact/contact.hpp"
 #include "bumpstop/collision/contact/contact_cuts.hpp"
-#include "bumpstop/collision/distribution/offset_distribution.hpp"
 #include "bumpstop/collision/distribution/piecewise_density.hpp"
 #include "bumpstop/collision/distribution/pre_contact_alarms.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct QuadratureSettings {
-    double stiffness = 0;  ///< N/m
-    OffsetDistribution offset;
+    Contact contact{};
     int refinement = 1;  ///< multiplies the order of the quadrature; 2 shows that 1 is converged
     bool delays = true;  ///< detection delays are wanted: panels are then cut where the path bends in time
     const ContactPaths* paths = nullptr;            ///< null: arm and body are rigid but for a clamped spring
@@ -36,8 +35,8 @@ struct PanelWidth {
 /// The object keeps its memory for the next path.
 class OffsetMesh {
   public:
-    OffsetMesh(const Timing& timing, const GaussianThresholds& detector, const PreContactAlarms& alarms)
-        : timing_(timing), detector_(detector), alarms_(alarms) {}
+    OffsetMesh(const CollisionSetup& setup, const GaussianThresholds& detector, const PreContactAlarms& alarms)
+        : timing_(setup.timing), detector_(detector), alarms_(alarms) {}
 
     const std::vector<OffsetPanel>& panels() const { return panels_; }
     int order() const { return width_.order; }
@@ -69,15 +68,15 @@ class OffsetMesh {
 
     /// Offsets low..high first touched after the last tick with a number of its own.
     void add_end_panels(double low, double high, int tick, std::vector<OffsetPanel>& to) const {
-        if (settings_->offset.kind == OffsetKind::fixed) {
-            const double o = settings_->offset.size;
+        if (settings_->contact.offset.kind == OffsetKind::fixed) {
+            const double o = settings_->contact.offset.size;
             if (o >= low && o < high) to.push_back({o, o, tick});
             return;
         }
-        high = std::min(high, settings_->offset.largest());
+        high = std::min(high, settings_->contact.offset.largest());
         if (!(high > low)) return;
-        const double widest = settings_->offset.kind == OffsetKind::half_normal
-                                  ? width_.offset * settings_->offset.size
+        const double widest = settings_->contact.offset.kind == OffsetKind::half_normal
+                                  ? width_.offset * settings_->contact.offset.size
                                   : std::numeric_limits<double>::infinity();
         const int parts = std::max(1, int(std::ceil((high - low) / widest)));
         for (int i = 0; i < parts; ++i)
@@ -129,7 +128,8 @@ class OffsetMesh {
         for (int w = 0; w < detector_.watched; ++w)
             gain_ = std::max(gain_, torque[w] * detector_.scale[std::size_t(w)] * std::numbers::sqrt2);
         // What correlated noise adds from tick to tick is narrower than the noise.
-        gain_ *= settings_->stiffness / std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
+        gain_ *=
+            settings_->contact.body.stiffness / std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
     }
 
     /// By the growth of the residual over a tick's travel, at most: an order of 16 leaves errors of 1e-13 in the mean, 1e-11
@@ -137,7 +137,7 @@ class OffsetMesh {
     void choose_width() {
         width_ = {PiecewiseDensity::block, 1, 1};
         transitions_ = false;
-        if (settings_->offset.kind == OffsetKind::fixed) return;
+        if (settings_->contact.offset.kind == OffsetKind::fixed) return;
         double travel = 0;
         for (int k = 0; k < path_->ticks; ++k)
             travel = std::max(travel, edge_[std::size_t(k) + 1] - edge_[std::size_t(k)]);
@@ -151,21 +151,21 @@ class OffsetMesh {
 
     double widest() const {
         double width = transitions_ || gain_ == 0 ? std::numeric_limits<double>::infinity() : width_.residual / gain_;
-        if (settings_->offset.kind == OffsetKind::half_normal)
-            width = std::min(width, width_.offset * settings_->offset.size);
+        if (settings_->contact.offset.kind == OffsetKind::half_normal)
+            width = std::min(width, width_.offset * settings_->contact.offset.size);
         return width;
     }
 
     bool cut(int limit) {
-        if (settings_->offset.kind == OffsetKind::fixed) {
-            const double o = settings_->offset.size;
+        if (settings_->contact.offset.kind == OffsetKind::fixed) {
+            const double o = settings_->contact.offset.size;
             int k = 0;
             while (k <= path_->ticks && !(edge_[std::size_t(k) + 1] > o)) ++k;
             if (k <= path_->ticks) panels_.push_back({o, o, k});
             return true;
         }
         const int ticks = path_->ticks;
-        const double largest = settings_->offset.largest(), width = widest();
+        const double largest = settings_->contact.offset.largest(), width = widest();
         const bool bent = settings_->delays && settings_->paths == nullptr && bends();
         const int settled = std::max(1, alarms_.settled());
         find_retreats();
@@ -222,7 +222,7 @@ class OffsetMesh {
     void add_last_panels() {
         const int ticks = path_->ticks;
         double from = edge_[std::size_t(ticks)];
-        const double end = std::min(edge_.back(), settings_->offset.largest());
+        const double end = std::min(edge_.back(), settings_->contact.offset.largest());
         // How far a body is pressed until the motion ends depends on where in a step it is touched.
         const std::size_t first = ticks > 0 ? std::size_t(ticks - 1) * std::size_t(timing_.period) + 1 : 0;
         for (std::size_t i = first + 1; settings_->paths != nullptr && i < end_step(); ++i) {
@@ -260,7 +260,7 @@ class OffsetMesh {
         const int ticks = path_->ticks;
         const bool felt = ticks > 0 && alarms_.no_contact(ticks - 1).alarm > unnoticeable_alarm;
         return ContactCuts(*settings_->paths, *settings_->propagator, felt || transitions_,
-                           transitions_ ? &detector_ : nullptr)(settings_->offset.largest());
+                           transitions_ ? &detector_ : nullptr)(settings_->contact.offset.largest());
     }
 
     void cut_dynamic_tick(int k, double low, double high, double width, const std::vector<double>& abrupt, int whole) {
@@ -312,7 +312,7 @@ class OffsetMesh {
                 for (int k = first; k < path_->ticks && !passed; ++k) {
                     const double stiffness = path_->torque_per_N[std::size_t(k) * std::size_t(path_->dof) +
                                                                  std::size_t(detector_.joint[std::size_t(w)])] *
-                                             settings_->stiffness;
+                                             settings_->contact.body.stiffness;
                     at_zero = detector_.filtered(at_zero, stiffness * s_tick(k));
                     slope = detector_.filtered(slope, stiffness);
                     if (!(limit * slope > 0)) continue;

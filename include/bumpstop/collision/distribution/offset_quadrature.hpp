@@ -14,14 +14,13 @@ template <class T, class Alarms>
 class OffsetQuadrature {
   public:
     /// Those who integrate in turn may share `probabilities`: they then stay in a near cache.
-    OffsetQuadrature(const Timing& timing, const MotionSettings& motion, const GaussianThresholds& detector,
-                     const PreContactAlarms& before, const Alarms& alarms, DetectionProbabilities& probabilities)
-        : timing_(timing),
-          motion_(motion),
+    OffsetQuadrature(const CollisionSetup& setup, const GaussianThresholds& detector, const PreContactAlarms& before,
+                     const Alarms& alarms, DetectionProbabilities& probabilities)
+        : setup_(setup),
           detector_(detector),
           before_(before),
-          mesh_(timing, detector, before),
-          integrator_(timing, detector, before, alarms),
+          mesh_(setup, detector, before),
+          integrator_(setup, detector, before, alarms),
           probabilities_(probabilities) {}
 
     /// False where the noise is too narrow for a table of alarms; then nothing else may be asked for.
@@ -67,10 +66,10 @@ class OffsetQuadrature {
     };
 
     bool dynamic() const { return settings_.paths != nullptr; }
-    bool fixed() const { return settings_.offset.kind == OffsetKind::fixed; }
+    bool fixed() const { return settings_.contact.offset.kind == OffsetKind::fixed; }
 
     void find_probabilities() {
-        integrator_.begin(*path_, settings_.stiffness * std::max(0.0, mesh_.edges().back()),
+        integrator_.begin(*path_, settings_.contact.body.stiffness * std::max(0.0, mesh_.edges().back()),
                           dynamic() && settings_.propagator->elastic);
         const auto interpolate = [&](auto&& contact) {
             InterpolatedPanels panels(integrator_, contact, mesh_, before_, probabilities_);
@@ -83,7 +82,7 @@ class OffsetQuadrature {
                 return interpolate(DynamicContact<T>(reactions));
             }
         }
-        interpolate(ClampedContact<T>(settings_.stiffness));
+        interpolate(ClampedContact<T>(settings_.contact.body.stiffness));
     }
 
     /// The probability of an offset beyond every edge.
@@ -97,7 +96,7 @@ class OffsetQuadrature {
             return;
         }
         for (std::size_t k = 0; k < edge.size(); k += std::size_t(lanes))
-            store(settings_.offset.probability_beyond(load<T>(&beyond_[k])), &beyond_[k]);
+            store(settings_.contact.offset.probability_beyond(load<T>(&beyond_[k])), &beyond_[k]);
     }
 
     /// Probabilities of the offset at the nodes. Returns their sum.
@@ -107,8 +106,8 @@ class OffsetQuadrature {
         T sum = 0.0;
         for (int g = 0; g < mesh_.order(); g += lanes) {
             const T o = mid + half * load<T>(&rule.node[std::size_t(g)]);
-            const T weight =
-                load<T>(&rule.weight[std::size_t(g)]) * (fixed() ? T(0.5) : T(settings_.offset.density(o) * half));
+            const T weight = load<T>(&rule.weight[std::size_t(g)]) *
+                             (fixed() ? T(0.5) : T(settings_.contact.offset.density(o) * half));
             store(weight, row.value + g);
             sum += weight;
         }
@@ -313,7 +312,7 @@ class OffsetQuadrature {
         const int ticks = path_->ticks;
         result_.rests = path_->rests();
         LinearQuantity& force = result_.peak_force;
-        force.scale = settings_.stiffness;
+        force.scale = settings_.contact.body.stiffness;
         force.of_alarms = true;
         force.of_end = result_.rests;
         force.reach.assign(farthest.begin(), farthest.begin() + ticks);
@@ -321,7 +320,7 @@ class OffsetQuadrature {
         summarise(density, force);
         find_moments<T>(density, force);
         LinearQuantity& end = result_.end_force;
-        end.scale = settings_.stiffness;
+        end.scale = settings_.contact.body.stiffness;
         end.of_detected = false;
         end.of_end = true;
         end.end_reach = force.end_reach;
@@ -331,7 +330,7 @@ class OffsetQuadrature {
         for (const PiecewiseDensity::Panel& panel : density.panel) result_.detected += panel.mass;
         if (!settings_.delays) return;
         LinearQuantity &at_detection = result_.force_at_detection, &delay = result_.detection_delay;
-        at_detection.scale = settings_.stiffness;
+        at_detection.scale = settings_.contact.body.stiffness;
         at_detection.reach.resize(std::size_t(ticks));
         delay.reach.resize(std::size_t(ticks));
         for (int k = 0; k < ticks; ++k) {
@@ -352,13 +351,13 @@ class OffsetQuadrature {
     /// When the point passes offset o, first in contact at tick k: linear between simulation steps.
     double contact_time(double o, int k) const {
         const std::vector<double>& s = path_->s;
-        const std::size_t last = std::min(std::size_t(k * timing_.period) + 1, s.size() - 1);
-        std::size_t i = k == 0 ? 0 : std::size_t((k - 1) * timing_.period) + 1;
+        const std::size_t last = std::min(std::size_t(k * setup_.timing.period) + 1, s.size() - 1);
+        std::size_t i = k == 0 ? 0 : std::size_t((k - 1) * setup_.timing.period) + 1;
         while (i + 1 < last && s[i + 1] <= o) ++i;
-        if (i >= last) return double(i) * motion_.step;
+        if (i >= last) return double(i) * setup_.motion.step;
         const double step = s[i + 1] - s[i];
         const double part = step > 0 ? std::clamp((o - s[i]) / step, 0.0, 1.0) : 0.0;
-        return (double(i) + part) * motion_.step;
+        return (double(i) + part) * setup_.motion.step;
     }
 
     /// What bodies that give way meet, in the order of the density's panels.
@@ -392,16 +391,15 @@ class OffsetQuadrature {
         for (int k = before_.unarmed(); k < path_->ticks; ++k) {
             const double chance = before_.survival_before(k) * before_.no_contact(k).alarm;
             if (chance > 0)
-                bumpstop::add_alarms<T>(reactions, settings_.offset, k, chance, mesh_.edges()[std::size_t(k) + 1],
-                                        result_.early_reactions);
+                bumpstop::add_alarms<T>(reactions, settings_.contact.offset, k, chance,
+                                        mesh_.edges()[std::size_t(k) + 1], result_.early_reactions);
         }
         harmless_from_ -= result_.early_reactions.total;
     }
 
     alignas(64) static constexpr double alternating[8] = {1, -1, 1, -1, 1, -1, 1, -1};
 
-    const Timing& timing_;
-    const MotionSettings& motion_;
+    const CollisionSetup& setup_;
     const GaussianThresholds& detector_;
     const PreContactAlarms& before_;
     QuadratureSettings settings_;
@@ -419,18 +417,24 @@ class OffsetQuadrature {
     CollisionDistribution result_;
 };
 
-/// The distribution of a collision whose stopping curve is known. `before`: the ticks of a motion at least as long, where
-/// many share them.
+/// The distribution of a collision whose stopping curve is known. Without `settings.paths` what gives way meets the paths of
+/// the line. `before`: the ticks of a motion at least as long, where many share them.
 template <class T>
-CollisionDistribution integrate(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-                                const GaussianThresholds& detector, const QuadratureSettings& settings,
+CollisionDistribution integrate(const CollisionSetup& setup, const StoppingCurve& curve,
+                                const GaussianThresholds& detector, QuadratureSettings settings,
                                 const PreContactAlarms* before = nullptr) {
+    std::optional<ContactPropagator> propagator;
+    ContactPaths paths;
+    if (settings.paths == nullptr && (propagator = settings.contact.propagator(setup.motion.step))) {
+        paths = contact_paths<T>(setup, curve, *propagator, curve.path.ticks);
+        settings.paths = &paths;
+        settings.propagator = &*propagator;
+    }
     std::optional<PreContactAlarms> own;
-    if (before == nullptr) before = &own.emplace(detector, timing, motion.step, curve.path.ticks);
+    if (before == nullptr) before = &own.emplace(setup, detector, curve.path.ticks);
     DetectionProbabilities probabilities;
     const auto by = [&](const auto& alarms) {
-        OffsetQuadrature<T, std::decay_t<decltype(alarms)>> quadrature(timing, motion, detector, *before, alarms,
-                                                                       probabilities);
+        OffsetQuadrature<T, std::decay_t<decltype(alarms)>> quadrature(setup, detector, *before, alarms, probabilities);
         quadrature.detect(curve.path, settings);
         quadrature.finish(curve.farthest);
         return quadrature.take();

@@ -24,8 +24,8 @@ struct NoContactTick {
 
 class PreContactAlarms {
   public:
-    PreContactAlarms(const GaussianThresholds& detector, const Timing& timing, double step, int ticks)
-        : detector_(detector), period_(timing.period), step_(step) {
+    PreContactAlarms(const CollisionSetup& setup, const GaussianThresholds& detector, int ticks)
+        : detector_(detector), period_(setup.timing.period), step_(setup.motion.step) {
         while (unarmed_ <= ticks && !detector.armed(time(unarmed_))) ++unarmed_;
         for (int w = 0; w < detector.watched; ++w) white_.add(w, joint_alarm(detector, w, 0.0));
         std::vector<double> log_survival(std::size_t(ticks) + 1, 0.0);

@@ -2,7 +2,8 @@
 /// How far a path must be traced: until no body that may be there can have gone undetected.
 #pragma once
 
-#include "bumpstop/collision/motion/line_path.hpp"
+#include "bumpstop/collision/collision_setup.hpp"
+#include "bumpstop/collision/contact/contact.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -14,11 +15,9 @@ class SurvivalCriterion {
   public:
     static constexpr double negligible_survival = 1e-20;
 
-    /// `stiffness` of the contact [N/m], `step` of the simulation [s]; the farthest body is at `largest_offset` [m].
-    SurvivalCriterion(const GaussianThresholds& detector, const Timing& timing, double step, double stiffness,
-                      double largest_offset)
-        : detector_(&detector), stiffness_(stiffness), largest_offset_(largest_offset) {
-        while (unarmed_ticks_ <= timing.steps && !detector.armed((double(unarmed_ticks_) * timing.period + 1) * step))
+    SurvivalCriterion(const CollisionSetup& setup, const GaussianThresholds& detector, const Contact& contact)
+        : detector_(&detector), stiffness_(contact.body.stiffness), largest_offset_(contact.offset.largest()) {
+        while (unarmed_ticks_ <= setup.timing.steps && !detector.armed(setup.tick_time(unarmed_ticks_)))
             ++unarmed_ticks_;
     }
 

@@ -32,14 +32,14 @@ inline std::vector<OffsetPanel> cut_at_reaches(const std::vector<OffsetPanel>& p
 
 /// The sum over the panels' nodes of what exceeds the depth wherever in its panel it is.
 template <class T, class Alarms>
-double sum_beyond(const StoppingCurve& curve, const OffsetDistribution& offset, int order, double stiffness,
-                  double depth, double end, const std::vector<OffsetPanel>& panels, const PreContactAlarms& before,
+double sum_beyond(const StoppingCurve& curve, const Contact& contact, int order, double depth, double end,
+                  const std::vector<OffsetPanel>& panels, const PreContactAlarms& before,
                   DetectionIntegrator<T, Alarms>& integrator) {
     const LinePath& path = curve.path;
     const int ticks = path.ticks;
     const GaussRule& rule = gauss_rule(order);
     const double braking = path.farthest_braking();
-    ClampedContact<T> contact(stiffness);
+    ClampedContact<T> clamped(contact.body.stiffness);
     DetectionProbabilities found;
     double total = 0;
     for (const OffsetPanel& panel : panels) {
@@ -49,7 +49,7 @@ double sum_beyond(const StoppingCurve& curve, const OffsetDistribution& offset, 
         const double place = fixed ? mid * (1 + 1e-15) : panel.high;
         const auto exceeds = [&](double reach) { return reach - depth >= place; };
         found.begin(1);
-        integrator.find(contact, panel, order, 0, found);
+        integrator.find(clamped, panel, order, 0, found);
         // The same at all nodes: alarms before contact, and the arm that brakes.
         double anywhere = panel.tick > ticks && exceeds(braking) ? before.survival_before(ticks) : 0;
         for (int k = before.unarmed(); k < std::min(panel.tick, ticks); ++k)
@@ -61,7 +61,7 @@ double sum_beyond(const StoppingCurve& curve, const OffsetDistribution& offset, 
             for (int slot = 0; slot < found.panel[0].slots; ++slot)
                 if (exceeds(curve.farthest[std::size_t(panel.tick + slot)]))
                     here += found.detected[std::size_t(slot * order + g)];
-            const double density = fixed ? 0.5 : offset.density(mid + half * rule.node[std::size_t(g)]) * half;
+            const double density = fixed ? 0.5 : contact.offset.density(mid + half * rule.node[std::size_t(g)]) * half;
             total += rule.weight[std::size_t(g)] * density * (anywhere + survival * here);
         }
     }
@@ -73,14 +73,14 @@ double sum_beyond(const StoppingCurve& curve, const OffsetDistribution& offset, 
 /// P(peak force > force) of collisions whose force has a bound, by itself: nothing is interpolated and only positive terms
 /// are added, so a probability of 1e-30 has as many digits as one of 0.3. For clamped contact.
 template <class T>
-double tail_without_interpolation(const StoppingCurve& curve, const Timing& timing, const MotionSettings& motion,
-                                  const GaussianThresholds& detector, const QuadratureSettings& settings,
-                                  double force) {
+double tail_without_interpolation(const CollisionSetup& setup, const StoppingCurve& curve,
+                                  const GaussianThresholds& detector, const Contact& contact, double force) {
     const LinePath& path = curve.path;
-    const PreContactAlarms before(detector, timing, motion.step, path.ticks);
-    OffsetMesh mesh(timing, detector, before);
+    const QuadratureSettings settings{contact};
+    const PreContactAlarms before(setup, detector, path.ticks);
+    OffsetMesh mesh(setup, detector, before);
     mesh.build(path, settings, true);
-    const double end = path.greatest(mesh.end_step()), depth = force / settings.stiffness;
+    const double end = path.greatest(mesh.end_step()), depth = force / contact.body.stiffness;
     std::vector<double> reach = curve.farthest;
     reach.push_back(path.farthest_braking());
     std::vector<OffsetPanel> panels = mesh.panels();
@@ -88,11 +88,10 @@ double tail_without_interpolation(const StoppingCurve& curve, const Timing& timi
     if (path.rests()) reach.push_back(end);
     panels = detail::cut_at_reaches(panels, reach, depth);
     const auto by = [&](const auto& alarms) {
-        DetectionIntegrator<T, std::decay_t<decltype(alarms)>> integrator(timing, detector, before, alarms,
+        DetectionIntegrator<T, std::decay_t<decltype(alarms)>> integrator(setup, detector, before, alarms,
                                                                           negligible_tail);
-        integrator.begin(path, settings.stiffness * std::max(0.0, mesh.edges().back()));
-        return detail::sum_beyond<T>(curve, settings.offset, mesh.order(), settings.stiffness, depth, end, panels,
-                                     before, integrator);
+        integrator.begin(path, contact.body.stiffness * std::max(0.0, mesh.edges().back()));
+        return detail::sum_beyond<T>(curve, contact, mesh.order(), depth, end, panels, before, integrator);
     };
     return detector.remembers() ? by(CorrelatedAlarms<T>(detector, before)) : by(ExactAlarms<T>(detector));
 }

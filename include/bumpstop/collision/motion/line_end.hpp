@@ -14,10 +14,11 @@ namespace detail {
 /// `met_step`: in which the limit or the singularity is met. One met after the horizon, while the line goes on for reactions
 /// alone, is not what ends the motion.
 template <class Q, class Rate>
-void cut_line(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing,
-              PathEnd why, int met_step, Q q, Rate qd, LinePath& path) {
+void cut_line(const CollisionSetup& setup, PathEnd why, int met_step, Q q, Rate qd, LinePath& path) {
+    const Chain& chain = setup.chain;
+    const MotionSettings& motion = setup.motion;
     path.cut_step = int(path.s.size()) - 1;
-    if (path.end == PathEnd::horizon && met_step <= timing.steps) path.end = why;
+    if (path.end == PathEnd::horizon && met_step <= setup.timing.steps) path.end = why;
     double stop_time = 0;  // of the slowest joint [s]
     for (int f = 0; f < motion.free_count; ++f) {
         const int j = motion.free_joint[f];
@@ -42,7 +43,7 @@ void cut_line(const Chain& chain, const MotionSettings& motion, const ContactGeo
         }
         angle.set(chain, there);
         forward_kinematics(chain, there, angle, posture);
-        path.braking.push_back(dot(posture.position(contact.point) - start, normal));
+        path.braking.push_back(dot(posture.position(setup.contact.point) - start, normal));
     }
 }
 

@@ -2,27 +2,12 @@
 /// The resolved-rate controller of an industrial arm that moves a tool along a straight line.
 #pragma once
 
+#include "bumpstop/collision/collision_setup.hpp"
 #include "bumpstop/math/interruption.hpp"
 #include "bumpstop/model/kinematics.hpp"
 #include "bumpstop/model/min_norm.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
-
-/// Everything about the motion that is the same for every pose.
-struct MotionSettings {
-    LinkPoint tip;      ///< the point that follows the line
-    int task_rows = 6;  ///< 6 holds the orientation, 3 is position only
-    int free_count = 0;
-    std::array<int, max_joints> free_joint{};             ///< joints that may move
-    double damping = 0;                                   ///< of the least squares; 0 is exact
-    double step = 1e-3;                                   ///< simulation step [s]
-    int substeps = 5;                                     ///< controller sub-steps in it
-    std::array<double, max_joints> acceleration_limit{};  ///< rad/s^2 or m/s^2, by joint
-    std::array<double, max_joints> velocity_limit{};      ///< rad/s or m/s, by joint; infinite: none
-    std::array<double, max_joints> lower{}, upper{};      ///< joint limits [rad or m]
-
-    double substep() const { return step / substeps; }
-};
 
 /// The greatest change of a rate in a controller sub-step, by free joint, upside down [s/rad or s/m].
 struct InverseMaxRateChange {

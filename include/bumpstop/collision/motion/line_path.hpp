@@ -10,21 +10,6 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Where and in which direction the arm hits.
-struct ContactGeometry {
-    LinkPoint point;
-    bool along_motion = true;  ///< the normal is the direction in which the point moves at the start
-    Vector3 normal{};          ///< else this unit vector, base frame
-};
-
-/// How long the path is and how often the detector looks.
-struct Timing {
-    int steps = 5000;  ///< horizon in simulation steps
-    int period = 4;    ///< steps between two feedback ticks
-    int latency = 0;   ///< steps from a tick to the beginning of the reaction
-    bool from_rest = false;
-};
-
 /// The arm stops following the line when ... At a joint limit and a singularity it brakes.
 enum class PathEnd { horizon, joint_limit, singularity, certain_detection };
 
@@ -39,6 +24,7 @@ struct LinePath {
 
     int dof = 0, free_count = 0;
     int ticks = 0;
+    std::array<double, max_joints> q{};  ///< joint positions it starts in [rad or m]; held joints keep theirs
     std::vector<double> s;               ///< distance along the normal after step i; s[0] = 0 [m]
     std::vector<double> torque_per_N;    ///< [tick][dof]: J_v' n at the tick
     std::vector<double> reaction_state;  ///< [tick][free]: q then qd at the step in which the reaction would begin
@@ -62,6 +48,8 @@ struct LinePath {
         return std::max(*std::max_element(s.begin(), s.begin() + std::ptrdiff_t(std::min(last, s.size() - 1)) + 1),
                         farthest_braking());
     }
+    /// The first so many ticks have reactions that begin.
+    int known_reactions() const { return std::min(ticks, int(reaction_state.size() / (2 * std::size_t(free_count)))); }
     /// Distance at tick k, of which there is one every `period` steps [m].
     double at_tick(int k, int period) const { return s[std::size_t(k) * period + 1]; }
     /// Positions, then rates, of the free joints where the reaction to a tick begins; ticks before the first count from -1 down.
@@ -88,12 +76,16 @@ struct LineStart {
     Posture<T> posture;
     Rates<T> rates;
     Point3<T> point, normal;
+    Point3<T> point_velocity;  ///< of the contact point at full speed [m/s]
 };
 
 /// Begins the lines, and paths[0..count) with what is known of them.
 template <class T>
-LineStart<T> begin_line(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                        const Timing& timing, const T* q, const Point3<T>& velocity, LinePath* paths, int count) {
+LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>& velocity, LinePath* paths,
+                        int count) {
+    const Chain& chain = setup.chain;
+    const MotionSettings& motion = setup.motion;
+    const ContactGeometry& contact = setup.contact;
     LineStart<T> line;
     for (int j = 0; j < chain.dof; ++j) {
         line.state.q[j] = q[j];
@@ -103,7 +95,8 @@ LineStart<T> begin_line(const Chain& chain, const MotionSettings& motion, const 
     forward_kinematics(chain, line.state.q, line.state.angle, line.posture);
     line.rates = resolved_rates(chain, motion, line.posture, velocity);
     line.point = line.posture.position(contact.point);
-    Point3<T> drift{T(0.0), T(0.0), T(0.0)};  // of the contact point at full speed
+    Point3<T>& drift = line.point_velocity;
+    drift = {T(0.0), T(0.0), T(0.0)};
     for (int f = 0; f < motion.free_count; ++f) {
         const int j = motion.free_joint[f];
         if (j > contact.point.link) continue;
@@ -116,7 +109,7 @@ LineStart<T> begin_line(const Chain& chain, const MotionSettings& motion, const 
         const T inverse = 1.0 / max(sqrt(dot(drift, drift)), T(1e-200));
         line.normal = {drift.x * inverse, drift.y * inverse, drift.z * inverse};
     }
-    if (!timing.from_rest) {
+    if (!setup.timing.from_rest) {
         for (int f = 0; f < motion.free_count; ++f) line.state.qd[motion.free_joint[f]] = line.rates.free[f];
     }
     const T approach = dot(drift, line.normal);
@@ -125,6 +118,7 @@ LineStart<T> begin_line(const Chain& chain, const MotionSettings& motion, const 
         path.dof = chain.dof;
         path.free_count = motion.free_count;
         path.ticks = 0;
+        for (int j = 0; j < chain.dof; ++j) path.q[std::size_t(j)] = lane_of(q[j], lane);
         path.s.clear();
         path.torque_per_N.clear();
         path.reaction_state.clear();

@@ -56,13 +56,13 @@ class LineTracer {
     using Arm = ArmIntegrator<T, tracing == Tracing::exact ? exact_order : batch_order>;
 
   public:
-    LineTracer(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact, const Timing& timing)
-        : chain_(chain),
-          motion_(motion),
-          contact_(contact),
-          timing_(timing),
-          stride_(timing.latency > 0 ? std::gcd(timing.period, timing.latency) : timing.period),
-          arm_(chain, motion, Arm::Kind::trace) {}
+    explicit LineTracer(const CollisionSetup& setup)
+        : setup_(setup),
+          chain_(setup.chain),
+          motion_(setup.motion),
+          timing_(setup.timing),
+          stride_(timing_.latency > 0 ? std::gcd(timing_.period, timing_.latency) : timing_.period),
+          arm_(chain_, motion_, Arm::Kind::trace) {}
 
     /// Traces line i of `count` into paths[i], until criteria[i] ends it.
     void trace(const LineRequest* requests, Criterion* criteria, LinePath* paths, int count) {
@@ -124,8 +124,7 @@ class LineTracer {
         for (int first = 0; first < count; first += lanes) {
             const int here = std::min(lanes, count - first);
             const LineBatch<T> start(requests + first, here, chain_.dof);
-            const LineStart<T> line =
-                begin_line(chain_, motion_, contact_, timing_, start.q, start.velocity, paths + first, here);
+            const LineStart<T> line = begin_line(setup_, start.q, start.velocity, paths + first, here);
             for (int lane = 0; lane < here; ++lane) {
                 for (int j = 0; j < chain_.dof; ++j)
                     first_rate_[std::size_t(first + lane) * chain_.dof + j] = lane_of(line.state.qd[j], lane);
@@ -264,12 +263,13 @@ class LineTracer {
         for (int j = 0; j < chain_.dof; ++j) angle.set(chain_, j, q[j]);
         Posture<T> posture;
         forward_kinematics(chain_, q, angle, posture);
-        const Point3<T> point = posture.position(contact_.point);
+        const Point3<T> point = posture.position(setup_.contact.point);
         const T s = dot(point - at.start, at.normal);
         const T margin = detail::min_limit_margin(motion_, q);
         T torque[max_joints];
         for (int j = 0; j < chain_.dof; ++j)
-            torque[j] = j > contact_.point.link ? T(0.0) : dot(linear_column(chain_, posture, point, j), at.normal);
+            torque[j] =
+                j > setup_.contact.point.link ? T(0.0) : dot(linear_column(chain_, posture, point, j), at.normal);
         at.criterion->observe(s, torque);
         for (int i = 0; i < count; ++i) {
             if (lane_of(margin, i) < 0) {
@@ -296,8 +296,7 @@ class LineTracer {
             qd[motion_.free_joint[f]] = at.last_qd[f];
         }
         detail::cut_line(
-            chain_, motion_, contact_, timing_, why, met_step, [&](int j) { return q[j]; },
-            [&](int j) { return qd[j]; }, *at.path);
+            setup_, why, met_step, [&](int j) { return q[j]; }, [&](int j) { return qd[j]; }, *at.path);
     }
 
     void write(int lane, int step, int i, const T& s, const T* torque) {
@@ -336,9 +335,9 @@ class LineTracer {
         return &values[values.size() - std::size_t(count)];
     }
 
+    const CollisionSetup& setup_;
     const Chain& chain_;
     const MotionSettings& motion_;
-    const ContactGeometry& contact_;
     const Timing& timing_;
     const int stride_;  ///< steps between the moments a path keeps: ticks, and beginnings of reactions
     Arm arm_;
@@ -348,10 +347,9 @@ class LineTracer {
 
 /// The path of one line.
 template <class T, class Criterion>
-LinePath trace_line(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                    const Timing& timing, const LineRequest& request, Criterion criterion) {
+LinePath trace_line(const CollisionSetup& setup, const LineRequest& request, Criterion criterion) {
     LinePath path;
-    LineTracer<T, Tracing::exact, Criterion>(chain, motion, contact, timing).trace(&request, &criterion, &path, 1);
+    LineTracer<T, Tracing::exact, Criterion>(setup).trace(&request, &criterion, &path, 1);
     return path;
 }
 

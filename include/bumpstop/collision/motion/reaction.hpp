@@ -11,7 +11,9 @@ namespace detail {
 
 /// What the slowest joint needs to stop [s]. The source counts from the detection on, with the rates the joints had
 /// then.
-inline double longest_stop_time(const MotionSettings& motion, const Timing& timing, const LinePath& path, int tick) {
+inline double longest_stop_time(const CollisionSetup& setup, const LinePath& path, int tick) {
+    const MotionSettings& motion = setup.motion;
+    const Timing& timing = setup.timing;
     const int n = motion.free_count;
     double longest = 0;
     const int before = (timing.latency + timing.period - 1) / timing.period;
@@ -25,12 +27,11 @@ inline double longest_stop_time(const MotionSettings& motion, const Timing& timi
 
 /// Rates of the free joints where a job begins [rad/s or m/s]; its positions of all joints go into a lane of `q`.
 template <class T>
-const double* load_start(const Chain& chain, const MotionSettings& motion, const Timing& timing, const ReactionJob& job,
-                         int lane, T* q) {
-    const int n = motion.free_count;
-    const double* positions = job.path->state_at(job.tick, timing);
-    for (int j = 0; j < chain.dof; ++j) set_lane(q[j], lane, job.q[j]);
-    for (int f = 0; f < n; ++f) set_lane(q[motion.free_joint[f]], lane, positions[f]);
+const double* load_start(const CollisionSetup& setup, const ReactionJob& job, int lane, T* q) {
+    const int n = setup.motion.free_count;
+    const double* positions = job.path->state_at(job.tick, setup.timing);
+    for (int j = 0; j < setup.chain.dof; ++j) set_lane(q[j], lane, job.path->q[std::size_t(j)]);
+    for (int f = 0; f < n; ++f) set_lane(q[setup.motion.free_joint[f]], lane, positions[f]);
     return positions + n;
 }
 
@@ -43,10 +44,11 @@ void set_lane_of_point(Point3<T>& point, int lane, const Vector3& value, double 
 
 /// As of simulate_reactions, by leaps that go by so many values.
 template <int order, class T>
-void follow_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                      const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail) {
+void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
     constexpr int lanes = Scalar<T>::lanes;
-    const bool stopping = kind == ReactionKind::stop;
+    const Chain& chain = setup.chain;
+    const MotionSettings& motion = setup.motion;
+    const bool stopping = setup.reaction == ReactionKind::stop;
     const ReactionRules rules{detail == ReactionDetail::only_peak, stopping, motion.substeps, motion.substep()};
     using Arm = ArmIntegrator<T, order>;
     Arm arm(chain, motion, stopping ? Arm::Kind::brake : Arm::Kind::track);
@@ -54,15 +56,15 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
     ReactionBatch<T> running(rules);
     auto load = [&](int lane, ReactionJob& job) {
         const LinePath& path = *job.path;
-        const double* rates = load_start(chain, motion, timing, job, lane, arm.state.q);
+        const double* rates = load_start(setup, job, lane, arm.state.q);
         for (int j = 0; j < chain.dof; ++j) set_lane(arm.state.qd[j], lane, 0.0);
         for (int f = 0; f < motion.free_count; ++f) set_lane(arm.state.qd[motion.free_joint[f]], lane, rates[f]);
         set_lane_of_point(arm.target, lane, path.velocity, stopping ? 0 : -1);
         set_lane_of_point(normal, lane, path.normal);
         set_lane_of_point(start, lane, path.start);
         arm.begin(lane, job.tolerance);
-        running.begin(lane, job, path.s[std::size_t(LinePath::reaction_step(job.tick, timing))],
-                      longest_stop_time(motion, timing, path, job.tick));
+        running.begin(lane, job, path.s[std::size_t(LinePath::reaction_step(job.tick, setup.timing))],
+                      longest_stop_time(setup, path, job.tick));
     };
     int next = std::min(count, lanes);
     for (int lane = 0; lane < lanes; ++lane) {
@@ -72,7 +74,8 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
     }
     T speed, distance;
     auto look = [&] {
-        const PointMotion<T> point = point_motion(chain, arm.state.q, arm.state.qd, arm.state.angle, contact.point);
+        const PointMotion<T> point =
+            point_motion(chain, arm.state.q, arm.state.qd, arm.state.angle, setup.contact.point);
         speed = dot(point.velocity, normal);
         distance = dot(point.position - start, normal);
     };
@@ -111,35 +114,21 @@ void follow_reactions(const Chain& chain, const MotionSettings& motion, const Co
 /// Lets every lane take the next of the jobs as soon as it is done with one. What becomes of a job does not depend on
 /// the others; all of them are exact, or none is.
 template <class T>
-void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail) {
+void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
     if (count == 0) return;
     if (jobs->exact()) {
-        detail::follow_reactions<exact_order, T>(chain, motion, contact, timing, kind, jobs, count, detail);
+        detail::follow_reactions<exact_order, T>(setup, jobs, count, detail);
     } else {
         // Near singularities their long leaps enlarge roundings, which must be the same on every instruction set.
         using U = Unfused<T>;
-        detail::follow_reactions<batch_order, U>(chain, motion, contact, timing, kind, jobs, count, detail);
+        detail::follow_reactions<batch_order, U>(setup, jobs, count, detail);
     }
-}
-
-/// As above, of jobs that are still to be told where they begin and return to: `pose_of(job)` and `return_to(job)`.
-template <class T, class PoseOf, class ReturnTo>
-void simulate_reactions(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                        const Timing& timing, ReactionKind kind, ReactionJob* jobs, int count, ReactionDetail detail,
-                        PoseOf pose_of, ReturnTo return_to) {
-    for (ReactionJob* job = jobs; job < jobs + count; ++job) {
-        job->q = pose_of(*job);
-        job->return_to = return_to(*job);
-    }
-    simulate_reactions<T>(chain, motion, contact, timing, kind, jobs, count, detail);
 }
 
 /// Follows once more, closely, those of the loose jobs that met a singularity and are `wanted(job)`.
 template <class T, class Wanted>
-void refine_near_singularities(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                               const Timing& timing, ReactionKind kind, std::vector<ReactionJob>& jobs,
-                               ReactionDetail what, Wanted wanted) {
+void refine_near_singularities(const CollisionSetup& setup, std::vector<ReactionJob>& jobs, ReactionDetail what,
+                               Wanted wanted) {
     std::vector<ReactionJob> again;
     std::vector<std::size_t> of;
     for (std::size_t i = 0; i < jobs.size(); ++i) {
@@ -150,9 +139,35 @@ void refine_near_singularities(const Chain& chain, const MotionSettings& motion,
     }
     if (again.empty()) return;
     // Singularities enlarge roundings, which must be the same on every instruction set.
-    detail::follow_reactions<batch_order, Unfused<T>>(chain, motion, contact, timing, kind, again.data(),
-                                                      int(again.size()), what);
+    detail::follow_reactions<batch_order, Unfused<T>>(setup, again.data(), int(again.size()), what);
     for (std::size_t i = 0; i < of.size(); ++i) jobs[of[i]] = std::move(again[i]);
+}
+
+/// Distances along the normal after every simulation step of the reactions to ticks of a path [m], each until back behind
+/// its `return_to` [m]. An arm whose reaction never begins is where it brakes at the end of its line.
+template <class T>
+std::vector<std::vector<double>> reaction_distances(const CollisionSetup& setup, const LinePath& path,
+                                                    const std::vector<int>& ticks,
+                                                    const std::vector<double>& return_to) {
+    const int known = int(path.reaction_state.size() / (2 * std::size_t(path.free_count)));
+    std::vector<ReactionJob> jobs;
+    for (std::size_t i = 0; i < ticks.size(); ++i) {
+        if (ticks[i] >= known) continue;
+        jobs.push_back({&path, 0, ticks[i], {}, {}});
+        jobs.back().return_to = return_to[i];
+    }
+    simulate_reactions<T>(setup, jobs.data(), int(jobs.size()), ReactionDetail::every_step);
+    std::vector<std::vector<double>> out(ticks.size());
+    std::size_t next = 0;
+    for (std::size_t i = 0; i < ticks.size(); ++i) {
+        if (ticks[i] < known) {
+            out[i] = std::move(jobs[next++].distance);
+        } else {
+            out[i].assign(1, path.s.back());
+            out[i].insert(out[i].end(), path.braking.begin(), path.braking.end());
+        }
+    }
+    return out;
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -10,8 +10,6 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-enum class ReactionKind { stop, reverse };
-
 /// One reaction to simulate: that of `tick` on `path`. distance[i] is the distance along the normal step[i] simulation
 /// steps into the reaction; step[0] is 0, where it begins.
 struct ReactionJob {
@@ -22,7 +20,6 @@ struct ReactionJob {
     std::vector<int> step;                                    ///< result
     double tolerance = exact_tolerance;                       ///< as of ArmIntegrator::begin
     double enough = std::numeric_limits<double>::infinity();  ///< nothing is asked beyond this distance [m]
-    const double* q = nullptr;     ///< joint positions the path started in: held joints keep theirs
     double return_to = 0;          ///< distance [m] behind which a point that reverses is back
     bool may_rebound = true;       ///< else the first retreat is believed, whatever is near
     bool rebounded = false;        ///< result: on its way home the point came near its farthest again

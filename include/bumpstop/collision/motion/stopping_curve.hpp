@@ -42,9 +42,9 @@ inline constexpr int most_early_reactions = 16;
 
 /// The ticks before the first, from -1 down, whose reactions are looked at: a few evenly spaced, the earliest among
 /// them.
-inline std::vector<int> early_ticks(const MotionSettings& motion, const Timing& timing, const LinePath& path) {
-    const int lead = LinePath::early_ticks(timing);
-    const int known = int(path.early_state.size() / (2 * std::size_t(motion.free_count)));
+inline std::vector<int> early_ticks(const CollisionSetup& setup, const LinePath& path) {
+    const int lead = LinePath::early_ticks(setup.timing);
+    const int known = int(path.early_state.size() / (2 * std::size_t(setup.motion.free_count)));
     const int spacing = std::max(1, (known + most_early_reactions - 1) / most_early_reactions);
     std::vector<int> ticks;
     for (int i = 0; i < known; i += spacing) ticks.push_back(i - lead);
@@ -56,11 +56,12 @@ inline std::vector<int> early_ticks(const MotionSettings& motion, const Timing& 
 /// counts. Near a singularity that may be to react sooner. So more latency makes no collision milder. Where the line
 /// ends before the reaction is due, the arm brakes as it does without one. `reach`: farthest points of reactions to
 /// ticks below 0, by the step they begin in.
-inline void widen_by_latency(const MotionSettings& motion, const Timing& timing,
-                             std::vector<std::pair<int, double>> reach, StoppingCurve& curve) {
+inline void widen_by_latency(const CollisionSetup& setup, std::vector<std::pair<int, double>> reach,
+                             StoppingCurve& curve) {
+    const Timing& timing = setup.timing;
     if (timing.latency == 0) return;
     const LinePath& path = curve.path;
-    const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
+    const int known = path.known_reactions();
     for (int k = 0; k < known; ++k)
         reach.emplace_back(LinePath::reaction_step(k, timing), curve.farthest[std::size_t(k)]);
     std::size_t first = 0;  // of those that begin at the tick or later
@@ -86,8 +87,12 @@ inline void widen_by_latency(const MotionSettings& motion, const Timing& timing,
 /// Where another joint takes over as the limiting one, the overtravel has a switching point. Reactions that begin up to
 /// an overtravel before it cross it on their way. So the ticks are cut there, and those crossing it stand by
 /// themselves.
-inline void split_at_switches(const MotionSettings& motion, const Timing& timing, const LinePath& path, int curve,
-                              int known, const OvertravelTolerance& tolerance, std::vector<TickRange>& ranges) {
+inline void split_at_switches(const CollisionSetup& setup, const LinePath& path, int curve,
+                              const OvertravelTolerance& tolerance, std::vector<TickRange>& ranges) {
+    const MotionSettings& motion = setup.motion;
+    const Timing& timing = setup.timing;
+    const int known = path.known_reactions();
+    if (known == 0) return;
     const InverseMaxRateChange inverse(motion);
     int first = 0, limiting = limiting_joint(motion, inverse.of.data(), path, 0);
     for (int k = 1; k < known; ++k) {
@@ -114,37 +119,31 @@ inline void split_at_switches(const MotionSettings& motion, const Timing& timing
 
 /// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each range and
 /// interpolated between; a range where the others say something else of one of them is simulated on a grid that is
-/// halved where it must be. `pose(i)` gives the joint positions curve i started in, `tolerance(i)` how well its ticks
-/// must be known.
-template <class T, class Pose, class Tolerance>
-void complete_curves(const Chain& chain, const MotionSettings& motion, const ContactGeometry& contact,
-                     const Timing& timing, ReactionKind kind, StoppingCurve* curves, int count, Pose pose,
-                     Tolerance tolerance) {
+/// halved where it must be. `tolerance(i)` tells how well the ticks of curve i must be known.
+template <class T, class Tolerance>
+void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int count, Tolerance tolerance) {
+    const Timing& timing = setup.timing;
     constexpr int nodes = 6, fewest_ticks = 9, lanes = Scalar<T>::lanes;
     std::vector<detail::TickRange> pending;
     std::vector<detail::AdaptiveTickGrid> rough;
     for (int c = 0; c < count; ++c) {
         StoppingCurve& curve = curves[c];
-        const LinePath& path = curve.path;
-        curve.farthest.assign(path.ticks, 0.0);
+        curve.farthest.assign(curve.path.ticks, 0.0);
         curve.reactions_simulated = 0;
-        const int known = std::min(path.ticks, int(path.reaction_state.size() / (2 * std::size_t(motion.free_count))));
-        if (known > 0) detail::split_at_switches(motion, timing, path, c, known, tolerance(c), pending);
+        detail::split_at_switches(setup, curve.path, c, tolerance(c), pending);
     }
     std::vector<ReactionJob> jobs;
     auto add = [&](int curve, int tick) {
         jobs.push_back({&curves[curve].path, curve, tick, {}, {}, tolerance(curve).of_reaction(tick)});
         jobs.back().may_rebound = tolerance(curve).follows(tick);
+        jobs.back().return_to = curves[curve].path.at_tick(std::max(tick, 0), timing.period);
     };
     auto simulate = [&] {
         if (jobs.empty()) return;
-        simulate_reactions<T>(
-            chain, motion, contact, timing, kind, jobs.data(), int(jobs.size()), ReactionDetail::only_peak,
-            [&](const ReactionJob& job) { return pose(job.curve); },
-            [&](const ReactionJob& job) { return job.path->at_tick(std::max(job.tick, 0), timing.period); });
-        refine_near_singularities<T>(
-            chain, motion, contact, timing, kind, jobs, ReactionDetail::only_peak,
-            [&](const ReactionJob& job) { return tolerance(job.curve).refines_near_singular(job.tick); });
+        simulate_reactions<T>(setup, jobs.data(), int(jobs.size()), ReactionDetail::only_peak);
+        refine_near_singularities<T>(setup, jobs, ReactionDetail::only_peak, [&](const ReactionJob& job) {
+            return tolerance(job.curve).refines_near_singular(job.tick);
+        });
         for (const ReactionJob& job : jobs) ++curves[job.curve].reactions_simulated;
     };
     auto place = [&](int curve, int k, double travelled) {
@@ -215,7 +214,7 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
         int matters = 0;
         for (int k = 1; k <= last; ++k)
             if (tolerance(c).of(k, k) < tolerance(c).of(matters, matters)) matters = k;
-        for (int k : detail::early_ticks(motion, timing, curves[c].path)) {
+        for (int k : detail::early_ticks(setup, curves[c].path)) {
             add(c, matters);
             jobs.back().tick = k;
         }
@@ -229,7 +228,7 @@ void complete_curves(const Chain& chain, const MotionSettings& motion, const Con
             reach.emplace_back(LinePath::reaction_step(jobs[next].tick, timing),
                                *std::max_element(distance.begin(), distance.end()));
         }
-        detail::widen_by_latency(motion, timing, std::move(reach), curves[c]);
+        detail::widen_by_latency(setup, std::move(reach), curves[c]);
     }
 }
 

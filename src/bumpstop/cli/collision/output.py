@@ -44,9 +44,9 @@ def settings_toml(result: CollisionResult) -> str:
 
     The file is itself a scenario: its reader passes over the table ``[made_by]``.
     """
+    from bumpstop._native import target
     from bumpstop.collision.scenario.scenario import MADE_BY
     from bumpstop.collision.scenario.settings_file import scenario_data
-    from bumpstop.kernels import target
     from bumpstop.text_files import to_toml
 
     made_by: dict[str, Any] = {"law": result.kind}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.mixture import MixtureDistribution
 
 if TYPE_CHECKING:
+    from bumpstop._native import CollisionDistribution, LineStoppingCurve
     from bumpstop.collision.problem import CollisionProblem
 
 # Cells per piece, and nodes for the moments: inside a panel the time of release bends a little with the offset. Where a
@@ -29,7 +30,9 @@ _NEGLIGIBLE = 1e-11
 class ReleaseTimes:
     """How long the contact lasts when the arm reverses, by tick of detection and offset."""
 
-    def __init__(self, problem: CollisionProblem, curve: Any, ticks: np.ndarray, least_offset: np.ndarray) -> None:
+    def __init__(
+        self, problem: CollisionProblem, curve: LineStoppingCurve, ticks: np.ndarray, least_offset: np.ndarray
+    ) -> None:
         """Simulate the reactions to ``ticks`` until the point is back behind the ``least_offset`` [m] of each."""
         self._step = problem.scenario.simulation.step_s
         # Where a line ends while the latency runs, the arm brakes from there.
@@ -137,7 +140,7 @@ def _unit_quadrature(nodes: int) -> tuple[FloatArray, FloatArray]:
     return (node + 1) / 2, weight / 2
 
 
-def exact_cells(problem: CollisionProblem, curve: Any, law: Any) -> Iterator[Cells]:
+def exact_cells(problem: CollisionProblem, curve: LineStoppingCurve, law: CollisionDistribution) -> Iterator[Cells]:
     """Cut all detections of an integrated distribution into cells, tick by tick; those of wide panels by themselves."""
     coefficients = law.coefficients
     mid, half, first_tick = law.panel_mid, law.panel_half, law.panel_first_tick
@@ -191,7 +194,9 @@ def exact_cells(problem: CollisionProblem, curve: Any, law: Any) -> Iterator[Cel
         )
 
 
-def integrated_contact_duration(problem: CollisionProblem, curve: Any, law: Any) -> tuple[MixtureDistribution, float]:
+def integrated_contact_duration(
+    problem: CollisionProblem, curve: LineStoppingCurve, law: CollisionDistribution
+) -> tuple[MixtureDistribution, float]:
     """Contact time [s] of the integrated distribution, given that the reaction ends a contact.
 
     Also the probability that a reaction does not, as far as it is followed.
@@ -211,7 +216,7 @@ def integrated_contact_duration(problem: CollisionProblem, curve: Any, law: Any)
 
 
 def monte_carlo_contact_duration(
-    problem: CollisionProblem, curve: Any, tick: np.ndarray, offset: FloatArray
+    problem: CollisionProblem, curve: LineStoppingCurve, tick: np.ndarray, offset: FloatArray
 ) -> FloatArray:
     """Contact time [s] of every run (runs,); NaN for runs without contact or without a reaction that ends it."""
     result = np.full(tick.shape, np.nan)

@@ -6,11 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError
 
@@ -96,17 +97,17 @@ class ExactDistribution(Distribution):
     """A quantity of the integrated distribution.
 
     Attributes:
-        law: the kernels' law.
+        law: the compiled distribution.
         name: ``"peak_force"``, ``"force_at_detection"`` or ``"detection_delay"``.
-        scale: factor from the kernels' N or s to this quantity's unit.
+        scale: factor from its N or s to this quantity's unit.
         condition: probability of what the distribution is conditioned on.
         undetected: probability of never detecting, part of ``condition``; it counts as beyond every value.
         bounded: the undetected collisions end with a known force, so that there is a mean.
-        far_tail: the law's tail at a value of the kernels, computed by itself; used where the tail is so small that
+        far_tail: the law's tail at a value in N, computed by itself; used where the tail is so small that
             interpolation would have spent its digits, and that collisions never detected do not outweigh it.
     """
 
-    law: Any
+    law: _native.CollisionDistribution
     name: str
     scale: float = 1.0
     condition: float = 1.0

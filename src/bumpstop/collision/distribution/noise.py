@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from bumpstop.collision.problem import CollisionProblem
@@ -20,10 +20,10 @@ def noise_of_run(problem: CollisionProblem, seed: int, run: int, ticks: int) -> 
     """
     if problem.residuals is not None:
         record = problem.residuals
-        rows = core.residual_rows(seed, run, ticks, record.rows.shape[0], record.block_rows)
-        played: FloatArray = record.rows[rows]
+        assert problem.residual_record is not None
+        played: FloatArray = record.rows[problem.residual_record.rows_of_run(seed, run, ticks)]
         return played
-    white = core.standard_noise(seed, run, 1, ticks, problem.robot.dof)[0] * problem.noise_sd
+    white = _native.standard_noise(seed, run, 1, ticks, problem.robot.dof)[0] * problem.noise_sd
     correlation = problem.scenario.detector.noise_correlation
     if correlation != 0:
         first = problem.first_armed_tick

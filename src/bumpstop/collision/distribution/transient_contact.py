@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.arm_mass import reduced_mass
 from bumpstop.collision.distribution.contact_duration import antiderivatives
@@ -32,8 +33,8 @@ def _cell_count(order: int, panels: int) -> int:
 class TransientQuantities:
     """Peak force, contact time and force at detection of an exact law of free contact."""
 
-    def __init__(self, kernel: Any) -> None:
-        """Take the kernels' law apart."""
+    def __init__(self, kernel: _native.CollisionDistribution) -> None:
+        """Take the compiled distribution apart."""
         self._nodes, self._alarms = kernel.free_nodes(), kernel.free_alarms()
         coefficients: FloatArray = kernel.coefficients
         self._harmless = float(kernel.harmless)
@@ -112,8 +113,8 @@ class _Pieces:
 def body_displacement(path: FloatArray, offset: float, stiffness: float, mass: float, step: float) -> FloatArray:
     """How far a free body has been pushed from its place, along a path that is straight between steps.
 
-    The single run that the kernels solve for many: contact from the first touch until arm and body part, after which
-    the body goes on as fast as it then is.
+    The single run that the compiled code solves for many: contact from the first touch until arm and body part, after
+    which the body goes on as fast as it then is.
 
     Args:
         path: distance of the contact point along the normal at every simulation step (steps,) [m].

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion, point_places
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 
 # A point slower than this toward the body stands still, as far as the direction of its motion can be told [m/s].
 _STANDSTILL = 1e-6
@@ -200,7 +200,9 @@ def _bisected(still: Callable[[FloatArray], npt.NDArray[np.bool_]], low: FloatAr
 
 def sample_onsets(times: OnsetQuadrature, seed: int, samples: int) -> FloatArray:
     """Times of contact of runs (samples,) [s]: even over the time in which contact may begin."""
-    share: FloatArray = core.offsets(seed, 0, samples, "uniform", 1.0)
+    even = _native.Contact().offset
+    even.kind, even.size = _native.OffsetKind.uniform, 1.0
+    share = _native.sample_offsets(even, seed, 0, samples)
     moving = times.weight > 0
     low, high = times.low[moving], times.high[moving]
     reached = np.concatenate([[0.0], np.cumsum(times.weight[moving])])

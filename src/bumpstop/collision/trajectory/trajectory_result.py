@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.arm_mass import arm_mass_at
 from bumpstop.collision.curve import StoppingCurve
@@ -41,7 +42,7 @@ class TrajectoryCollisionResult(CollisionResult):
     """The distribution of one collision over the time of contact and sensor noise.
 
     ``curve`` is the stopping curve of the contact that is hardest on average, or of the hardest run; ``kernel`` is the
-    kernels' trajectory. Runs have ``contact_duration`` [s].
+    compiled trajectory. Runs have ``contact_duration`` [s].
 
     Attributes:
         times: when contact may begin.
@@ -54,6 +55,7 @@ class TrajectoryCollisionResult(CollisionResult):
             where there are any.
     """
 
+    kernel: _native.Trajectory = field(kw_only=True)
     times: OnsetQuadrature = field(kw_only=True)
     onset: float = field(kw_only=True)
     contact_durations: Distribution | None = field(kw_only=True)
@@ -191,8 +193,8 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
     used = np.flatnonzero(times.weight > 0)
     begin, weight, K = times.begin[used], times.weight[used], problem.stiffness
     normal = np.ascontiguousarray(times.normal[used])
-    out = _laws(problem, kernel, begin, normal)
-    contact, tick, probability = out["contact"], out["tick"], out["probability"]
+    out = _onsets(problem, kernel, begin, normal)
+    contact, tick, probability = out["onset"], out["tick"], out["probability"]
     free = problem.body_mass is not None
     mass = weight[contact] * probability
     peak, undetected_peak = (
@@ -229,7 +231,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
             alone = OnsetMixture(times, used[missed], np.full(missed.size, kernel.ticks, dtype=tick.dtype))
             undetected_force = alone.distribution(undetected_peak[missed], never[missed])
         if problem.scenario.reaction.kind == "reverse":
-            contact_durations = mixer.distribution(kernel.contact_spans(tick.tolist(), begin[contact]), mass)
+            contact_durations = mixer.distribution(kernel.contact_durations(tick.tolist(), begin[contact]), mass)
         force = K * out["distance"]
     expected = np.bincount(contact, probability * peak, len(begin)) + out["undetected"] * undetected_peak
     worst_onset = float(begin[int(np.argmax(expected))])
@@ -257,15 +259,25 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
     )
 
 
-def _laws(problem: CollisionProblem, kernel: Any, begin: FloatArray, normal: FloatArray) -> dict[str, npt.NDArray[Any]]:
-    """Integrated results of contact onsets, some hundreds at a time: slow motions have thousands of detections each."""
+# Of onsets, then of their detections.
+_COLUMNS = (
+    *("false_alarm", "undetected", "no_contact", "several", "harmless", "greatest", "trigger"),
+    *("undetected_peak", "undetected_duration"),
+    *("tick", "probability", "farthest", "distance", "peak", "duration", "force"),
+)
+
+
+def _onsets(
+    problem: CollisionProblem, kernel: _native.Trajectory, begin: FloatArray, normal: FloatArray
+) -> dict[str, npt.NDArray[Any]]:
+    """The distributions of onsets, some hundreds at a time: of slow motions each has thousands of detections."""
     parts: list[dict[str, npt.NDArray[Any]]] = []
     detections = 0
     for first in range(0, begin.size, _CONTACTS_AT_ONCE):
         own = slice(first, first + _CONTACTS_AT_ONCE)
-        part = kernel.laws(problem.detector, problem.stiffness, begin[own], normal[own], problem.moving_mass)
-        part["contact"] += first
-        detections += part["contact"].size
+        found = kernel.integrate(problem.detector, problem.contact, begin[own], normal[own])
+        part = {name: getattr(found, name) for name in _COLUMNS} | {"onset": found.onset + first}
+        detections += found.onset.size
         if detections > _MAX_DETECTIONS:
             raise InputError(
                 "motion.file",
@@ -284,34 +296,25 @@ def monte_carlo_trajectory(
     kernel, times = trajectory_kernel(problem), onset_quadrature(problem)
     begin = sample_onsets(times, seed, samples)
     normal, _ = approach(problem, begin)
-    record = problem.residuals
-    runs = kernel.sample(
-        problem.detector,
-        problem.stiffness,
-        begin,
-        normal,
-        seed,
-        threads,
-        None if record is None else record.rows,
-        1 if record is None else record.block_rows,
-        problem.moving_mass,
-    )
-    K, tick = problem.stiffness, runs["tick"]
+    settings = _native.MonteCarloSettings()
+    settings.seed, settings.count, settings.threads = seed, samples, threads
+    runs = kernel.monte_carlo(problem.detector, problem.contact, begin, normal, settings, problem.residual_record)
+    K, tick = problem.stiffness, runs.tick
     detected = tick >= 0
-    undetected = ~detected & (runs["greatest"] > 0)
-    peak = K * np.where(detected, runs["farthest"], runs["greatest"])
+    undetected = ~detected & (runs.greatest > 0)
+    peak = K * np.where(detected, runs.farthest, runs.greatest)
     tick_time = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s
     # From the first tick in contact on, also where the point falls back from the body again.
-    after_contact = detected & (runs["distance"] >= 0)
-    force = K * np.maximum(0.0, runs["distance"])
+    after_contact = detected & (runs.distance >= 0)
+    force = K * np.maximum(0.0, runs.distance)
     free = problem.body_mass is not None
     if free:
-        peak, force = runs["peak"], np.where(detected, runs["force"], 0.0)
-    fired = (runs["triggers"][:, None] >> np.arange(problem.robot.dof, dtype=np.uint32)) & 1
+        peak, force = runs.peak_force, np.where(detected, runs.force_at_detection, 0.0)
+    fired = (runs.triggers[:, None] >> np.arange(problem.robot.dof, dtype=np.uint32)) & 1
     some = bool(detected.any())
-    contact_durations = SampledDistribution(runs["duration"][runs["duration"] > 0]) if free else None
+    contact_durations = SampledDistribution(runs.duration[runs.duration > 0]) if free else None
     if problem.scenario.reaction.kind == "reverse" and not free:
-        lasts = kernel.contact_spans(tick[detected].tolist(), begin[detected])
+        lasts = kernel.contact_durations(tick[detected].tolist(), begin[detected])
         contact_durations = SampledDistribution(lasts[np.isfinite(lasts)])
     worst_onset = float(begin[int(np.argmax(peak))])
     return TrajectoryCollisionResult(
@@ -332,9 +335,9 @@ def monte_carlo_trajectory(
             "onset": begin,
             "offset": np.zeros(samples),
             "tick": tick,
-            "triggers": runs["triggers"],
-            "noise": runs["noise"],
-            "residual": runs["residual"],
+            "triggers": runs.triggers,
+            "noise": runs.noise,
+            "residual": runs.residual,
             "peak_force": peak,
             "force_at_detection": force,
             "detected_after_contact": after_contact,

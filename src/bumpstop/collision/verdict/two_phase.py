@@ -65,14 +65,14 @@ def phase_shares(result: CollisionResult, first: float, later: float) -> tuple[D
         early, late = spans.phases(tick, offset.ravel(), FIRST_PHASE_S)
         return (stiffness * np.maximum(early * first, late * later)).reshape(offset.shape)
 
-    kernel = result.curve.kernel
+    line = result.curve.line
     if result.kind == "sampled":
         assert result.runs is not None
         tick, offset = result.runs["tick"], result.runs["offset"]
         if result.curve.end in ("joint_limit", "singularity"):
             # Bodies that the arm reaches only while it brakes at the end of its line.
             braking = (tick < 0) & (offset >= result.curve.distance.max()) & (result.runs["peak_force"] > 0)
-            tick = np.where(braking, kernel.ticks, tick)
+            tick = np.where(braking, line.ticks, tick)
         detected = tick >= 0
         values = np.zeros(int(detected.sum()))
         ticks = np.unique(tick[detected])
@@ -80,12 +80,12 @@ def phase_shares(result: CollisionResult, first: float, later: float) -> tuple[D
             own = {int(k): np.flatnonzero(tick[detected] == k) for k in ticks}
             offsets = offset[detected]
             least = np.array([offsets[own[int(k)]].min() for k in ticks])
-            spans = ReleaseTimes(result.problem, kernel, ticks, least)
+            spans = ReleaseTimes(result.problem, line, ticks, least)
             for k, runs in own.items():
                 values[runs] = share(spans, k, offsets[runs])
         return SampledDistribution(values), float(detected.mean())
     parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 5]
-    for cells in exact_cells(result.problem, kernel, result.kernel):
+    for cells in exact_cells(result.problem, line, result.integral):
         value = share(cells.spans, cells.tick, cells.node)
         low, high = _between(share(cells.spans, cells.tick, cells.edge))
         at_limit = (low < 1) & (high > 1)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
-from bumpstop.kernels import core
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -117,6 +117,6 @@ def _chain_torque(
     centers: FloatArray,
     tensors: FloatArray,
 ) -> FloatArray:
-    kernel = core.Dynamics(chain=robot.chain, mass=masses, center=centers, tensor=tensors, rotor=np.zeros(robot.dof))
+    kernel = _native.Dynamics(chain=robot.chain, mass=masses, center=centers, tensor=tensors, rotor=np.zeros(robot.dof))
     torque: FloatArray = kernel.inverse_dynamics(q, qd, qdd, np.array(gravity), None, 0, np.zeros(3))
     return torque

@@ -107,7 +107,7 @@ class ArmSection(Section):
         """Of the contact point in that pose (3,) [m/s]."""
         problem = self.result.problem
         if problem.trajectory is None or self._contact_begin is None:
-            return np.asarray(problem.start["point_velocity"])
+            return np.asarray(problem.start.point_velocity)
         t = np.array([self._contact_begin])
         return np.asarray(point_motion(problem.trajectory, problem.robot, problem.contact_point, t)[0][0])
 

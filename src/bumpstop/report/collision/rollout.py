@@ -115,7 +115,7 @@ class Rollouts:
             # The path goes on for a latency beyond the motion's end, for the reactions.
             distance = distance[: _motion_steps(self._result, distance) + 1]
             if curve.end in ("joint_limit", "singularity"):
-                distance = np.append(distance, curve.kernel.braking)
+                distance = np.append(distance, curve.line.braking)
         else:
             # An arm that cannot follow its line as far brakes where it ends.
             begin = min(tick * period + 1 + problem.latency_steps, distance.size - 1)

@@ -7,11 +7,11 @@ import platform
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from bumpstop._native import target
 from bumpstop.collision.distribution.distribution import QUANTILES, finite_mean
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.contact import LimitTable, builtin_tables
-from bumpstop.kernels import target
 from bumpstop.report.formatting import in_phases, method_words, number, percentile, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section

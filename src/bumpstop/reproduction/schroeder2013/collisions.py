@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_number
 from bumpstop.detection import (
     DetectionRun,
@@ -23,7 +24,6 @@ from bumpstop.detection import (
 from bumpstop.detection.events import STATES
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint import JointTorqueModel, Parameter
-from bumpstop.kernels import core
 from bumpstop.model import Robot
 from bumpstop.plant.command import Command, PlantReaction, line
 from bumpstop.plant.drive import Gears, ScatterPer
@@ -351,7 +351,7 @@ class CollisionExperiment:
         plant = self._plant(seed, [self.object(offset)])
         detector = self.detector()
         kernel = detector.kernel()
-        alarm = core.DetectorState(STATES.index("alarm"))
+        alarm = _native.DetectorState(STATES.index("alarm"))
         answer = PlantReaction(joint_acceleration=self.joint_acceleration, latency_s=self.latency_s)
         still = np.zeros(self.robot.dof)
         fired: list[tuple[float, int, float]] = []

@@ -116,7 +116,7 @@ class VariedRisk:
         """The largest force along the normal that no threshold notices at the start, min_j theta_j / |a_j| [N]."""
         problem = self.problem
         contact = problem.scenario.contact
-        normal = np.array(contact.normal or problem.start["point_velocity"])
+        normal = np.array(contact.normal or problem.start.point_velocity)
         torque = (normal / np.linalg.norm(normal)) @ problem.robot.jacobian(problem.q, contact.link, contact.point_m)[
             :3
         ]
@@ -211,7 +211,7 @@ def _first_cycle_beyond_singularity(problem: CollisionProblem, curve: StoppingCu
 
     Only an arm with as many joints as its task has rows crosses singularities: with more it goes round them.
     """
-    states = curve.kernel.reaction_state[: curve.ticks, 0]
+    states = curve.line.reaction_state[: curve.ticks, 0]
     free = [j for j in range(problem.robot.dof) if j not in problem.held]
     if not len(states) or len(free) != (6 if problem.scenario.motion.task == "pose" else 3):
         return None

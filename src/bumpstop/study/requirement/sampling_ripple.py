@@ -77,5 +77,5 @@ class RippleScan:
 
 def initial_acceleration(problem: CollisionProblem) -> float:
     """Acceleration of the contact point from rest [m/s2]: joint rates grow in one proportion."""
-    slowest = float((np.abs(problem.start["qd"]) / problem.joint_acceleration).max())
+    slowest = float((np.abs(problem.start.qd) / problem.joint_acceleration).max())
     return problem.approach_speed / slowest

@@ -73,9 +73,7 @@ def _velocity(trajectory: Trajectory) -> FloatArray:
 def _risks(problem: CollisionProblem, begin: FloatArray, limit: float) -> FloatArray:
     """Probability (N,) that a collision that begins at a time (N,) [s] passes the limit [N]."""
     normal, _ = approach(problem, begin)
-    out = trajectory_kernel(problem).laws(
-        problem.detector, problem.stiffness, begin, np.ascontiguousarray(normal), problem.moving_mass
-    )
-    detected = out["probability"] * (problem.stiffness * out["farthest"] > limit)
-    undetected = out["undetected"] * (problem.stiffness * out["greatest"] > limit)
-    return np.asarray(np.bincount(out["contact"], detected, len(begin)) + undetected)
+    out = trajectory_kernel(problem).integrate(problem.detector, problem.contact, begin, np.ascontiguousarray(normal))
+    detected = out.probability * (problem.stiffness * out.farthest > limit)
+    undetected = out.undetected * (problem.stiffness * out.greatest > limit)
+    return np.asarray(np.bincount(out.onset, detected, len(begin)) + undetected)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.detection.sensitivity import residual_band
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 from bumpstop.study.prediction import check_predictable, predict_poses
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def worst_directions(problem: CollisionProblem, q: FloatArray) -> tuple[FloatArr
     link, point = problem.contact_point
     low, high = residual_band(problem.robot.dof, problem.thresholds, noise_mean=problem.noise_mean)
     jacobian = problem.robot.chain.jacobians(np.ascontiguousarray(q), link, point)[:, :3]
-    largest, _, farthest, _, rank, axes = core.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
+    largest, _, farthest, _, rank, axes = _native.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
     length = np.linalg.norm(farthest, axis=1)
     undetectable = axes[np.arange(len(q)), np.minimum(rank, 2)]
     safe = np.where(length > 0, length, 1.0)[:, None]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.kernels import core
 from bumpstop.study.capsules import max_link_radius, self_collision
 from bumpstop.study.directions import DirectionSampling, draw_directions, spread_directions
 from bumpstop.study.joint_ranges import joint_ranges
@@ -284,7 +284,7 @@ class WorkspaceStudy(Study):
         link, point = robot.frame(None)
         found = {}
         for angular, ending in ((False, ""), (True, "_six_rows")):
-            values = core.singular_values_of_columns(
+            values = _native.singular_values_of_columns(
                 robot.chain, np.ascontiguousarray(q), link, point, moving, angular
             )[:, : len(moving)]
             with np.errstate(divide="ignore"):

@@ -3,8 +3,7 @@
 /// path. Contact may begin at any time on the way.
 #pragma once
 
-#include "bumpstop/collision/distribution/monte_carlo.hpp"
-#include "bumpstop/collision/distribution/offset_quadrature.hpp"
+#include "bumpstop/collision/contact/contact_paths.hpp"
 #include "bumpstop/collision/distribution/survival_criterion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -33,14 +32,6 @@ struct JointSpline {
             second[j] = past ? 0 : 2 * c2 + x * 6 * c3;
         }
     }
-};
-
-struct TrajectorySettings {
-    LinkPoint point;        ///< where the arm hits
-    MotionSettings motion;  ///< step, sub-steps and acceleration limits
-    int period = 4;         ///< simulation steps between two feedback ticks
-    int latency = 0;        ///< steps from a tick to the beginning of the reaction
-    ReactionKind reaction = ReactionKind::stop;
 };
 
 /// What the arm does along its path after a tick, by simulation step from the reaction's beginning.
@@ -89,45 +80,46 @@ inline double hardest_braking(int dof, const double* first, const double* second
 /// Everything about a trajectory that does not depend on when contact begins.
 class ArmTrajectory {
   public:
-    ArmTrajectory(const Chain& chain, JointSpline spline, const TrajectorySettings& settings)
-        : chain_(chain), spline_(std::move(spline)), settings_(settings) {
+    /// Of `setup` the line is not used: the motion is the spline, and as long.
+    ArmTrajectory(const CollisionSetup& setup, JointSpline spline) : setup_(setup), spline_(std::move(spline)) {
         steps_ = std::max(1, int(std::ceil(spline_.duration() / step() - 1e-9)));
-        ticks_ = (steps_ - 1) / settings_.period + 1;
-        timing_ = {steps_, settings_.period, settings_.latency, false};
+        ticks_ = (steps_ - 1) / setup_.timing.period + 1;
+        setup_.timing.steps = steps_;
+        setup_.timing.from_rest = false;
         Posture<double> posture;
         double q[max_joints], first[max_joints], second[max_joints], stop_time = 0;
         for (int i = 0; i <= steps_; ++i) {
             allow_interruption();
             pose(i * step(), posture);
             spline_.at(i * step(), q, first, second);
-            for (int j = 0; j < chain_.dof; ++j)
-                stop_time = std::max(stop_time, std::fabs(first[j]) / settings_.motion.acceleration_limit[j]);
-            point_.push_back(posture.position(settings_.point));
-            if (i < 1 || (i - 1) % settings_.period != 0) continue;
-            for (int j = 0; j < chain_.dof; ++j) {
-                lever_.push_back(j > settings_.point.link ? Point3<double>{0, 0, 0}
-                                                          : linear_column(chain_, posture, point_.back(), j));
+            for (int j = 0; j < setup_.chain.dof; ++j)
+                stop_time = std::max(stop_time, std::fabs(first[j]) / setup_.motion.acceleration_limit[j]);
+            point_.push_back(posture.position(setup_.contact.point));
+            if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
+            for (int j = 0; j < setup_.chain.dof; ++j) {
+                lever_.push_back(j > setup_.contact.point.link
+                                     ? Point3<double>{0, 0, 0}
+                                     : linear_column(setup_.chain, posture, point_.back(), j));
             }
         }
-        longest_ = longest_reaction(stop_time, point_.size(), step(), settings_.motion.substeps);
+        longest_ = longest_reaction(stop_time, point_.size(), step(), setup_.motion.substeps);
         for (int k = 0; k < ticks_; ++k) reaction_.push_back(react(k));
     }
 
-    int dof() const { return chain_.dof; }
+    int dof() const { return setup_.chain.dof; }
     int steps() const { return steps_; }
     int ticks() const { return ticks_; }
-    double step() const { return settings_.motion.step; }
+    double step() const { return setup_.motion.step; }
     double excess() const { return excess_; }
-    const TrajectorySettings& settings() const { return settings_; }
-    const Timing& timing() const { return timing_; }
+    const CollisionSetup& setup() const { return setup_; }
     const std::vector<Point3<double>>& points() const { return point_; }
     const PathReaction& reaction(int tick) const { return reaction_[std::size_t(tick)]; }
-    int first_step(int tick) const { return tick * settings_.period + 1; }
+    int first_step(int tick) const { return tick * setup_.timing.period + 1; }
 
     Point3<double> point_at(double u) const {
         Posture<double> posture;
         pose(u, posture);
-        return posture.position(settings_.point);
+        return posture.position(setup_.contact.point);
     }
 
     /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
@@ -135,23 +127,23 @@ class ArmTrajectory {
     /// the curve ends where contact has been noticed for certain, or a tick after a body of a mass above zero [kg] has got
     /// away.
     StoppingCurve curve(double begin, const Point3<double>& normal, const GaussianThresholds* detector,
-                        double stiffness, const ContactPropagator* by = nullptr) const {
+                        const Contact& contact, const ContactPropagator* by = nullptr) const {
         StoppingCurve curve;
         LinePath& path = curve.path;
-        path.dof = chain_.dof;
+        path.dof = setup_.chain.dof;
         path.normal = {normal.x, normal.y, normal.z};
         const Point3<double> origin = point_at(begin);
         path.start = {origin.x, origin.y, origin.z};
         path.s.reserve(std::size_t(steps_) + 1);
         GaussianThresholds nobody;
-        SurvivalCriterion<double> criterion(detector ? *detector : nobody, timing_, step(), stiffness, 0.0);
+        SurvivalCriterion<double> criterion(setup_, detector ? *detector : nobody, contact.at_body());
         // An arm that speeds up pushes a body for as long as it does so: only the collision itself says when they part.
         const bool free = by != nullptr;
         std::optional<ContactDynamics<double>> dynamics;
         ContactState<double> body;
         if (free) body = dynamics.emplace(*by).begin();
         bool away = false;  // at the tick before
-        const std::size_t n = std::size_t(chain_.dof);
+        const std::size_t n = std::size_t(setup_.chain.dof);
         double greatest = 0;  // distance since contact began
         std::vector<double> torque(n);
         for (int i = 0; i <= steps_; ++i) {
@@ -160,7 +152,7 @@ class ArmTrajectory {
             path.s.push_back(touched ? s : std::min(s, not_yet));
             if (touched) greatest = std::max(greatest, s);
             if (free && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0, 1.0);
-            if (i < 1 || (i - 1) % settings_.period != 0) continue;
+            if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
             allow_interruption();
             const int k = path.ticks++;
             for (std::size_t j = 0; j < n; ++j) torque[j] = touched ? dot(lever_[std::size_t(k) * n + j], normal) : 0.0;
@@ -190,7 +182,7 @@ class ArmTrajectory {
         const PathReaction& reaction = reaction_[std::size_t(tick)];
         for (double u : reaction.u) visit(u);
         double u = reaction.u.back();
-        while (settings_.reaction == ReactionKind::reverse && u > begin) visit(u -= step());
+        while (setup_.reaction == ReactionKind::reverse && u > begin) visit(u -= step());
         return distance;
     }
 
@@ -198,7 +190,7 @@ class ArmTrajectory {
     ContactPaths contact_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
                                int only_tick = -1) const {
         const int end = int(std::min(curve.path.s.size() - 1, std::size_t(steps_)));
-        ContactPaths paths{&curve.path, settings_.period, settings_.latency, end, step(), {}, {}, {}, {}};
+        ContactPaths paths{&curve.path, setup_.timing.period, setup_.timing.latency, end, step(), {}, {}, {}, {}};
         paths.reaction.resize(std::size_t(curve.path.ticks));
         for (int k = 0; k < curve.path.ticks; ++k) {
             if (only_tick < 0 ? curve.farthest[std::size_t(k)] > 0 : k == only_tick)
@@ -218,7 +210,7 @@ class ArmTrajectory {
         std::array<double, 2> deepest{0, 0};
         if (!(reaction_[std::size_t(tick)].reach > begin)) return deepest;
         const int turn = int(std::ceil((touch_time(tick, begin) + first) / step() - 1e-9));
-        const int reacts = first_step(tick) + settings_.latency;
+        const int reacts = first_step(tick) + setup_.timing.latency;
         auto meet = [&](int i, double distance) {
             double& most = deepest[i < turn ? 0 : 1];
             most = std::max(most, distance);
@@ -228,12 +220,12 @@ class ArmTrajectory {
         const std::vector<double> distance = reaction_distances(tick, begin, normal);
         for (std::size_t i = 0; i < distance.size(); ++i) meet(reacts + int(i), distance[i]);
         // An arm that has stopped in contact stays there.
-        if (settings_.reaction == ReactionKind::stop) meet(std::numeric_limits<int>::max(), distance.back());
+        if (setup_.reaction == ReactionKind::stop) meet(std::numeric_limits<int>::max(), distance.back());
         return deepest;
     }
 
     /// From touch until the reversing arm is back where contact began [s]; NaN where it never arrives there.
-    double contact_span(int tick, double begin) const {
+    double contact_duration(int tick, double begin) const {
         const PathReaction& reaction = reaction_[std::size_t(tick)];
         const std::vector<double>& u = reaction.u;
         const double from = reaction_time(tick);
@@ -251,7 +243,7 @@ class ArmTrajectory {
     /// rounding.
     static constexpr double not_yet = -2 * separation_tolerance;
 
-    double reaction_time(int tick) const { return (first_step(tick) + settings_.latency) * step(); }
+    double reaction_time(int tick) const { return (first_step(tick) + setup_.timing.latency) * step(); }
 
     /// When contact begins in the case that is noticed at a tick, and whose path arrives [s]: an arm that has slowed down
     /// before arrives later.
@@ -268,20 +260,20 @@ class ArmTrajectory {
         ArmState<double> state;
         double second[max_joints];
         spline_.at(u, state.q, state.qd, second);
-        state.refresh_angles(chain_);
-        forward_kinematics(chain_, state.q, state.angle, posture);
+        state.refresh_angles(setup_.chain);
+        forward_kinematics(setup_.chain, state.q, state.angle, posture);
     }
 
     /// One acceleration along the path a simulation step; speed and place follow in the controller's sub-steps.
     PathReaction react(int tick) {
-        const MotionSettings& motion = settings_.motion;
+        const MotionSettings& motion = setup_.motion;
         const double end = spline_.duration();
-        const double target = settings_.reaction == ReactionKind::reverse ? -1 : 0;
+        const double target = setup_.reaction == ReactionKind::reverse ? -1 : 0;
         PathReaction reaction;
         ArmState<double> state;
         Posture<double> posture;
         double second[max_joints];
-        double u = std::min((first_step(tick) + settings_.latency) * step(), end), v = 1;
+        double u = std::min((first_step(tick) + setup_.timing.latency) * step(), end), v = 1;
         bool forward = true;
         for (int i = 0;; ++i) {
             allow_interruption();
@@ -289,14 +281,15 @@ class ArmTrajectory {
             reaction.reach = std::max(reaction.reach, u);
             spline_.at(u, state.q, state.qd, second);
             if (forward) {
-                state.refresh_angles(chain_);
-                forward_kinematics(chain_, state.q, state.angle, posture);
-                reaction.point.push_back(posture.position(settings_.point));
+                state.refresh_angles(setup_.chain);
+                forward_kinematics(setup_.chain, state.q, state.angle, posture);
+                reaction.point.push_back(posture.position(setup_.contact.point));
             }
             if (v == target || i >= longest_) return reaction;
             forward = v > 0;
             double excess = 1;
-            const double w = hardest_braking(chain_.dof, state.qd, second, motion.acceleration_limit.data(), v, excess);
+            const double w =
+                hardest_braking(setup_.chain.dof, state.qd, second, motion.acceleration_limit.data(), v, excess);
             excess_ = std::max(excess_, excess);
             for (int sub = 0; sub < motion.substeps; ++sub) {
                 v = std::max(target, v + motion.substep() * w);
@@ -311,18 +304,16 @@ class ArmTrajectory {
         const PathReaction& reaction = reaction_[std::size_t(k)];
         if (!(reaction.reach > begin)) return 0;
         const int first = first_step(k);
-        double most = settings_.reaction == ReactionKind::reverse ? greatest : 0;
-        for (int i = first; i <= std::min(first + settings_.latency, steps_); ++i)
+        double most = setup_.reaction == ReactionKind::reverse ? greatest : 0;
+        for (int i = first; i <= std::min(first + setup_.timing.latency, steps_); ++i)
             if (i * step() > begin) most = std::max(most, dot(point_[std::size_t(i)] - origin, normal));
         for (std::size_t i = 0; i < reaction.point.size(); ++i)
             if (reaction.u[i] > begin) most = std::max(most, dot(reaction.point[i] - origin, normal));
         return most;
     }
 
-    Chain chain_;
+    CollisionSetup setup_;
     JointSpline spline_;
-    TrajectorySettings settings_;
-    Timing timing_;
     int steps_ = 0, ticks_ = 0;
     int longest_ = 0;                    ///< steps after which a reaction is left where it is
     double excess_ = 1;                  ///< of the path's own acceleration over the limits while braking
@@ -330,88 +321,5 @@ class ArmTrajectory {
     std::vector<Point3<double>> lever_;  ///< [tick][joint]: linear column of the Jacobian at the contact point
     std::vector<PathReaction> reaction_;
 };
-
-/// Distance at tick k of a contact whose first tick is `first`: 0 where the point has fallen back, negative before contact.
-inline double compression_at(const LinePath& path, int k, int period, int first) {
-    return k < first ? -1 : std::max(0.0, path.at_tick(k, period));
-}
-
-/// The exact law of one contact time: what happens at which tick.
-struct ContactLaw {
-    struct Detection {
-        int tick;
-        double probability, farthest, distance;  // distance at the tick, 0 behind the contact; negative: a false alarm
-        double peak = 0, duration = 0, force = 0;  // of free contact [N, s, N]
-    };
-    std::vector<Detection> detection;
-    double false_alarm, undetected, no_contact, several;
-    double harmless;  ///< false alarms whose stopping path does not arrive, and no contact
-    double greatest;  ///< distance of the undisturbed motion from contact to its end
-    double undetected_peak = 0, undetected_duration = 0;  ///< of free contact [N, s]
-    double trigger[max_joints];
-};
-
-/// `before`: the trajectory's ticks without contact. `by`: what gives way; null: a clamped spring alone.
-template <class T>
-ContactLaw contact_law(const ArmTrajectory& trajectory, double begin, const Point3<double>& normal,
-                       const GaussianThresholds& detector, double stiffness, const PreContactAlarms& before,
-                       const ContactPropagator* by = nullptr) {
-    const StoppingCurve curve = trajectory.curve(begin, normal, &detector, stiffness, by);
-    QuadratureSettings settings{stiffness, {OffsetKind::fixed, 0.0}};
-    ContactPaths paths;
-    if (by != nullptr) {
-        paths = trajectory.contact_paths(curve, begin, normal);
-        settings.paths = &paths;
-        settings.propagator = by;
-    }
-    const CollisionDistribution law =
-        integrate<T>(curve, trajectory.timing(), trajectory.settings().motion, detector, settings, &before);
-    ContactLaw out;
-    out.false_alarm = law.false_alarm;
-    out.undetected = law.undetected;
-    out.no_contact = law.no_contact;
-    out.several = law.several;
-    out.harmless = law.harmless;
-    out.greatest = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
-    std::copy(law.trigger, law.trigger + trajectory.dof(), out.trigger);
-    const PiecewiseDensity& density = law.density;
-    const ContactNodes& nodes = law.nodes;
-    const PiecewiseDensity::Panel panel =
-        density.panel.empty() ? PiecewiseDensity::Panel{0, 0, curve.path.ticks} : density.panel[0];
-    std::vector<PreContactAlarm> alarms(density.alarm.begin() + panel.first_alarm,
-                                        density.alarm.begin() + panel.end_alarm);
-    std::sort(alarms.begin(), alarms.end(), [](const auto& one, const auto& other) { return one.tick < other.tick; });
-    for (const PreContactAlarm& alarm : alarms) {
-        if (alarm.tick < curve.path.ticks && alarm.chance > 0)
-            out.detection.push_back({alarm.tick, 2 * alarm.chance * density.offset_series[0], alarm.reach, -1});
-    }
-    for (int slot = 0; slot < panel.slots; ++slot) {
-        const double probability = density.mass_of(panel, slot);
-        const int k = panel.tick(slot);
-        if (!(probability > 0)) continue;
-        out.detection.push_back({k, probability, curve.farthest[std::size_t(k)],
-                                 compression_at(curve.path, k, trajectory.timing().period, panel.first_tick)});
-        if (by != nullptr) {
-            const std::size_t at = std::size_t(slot) * std::size_t(density.order);
-            out.detection.back().peak = nodes.peak_force[at];
-            out.detection.back().duration = nodes.duration[at];
-            out.detection.back().force = nodes.force_at_detection[at];
-        }
-    }
-    if (by == nullptr) return out;
-    if (!nodes.undetected_peak_force.empty()) {
-        out.undetected_peak = nodes.undetected_peak_force[0];
-        out.undetected_duration = nodes.undetected_duration[0];
-    }
-    const EarlyReactions& pieces = law.early_reactions;
-    for (std::size_t i = 0; i < pieces.pieces(); ++i) {
-        // All cells of a body at one place are alike.
-        const std::size_t edge = i * (EarlyReactions::cells + 1);
-        out.detection.push_back({pieces.tick[i], pieces.mass[i * EarlyReactions::cells] * EarlyReactions::cells,
-                                 curve.farthest[std::size_t(pieces.tick[i])], -1, pieces.edge_force[edge],
-                                 pieces.edge_duration[edge], 0});
-    }
-    return out;
-}
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

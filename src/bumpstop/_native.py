@@ -1,29 +1,32 @@
-"""The compiled kernels for this processor's widest instruction set, or for the one ``BUMPSTOP_TARGET`` names."""
+"""The compiled functions and classes, for the widest instruction set here or the one ``BUMPSTOP_TARGET`` names.
+
+Whoever imports this module has all that the compiled one holds under the same names.
+"""
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
 import os
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from bumpstop import _cpu
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop import _kernels_baseline as core
+    from types import ModuleType
 
-__all__ = ["available_targets", "core", "load", "target"]
+    # One stub serves all instruction sets.
+    from bumpstop._kernels_baseline import *  # noqa: F403
 
 
 def available_targets() -> list[str]:
-    """Instruction sets this processor runs and this build has kernels for, widest first."""
+    """Instruction sets this processor runs and this build has a compiled module for, widest first."""
     return [name for name in _cpu.supported_targets() if importlib.util.find_spec(f"bumpstop._kernels_{name}")]
 
 
 def load(name: str) -> ModuleType:
-    """Import the kernels of one instruction set.
+    """Import the compiled module of one instruction set.
 
     Args:
         name: ``"baseline"``, ``"avx2"``, ``"avx512"`` or ``"neon"``.
@@ -38,5 +41,5 @@ def load(name: str) -> ModuleType:
 
 
 target: str = os.environ.get("BUMPSTOP_TARGET") or available_targets()[0]
-if not TYPE_CHECKING:
-    core = load(target)
+module: ModuleType = load(target)
+globals().update({name: value for name, value in vars(module).items() if not name.startswith("__")})

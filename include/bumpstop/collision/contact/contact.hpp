@@ -1,0 +1,25 @@
+/// @file
+/// What the arm meets, and where.
+#pragma once
+
+#include <optional>
+
+#include "bumpstop/collision/contact/contact_propagator.hpp"
+#include "bumpstop/collision/distribution/offset_distribution.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+struct Contact {
+    ContactBody body{};
+    OffsetDistribution offset{};  ///< how far the body is from the contact point when the motion begins
+
+    /// Arm and body go their own ways by this in every simulation step [s]; none where all that gives is a clamped spring.
+    std::optional<ContactPropagator> propagator(double step) const {
+        if (body.clamped()) return std::nullopt;
+        return ContactPropagator(ContactSystem(ElasticArm{}, body), step);
+    }
+    /// The same body where contact begins.
+    Contact at_body() const { return {body, {OffsetKind::fixed, 0.0}}; }
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

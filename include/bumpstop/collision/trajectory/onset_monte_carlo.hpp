@@ -1,0 +1,76 @@
+/// @file
+/// Single collisions that begin at given times of a trajectory.
+#pragma once
+
+#include "bumpstop/collision/distribution/monte_carlo.hpp"
+#include "bumpstop/collision/trajectory/onset_distribution.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// As the runs of a line, one for each onset; distances are along the normal from the place of contact [m].
+struct OnsetRuns : MonteCarloRuns {
+    std::vector<double> farthest;  ///< the farthest the arm gets once it reacts; zero when never detected
+    std::vector<double>
+        distance;  ///< at the tick of detection, 0 behind the contact; negative: never, or before contact
+    std::vector<double> greatest;  ///< of the undisturbed motion, from contact to its end
+
+    OnsetRuns(const MonteCarloSettings& settings, int dof, const Contact& contact)
+        : MonteCarloRuns(settings, dof, contact),
+          farthest(offset.size()),
+          distance(offset.size()),
+          greatest(offset.size()) {}
+};
+
+namespace detail {
+
+/// Run i.
+inline void sample_onset(const ArmTrajectory& trajectory, const Onsets& onsets, const GaussianThresholds& detector,
+                         const Contact& contact, const ContactPropagator* by, const MonteCarloSettings& settings,
+                         const ResidualRecord* record, std::size_t i, OnsetRuns& out) {
+    const double begin = onsets.time[i];
+    const Point3<double> normal = onsets.normal_of(i);
+    const CollisionSetup& setup = trajectory.setup();
+    // Of measured residuals no tick is certain to alarm by what a Gaussian of their spread would do.
+    const GaussianThresholds* certain = record != nullptr && by == nullptr ? nullptr : &detector;
+    const StoppingCurve curve = trajectory.curve(begin, normal, certain, contact, by);
+    // When the body is noticed does not depend on the reactions; of these one is needed.
+    ContactPaths paths;
+    if (by != nullptr) paths = trajectory.contact_paths(curve, begin, normal, trajectory.ticks());
+    MonteCarlo<double>(setup, curve, detector, contact.at_body(), settings, record, by != nullptr ? &paths : nullptr,
+                       by)
+        .run(std::int64_t(i), std::int64_t(i) + 1, out);
+    const int k = out.tick[i], period = setup.timing.period;
+    out.farthest[i] = k < 0 ? 0 : curve.farthest[std::size_t(k)];
+    int first = 0;
+    while (first < curve.path.ticks && !(curve.path.at_tick(first, period) > 0)) ++first;
+    out.distance[i] = k < 0 ? -1 : compression_at(curve.path, k, period, first);
+    out.greatest[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
+    if (by == nullptr || k < 0) return;
+    paths = trajectory.contact_paths(curve, begin, normal, k);
+    const ContactReactions<double> reactions(paths, *by);
+    const int since = k - first;
+    const auto outcome = ContactCollision<double>(reactions, &first, 0.0).detected(&since);
+    out.peak_force[i] = outcome.peak;
+    out.duration[i] = outcome.duration;
+}
+
+}  // namespace detail
+
+/// One collision for each onset, of which there are as many as runs. `record`: measured noise instead of Gaussian.
+inline OnsetRuns monte_carlo_onsets(const ArmTrajectory& trajectory, const Onsets& onsets,
+                                    const GaussianThresholds& detector, const Contact& contact,
+                                    const MonteCarloSettings& settings, const ResidualRecord* record = nullptr) {
+    OnsetRuns out(settings, trajectory.dof(), contact);
+    const std::optional<ContactPropagator> by = contact.propagator(trajectory.step());
+    constexpr std::size_t block = 256;
+    std::atomic<std::size_t> next{0};
+    work_in_threads(settings.threads, [&] {
+        for (std::size_t first = block * next++; first < onsets.count; first = block * next++)
+            for (std::size_t i = first; i < std::min(onsets.count, first + block); ++i)
+                detail::sample_onset(trajectory, onsets, detector, contact, by ? &*by : nullptr, settings, record, i,
+                                     out);
+    });
+    return out;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
