@@ -36,6 +36,7 @@ def recording(rows: int = 200, dt: float = 0.01, dof: int = 2) -> Recording:
         current=2 * np.sin(phase),
         tau=3 * np.cos(phase),
         wrench=np.tile(np.sin(t)[:, None], 6),
+        q_ref=np.sin(phase + 0.01),
         joint_names=names,
         robot="arm",
     )

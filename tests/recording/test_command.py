@@ -67,7 +67,9 @@ def test_a_robot_with_two_chains(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv", "mcap"])
-@pytest.mark.parametrize("absent", [{}, {"tau": None}, {"wrench": None}, {"joint_names": ()}, {"robot": ""}])
+@pytest.mark.parametrize(
+    "absent", [{}, {"tau": None}, {"wrench": None}, {"q_ref": None}, {"joint_names": ()}, {"robot": ""}]
+)
 def test_convert_says_what_is_lost(absent: dict[str, Any], ending: str, tmp_path: Path) -> None:
     before, out = replace(recording(), **absent), tmp_path / f"out.{ending}"
     before.save(tmp_path / "run.parquet")
@@ -77,7 +79,7 @@ def test_convert_says_what_is_lost(absent: dict[str, Any], ending: str, tmp_path
     in_place = {"effort": "current"} if ending == "mcap" and before.tau is None else None
     after = Recording.load(out, columns=in_place)
     assert after.t.size == 200
-    names = ("q", "qd", "current", "tau", "wrench", "joint_names", "robot")
+    names = ("q", "qd", "current", "tau", "wrench", "q_ref", "joint_names", "robot")
     had, has = (
         {name for name in names if getattr(one, name) is not None and len(getattr(one, name))}
         for one in (before, after)

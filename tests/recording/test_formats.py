@@ -25,7 +25,7 @@ def test_there_and_back(ending: str, tmp_path: Path) -> None:
     before.save(path)
     after = Recording.load(path)
     np.testing.assert_allclose(after.t, before.t, rtol=0, atol=1e-9)
-    fields = ("q", "qd", "tau") if ending == ".mcap" else ("q", "qd", "current", "tau", "wrench")
+    fields = ("q", "qd", "tau") if ending == ".mcap" else ("q", "qd", "current", "tau", "q_ref", "wrench")
     for field in fields:
         np.testing.assert_array_equal(getattr(after, field), getattr(before, field))
     assert after.joint_names == (() if ending == ".csv" else JOINTS)

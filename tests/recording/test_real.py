@@ -71,4 +71,7 @@ def test_ur3e() -> None:
     assert found.rate_hz == pytest.approx(25, rel=1e-3)
     assert found.current is not None
     assert found.wrench is not None
+    assert found.q_ref is not None
+    # The controller's target and the encoder: the servo leaves a few mrad.
+    assert 1e-4 < np.abs(found.q_ref - found.q).max() < 0.03
     assert found.report.rows_dropped == 0

@@ -18,14 +18,15 @@ _DEG = np.pi / 180
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "position": {"rad": 1.0, "deg": _DEG, "m": 1.0, "mm": 1e-3},
+    "reference": {"rad": 1.0, "deg": _DEG, "m": 1.0, "mm": 1e-3},
     "velocity": {"rad/s": 1.0, "deg/s": _DEG, "rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3},
     "current": {"A": 1.0, "mA": 1e-3},
     "torque": {"Nm": 1.0, "mNm": 1e-3, "N": 1.0},
     "wrench": {"SI": 1.0},
 }
 # A coupling is given because positions are those of motors, unless the file says otherwise.
-_SIDE = {"position": "motor", "velocity": "motor"}
-QUANTITIES = ("position", "velocity", "current", "torque", "wrench")
+_SIDE = {"position": "motor", "reference": "motor", "velocity": "motor"}
+QUANTITIES = ("position", "reference", "velocity", "current", "torque", "wrench")
 _KEYS = ("format", "header", "time", *QUANTITIES, "topic", "effort", "joint_names", "axis", "coupling")
 
 
@@ -87,8 +88,8 @@ class Columns:
     Attributes:
         format: of the file, or empty: by its name.
         header: whether a text file begins with names; None: found out.
-        quantities: by ``time``, ``position``, ``velocity``, ``current``, ``torque``, ``wrench``; those not named are
-            the reader's own when none is named, else left out.
+        quantities: by ``time`` or one of :data:`QUANTITIES`; those not named are the reader's own when none is named,
+            else left out.
         topic: of a ROS bag, or empty.
         effort: what a bag's effort means, ``"torque"`` or ``"current"``.
         joint_names: of a bag's joints in the order of the robot's, or names for columns.
@@ -189,7 +190,7 @@ def _quantity(name: str, given: Any, folder: Path, axis: str) -> Quantity:
 def _check_side(name: str, given: str | None, *, coupled: bool) -> None:
     """Refuse a side that was written and would not count; of torques the reader of the file says it."""
     where = f"columns.{name}.side"
-    if name in ("position", "velocity") and given == "motor" and not coupled:
+    if name in ("position", "reference", "velocity") and given == "motor" and not coupled:
         raise InputError(where, '"motor" needs a [coupling]', 'give ratio, or side = "joint"')
     if name == "current" and given == "joint" and coupled:
         raise InputError(where, "'joint' cannot be used: currents are those of motors", "leave it out")

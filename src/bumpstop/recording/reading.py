@@ -29,10 +29,18 @@ _BY_ENDING = {
     ".xlsx": "xlsx",
     ".mat": "mat",
 }
-_FIELDS = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau", "wrench": "wrench"}
+_FIELDS = {
+    "position": "q",
+    "reference": "q_ref",
+    "velocity": "qd",
+    "current": "current",
+    "torque": "tau",
+    "wrench": "wrench",
+}
 # Units that a kind of joint cannot have, and what it may have instead.
 _OTHER_UNIT: dict[str, dict[str, dict[str, str]]] = {
     "position": {"prismatic": {"deg": "mm"}, "revolute": {"mm": "deg"}},
+    "reference": {"prismatic": {"deg": "mm"}, "revolute": {"mm": "deg"}},
     "velocity": {"prismatic": {"deg/s": "mm/s", "rpm": "mm/s"}, "revolute": {"mm/s": "deg/s"}},
     "torque": {"prismatic": {"mNm": "N"}, "revolute": {}},
 }
@@ -153,9 +161,12 @@ def _on_joint_side(raw: RawRecording, columns: Columns) -> RawRecording:
     values = dict(raw.values)
     with np.errstate(all="ignore"):  # garbage is still in there
         inverse: FloatArray = np.linalg.inv(coupling.ratio).T.astype(np.float64)
-        if "position" in at_motor or "position" not in columns.quantities:
-            values["position"] = _times(values["position"], inverse)
-        values["position"] = values["position"] + coupling.offset
+        for name in ("position", "reference"):
+            if name not in values:
+                continue
+            if name in at_motor or name not in columns.quantities:
+                values[name] = _times(values[name], inverse)
+            values[name] = values[name] + coupling.offset
         if "velocity" in values and ("velocity" in at_motor or "velocity" not in columns.quantities):
             values["velocity"] = _times(values["velocity"], inverse)
         if "torque" in values:

@@ -27,6 +27,7 @@ class Recording:
         qd: (N, n) joint speeds [rad/s or m/s], or None.
         current: (N, n) motor currents, motor side, positive as the column file's sign says [A], or None.
         tau: (N, n) joint torques, joint side, positive along +q [Nm or N], or None.
+        q_ref: (N, n) joint positions that the controller asked for, at the same times [rad or m], or None.
         wrench: (N, 6) force [N] and torque [Nm] as the file gives them, or None.
         joint_names: n names, or empty.
         robot: its name, or empty.
@@ -41,6 +42,7 @@ class Recording:
     current: FloatArray | None = None
     tau: FloatArray | None = None
     wrench: FloatArray | None = None
+    q_ref: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
     robot: str = ""
     source: str = ""
@@ -59,7 +61,8 @@ class Recording:
         object.__setattr__(self, "t", t)
         q = as_float_array(self.q, "recording.q", (t.size, None))
         object.__setattr__(self, "q", q)
-        for name, width in (("qd", q.shape[1]), ("current", q.shape[1]), ("tau", q.shape[1]), ("wrench", 6)):
+        each = q.shape[1]
+        for name, width in (("qd", each), ("current", each), ("tau", each), ("q_ref", each), ("wrench", 6)):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, as_float_array(value, f"recording.{name}", (t.size, width)))
@@ -154,7 +157,7 @@ class Recording:
             raise InputError("between", problem, f"it lasts from {self.t[0]:g} s to {self.t[-1]:g} s")
         cut: dict[str, Any] = {
             name: None if value is None else value[rows]
-            for name in ("t", "q", "qd", "current", "tau", "wrench")
+            for name in ("t", "q", "qd", "current", "tau", "q_ref", "wrench")
             for value in (getattr(self, name),)
         }
         gaps = tuple(gap for gap in self.report.gaps if start_s <= gap[0] and gap[0] + gap[1] <= end_s)

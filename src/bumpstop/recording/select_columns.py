@@ -15,11 +15,18 @@ from bumpstop.recording.column_draft import MissingColumnsError, as_list, draft_
 from bumpstop.recording.columns import Columns, Quantity
 from bumpstop.recording.formats.table import RawRecording, Table
 
-_OWN = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau"}
+_OWN = {"position": "q", "reference": "q_ref", "velocity": "qd", "current": "current", "torque": "tau"}
 _WRENCH = tuple(f"wrench_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
-_RTDE = {"position": "actual_q", "velocity": "actual_qd", "current": "actual_current", "wrench": "actual_TCP_force"}
+_RTDE = {
+    "position": "actual_q",
+    "reference": "target_q",
+    "velocity": "actual_qd",
+    "current": "actual_current",
+    "wrench": "actual_TCP_force",
+}
 _RTDE_NOTE = (
-    "The columns are taken for those of a UR controller (RTDE): actual_q, actual_qd, actual_current, TCP force."
+    "The columns are taken for those of a UR controller (RTDE): actual_q, target_q, actual_qd, actual_current, "
+    "TCP force."
 )
 
 

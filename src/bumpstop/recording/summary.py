@@ -19,6 +19,7 @@ def by_quantity(recording: Recording, robot: Robot | None) -> dict[str, FloatArr
     speed = unit_of(*joints, turning="rad/s", sliding="m/s")
     return {
         f"q, {position}": recording.q,
+        f"q_ref, {position}": recording.q_ref,
         f"qd, {speed}": recording.qd,
         "current, A": recording.current,
         f"tau, {unit_of(*joints)}": recording.tau,

@@ -7,29 +7,37 @@ from collections.abc import Mapping
 from bumpstop.errors import InputError
 
 _JOINT, _DYNAMICS, _PAYLOAD, _PROTOCOL = "joint models", "dynamics", "a payload", "a protocol"
-FITS = {"joint": _JOINT, "dynamics": _DYNAMICS, "payload": _PAYLOAD, "protocol": _PROTOCOL}
+_DRIVE_TRAIN = "a drive train"
+FITS = {
+    "joint": _JOINT,
+    "dynamics": _DYNAMICS,
+    "payload": _PAYLOAD,
+    "drive-train": _DRIVE_TRAIN,
+    "protocol": _PROTOCOL,
+}
 # The fits that take an option, and why the others do not, where that is worth a word.
 _TAKEN_BY: Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]] = {
-    "--model": (("joint", "dynamics", "payload"), {"protocol": "leave it out: it finds a joint model"}),
+    "--model": (("joint", "dynamics", "payload", "drive-train"), {"protocol": "leave it out: it finds a joint model"}),
     "--consistent": (("dynamics",), {}),
     "--shared-motor": (
         ("dynamics",),
         {"joint": "currents are taken joint by joint", "payload": "a payload is fitted to an arm that is known"},
     ),
     "--known": (("joint", "dynamics"), {}),
-    "--cutoff": (("joint", "dynamics", "payload"), {}),
+    "--cutoff": (("joint", "dynamics", "payload", "drive-train"), {}),
+    "--pushes": (("drive-train",), {"dynamics": "give --model drive-train", "joint": "give --model drive-train"}),
     "--inertia-uncertainty": (("joint",), {}),
     "--payload": (
-        ("joint", "dynamics"),
+        ("joint", "dynamics", "drive-train"),
         {"payload": "leave it out: it is what this fit looks for", "protocol": "leave it out: the plan says it"},
     ),
     "--joint-model": (("payload",), {"dynamics": "give --model payload"}),
     "--dynamics": (("payload",), {"dynamics": "give --model payload"}),
     "--mass": (("payload",), {"dynamics": "give --model payload"}),
     "--second-moments": (("payload",), {"dynamics": "give --model payload"}),
-    "--base": (("joint", "dynamics", "payload"), {"protocol": "leave it out: the plan says it"}),
-    "--tip": (("joint", "dynamics", "payload"), {"protocol": "leave it out: the plan says it"}),
-    "--gravity": (("joint", "dynamics", "payload"), {"protocol": "leave it out: the plan says it"}),
+    "--base": (("joint", "dynamics", "payload", "drive-train"), {"protocol": "leave it out: the plan says it"}),
+    "--tip": (("joint", "dynamics", "payload", "drive-train"), {"protocol": "leave it out: the plan says it"}),
+    "--gravity": (("joint", "dynamics", "payload", "drive-train"), {"protocol": "leave it out: the plan says it"}),
 }
 
 

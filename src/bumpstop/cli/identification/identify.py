@@ -58,10 +58,10 @@ def identify(
     begin: Begin = None,
     until: Until = None,
     model: Annotated[
-        Literal["joint", "dynamics", "payload"] | None,
+        Literal["joint", "dynamics", "payload", "drive-train"] | None,
         typer.Option(
-            help="What to fit: joint (from currents), dynamics (from torques, or from currents with gains) or payload; "
-            "default: by what is recorded."
+            help="What to fit: joint (from currents), dynamics (from torques, or from currents with gains), payload or "
+            "drive-train (rotors, servo, gears); default: by what is recorded."
         ),
     ] = None,
     payload: Payload = None,
@@ -100,6 +100,9 @@ def identify(
     second_moments: Annotated[
         bool, typer.Option("--second-moments", help="Of a payload: fit its inertia too, not that of a point.")
     ] = False,
+    pushes: Annotated[
+        Path | None, typer.Option(help="Of a drive train: table of static pushes against the tip (CSV), for the gears.")
+    ] = None,
     protocol: Annotated[
         Path | None, typer.Option(help="Plan that was followed: fit step by step as Schroeder (2013).")
     ] = None,
@@ -132,6 +135,7 @@ def identify(
         "--base": base,
         "--tip": tip,
         "--gravity": gravity,
+        "--pushes": pushes,
     }
     if protocol is not None:
         from bumpstop.cli.schroeder2013.protocol import identify_by_protocol
@@ -147,13 +151,26 @@ def identify(
     arm = arm_of(robot, base, tip)
     logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
     for log in logs:
-        if log.current is None and log.tau is None:
+        if log.current is None and log.tau is None and model != "drive-train":
             problem = f"{log.source} has neither motor currents nor joint torques"
             raise InputError("recording", problem, "wanted current_1 .. or tau_1 .., or a column file that names them")
     if model is None:
         model = "joint" if all(log.current is not None and log.tau is None for log in logs) else "dynamics"
     check_options(model, options)
     with with_faults(logs):
+        if model == "drive-train":
+            from bumpstop.cli.identification.identify_drive_train import identify_drive_train_of
+
+            return identify_drive_train_of(
+                logs,
+                arm,
+                pushes=pushes,
+                payloads=carried_of(payload, len(logs)),
+                cutoff_hz=cutoff,
+                gravity=falls,
+                out=out,
+                as_json=as_json,
+            )
         if model == "joint":
             from bumpstop.cli.identification.identify_joint import identify_joint
 

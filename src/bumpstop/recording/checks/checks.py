@@ -36,7 +36,14 @@ _TOO_FAST = 3.0  # times the speed limit: what a tenth of the rows exceed are ot
 _MAX_PERIOD_S = 0.9  # [s] between rows; controllers report more often
 _MAX_CURRENT = 200.0  # [A]; drives of arms take less
 _MANY_TURNS = 20.0  # [rad]; few arms turn a joint so far
-NAMES = {"position": "q", "velocity": "qd", "current": "current", "torque": "tau", "wrench": "wrench"}
+NAMES = {
+    "position": "q",
+    "reference": "q_ref",
+    "velocity": "qd",
+    "current": "current",
+    "torque": "tau",
+    "wrench": "wrench",
+}
 Mask = npt.NDArray[np.bool_]
 
 
@@ -165,7 +172,13 @@ def _implausible(
     turned = int(back.any(axis=1).sum())
     wraps = int(np.abs(count).sum())
     note = f"Angles of joint {joints} wrap {wraps} times; {turned} rows were turned back by whole turns."
-    return values | {"position": position}, [note], faults, turned
+    changed = {"position": position}
+    if "reference" in values:
+        # Taken along by whole turns, to the one next to where the joint is.
+        apart = values["reference"] - position
+        whole = np.where(revolute & np.isfinite(apart), np.round(apart / (2 * np.pi)), 0.0)
+        changed["reference"] = values["reference"] - 2 * np.pi * whole
+    return values | changed, [note], faults, turned
 
 
 def _zeros(
@@ -268,7 +281,7 @@ def _mark(
 def _limit(name: str, robot: Robot | None, width: int) -> FloatArray:
     """(width,) magnitude above which a value is impossible."""
     limit = np.full(width, _LATEST if name == "t" else IMPOSSIBLE)
-    if robot is not None and name == "position":
+    if robot is not None and name in ("position", "reference"):
         limit = np.minimum(limit, _TIMES_LIMITS * np.maximum(np.abs(robot.lower), np.abs(robot.upper)))
     elif robot is not None and name == "velocity":
         limit = np.minimum(limit, _TIMES_LIMITS * robot.velocity)

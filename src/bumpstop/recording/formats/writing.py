@@ -48,6 +48,7 @@ def left_out(recording: Recording, path: Path) -> tuple[str, ...]:
     lost = {
         "current": path.suffix == ".mcap" and recording.tau is not None and recording.current is not None,
         "wrench": path.suffix == ".mcap" and recording.wrench is not None,
+        "q_ref": path.suffix == ".mcap" and recording.q_ref is not None,
         "joint names": path.suffix == ".csv" and bool(recording.joint_names),
         "robot": path.suffix != ".parquet" and bool(recording.robot),
     }
@@ -59,7 +60,7 @@ def table_of(recording: Recording) -> pl.DataFrame:
     import polars as pl
 
     columns: dict[str, Any] = {"t": recording.t}
-    for stem in ("q", "qd", "current", "tau"):
+    for stem in ("q", "qd", "current", "tau", "q_ref"):
         value = getattr(recording, stem)
         if value is not None:
             columns |= {f"{stem}_{j + 1}": value[:, j] for j in range(value.shape[1])}
