@@ -11,7 +11,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_train.joint_values import JointValues, judged
 from bumpstop.identification.segments.motion import GRAVITY
-from bumpstop.identification.segments.torque_samples import TorqueSamples, still_joints
+from bumpstop.identification.segments.torque_samples import TorqueSamples, joints_at_rest
 from bumpstop.identification.statistics.robust_fit import robust_fit
 from bumpstop.model import inverse_dynamics, with_rotors
 
@@ -69,7 +69,7 @@ def _of_torques(
     cutoff_hz: float,
     gravity: tuple[float, float, float],
 ) -> JointValues:
-    still = still_joints(logs, robot)
+    static = joints_at_rest(logs, robot)
     rows = TorqueSamples.of(
         logs, robot, cutoff_hz, payloads, limit=_ENOUGH_ROWS, filters_hz=(cutoff_hz,), gravity=gravity
     )
@@ -82,7 +82,7 @@ def _of_torques(
     values, errors = np.full(robot.dof, np.nan), np.full(robot.dof, np.inf)
     reasons = [""] * robot.dof
     for j, joint in enumerate(robot.joints):
-        if joint.name in still:
+        if joint.name in static:
             reasons[j] = "it hardly moves"
             continue
         used = rows.used[:, j]
