@@ -85,6 +85,7 @@ void bind_joint(nb::module_& module);
 void bind_detection(nb::module_& module);
 void bind_sensitivity(nb::module_& module);
 void bind_workspace(nb::module_& module);
+void bind_deceleration(nb::module_& module);
 void bind_setup(nb::module_& module);
 void bind_distribution(nb::module_& module);
 void bind_collision(nb::module_& module);

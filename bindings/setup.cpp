@@ -49,7 +49,8 @@ void bind_setup(nb::module_& module) {
         .def_prop_rw("velocity_limit", &by_joint<&MotionSettings::velocity_limit>,
                      &set_by_joint<&MotionSettings::velocity_limit>)
         .def_prop_rw("lower", &by_joint<&MotionSettings::lower>, &set_by_joint<&MotionSettings::lower>)
-        .def_prop_rw("upper", &by_joint<&MotionSettings::upper>, &set_by_joint<&MotionSettings::upper>);
+        .def_prop_rw("upper", &by_joint<&MotionSettings::upper>, &set_by_joint<&MotionSettings::upper>)
+        .def_rw("deceleration", &MotionSettings::deceleration);
     nb::class_<ContactGeometry>(module, "ContactGeometry", "Where and in which direction the arm hits.")
         .def_rw("point", &ContactGeometry::point)
         .def_rw("along_motion", &ContactGeometry::along_motion)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from pathlib import Path
 
 import pytest
 
+import bumpstop as bs
 from bumpstop.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
-TM5_700 = str(ROOT / "examples" / "07_stopping_distances_tm5_700.toml")
+TM5_700 = str(ROOT / "examples" / "stopping" / "tm5_700.toml")
 
 
 def run(*arguments: str) -> int:
@@ -74,3 +76,18 @@ def test_the_full_speed_of_the_command_counts(capsys: pytest.CaptureFixture[str]
 def test_refusals(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(*arguments) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("law", ["constant_time", "constant", "ramp"])
+def test_a_scenario_takes_what_is_written(law: str, tmp_path: Path) -> None:
+    """And collides harder than with the deceleration of the full-speed row, which it goes far below."""
+    file = tmp_path / "reaction.toml"
+    assert run(TM5_700, "-o", str(file), "--deceleration", law) == 0
+    written = tomllib.loads(file.read_text(encoding="utf-8"))["reaction"]
+    data = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml").to_dict()
+    full_speed = math.radians(180) / 0.3
+    forces = [
+        bs.evaluate(bs.Scenario.from_dict(data | {"reaction": reaction})).peak_force.quantile(0.99)
+        for reaction in (written, {"kind": "stop", "joint_acceleration_rad_s2": full_speed})
+    ]
+    assert forces[0] > 1.5 * forces[1]

@@ -255,6 +255,12 @@ def reference_settings(scenario: Scenario, **changes: Any) -> ReferenceSettings:
         "reaction": scenario.reaction.kind,
         "max_acceleration": problem.joint_acceleration,
         "latency_steps": problem.latency_steps,
+        "deceleration": {"constant": "limits", "constant_time": "fixed_time", "ramp": "late_brake"}[
+            scenario.reaction.deceleration
+        ],
+        "uncoordinated": scenario.reaction.stop_category == 0,
+        "stopping_time_s": scenario.reaction.stopping_time_s or 0.0,
+        "brake_time_s": scenario.reaction.ramp_time_s or 0.0,
         "step_s": scenario.simulation.step_s,
         "substeps": scenario.simulation.substeps,
     }

@@ -137,13 +137,14 @@ def test_limits_of_thresholds() -> None:
 def test_what_is_not_available_is_refused_by_name() -> None:
     data = bs.load_scenario(ROOT / "examples" / "06_pick_and_place_trajectory.toml").to_dict()
     asked = [text for row in rows(read("docs/collision.md"), "key") if len(row) == 2 for text in code(row[0])]
-    assert asked == ['contact.arm = "two_mass"']
+    assert asked == ['contact.arm = "two_mass"', "reaction.stop_category = 0"]
     for text in asked:
         key, _, value = text.partition(" = ")
         changed = copy.deepcopy(data)
         table, name = key.split(".")
         changed["contact"] |= {"kind": "free", "body_mass_kg": 2.0}  # which an arm of two masses is about
-        changed[table][name] = value.strip('"')
+        changed["reaction"]["kind"] = "stop"  # brakes alone turn no arm back
+        changed[table][name] = tomllib.loads(f"value = {value}")["value"]
         with pytest.raises(bs.InputError, match="not available with") as refused:
             bs.Scenario.from_dict(changed, ROOT / "examples")
         assert refused.value.field == key

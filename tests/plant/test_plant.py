@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,11 +165,24 @@ def test_gears_that_give_are_in_series() -> None:
     assert plant.series_stiffness(STANDARD, thing) == pytest.approx(expected, rel=0.01)
 
 
-@pytest.mark.parametrize("kind", ["reverse", "stop"])
-def test_the_reaction_is_the_one_of_collision(kind: str) -> None:
-    """Along the same path, worked out there by other code."""
+@pytest.mark.parametrize(
+    ("kind", "law"),
+    [
+        ("reverse", {}),
+        ("stop", {}),
+        ("reverse", {"deceleration": "constant_time", "stopping_time_s": 0.13}),
+        ("stop", {"deceleration": "constant_time", "stopping_time_s": 0.13}),
+        ("reverse", {"deceleration": "ramp", "ramp_time_s": 0.021}),
+        ("stop", {"deceleration": "ramp", "ramp_time_s": 0.021, "stop_category": 0}),
+        ("stop", {"stop_category": 0}),
+    ],
+)
+def test_the_reaction_is_the_one_of_collision(kind: str, law: dict[str, Any]) -> None:
+    """Along the same path, computed there by other code."""
     problem = bs.CollisionProblem.from_scenario(
-        hit_scenario("standard, downward", "hand_finger").with_values({"reaction.kind": kind})
+        hit_scenario("standard, downward", "hand_finger").with_values(
+            {"reaction.kind": kind, **{f"reaction.{key}": value for key, value in law.items()}}
+        )
     )
     curve = bs.stopping_curve(problem, whole=True)
     tick = 30
@@ -176,7 +190,8 @@ def test_the_reaction_is_the_one_of_collision(kind: str) -> None:
     command = line(problem.robot, problem.q, list(problem.velocity), duration=1.0, held_joints=[7])
     tip = problem.robot.pose(command.q)[:, :3, 3]
     np.testing.assert_allclose((tip - tip[0]) @ curve.normal, curve.distance[: len(tip)], atol=1e-9)
-    turned = command.reaction(knot, PlantReaction(kind=kind, joint_acceleration=4.5))  # type: ignore[arg-type]
+    answer = PlantReaction(kind=kind, joint_acceleration=4.5, deceleration=problem.deceleration)  # type: ignore[arg-type]
+    turned = command.reaction(knot, answer)
     way = (problem.robot.pose(turned.q)[:, :3, 3] - tip[0]) @ curve.normal
     (theirs,) = curve.kernel.reaction_paths([tick], [0.0])
     count = min(len(way), len(theirs))

@@ -74,4 +74,74 @@ inline void controller_substep(const Problem& problem, const Vec3& tip_velocity,
     }
 }
 
+// A stop, told from its beginning: which sub-step is next, and how fast the joints were.
+struct Stop {
+    bool begun = false;
+    std::int64_t substep = 0;
+    PerJoint velocity{};
+};
+
+// The time after which an arm stands whose stop goes by the clock or by a brake that bites late.
+inline double time_of_stop(const Problem& problem, const PerJoint& velocity) {
+    if (problem.deceleration == kFixedTime) return problem.stopping_time;
+    double slowest = 0;
+    for (int j = 0; j < problem.joint_count; ++j) {
+        slowest = std::max(slowest, std::fabs(velocity[j]) / problem.max_acceleration[j]);
+    }
+    // The brake's area under a ramp, a triangle, and a rectangle after it make up the speed.
+    const double triangle = problem.brake_time / 2;
+    return slowest > triangle ? slowest + triangle : std::sqrt(2 * slowest * problem.brake_time);
+}
+
+// As controller_substep while an arm slows down by a law of its own; `goes_back` once it stands.
+inline void braking_substep(const Problem& problem, const Vec3& tip_velocity, double h, bool goes_back, Stop& stop,
+                            State& state) {
+    if (!stop.begun) {
+        stop.begun = true;
+        stop.substep = 0;
+        stop.velocity = state.velocity;
+    }
+    const std::int64_t n = stop.substep++;
+    const double over = time_of_stop(problem, stop.velocity) / h;
+    // A brake that bites late is released as late; a stop by the clock ends, and the limits hold again.
+    if (goes_back && problem.deceleration == kFixedTime && !(static_cast<double>(n) < over)) {
+        controller_substep(problem, tip_velocity, h, state);
+        return;
+    }
+    if (problem.deceleration == kFixedTime && !goes_back) {
+        // The rates are known beforehand.
+        const double left = std::max(0.0, 1 - static_cast<double>(n + 1) / over);
+        for (int j = 0; j < problem.joint_count; ++j) {
+            state.velocity[j] = left * stop.velocity[j];
+            state.position[j] += state.velocity[j] * h;
+        }
+        return;
+    }
+    Problem slowed = problem;
+    if (problem.deceleration == kFixedTime) {
+        // All limits in one proportion, such that the joint that is worst off stands in that time.
+        double worst = 0;
+        for (int j = 0; j < problem.joint_count; ++j) {
+            worst = std::max(worst, std::fabs(stop.velocity[j]) / problem.max_acceleration[j]);
+        }
+        if (worst > 0) {
+            for (int j = 0; j < problem.joint_count; ++j) slowed.max_acceleration[j] *= worst / problem.stopping_time;
+        }
+    } else if (problem.deceleration == kLateBrake) {
+        const double middle = (static_cast<double>(n) + 0.5) * h;
+        if (middle < problem.brake_time) {
+            for (int j = 0; j < problem.joint_count; ++j) slowed.max_acceleration[j] *= middle / problem.brake_time;
+        }
+    }
+    if (!problem.uncoordinated) {
+        controller_substep(slowed, tip_velocity, h, state);
+        return;
+    }
+    for (int j = 0; j < problem.joint_count; ++j) {
+        const double less = std::max(0.0, std::fabs(state.velocity[j]) - slowed.max_acceleration[j] * h);
+        state.velocity[j] = std::copysign(less, state.velocity[j]);
+        state.position[j] += state.velocity[j] * h;
+    }
+}
+
 }  // namespace reference

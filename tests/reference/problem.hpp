@@ -15,6 +15,7 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 enum JointKind : std::int32_t { kRevolute = 0, kPrismatic = 1 };
 enum Task : std::int32_t { kPose = 0, kPosition = 1 };
 enum Reaction : std::int32_t { kReverse = 0, kStop = 1 };
+enum Deceleration : std::int32_t { kLimits = 0, kFixedTime = 1, kLateBrake = 2 };
 enum Status : std::int32_t { kOk = 0, kContactPointDoesNotMove = 1 };
 
 using Vec3 = std::array<double, 3>;
@@ -64,6 +65,10 @@ struct Problem {
     // The reaction and the simulation.
     std::int32_t reaction;  // Reaction
     std::int32_t latency_steps;
+    std::int32_t deceleration;    // Deceleration: how a reacting arm, or one that gave up its line, slows down
+    std::int32_t uncoordinated;   // 1: every joint brakes at its own limit, whatever the others do
+    double stopping_time;         // kFixedTime: all joints stand after it
+    double brake_time;            // kLateBrake: until the brakes hold with full force
     std::int32_t run_length_slip;
     std::int32_t run_until_free;
     double release_limit;  // how much longer run_until_free may wait

@@ -69,6 +69,10 @@ class ReferenceSettings:
     reaction: Literal["reverse", "stop"] = "reverse"
     max_acceleration: float | Sequence[float]
     latency_steps: int = 0  # 0: the reaction begins in the step after the one of the detection
+    deceleration: Literal["limits", "fixed_time", "late_brake"] = "limits"  # of a reaction, or where a line is given up
+    uncoordinated: bool = False  # every joint brakes at its own limit, whatever the others do
+    stopping_time_s: float = 0.0  # fixed_time: rates fall linearly to zero in it
+    brake_time_s: float = 0.0  # late_brake: until the limits are full, from zero linearly
     run_length_slip: bool = False  # Schroeder's signed joint speed in the time simulated after detection
     run_until_free: bool = False  # go on until a reversing arm has left the contact; changes contact_end_s only
     release_limit_s: float = 5.0  # ... but no longer than this

@@ -38,7 +38,9 @@ double time_after_detection(const Problem& problem, const PerJoint& velocity) {
             acceleration_of_it = problem.max_acceleration[j];
         }
     }
-    return 0.05 + 1.5 * fastest / acceleration_of_it + problem.latency_steps * problem.step;
+    double stops_in = fastest / acceleration_of_it;
+    if (problem.deceleration != kLimits) stops_in = std::max(stops_in, time_of_stop(problem, velocity));
+    return 0.05 + 1.5 * stops_in + problem.latency_steps * problem.step;
 }
 
 // Contact geometry that does not change during a run.
@@ -114,6 +116,8 @@ std::int64_t simulate_run(const Problem& problem, const Start& start, const doub
     if (depth_before > 0) run.contact_start_time = 0;
 
     bool given_up = false;  // the line, at the limit of a joint
+    Stop stop;
+    const bool own_law = problem.deceleration != kLimits || problem.uncoordinated;
     std::int64_t detection_step = -1;
     std::int64_t last_step = steps_without_detection(problem) - 1;
     std::int64_t last_release_step = last_step;
@@ -131,13 +135,24 @@ std::int64_t simulate_run(const Problem& problem, const Start& start, const doub
         const bool reacting = run.detected && i > detection_step + problem.latency_steps && !given_up;
         const State before = state;
         for (int sub = 0; sub < problem.substeps; ++sub) {
-            controller_substep(problem, given_up ? Vec3{0, 0, 0} : reacting ? after_reaction : motion, h, state);
+            const Vec3 asked = given_up ? Vec3{0, 0, 0} : reacting ? after_reaction : motion;
+            if (own_law && (given_up || reacting)) {
+                braking_substep(problem, asked, h, !given_up && problem.reaction == kReverse, stop, state);
+            } else {
+                controller_substep(problem, asked, h, state);
+            }
         }
         if (!reacting && !given_up && outside(problem, state)) {
             // This step is not made. The arm brakes instead, and a reaction that has not begun never will.
             given_up = true;
             state = before;
-            for (int sub = 0; sub < problem.substeps; ++sub) controller_substep(problem, {0, 0, 0}, h, state);
+            for (int sub = 0; sub < problem.substeps; ++sub) {
+                if (own_law) {
+                    braking_substep(problem, {0, 0, 0}, h, false, stop, state);
+                } else {
+                    controller_substep(problem, {0, 0, 0}, h, state);
+                }
+            }
         }
         const double time = (i + 1) * problem.step;
 

@@ -236,6 +236,10 @@ def _problem(settings: ReferenceSettings) -> Problem:
 
     p.reaction = ("reverse", "stop").index(s.reaction)
     p.latency_steps = s.latency_steps
+    p.deceleration = ("limits", "fixed_time", "late_brake").index(s.deceleration)
+    p.uncoordinated = int(s.uncoordinated)
+    p.stopping_time = s.stopping_time_s
+    p.brake_time = s.brake_time_s
     p.run_length_slip = s.run_length_slip
     p.run_until_free = s.run_until_free
     p.release_limit = s.release_limit_s

@@ -432,3 +432,21 @@ def test_the_terminal_says_at_most_or_at_least(capsys: pytest.CaptureFixture[str
         assert f"{vary}: {words} " in printed
         assert ("Above " in printed) == (words == "at most")
         assert ("Below " in printed) == (words == "at least")
+
+
+def test_an_acceleration_that_decides_about_no_stop_is_refused() -> None:
+    timed = scenario(**{"reaction.deceleration": "constant_time", "reaction.stopping_time_s": 0.1})
+    with pytest.raises(InputError, match="decides about no stop") as refused:
+        solve_requirement(timed, "reaction.joint_acceleration_rad_s2")
+    assert refused.value.field == "--vary"
+
+
+def test_the_speed_that_meets_the_limits_falls_where_the_arm_stops_in_constant_time() -> None:
+    """At low speeds constant deceleration stops sooner: the same arm may go faster with it."""
+    speeds = []
+    for law in ({}, {"reaction.deceleration": "constant_time", "reaction.stopping_time_s": 0.12}):
+        found = solve_requirement(scenario(**law), "motion.speed")
+        assert found.value is not None
+        speeds.append(found.value)
+        assert over(scenario(**law), "motion.speed", found.value) <= found.risk
+    assert speeds[1] < speeds[0]

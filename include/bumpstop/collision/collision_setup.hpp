@@ -2,6 +2,7 @@
 /// What a collision is made of, but for the pose it begins in, the detector and the body that is hit.
 #pragma once
 
+#include "bumpstop/collision/motion/deceleration.hpp"
 #include "bumpstop/model/chain.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -18,6 +19,7 @@ struct MotionSettings {
     std::array<double, max_joints> acceleration_limit{};  ///< rad/s^2 or m/s^2, by joint
     std::array<double, max_joints> velocity_limit{};      ///< rad/s or m/s, by joint; infinite: none
     std::array<double, max_joints> lower{}, upper{};      ///< joint limits [rad or m]
+    Deceleration deceleration;                            ///< of reactions; the limits above hold everywhere else
 
     double substep() const { return step / substeps; }
 };

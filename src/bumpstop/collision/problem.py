@@ -14,6 +14,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
+from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.contact import ContactLimits, LimitTable
 from bumpstop.detection import ResidualRecord
 from bumpstop.errors import InputError
@@ -41,7 +42,9 @@ class CollisionProblem:
         q: start pose (dof,) [rad or m].
         velocity: of the tip along a line, base frame (3,) [m/s]; zero with a trajectory.
         thresholds, noise_sd, noise_mean: per joint (dof,) [Nm or N].
-        period_steps, latency_steps: in simulation steps.
+        joint_acceleration: limits (dof,) [rad/s2 or m/s2].
+        deceleration: how reactions slow down.
+        period_steps, latency_steps: in simulation steps; the latency with the dead time.
         notes: what was assumed while reading the scenario.
         residuals: measured noise, or None for Gaussian noise; ``noise_sd`` is then its own.
         trajectory: the motion, where it is no line.
@@ -57,6 +60,7 @@ class CollisionProblem:
     noise_sd: FloatArray
     noise_mean: FloatArray
     joint_acceleration: FloatArray
+    deceleration: Deceleration
     period_steps: int
     latency_steps: int
     notes: tuple[str, ...]
@@ -96,9 +100,13 @@ class CollisionProblem:
         if detector.residuals is not None:
             residuals = ResidualRecord.load(scenario.folder / detector.residuals, robot.dof, detector.feedback_period_s)
             notes.extend(residuals.notes)
-        latency = math.ceil(reaction.latency_s / step - 1e-9)
-        if abs(latency * step - reaction.latency_s) > 1e-9 * step:
-            notes.append(f"Reaction latency rounded up to {latency * step * 1e3:g} ms, whole simulation steps.")
+        late = reaction.latency_s + reaction.dead_time_s
+        latency = math.ceil(late / step - 1e-9)
+        if abs(latency * step - late) > 1e-9 * step:
+            what = "Reaction latency and dead time" if reaction.dead_time_s else "Reaction latency"
+            notes.append(f"{what} rounded up to {latency * step * 1e3:g} ms, whole simulation steps.")
+        deceleration = Deceleration.of(reaction, scenario.folder, robot)
+        notes.extend(deceleration.notes)
         trajectory = None
         if scenario.motion.kind == "trajectory":
             from bumpstop.collision.trajectory.trajectory import load_trajectory
@@ -117,6 +125,7 @@ class CollisionProblem:
             joint_acceleration=_per_joint(
                 reaction.joint_acceleration_rad_s2, robot, "reaction.joint_acceleration_rad_s2"
             ),
+            deceleration=deceleration,
             period_steps=_period_steps(detector.feedback_period_s, step),
             latency_steps=latency,
             notes=tuple(notes),
@@ -169,8 +178,11 @@ class CollisionProblem:
         motion, timing = setup.motion, setup.timing
         motion.step, motion.substeps = scenario.simulation.step_s, scenario.simulation.substeps
         motion.acceleration_limit = self.joint_acceleration
+        motion.deceleration = self.deceleration.native
         link, point = self.contact_point
         setup.contact.point = robot.chain.link_point(link, point.tolist())
+        tip_link, tip_point = robot.frame(None)
+        motion.tip = robot.chain.link_point(tip_link, tip_point.tolist())
         timing.period, timing.latency = self.period_steps, self.latency_steps
         setup.reaction = _native.ReactionKind[scenario.reaction.kind]
         if self.trajectory is None:
@@ -192,7 +204,6 @@ class CollisionProblem:
             else:
                 valid = 'an arm with fewer than 3 joints follows no line: give motion.kind = "trajectory"'
             raise InputError("motion.task", f"{motion.task!r} needs {rows} free joints, {len(free)} are free", valid)
-        tip_link, tip_point = robot.frame(None)
         steps = round(motion.duration_s / step)
         if not 1 <= steps <= MAX_STEPS:
             raise InputError(
@@ -204,7 +215,6 @@ class CollisionProblem:
             setup.contact.along_motion = False
             setup.contact.normal = (np.array(contact.normal) / np.linalg.norm(contact.normal)).tolist()
         line = setup.motion
-        line.tip = robot.chain.link_point(tip_link, tip_point.tolist())
         line.task_rows, line.free_joints, line.damping = rows, free, motion.damping
         line.velocity_limit, line.lower, line.upper = robot.velocity, robot.lower, robot.upper
         setup.timing.steps, setup.timing.from_rest = steps, motion.start == "rest"

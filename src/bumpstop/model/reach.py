@@ -27,16 +27,16 @@ def reach(robot: Robot) -> float:
         return math.inf
     rng = np.random.default_rng(1)
     q = rng.uniform(lower, upper, size=(_POSES, robot.dof))
-    best = q[np.argsort(_distance(robot, q))[-_BEST:]]
+    best = q[np.argsort(distance_from_axis(robot, q))[-_BEST:]]
     for step in np.geomspace(0.3, 1e-4, _ROUNDS):
         tried = best[:, None] + step * (upper - lower) * rng.normal(size=(_BEST, _TRIALS, robot.dof))
         tried = np.concatenate([best[:, None], np.clip(tried, lower, upper)], axis=1)
-        distance = _distance(robot, tried.reshape(-1, robot.dof)).reshape(_BEST, -1)
+        distance = distance_from_axis(robot, tried.reshape(-1, robot.dof)).reshape(_BEST, -1)
         best = tried[np.arange(_BEST), distance.argmax(axis=1)]
-    return float(_distance(robot, best).max())
+    return float(distance_from_axis(robot, best).max())
 
 
-def _distance(robot: Robot, q: FloatArray) -> FloatArray:
+def distance_from_axis(robot: Robot, q: FloatArray) -> FloatArray:
     """Of the tip from the axis of joint 1, or from its place where it slides (N,) [m]."""
     first = robot.joints[0]
     place = robot.pose(q)[:, :3, 3] - np.asarray(first.origin)

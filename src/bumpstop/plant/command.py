@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.errors import InputError, near_matches
 
 if TYPE_CHECKING:
@@ -38,16 +39,21 @@ class PlantReaction:
         kind: ``"reverse"`` goes back the way it came, ``"stop"`` stays.
         joint_acceleration: limit of every joint, or one each [rad/s2 or m/s2].
         latency_s: from the sample to the reaction; rounded up to whole milliseconds.
+        deceleration: how the joints slow down.
     """
 
     kind: Turn = "reverse"
     joint_acceleration: float | Sequence[float] = 4.5
     latency_s: float = 0.0
+    deceleration: Deceleration = field(default_factory=Deceleration)
 
     def __post_init__(self) -> None:
         _check_name("reaction.kind", self.kind, get_args(Turn))
         if not 0 <= as_number(self.latency_s, "reaction.latency_s") <= _MAX_LATENCY_S:
             raise InputError("reaction.latency_s", f"is {self.latency_s} s", f"wanted 0 to {_MAX_LATENCY_S:g}")
+        if self.deceleration.independent and self.kind == "reverse":
+            problem = "is 'reverse', which joints that brake by themselves cannot"
+            raise InputError("reaction.kind", problem, "wanted 'stop'")
 
 
 class _Reactions(Protocol):
@@ -179,7 +185,7 @@ def line(
 
     def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
         aim = None if reaction.kind == "stop" else -target
-        return resolver.brake(positions[knot], rates[knot], aim, limit, rest)
+        return resolver.brake(positions[knot], rates[knot], aim, limit, rest, reaction.deceleration)
 
     command = Command(positions, rates, react, notes)
     if hold > 0:
@@ -195,7 +201,7 @@ def line(
             if knot <= last:
                 return held_react(knot, reaction, limit, rest)
             aim = None if reaction.kind == "stop" else -target
-            return resolver.brake(whole_q[knot], whole_qd[knot], aim, limit, rest)
+            return resolver.brake(whole_q[knot], whole_qd[knot], aim, limit, rest, reaction.deceleration)
 
         return Command(whole_q, whole_qd, react_on_line, notes)
     return command
@@ -205,7 +211,7 @@ def _setup(robot: Robot, limit: FloatArray, reaction: str) -> _native.CollisionS
     """The tip hits. A tick comes after every step, as the path of the joints is told at ticks."""
     setup = _native.CollisionSetup(robot.chain)
     link, point = robot.frame(None)
-    setup.contact.point = robot.chain.link_point(link, point.tolist())
+    setup.contact.point = setup.motion.tip = robot.chain.link_point(link, point.tolist())
     setup.motion.step, setup.motion.substeps = COMMAND_STEP, SUBSTEPS
     setup.motion.acceleration_limit = limit
     setup.timing.period, setup.timing.latency = 1, 0
@@ -236,8 +242,14 @@ class _Resolver:
         velocity: FloatArray | None,
         limit: FloatArray,
         rest: float,
+        law: Deceleration | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """From a state to a velocity of the tip, None: to rest; then ``rest`` seconds more."""
+        law = law or Deceleration()
+        scale, slowing = law.profile(self._robot, q, qd, limit)
+        slowed, substep = scale[self._free], 0
+        ramp = law.ramp_time * SUBSTEPS / COMMAND_STEP if law.law == "ramp" else 0.0
+        slowing = slowing * SUBSTEPS / COMMAND_STEP if velocity is not None else np.inf
         q, qd, free = q.copy(), qd.copy(), self._free
         step = COMMAND_STEP / SUBSTEPS
         most = limit[free] * step
@@ -247,8 +259,13 @@ class _Resolver:
             for _ in range(SUBSTEPS):
                 wanted = np.zeros(len(free)) if velocity is None else self.rates(q, velocity)
                 change = wanted - qd[free]
-                over = float(np.max(np.abs(change) / most))
-                qd[free] = wanted if over <= 1 else qd[free] + change / over
+                share = slowed if substep < slowing else np.ones(len(free))
+                share = share * (min(1.0, (substep + 0.5) / ramp) if ramp else 1.0)
+                by_joint = np.abs(change) / (most * share)
+                over = float(np.max(by_joint))
+                divisor = np.maximum(1.0, by_joint if law.independent else over)
+                qd[free] = wanted if over <= 1 else qd[free] + change / divisor
+                substep += 1
                 q[free] += qd[free] * step
             positions.append(q.copy())
             rates.append(qd.copy())
@@ -279,7 +296,10 @@ def along(trajectory: Trajectory, robot: Robot, hold: float = 0.0) -> Command:
     def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
         if knot >= count - 1:
             return np.tile(q[knot], (2, 1)), np.zeros((2, robot.dof))
+        if reaction.deceleration.independent:
+            raise InputError("reaction.stop_category", "0 is not available along a trajectory", "valid: 1 or 2")
         setup = _setup(robot, limit, reaction.kind)
+        setup.motion.deceleration = reaction.deceleration.native
         kernel = _native.Trajectory(setup, trajectory.time, trajectory.coefficients)
         # Tick k comes after step k + 1, and the path begins there.
         way = np.concatenate([[t[knot]], kernel.reaction(max(0, knot - 1))])

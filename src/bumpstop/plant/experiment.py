@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from bumpstop.collision.scenario.scenario_words import as_written
+from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot
@@ -191,6 +192,9 @@ class Experiment(ExperimentTable):
         Of every object that is touched the truth gets the series stiffness where that happened first.
         """
         reaction = self.reaction
+        deceleration = Deceleration()
+        if reaction is not None:
+            deceleration = Deceleration.of(reaction, self.folder, plant.robot)
 
         def watch(sample: Sample) -> PlantReaction | None:
             if reaction is None or float(np.linalg.norm(sample.wrench[:3])) <= reaction.force_N:
@@ -198,7 +202,8 @@ class Experiment(ExperimentTable):
             return PlantReaction(
                 kind=reaction.kind,
                 joint_acceleration=reaction.joint_acceleration_rad_s2,
-                latency_s=reaction.latency_s,
+                latency_s=reaction.latency_s + reaction.dead_time_s,
+                deceleration=deceleration,
             )
 
         run = plant.run(command, on_sample=None if reaction is None else watch)

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from bumpstop.collision.stopping.braking_keys import BrakingKeys
 from bumpstop.errors import InputError
 from bumpstop.plant.drive import ScatterPer
 
@@ -121,11 +122,10 @@ class ExperimentObject(ExperimentTable):
     size_mm: Annotated[list[Annotated[float, between(1, 1e4)]], Field(min_length=2, max_length=2)] = [60.0, 60.0]
 
 
-class ExperimentReaction(ExperimentTable):
+class ExperimentReaction(BrakingKeys, ExperimentTable):
     """When to react, and how: a threshold on the wrist's force."""
 
     force_N: Annotated[float, between(1e-3, 1e6)]
-    kind: Literal["reverse", "stop"] = "reverse"
     joint_acceleration_rad_s2: Annotated[float, between(0.1, 1e5)] = 4.5
     latency_s: Annotated[float, between(0, 10)] = 0.0
 

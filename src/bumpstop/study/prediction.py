@@ -1,9 +1,11 @@
 """Peak forces predicted from the pose by one closed form, without tracing a motion.
 
 The force at which a collision is detected, and the travel from there: a control cycle where the worst is asked for, the
-latency, and the stopping distance at the joints' acceleration limits.
+latency, and the stopping distance by the reaction's law of deceleration.
 
     F = F_detect + K v (T + t_latency + t_stop / 2)
+
+with t_stop the time of a stop that goes as far while rates fall linearly.
 
 Workspace studies ask for the force of a speed, :func:`predict_batch`; speed maps for the speed of a force,
 :func:`predicted_speed_limit`.
@@ -111,6 +113,9 @@ def check_predictable(problem: CollisionProblem, quantile: float) -> None:
         raise InputError("detector.residuals", "measured noise cannot be predicted", "give detector.noise_sd_Nm")
     if problem.first_armed_tick > 0:
         raise InputError("detector.arming_delay_s", "a detector that is armed late cannot be predicted", "wanted 0")
+    if problem.deceleration.independent:
+        problem_text = "0 cannot be predicted: joints that brake by themselves leave the line"
+        raise InputError("reaction.stop_category", problem_text, "wanted 1 or 2")
     if not np.isfinite(problem.thresholds).any():
         raise InputError("detector.thresholds_Nm", "monitor no joint", "give one a finite threshold")
 
@@ -193,7 +198,7 @@ class _Posture:
         rates: of the joints (N, dof) [rad/s or m/s].
         torque: a = J_v' n (N, dof) [Nm/N or 1].
         approach: speed of the contact point along the normal (N,) [m/s].
-        stopping_time: of the slowest joint (N,) [s].
+        stopping_time: of the arm, if rates fell linearly over as long a way (N,) [s].
         limited: (N,) whether a joint would have to turn faster than it can.
     """
 
@@ -222,7 +227,7 @@ class _Posture:
             normal = normal / np.linalg.norm(normal, axis=1)[:, None]
         torque = np.einsum("nij,ni->nj", jacobian, normal)
         approach = np.einsum("nj,nj->n", torque, rates)
-        stopping_time = stopping_time_per_speed(problem, rates)
+        stopping_time = _stopping_time(problem, q, rates)
         return cls(problem, q, velocity, normal, rates, torque, approach, stopping_time, slower < 1)
 
     def travel(self, time: FloatArray) -> FloatArray:
@@ -337,21 +342,39 @@ def _offsets(problem: CollisionProblem, approach: FloatArray, rare: float) -> tu
 
 
 def stopping_time_per_speed(problem: CollisionProblem, rates: FloatArray) -> FloatArray:
-    """Time (N,) [s] in which the slowest joint stops from rates (N, dof); of rates per speed of the tip, [s2/m]."""
+    """Time (N,) [s] in which the slowest joint stops from rates (N, dof) at its limit; of rates per speed, [s2/m]."""
     return np.asarray((np.abs(rates) / problem.joint_acceleration).max(axis=1))
+
+
+def _stopping_time(problem: CollisionProblem, q: FloatArray, rates: FloatArray) -> FloatArray:
+    """Of the reaction's law (N,) [s], see :attr:`_Posture.stopping_time`."""
+    times = problem.deceleration.times
+    if times is None:
+        return problem.deceleration.even_time(stopping_time_per_speed(problem, rates))
+    return np.asarray(times.by_joint(problem.robot, q, rates).max(axis=1))
 
 
 def predicted_speed_limit(
     problem: CollisionProblem, undetected: FloatArray, gain: FloatArray, limit: float
 ) -> FloatArray:
-    """Speed (N,) [m/s] whose predicted force reaches the limit: F + K v (T + t_latency) + K v^2 g / 2 = limit.
+    """Speed (N,) [m/s] whose predicted force reaches the limit: F + K v (T + t_latency + t_stop / 2) = limit.
+
+    With constant deceleration t_stop is v g. Of a stopping table the longest of its times counts.
 
     Args:
         problem: clamped contact.
         undetected: F, the force that goes undetected (N,) [N], see :func:`undetected_force`.
-        gain: g, time to stop per speed of the tip (N,) [s2/m], see :func:`stopping_time_per_speed`.
+        gain: g, time to stop at the limits per speed of the tip (N,) [s2/m], see :func:`stopping_time_per_speed`.
         limit: force [N].
     """
     left = np.maximum(0.0, limit - undetected) / problem.stiffness
     late = (problem.period_steps + problem.latency_steps) * problem.scenario.simulation.step_s
-    return np.asarray(2 * left / (late + np.sqrt(late**2 + 2 * gain * left)))
+    if problem.deceleration.law == "constant":
+        return np.asarray(2 * left / (late + np.sqrt(late**2 + 2 * gain * left)))
+    # Distances grow with the speed: between standstill and the speed of an arm that stops at once.
+    low, high = np.zeros_like(left), left / late
+    for _ in range(60):
+        speed = (low + high) / 2
+        far = speed * (late + problem.deceleration.even_time(speed * gain) / 2) > left
+        low, high = np.where(far, low, speed), np.where(far, speed, high)
+    return np.asarray(np.where(np.isfinite(gain), low, 0.0))

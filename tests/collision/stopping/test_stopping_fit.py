@@ -16,7 +16,7 @@ from bumpstop.collision.stopping import StoppingTable, fit_stopping, load_stoppi
 from bumpstop.collision.stopping.deceleration_laws import LAWS, ramp_distance
 
 ROOT = Path(__file__).resolve().parents[3]
-TM5_700 = ROOT / "examples" / "07_stopping_distances_tm5_700.toml"
+TM5_700 = ROOT / "examples" / "stopping" / "tm5_700.toml"
 
 
 def planted(name: str, scale: np.ndarray, shape: np.ndarray, *, noise: float = 0.0, seed: int = 1) -> StoppingTable:

@@ -12,7 +12,7 @@ import bumpstop as bs
 from bumpstop.collision.stopping import StoppingTable, load_stopping_table
 
 ROOT = Path(__file__).resolve().parents[3]
-TM5_700 = ROOT / "examples" / "07_stopping_distances_tm5_700.toml"
+TM5_700 = ROOT / "examples" / "stopping" / "tm5_700.toml"
 DEG = math.pi / 180
 
 # Two joints, two payloads, speeds in percent of 200 deg/s.

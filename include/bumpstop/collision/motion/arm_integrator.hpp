@@ -3,7 +3,7 @@
 #pragma once
 
 #include "bumpstop/collision/motion/adams_history.hpp"
-#include "bumpstop/collision/motion/line_motion.hpp"
+#include "bumpstop/collision/motion/brake_profile.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -78,6 +78,16 @@ class ArmIntegrator {
         set_lane(reached_, lane, false);
         set_lane(reaches_, lane, false);
     }
+    /// The lane's acceleration limits follow a law from here on, counted from where it was begun. `independent`: each
+    /// joint brakes by itself, and none keeps its ratio to the others; the same for all lanes.
+    void brake(int lane, const BrakeProfile& profile, bool independent) {
+        shaped_ = true;
+        independent_ = independent;
+        for (int f = 0; f < motion_.free_count; ++f) set_lane(inverse_scale_[f], lane, 1 / profile.scale[f]);
+        set_lane(slowing_, lane, profile.slowing);
+        set_lane(ramp_, lane, profile.ramp);
+        set_lane(elapsed_, lane, 0.0);
+    }
     /// From here on changes need to be known so many times less well.
     void relax(const MaskOf<T>& lanes, double times) { tolerance_scale_ = select(lanes, T(times), tolerance_scale_); }
     /// These lanes go on from where another arm stands, on the way that they have gone since they began.
@@ -90,6 +100,7 @@ class ArmIntegrator {
             take(travelled_[f], other.travelled_[f]);
             take(saturation_[f], other.saturation_[f]);
         }
+        take(elapsed_, other.elapsed_);
         history_.copy_lanes(lanes, other.history_, motion_.free_count);
         for (T ArmIntegrator::*value : {&ArmIntegrator::tolerance_scale_, &ArmIntegrator::velocity_saturation_,
                                         &ArmIntegrator::known_, &ArmIntegrator::next_step_, &ArmIntegrator::error_})
@@ -137,7 +148,8 @@ class ArmIntegrator {
         const bool follows = kind_ != Kind::brake;
         const MaskOf<T> begun = known_ > T(0.0);
         const T known = known_, next_step = follows ? next_step_ : select(reaches_, T(1.0), next_step_);
-        const T count = select(begun, min(next_step, max_step), T(0.0));
+        T count = select(begun, min(next_step, max_step), T(0.0));
+        if (shaped_) count = min(count, before_switch());
         const AdamsWeights<T, order> weights =
             follows ? history_.template weights<true>(count) : history_.template weights<false>(count);
         // Where the values known are the rates themselves, which the arm has.
@@ -161,7 +173,7 @@ class ArmIntegrator {
         turn();
         const Rates<T> wanted = find_wanted();
         T change[max_joints], saturation[max_joints];
-        const MaskOf<T> reaches = limited_change(motion_, full_, wanted.free, state, change, saturation);
+        const MaskOf<T> reaches = find_change(wanted.free, count, change, saturation);
         T off = 0.0, largest = 0.0, largest_rate = 0.0, correction[max_joints];
         for (int f = 0; f < n; ++f) {
             if (follows) {
@@ -214,7 +226,7 @@ class ArmIntegrator {
         // before the correction make extrapolations unstable that are longer than some twentieth of them.
         const MaskOf<T> lags = accepted & !(has_rates | reaches);
         T corrected[max_joints], corrected_saturation[max_joints];
-        limited_change(motion_, full_, wanted.free, state, corrected, corrected_saturation);
+        find_change(wanted.free, count, corrected, corrected_saturation);
         for (int f = 0; f < n; ++f) {
             change[f] = select(lags, corrected[f], change[f]);
             saturation[f] = select(lags, corrected_saturation[f], saturation[f]);
@@ -243,7 +255,9 @@ class ArmIntegrator {
         next = min(next, (max_turn / motion_.substep()) / max(turning, T(1e-200)));
         const T longer = select(known_ < T(3.0), T(1.0), max(floor(next), T(1.0)));
         next_step_ = select(goes, longer, next_step_);
-        return select(moved, count, T(0.0));
+        const T taken = select(moved, count, T(0.0));
+        if (shaped_) elapsed_ += taken;
+        return taken;
     }
 
   private:
@@ -257,6 +271,39 @@ class ArmIntegrator {
             }
         }
         restarted_ = false;
+    }
+
+    /// As limited_change, in the sub-step that begins `count` after the last leap's end.
+    MaskOf<T> find_change(const T* wanted, const T& count, T* change, T* saturation) const {
+        if (!shaped_) return limited_change(motion_, full_, wanted, state, change, saturation);
+        const int n = motion_.free_count;
+        const T now = elapsed_ + count;
+        const MaskOf<T> slows = now < slowing_;
+        // The limits in units of what they grow to.
+        const T grown = select(slows & (ramp_ > T(0.0)), min((now + 0.5) / max(ramp_, T(1e-300)), T(1.0)), T(1.0));
+        T over = 0.0;
+        for (int f = 0; f < n; ++f) {
+            change[f] = wanted[f] - state.qd[motion_.free_joint[f]];
+            saturation[f] = abs(change[f]) * full_.of[f] * select(slows, inverse_scale_[f], T(1.0)) / grown;
+            over = max(over, saturation[f]);
+        }
+        if (independent_) {
+            for (int f = 0; f < n; ++f) change[f] *= 1.0 / max(saturation[f], T(1.0));
+        } else {
+            const T ratio = 1.0 / max(over, T(1.0));
+            for (int f = 0; f < n; ++f) change[f] *= ratio;
+        }
+        return over <= T(1.0);
+    }
+
+    /// Sub-steps that a leap may take: what the limits grow to, and where they jump, a single one crosses.
+    T before_switch() const {
+        // The first sub-steps of which the limits no longer grow, and no longer are those of the stop.
+        const T full = -floor(0.5 - ramp_), after = -floor(-slowing_);
+        T allowed = double(max_line_leap) * 16;
+        for (const T& kink : {full, after})
+            allowed = select(elapsed_ < kink, min(allowed, max(kink - 1.0 - elapsed_, T(1.0))), allowed);
+        return allowed;
     }
 
     Rates<T> find_wanted() const {
@@ -295,6 +342,12 @@ class ArmIntegrator {
         for (int f = 0; f < motion_.free_count; ++f) cross(max_step - saturation_[f], later - saturation[f]);
         const auto lags = max_step > T(1.0);
         share = select(lags, share, never);
+        if (independent_) {
+            share = never;
+            for (int f = 0; f < motion_.free_count; ++f)
+                if (any(saturation_[f] > T(1.0)))
+                    cross(max(saturation_[f] - 1.0, T(0.0)), select(saturation_[f] > T(1.0), saturation[f] - 1.0, T(0.0)));
+        }
         const T sign = select(lags, T(1.0), T(-1.0)), way = select(velocity_saturation_ > T(1.0), T(1.0), T(-1.0));
         cross(sign * (max_step - 1.0), sign * (most_later - 1.0));
         cross(way * (velocity_saturation_ - 1.0), way * (velocity_saturation - 1.0));
@@ -332,6 +385,10 @@ class ArmIntegrator {
     T known_ = 0.0;                                         ///< moments of the history, at max_step order
     T next_step_ = 1.0;                                     ///< length of the next leap
     T error_ = 0.0;                                         ///< of the last leap that accepted
+    bool shaped_ = false, independent_ = false;             ///< as of `brake`
+    T inverse_scale_[max_joints];                           ///< of the limits while the lane slows down
+    T slowing_ = 0.0, ramp_ = 0.0;                          ///< as of BrakeProfile [sub-steps]
+    T elapsed_ = 0.0;                                       ///< sub-steps since the lane was begun
     MaskOf<T> reaches_ = none();                            ///< the next sub-step will reach the rates asked for
     MaskOf<T> reached_ = none(), near_singular_ = none(), near_singular_now_ = none(), singular_ = none(),
               limited_ = none();

@@ -63,8 +63,16 @@ void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count,
         set_lane_of_point(normal, lane, path.normal);
         set_lane_of_point(start, lane, path.start);
         arm.begin(lane, job.tolerance);
+        double stop_time = longest_stop_time(setup, path, job.tick);
+        if (!motion.deceleration.constant()) {
+            double there[max_joints] = {};
+            for (int j = 0; j < chain.dof; ++j) there[j] = lane_of(arm.state.q[j], lane);
+            const BrakeProfile profile = brake_profile(chain, motion, there, rates, !stopping);
+            arm.brake(lane, profile, motion.deceleration.independent);
+            stop_time = std::max(stop_time, profile.stop_time);
+        }
         running.begin(lane, job, path.s[std::size_t(LinePath::reaction_step(job.tick, setup.timing))],
-                      longest_stop_time(setup, path, job.tick));
+                      stop_time);
     };
     int next = std::min(count, lanes);
     for (int lane = 0; lane < lanes; ++lane) {

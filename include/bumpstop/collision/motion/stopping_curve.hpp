@@ -93,6 +93,11 @@ inline void split_at_switches(const CollisionSetup& setup, const LinePath& path,
     const Timing& timing = setup.timing;
     const int known = path.known_reactions();
     if (known == 0) return;
+    if (motion.deceleration.law == DecelerationLaw::table || motion.deceleration.independent) {
+        // Every level of a table is a switching point, and so is every joint that stops before the others.
+        ranges.push_back({curve, 0, known - 1, true});
+        return;
+    }
     const InverseMaxRateChange inverse(motion);
     int first = 0, limiting = limiting_joint(motion, inverse.of.data(), path, 0);
     for (int k = 1; k < known; ++k) {
@@ -101,7 +106,7 @@ inline void split_at_switches(const CollisionSetup& setup, const LinePath& path,
         if (limiting == before) continue;
         const int j = motion.free_joint[limiting];
         const double qd = path.reaction_state[(std::size_t(2) * k + 1) * motion.free_count + limiting];
-        const double stop_time = std::fabs(qd) / motion.acceleration_limit[j];
+        const double stop_time = motion.deceleration.time_to_stop(std::fabs(qd) / motion.acceleration_limit[j]);
         const double ticks = std::min(stop_time / (2 * timing.period * motion.step), double(k));
         const int crossing = int(ticks) + 2 + timing.latency / timing.period;
         const int begin = std::max(first, k - crossing), end = std::min(known - 1, k + 1);

@@ -102,6 +102,7 @@ class ArmTrajectory {
                                      : linear_column(setup_.chain, posture, point_.back(), j));
             }
         }
+        stop_time = std::max(stop_time, longest_stop(stop_time));
         longest_ = longest_reaction(stop_time, point_.size(), step(), setup_.motion.substeps);
         for (int k = 0; k < ticks_; ++k) reaction_.push_back(react(k));
     }
@@ -275,6 +276,7 @@ class ArmTrajectory {
         double second[max_joints];
         double u = std::min((first_step(tick) + setup_.timing.latency) * step(), end), v = 1;
         bool forward = true;
+        const Braking braking = braking_at(u);
         for (int i = 0;; ++i) {
             allow_interruption();
             reaction.u.push_back(u);
@@ -287,15 +289,61 @@ class ArmTrajectory {
             }
             if (v == target || i >= longest_) return reaction;
             forward = v > 0;
-            double excess = 1;
-            const double w =
-                hardest_braking(setup_.chain.dof, state.qd, second, motion.acceleration_limit.data(), v, excess);
-            excess_ = std::max(excess_, excess);
+            const double substep = double(i) * motion.substeps;
+            double w = 0;
+            // A law that says how long the stop takes asks no joint.
+            if (!(braking.slowdown > 0 && substep + motion.substeps <= braking.slowing)) {
+                double excess = 1;
+                w = hardest_braking(setup_.chain.dof, state.qd, second, motion.acceleration_limit.data(), v, excess);
+                excess_ = std::max(excess_, excess);
+            }
             for (int sub = 0; sub < motion.substeps; ++sub) {
-                v = std::max(target, v + motion.substep() * w);
+                v = std::max(target, v + motion.substep() * braking.at(substep + sub, w));
                 u = std::clamp(u + motion.substep() * v, 0.0, end);
             }
         }
+    }
+
+    /// How the arm slows down along its path in one reaction.
+    struct Braking {
+        double slowing = std::numeric_limits<double>::infinity();  ///< sub-steps after which the limits themselves hold
+        double ramp = 0;      ///< sub-steps in which the acceleration along the path grows from nothing
+        double slowdown = 0;  ///< of u' while it slows down, where the law says it [1/s]
+
+        /// Acceleration of u in a sub-step, where the limits allow `hardest`.
+        double at(double substep, double hardest) const {
+            if (!(substep < slowing)) return hardest;
+            if (slowdown > 0) return -slowdown;
+            return ramp > 0 ? hardest * std::min(1.0, (substep + 0.5) / ramp) : hardest;
+        }
+    };
+
+    Braking braking_at(double u) const {
+        Braking braking;
+        const Deceleration& deceleration = setup_.motion.deceleration;
+        if (deceleration.constant()) return braking;
+        double q[max_joints], rate[max_joints], second[max_joints];
+        spline_.at(u, q, rate, second);
+        MotionSettings motion = setup_.motion;
+        motion.free_count = setup_.chain.dof;
+        for (int j = 0; j < setup_.chain.dof; ++j) motion.free_joint[j] = j;
+        const bool reverses = setup_.reaction == ReactionKind::reverse;
+        const BrakeProfile profile = brake_profile(setup_.chain, motion, q, rate, reverses);
+        braking.slowing = profile.slowing;
+        braking.ramp = profile.ramp;
+        if (deceleration.law != DecelerationLaw::ramp && profile.stop_time > 0) {
+            braking.slowdown = 1 / profile.stop_time;
+            braking.slowing = profile.stop_time / motion.substep();
+        }
+        return braking;
+    }
+
+    /// The longest that a stop may take whose joints would need `limit_time` at their limits [s].
+    double longest_stop(double limit_time) const {
+        const Deceleration& deceleration = setup_.motion.deceleration;
+        double longest = deceleration.time_to_stop(limit_time);
+        for (double time : deceleration.times.time) longest = std::max(longest, 2 * time);
+        return longest;
     }
 
     /// The greatest distance at a step from tick k on. Where the arm reverses it passes all places since contact again.

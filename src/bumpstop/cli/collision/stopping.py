@@ -52,7 +52,7 @@ def command(
     check_file(file)
     check_folder(folder)
     speeds = None if full_speed_deg_s is None else [_number(item) for item in list_items(full_speed_deg_s)]
-    with as_options({"deceleration": "--deceleration"}):
+    with as_options({"deceleration": "--deceleration", "category": "--category"}):
         stops = load_stopping_table(table, full_speed_deg_s=speeds, reach_mm=reach_mm, category=category)
         fit = fit_stopping(stops, deceleration)
     page = None

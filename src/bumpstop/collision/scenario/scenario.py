@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from bumpstop.collision.scenario.scenario_words import as_written, explain, short, unknown_key, words
 from bumpstop.collision.scenario.spellings import check_one_spelling, replace_other_spelling
 from bumpstop.collision.scenario.unused_keys import given_without_effect, keys_without_effect
+from bumpstop.collision.stopping.braking_keys import BrakingKeys
 from bumpstop.errors import InputError
 from bumpstop.text_files import is_path
 
@@ -220,10 +221,9 @@ class DetectorTable(_Table):
         return self
 
 
-class ReactionTable(_Table):
+class ReactionTable(BrakingKeys):
     """What the arm does after detection."""
 
-    kind: Literal["reverse", "stop"] = "reverse"
     joint_acceleration_rad_s2: JointAcceleration | list[JointAcceleration]
     latency_s: Annotated[float, _between(0, 10)] = 0.0
 
@@ -303,6 +303,9 @@ class Scenario(_Table):
             if self.contact.arm == "two_mass":
                 problem = "'two_mass' is not available with motion.kind = \"trajectory\""
                 raise InputError("contact.arm", problem, "valid: 'position_driven': the arm's mass changes on the way")
+            if self.reaction.stop_category == 0:
+                problem = '0 is not available with motion.kind = "trajectory"'
+                raise InputError("reaction.stop_category", problem, "valid: 1 or 2, which keep to the path")
             return self
         if (self.pose_deg is None) == (self.pose_rad is None):
             problem = "is missing" if self.pose_deg is None else "and pose_rad are both given"

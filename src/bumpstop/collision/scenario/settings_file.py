@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def files_of(scenario: Scenario) -> dict[str, Path]:
-    """Files that a scenario names, by their dotted keys: URDF, own limit table, measured residuals, trajectory."""
+    """Files that a scenario names, by their dotted keys: URDF, limit table, residuals, stopping table, trajectory."""
     contact, files = scenario.contact, {}
     if scenario.robot_path is not None:
         files["robot"] = scenario.robot_path
@@ -18,6 +18,8 @@ def files_of(scenario: Scenario) -> dict[str, Path]:
         files["contact.limits"] = scenario.folder / contact.limits
     if scenario.detector.residuals is not None:
         files["detector.residuals"] = scenario.folder / scenario.detector.residuals
+    if scenario.reaction.stopping_table is not None:
+        files["reaction.stopping_table"] = scenario.folder / scenario.reaction.stopping_table
     if scenario.motion.file is not None:
         files["motion.file"] = scenario.folder / scenario.motion.file
     return files

@@ -197,7 +197,7 @@ class TableReader:
                 "say which one is meant: --category",
             )
         if category is not None and category not in known:
-            raise InputError("--category", f"{category} is not in {self.name}", f"valid: {', '.join(map(str, known))}")
+            raise InputError("category", f"{category} is not in {self.name}", f"valid: {', '.join(map(str, known))}")
         return np.flatnonzero(values == category) if category is not None else np.arange(count)
 
     def _single(self, quantity: str) -> list[Column]:

@@ -98,6 +98,7 @@ def solve_requirement(
     """
     vary = Variable(vary).name
     check_name(vary)
+    _check_braking(scenario, vary)
     accepted = scenario.verdict.accepted_probability if risk is None else risk
     if not 0 < accepted < 1:
         raise InputError("--risk", f"{accepted:g} is no probability", "wanted more than 0 and less than 1")
@@ -115,6 +116,16 @@ def check_name(name: str) -> None:
     """Refuse what is not in :data:`HIGHER_IS_WORSE`."""
     if name not in HIGHER_IS_WORSE:
         raise InputError("--vary", f"{name!r} is nothing to require", near_matches(name, HIGHER_IS_WORSE))
+
+
+def _check_braking(scenario: Scenario, name: str) -> None:
+    """Refuse to look for an acceleration that no stop is made with."""
+    law = scenario.reaction.deceleration
+    if name == "reaction.joint_acceleration_rad_s2" and law in ("constant_time", "table"):
+        problem = f'decides about no stop with reaction.deceleration = "{law}"'
+        raise InputError(
+            "--vary", f"{name!r} {problem}", 'wanted another variable, or deceleration = "constant" or "ramp"'
+        )
 
 
 def require_curve(

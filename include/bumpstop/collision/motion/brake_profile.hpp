@@ -1,0 +1,74 @@
+/// @file
+/// What becomes of the acceleration limits in one reaction.
+#pragma once
+
+#include "bumpstop/collision/motion/line_motion.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// The acceleration limits while an arm slows down, sub-step by sub-step from the beginning of its reaction.
+struct BrakeProfile {
+    std::array<double, max_joints> scale{};  ///< of the limits, by free joint, while the arm slows down
+    double slowing = std::numeric_limits<double>::infinity();  ///< sub-steps after which the limits themselves hold
+    double ramp = 0;                                           ///< sub-steps in which the limits grow from nothing
+    double stop_time = 0;                                      ///< until the arm stands [s]
+
+    /// The limit of a free joint in a sub-step, counted from 0, in units of its acceleration limit.
+    double of(int f, double substep) const {
+        return substep < slowing ? scale[f] * std::min(1.0, ramp > 0 ? (substep + 0.5) / ramp : 1.0) : 1.0;
+    }
+};
+
+/// How far the tip is from the axis of joint 1, or from its place where it slides, as a share of `reach` [m].
+inline double extension_at(const Chain& chain, const LinkPoint& tip, const double* q, double reach) {
+    JointAngles<double> angle;
+    Posture<double> posture;
+    angle.set(chain, q);
+    forward_kinematics(chain, q, angle, posture);
+    Point3<double> away = posture.position(tip) - posture.origin[0];
+    if (!chain.joint[0].prismatic) {
+        const Point3<double>& axis = posture.axis[0];
+        const double along = dot(away, axis);
+        away = {away.x - along * axis.x, away.y - along * axis.y, away.z - along * axis.z};
+    }
+    return std::sqrt(dot(away, away)) / reach;
+}
+
+/// The law for a reaction that begins at the positions `q` (by joint) with these rates (by free joint). Where the joints
+/// keep their ratios, the one with the longest stop decides for all. An arm that goes back after a stop in a given time does
+/// so at its limits; a ramp goes on growing.
+inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& motion, const double* q,
+                                  const double* rate, bool reverses) {
+    const Deceleration& deceleration = motion.deceleration;
+    const int n = motion.free_count;
+    const bool from_table = deceleration.law == DecelerationLaw::table;
+    const double extended = from_table && deceleration.times.extension.size() > 1
+                                ? extension_at(chain, motion.tip, q, deceleration.times.reach)
+                                : 0.0;
+    std::array<double, max_joints> at_limit{}, own{};  // times that the joints would take, at their limits and by the law
+    double limit_time = 0, longest = 0;
+    for (int f = 0; f < n; ++f) {
+        const int j = motion.free_joint[f];
+        const double speed = std::fabs(rate[f]);
+        at_limit[f] = speed / motion.acceleration_limit[j];
+        limit_time = std::max(limit_time, at_limit[f]);
+        if (speed == 0) continue;
+        own[f] = from_table ? deceleration.times.at(j, extended, speed) : deceleration.stopping_time;
+        longest = std::max(longest, own[f]);
+    }
+    BrakeProfile profile;
+    profile.scale.fill(1);
+    profile.stop_time = from_table ? longest : deceleration.time_to_stop(limit_time);
+    if (deceleration.law == DecelerationLaw::ramp) profile.ramp = deceleration.ramp_time / motion.substep();
+    if ((from_table || deceleration.law == DecelerationLaw::constant_time) && limit_time > 0) {
+        for (int f = 0; f < n; ++f) {
+            profile.scale[f] = !deceleration.independent ? limit_time / longest
+                               : at_limit[f] > 0         ? at_limit[f] / own[f]
+                                                         : 1.0;
+        }
+        if (reverses) profile.slowing = profile.stop_time / motion.substep();
+    }
+    return profile;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,196 @@
+"""Times that the joints of a robot take to stop, from a table of stopping distances."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop import _native
+from bumpstop.arrays import FloatArray
+from bumpstop.collision.stopping.column_names import TCP
+from bumpstop.collision.stopping.stopping_table import StoppingTable
+from bumpstop.collision.stopping.table_file import load_stopping_table
+from bumpstop.errors import InputError
+from bumpstop.model.reach import distance_from_axis
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bumpstop.collision.stopping.braking_keys import BrakingKeys
+    from bumpstop.model import Robot
+
+_FIELD = "reaction.stopping_table"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StoppingTimes:
+    """Twice the stopping distance over the rate it is from, at one payload.
+
+    Attributes:
+        extension: levels (E,), rising, share of the reach [1]; a single one where the table has none.
+        rate: levels (R,), rising [rad/s or m/s].
+        time: (dof, E, R) [s].
+        reach: farthest the tip gets from the axis of joint 1 [m].
+        notes: what was assumed.
+    """
+
+    extension: FloatArray
+    rate: FloatArray
+    time: FloatArray
+    reach: float
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def native(self) -> _native.StoppingTimes:
+        """The same for the kernels, which interpolate."""
+        found = _native.StoppingTimes()
+        found.extension = self.extension.tolist()
+        found.rate = self.rate.tolist()
+        found.time = self.time.ravel().tolist()
+        found.reach = self.reach
+        return found
+
+    def by_joint(self, robot: Robot, q: FloatArray, rates: FloatArray) -> FloatArray:
+        """What each joint takes, at poses (N, dof) from rates (N, dof): (N, dof) [s]; 0 where it stands."""
+        extended = distance_from_axis(robot, q) / self.reach if len(self.extension) > 1 else np.ones(len(q))
+        at = self.native.at
+        return np.array(
+            [
+                [at(j, float(e), abs(float(r))) if r else 0.0 for j, r in enumerate(row)]
+                for e, row in zip(extended, np.nan_to_num(rates), strict=True)
+            ]
+        )
+
+
+def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> StoppingTimes:
+    """The times of a reaction's stopping table, whose path starts at ``folder``, at its payload.
+
+    Between payloads, extensions and rates they are interpolated linearly. Beyond the grid the nearest level counts
+    that stops later, and a note says so.
+
+    Raises:
+        InputError: the table is not of this robot's joints, or ends below the payload.
+    """
+    assert reaction.stopping_table is not None
+    try:
+        table = load_stopping_table(folder / reaction.stopping_table, category=reaction.stop_category)
+    except InputError as error:
+        raise InputError(_FIELD, f"{error.field}: {error.problem}", error.valid) from None
+    _check_joints(table, robot)
+    notes = [f"Stopping table: {note}" for note in table.notes]
+    extensions = np.unique(table.extension[np.isfinite(table.extension)].round(9))
+    if not len(extensions):
+        extensions = np.array([1.0])
+    elif len(extensions) > 1 and not math.isfinite(robot.reach):
+        raise InputError(_FIELD, f"goes by extension, and {robot.name} reaches without bound", "leave the column out")
+    rates = np.unique(table.speed[table.known].round(12))
+    payloads, weights = _payload_weights(table, reaction, robot, notes)
+    listed = np.stack(
+        [
+            np.stack([_times(table, k, payload, extensions, rates) for k in range(len(table.joints))])
+            for payload in payloads
+        ]
+    )
+    with_payload = listed.max(axis=0) if weights is None else np.tensordot(weights, listed, axes=1)
+    time = np.empty((robot.dof, len(extensions), len(rates)))
+    # A joint that the table leaves out takes as long as the slowest of those it has.
+    time[:] = with_payload.max(axis=0)
+    for k, joint in enumerate(table.joints):
+        if joint != TCP:
+            time[joint - 1] = with_payload[k]
+    missing = [str(j) for j in range(1, robot.dof + 1) if j not in table.joints and TCP not in table.joints]
+    if missing:
+        notes.append(f"Joint {', '.join(missing)} is not in the stopping table: takes the longest time of the others.")
+    unit, factor = table.speed_unit
+    notes.append(
+        f"Below {rates[0] * factor:.3g} {unit}, the stopping table's slowest row, a joint takes at least as long as "
+        f"there; above {rates[-1] * factor:.3g} {unit} it has the deceleration of the fastest."
+    )
+    return StoppingTimes(
+        extension=extensions,
+        rate=rates,
+        time=time,
+        reach=robot.reach if len(extensions) > 1 else 1.0,
+        notes=tuple(notes),
+    )
+
+
+def _check_joints(table: StoppingTable, robot: Robot) -> None:
+    for joint in table.joints:
+        if joint > robot.dof:
+            raise InputError(
+                _FIELD, f"has joint {joint}, and {robot.name} has {robot.dof}", "give the table of this arm"
+            )
+    kinds = {robot.joints[joint - 1].kind for joint in table.joints if joint != TCP}
+    if table.linear and (TCP in table.joints or "revolute" in kinds):
+        raise InputError(
+            _FIELD, "has lengths, and the robot's joints turn", "give reach_mm and the extension in the file"
+        )
+    if not table.linear and "prismatic" in kinds:
+        raise InputError(_FIELD, "has angles of a joint that slides", "give the table of this arm")
+
+
+def _payload_weights(
+    table: StoppingTable, reaction: BrakingKeys, robot: Robot, notes: list[str]
+) -> tuple[list[float], FloatArray | None]:
+    """Levels of payload that count, and their weights; None: the slowest of them."""
+    levels = np.unique(table.payload[np.isfinite(table.payload)].round(9))
+    given: float | None = None
+    field = "reaction.payload_kg"
+    if reaction.payload_percent is not None:
+        given, field = reaction.payload_percent / 100, "reaction.payload_percent"
+        if table.payload_unit == "kg":
+            raise InputError(field, "is a share, and the stopping table has kg", "give reaction.payload_kg")
+    elif reaction.payload_kg is not None:
+        given = reaction.payload_kg
+        if table.payload_unit == "share":
+            if robot.payload_kg is None:
+                valid = "give reaction.payload_percent"
+                raise InputError(field, f"{robot.name} has no rated payload, and the stopping table has shares", valid)
+            given /= robot.payload_kg
+    if not len(levels):
+        if given is not None:
+            raise InputError(field, "has no meaning with a stopping table without payload", "leave it out")
+        return [math.nan], None
+    if given is None:
+        if len(levels) > 1:
+            notes.append("Payload not given: the slowest stop of all payloads in the stopping table counts.")
+        return levels.tolist(), None
+    if given > levels[-1] * (1 + 1e-9):
+        unit, factor = ("kg", 1.0) if table.payload_unit == "kg" else ("%", 100.0)
+        problem = f"{given * factor:g} {unit} is above the stopping table's {levels[-1] * factor:g} {unit}"
+        raise InputError(field, problem, "give a table that knows it")
+    if given < levels[0]:
+        notes.append("Payload below the stopping table's lowest: its lowest counts.")
+    weights = np.array([np.interp(given, levels, np.eye(len(levels))[i]) for i in range(len(levels))])
+    return levels.tolist(), weights
+
+
+def _times(table: StoppingTable, k: int, payload: float, extensions: FloatArray, rates: FloatArray) -> FloatArray:
+    """Of one listed joint at one level of payload (E, R) [s].
+
+    Where a level of extension has no row of this payload, it takes the longest time of the others.
+    """
+    found = np.full((len(extensions), len(rates)), np.nan)
+    same = table.known[:, k]
+    if math.isfinite(payload):
+        same = same & (np.abs(table.payload - payload) < 1e-8)
+    for e, extension in enumerate(extensions):
+        rows = same & ((np.abs(table.extension - extension) < 1e-8) | np.isnan(table.extension))
+        if not rows.any():
+            continue
+        speed, time = table.speed[rows, k], 2 * table.distance[rows, k] / table.speed[rows, k]
+        order = np.argsort(speed)
+        one = _native.StoppingTimes()
+        one.extension, one.rate, one.time = [1.0], speed[order].tolist(), time[order].tolist()
+        found[e] = [one.at(0, 1.0, rate) for rate in rates]
+    if np.isnan(found).all():
+        raise InputError(
+            _FIELD, f"has no row of {table.joint_name(k)} at one of its payloads", "leave that payload's rows out"
+        )
+    longest = np.nanmax(found, axis=0)
+    return np.where(np.isnan(found), longest, found)
