@@ -19,6 +19,12 @@ from bumpstop.identification.drive_train import (
     identify_servo,
 )
 from bumpstop.model import Joint, LinkInertia, Robot, load_drive_train, mass_matrix, with_rotors
+from bumpstop.plant.command import COMMAND_STEP
+from bumpstop.plant.drive import Gears
+from bumpstop.plant.motions import pick_and_place
+from bumpstop.plant.plant import Plant
+from bumpstop.plant.sensors import Sensors
+from bumpstop.plant.servo import Servo
 from bumpstop.recording import Recording
 from identification.drives import driven, drives, fourier
 from identification.test_dynamics_fit import ROTOR, planted
@@ -99,6 +105,25 @@ def test_servos_that_show_nothing() -> None:
     assert "explains" in noise.bandwidth.reasons[0]
     with pytest.raises(InputError, match=r"^recording: has no reference; wanted q_ref_1 \.\."):
         identify_servo([replace(log, q_ref=None)], robot)
+
+
+def test_the_servo_of_an_arm_in_mujoco() -> None:
+    """Another simulator's cascade: a smooth motion shows gains, and a bandwidth where a joint is light and alone."""
+    drive_train = UR5E.drive_train.with_values("acceleration_feedforward", 0.4, "assumed", "planted")
+    q = np.deg2rad([0, -80, 100, -110, -90, 0])
+    command = pick_and_place(UR5E, q, (0.2, 0.15, -0.15))
+    gears = Gears(rotor_inertia=drive_train.rotor_inertia.tolist())
+    log = Plant(UR5E, friction=gears, servo=Servo.of(drive_train), sensors=Sensors(rate_hz=250)).run(command).recording
+    asked = command.q[np.round(log.t / COMMAND_STEP).astype(int).clip(max=len(command.q) - 1)]
+    found = identify_servo([replace(log, q_ref=asked)], UR5E)
+    told = found.position_gain.identified
+    assert told[[0, 1, 2, 3, 5]].all()
+    assert found.position_gain.reasons[4] == "it hardly moves"
+    off = np.abs(found.position_gain.values - 25.0)[told]
+    assert (off < 2 * found.position_gain.errors[told] + 0.02 * 25.0).all()
+    assert found.bandwidth.values[5] == pytest.approx(100.0, rel=0.05)
+    assert found.feedforward.values[5] == pytest.approx(0.4, abs=0.05)
+    assert not found.bandwidth.identified[:3].any()
 
 
 def test_planted_rotors_from_torques() -> None:
